@@ -1,0 +1,74 @@
+# towtank: `make demo` shows it at work, `make test` runs every check. Both set up .venv by themselves.
+PYTHON  ?= python3
+WORKERS ?= 2
+DEMO    ?=
+
+BIN   := .venv/bin
+READY := .venv/.ready
+SHELL := bash
+
+.DEFAULT_GOAL := help
+.NOTPARALLEL:
+.PHONY: help demo test lint types layers tests kernels docs bench lock clean
+
+help:
+	@echo 'make demo    a simulated tank session, learned sample by sample   (DEMO="--fast" passes options on)'
+	@echo 'make test    every check: lint, types, layers, tests, plain-Python kernels, documentation'
+	@echo 'make docs    the documentation, in docs/_build/html'
+	@echo 'make bench   speed, beside other libraries'
+	@echo 'make lock    requirements.lock anew from pyproject.toml'
+	@echo 'make clean   removes .venv and everything built or cached'
+	@echo 'Set PYTHON=... to choose the interpreter (3.11 or newer) that .venv is made with.'
+
+demo: $(READY)
+	@$(BIN)/towtank demo --output demo-output $(DEMO)
+
+test: lint types layers tests kernels docs
+
+# $(call quietly,TITLE,COMMAND): one line with the seconds taken; the output only where the command fails.
+define quietly
+@printf '%-46s' '$(1)'; start=$$SECONDS; \
+if out=$$( { $(2); } 2>&1 ); then printf 'ok %4d s\n' $$((SECONDS - start)); \
+else printf 'FAILED after %d s\n%s\n' $$((SECONDS - start)) "$$out"; exit 1; fi
+endef
+
+# The environment: made from the lock, again only when the lock or the project's own metadata change.
+$(READY): pyproject.toml requirements.lock
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+	echo "towtank needs Python 3.11 or newer; '$(PYTHON)' is not. Choose another: make PYTHON=python3.12 ..."; exit 1; }
+	$(call quietly,setting up .venv (a minute or two),$(PYTHON) -m venv .venv)
+	$(call quietly,  libraries from requirements.lock,$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements.lock)
+	$(call quietly,  towtank itself,$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .)
+	@touch $@
+
+lint: $(READY)
+	$(call quietly,style (ruff),$(BIN)/ruff check --quiet .)
+
+types: $(READY)
+	$(call quietly,types (mypy --strict),$(BIN)/mypy --strict src)
+
+layers: $(READY)
+	$(call quietly,layers (import-linter),$(BIN)/lint-imports)
+
+tests: $(READY)
+	@echo 'tests, kernels compiled'
+	@$(BIN)/python -m pytest -q -n $(WORKERS)
+
+kernels: $(READY)
+	@echo 'tests of the kernels, as plain Python'
+	@NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q -n $(WORKERS) tests/core
+
+docs: $(READY)
+	$(call quietly,documentation (sphinx),$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs docs/_build/html)
+
+bench: $(READY)
+	@$(BIN)/python -m pytest -p no:xdist benchmarks
+
+# Resolved for every platform and Python from 3.11 on. The file names no index, so it installs from whichever one pip uses.
+lock:
+	$(call quietly,setting up .lock-venv,$(PYTHON) -m venv .lock-venv && .lock-venv/bin/python -m pip install --quiet --disable-pip-version-check uv)
+	$(call quietly,resolving requirements.lock,.lock-venv/bin/uv pip compile --quiet --universal --python-version 3.11 --fork-strategy fewest --all-extras --upgrade --generate-hashes --no-emit-index-url --no-header --output-file requirements.lock pyproject.toml)
+
+clean:
+	rm -rf .venv .lock-venv build dist docs/_build .benchmarks .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

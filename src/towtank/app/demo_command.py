@@ -1,0 +1,46 @@
+"""`towtank demo`: the main job on a simulated tank session."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from towtank.app.arguments import Json, positive
+
+__all__ = ["demo"]
+
+
+def demo(
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for model and figures.")] = Path(
+        "demo-output"
+    ),
+    seconds: Annotated[
+        float | None, typer.Option("--seconds", metavar="S", help="Length of the session in simulated seconds.")
+    ] = None,
+    fast: Annotated[bool, typer.Option("--fast", help="Do not wait for the clock.")] = False,
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", help="Open the page of figures at the end.")
+    ] = True,
+    json: Json = False,
+) -> None:
+    """Learn a simulated vehicle live, sample by sample.
+
+    A small ROV is driven along one axis after the other under a motion capture system with noise and dropped markers.
+    A table shows truth, estimate and deviation of every coefficient as they settle.
+
+    \b
+    Example:
+      towtank demo --fast --no-browser --output demo-output
+    """
+    from rich.console import Console
+
+    from towtank.app.demo import run_demo
+    from towtank.app.output import Output
+
+    positive("--seconds", seconds)
+    out = Output(json=json)
+    console = Console(stderr=json, highlight=False)
+    document = run_demo(output, seconds=seconds, fast=fast, browser=browser, console=console, json_output=json)
+    out.document(document)

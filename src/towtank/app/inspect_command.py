@@ -1,0 +1,43 @@
+"""`towtank inspect`: what is in a log and what can be learned from it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from towtank.app.arguments import Json, Map, Window, WindowText
+
+__all__ = ["inspect"]
+
+
+def inspect(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log file, .csv or .parquet.")],
+    mapping: Map = None,
+    vehicle: Annotated[
+        str | None,
+        typer.Option("--vehicle", metavar="VEHICLE", help="Catalog name or vehicle file, for verdicts by coefficient."),
+    ] = None,
+    window: WindowText = None,
+    json: Json = False,
+) -> None:
+    """Show what is in a log: channels, clock trouble, command delay, which axes can be identified.
+
+    \b
+    Example:
+      towtank inspect surge.csv --vehicle vlbv300
+    """
+    from towtank.app.inspect_tables import show_inspection
+    from towtank.app.inspection import inspect_recording
+    from towtank.app.output import Output
+    from towtank.app.sources import cut, read_logs, read_vehicle
+
+    stretch = Window.parse(window)
+    output = Output(json=json)
+    with output.progress("inspecting") as tell:
+        known = None if vehicle is None else read_vehicle(vehicle, output)
+        [recording] = cut(read_logs([log], mapping, tell), stretch)
+        found = inspect_recording(str(log), recording, known, tell)
+    show_inspection(found, output)
+    output.document({**found.document(), "vehicle": None if known is None else known.name})

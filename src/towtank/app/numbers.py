@@ -1,0 +1,52 @@
+"""Numbers as text: as many digits as they are worth."""
+
+from __future__ import annotations
+
+import math
+
+__all__ = ["measured", "percent", "short", "signed_list"]
+
+_DIGITS = 6
+
+
+def short(value: float | None, digits: int = 4) -> str:
+    """Return a number with so many significant digits, no needless zeros; "-" where there is none.
+
+    >>> short(0.034082), short(1100.0), short(None)
+    ('0.03408', '1100', '-')
+    """
+    if value is None or math.isnan(value):
+        return "-"
+    if value != 0.0 and digits <= math.log10(abs(value)) < 7.0:
+        return f"{value:.0f}"
+    return f"{value:.{digits}g}"
+
+
+def measured(value: float, std: float | None) -> tuple[str, str]:
+    """Return value and deviation, the deviation with two digits and the value with as many places.
+
+    >>> measured(-0.77105, 0.05246)
+    ('-0.771', '0.052')
+    """
+    if std is None or not math.isfinite(std) or not math.isfinite(value):
+        return short(value, 5), ""
+    if std <= 0.0:
+        return short(value, _DIGITS), "0"
+    places = 1 - math.floor(math.log10(std))
+    places = min(places, _DIGITS - 1 - math.floor(math.log10(abs(value)))) if value else places
+    if places > 12 or places < -6:
+        return short(value, _DIGITS), f"{std:.2g}"
+    if places <= 0:
+        return f"{value:.0f}", f"{std:.0f}"
+    spread = f"{std:.{places}f}"
+    return f"{value:.{places}f}", spread if float(spread) > 0.0 else f"{std:.1g}"
+
+
+def percent(value: float | None) -> str:
+    """Return a fit in percent; "-" where there is none."""
+    return "-" if value is None else f"{value:.1f}"
+
+
+def signed_list(values: tuple[float, ...]) -> str:
+    """Return numbers side by side, as `0.1 -0.2 0`."""
+    return " ".join(short(value) for value in values)

@@ -1,0 +1,130 @@
+"""Where a command speaks: results on standard output, progress and messages on standard error."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from rich.box import ASCII, SIMPLE_HEAD
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
+
+from towtank.app.document import json_text
+
+__all__ = ["Output", "Teller"]
+
+Teller = Callable[[str, float], None]
+
+_PATIENCE = 0.7  # s that a person waits without a word
+_COMPILING = "compiling kernels (first run only)"
+
+
+class Output:
+    """The two streams of one command. With `json` the tables are not printed, only the document is."""
+
+    def __init__(self, *, json: bool = False) -> None:
+        self.json = json
+        self.console = Console(highlight=False, markup=False, emoji=False, soft_wrap=False, quiet=json)
+        self.warnings: list[str] = []
+
+    @property
+    def ascii(self) -> bool:
+        """True where the terminal cannot show more than ASCII."""
+        return not self.console.encoding.lower().startswith("utf")
+
+    def document(self, document: Mapping[str, Any]) -> None:
+        """Print the JSON document, where it was asked for."""
+        if self.json:
+            sys.stdout.write(f"{json_text(document)}\n")
+
+    def warn(self, text: str) -> None:
+        """Say on standard error what a person had better know."""
+        self.warnings.append(text)
+        sys.stderr.write(f"towtank: warning: {text}\n")
+
+    def line(self, text: str = "", style: str = "") -> None:
+        """Print one line or paragraph, wrapped at the width of the terminal."""
+        self.console.print(Text(text, style=style))
+
+    def verbatim(self, text: str) -> None:
+        """Print a text as it is, never wrapped: to be copied."""
+        self.console.print(Text(text), soft_wrap=True)
+
+    def heading(self, text: str) -> None:
+        """Print an empty line and a heading."""
+        self.console.print()
+        self.console.print(Text(text, style="bold"))
+
+    def item(self, text: str, style: str = "", mark: str = "-") -> None:
+        """Print a paragraph beside a mark."""
+        grid = Table.grid(padding=(0, 1))
+        grid.add_column(no_wrap=True)
+        grid.add_column(overflow="fold")
+        grid.add_row(mark, Text(text, style=style))
+        self.console.print(grid)
+
+    def table(self, *columns: str, wrap: str = "") -> Table:
+        """Return an empty table; a column named with a leading `>` holds numbers; `wrap` is the one that may wrap."""
+        table = Table(
+            box=ASCII if self.ascii else SIMPLE_HEAD, pad_edge=False, padding=(0, 1), show_edge=False, header_style="bold"
+        )
+        for column in columns:
+            name = column.removeprefix(">")
+            right = column.startswith(">")
+            table.add_column(name, justify="right" if right else "left", no_wrap=name != wrap, overflow="fold")
+        return table
+
+    def show(self, table: Table) -> None:
+        """Print a table."""
+        self.console.print(table)
+
+    def bar(self, share: float, width: int = 20) -> str:
+        """Return a bar for a share 0 .. 1."""
+        full = round(width * min(max(share, 0.0), 1.0))
+        return ("#" if self.ascii else "█") * full
+
+    @contextlib.contextmanager
+    def progress(self, text: str) -> Iterator[Teller]:
+        """Show a bar on standard error while something takes long, where that is a terminal.
+
+        Yields a function to be called with a text and the share done, 0 .. 1.
+        """
+        if not sys.stderr.isatty():
+            yield lambda text, share: None
+            return
+        console = Console(stderr=True, highlight=False, markup=False, emoji=False)
+        columns = (TextColumn("{task.description}"), BarColumn(bar_width=30), TimeElapsedColumn())
+        with Progress(*columns, console=console, transient=True) as bar:
+            task = bar.add_task(text, total=1.0, visible=False)
+            began = time.monotonic()
+
+            def tell(text: str, share: float) -> None:
+                late = time.monotonic() - began > _PATIENCE
+                bar.update(task, description=text, completed=share, **({"visible": True} if late else {}))
+
+            def compiling() -> None:
+                bar.update(task, description=_COMPILING, visible=True)
+
+            with _watch_compilation(compiling):
+                yield tell
+
+
+@contextlib.contextmanager
+def _watch_compilation(begins: Callable[[], None]) -> Iterator[None]:
+    """Call `begins` whenever Numba compiles a kernel that it has not kept on disk."""
+    from numba.core import event
+
+    class Listener(event.Listener):  # type: ignore[misc]
+        def on_start(self, event: Any) -> None:
+            begins()
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Listener()):
+        yield

@@ -1,0 +1,52 @@
+"""The files that commands read: vehicles with their warnings, logs with their mapping and window."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from towtank.app.arguments import Window
+from towtank.app.output import Output, Teller
+
+if TYPE_CHECKING:
+    from towtank.recording import Recording
+    from towtank.vehicle import Vehicle
+
+__all__ = ["cut", "read_logs", "read_vehicle"]
+
+
+def read_vehicle(name_or_file: str, output: Output, *, silent: bool = False) -> Vehicle:
+    """Return a vehicle; what is not physical about it is said on standard error unless `silent`."""
+    from towtank.vehicle import VehicleWarning, load_vehicle
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", VehicleWarning)
+        vehicle = load_vehicle(name_or_file)
+    for warning in caught:
+        if not issubclass(warning.category, VehicleWarning):
+            warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+        elif not silent:
+            output.warn(str(warning.message))
+    return vehicle
+
+
+def read_logs(logs: Sequence[Path], mapping: Path | None, tell: Teller) -> list[Recording]:
+    """Return the recordings of some logs, all with one mapping."""
+    from towtank.readers import read
+    from towtank.recording import load_mapping
+
+    columns = None if mapping is None else load_mapping(mapping)
+    recordings = []
+    for k, log in enumerate(logs):
+        tell(f"reading {log.name}", k / len(logs))
+        recordings.append(read(log, columns))
+    return recordings
+
+
+def cut(recordings: Sequence[Recording], window: Window | None) -> list[Recording]:
+    """Return the recordings, each cut to the window."""
+    if window is None:
+        return list(recordings)
+    return [recording.window(*window.within(recording)) for recording in recordings]

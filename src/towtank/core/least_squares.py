@@ -1,0 +1,214 @@
+"""Recursive least squares, two forms: square-root information (QR, Givens rotations) and symmetric covariance.
+
+Both minimise sum_i lambda^(k-i) (y_i - phi_i theta)^2 + (theta - theta0)^T P0^-1 (theta - theta0), the paper's
+(33)-(37) with forgetting. The QR form keeps R with R^T R = P^-1 and never loses definiteness; the covariance form is
+cheaper per estimate and subtracts an outer product of ONE vector, g g^T / s, so that P stays symmetric.
+
+Forgetting pauses while a variance exceeds 1e12 (a direction that has not been excited for long): P stays finite through
+any rest, and what comes after it is learned as if fresh.
+
+State vectors are flat and hold their own scratch, so that a call from Python passes three arguments and allocates
+nothing:
+    QR          [R z; 0 rho] row-major (n + 1)^2, scratch n + 1, forgetting factor lambda; rho^2 = residual sum of squares
+    covariance  theta n, P row-major n^2, residual sum of squares, scratch n, forgetting factor lambda
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from towtank.core.arrays import Array, inlined_kernel, kernel
+
+__all__ = [
+    "covariance_run",
+    "covariance_start",
+    "covariance_update",
+    "qr_absorb",
+    "qr_covariance",
+    "qr_run",
+    "qr_solve",
+    "qr_start",
+    "qr_update",
+]
+
+_LARGEST = 1e12  # variance beyond which nothing more is forgotten
+
+
+@kernel
+def qr_start(theta0: Array, P0: float, forgetting: float) -> Array:
+    """Return the QR state for a prior theta0 (n,) with covariance P0 I and the forgetting factor lambda in (0, 1]."""
+    n = theta0.shape[0]
+    state = np.zeros((n + 1) * (n + 2) + 1)
+    state[-1] = forgetting
+    weight = 1.0 / math.sqrt(P0)
+    for i in range(n):
+        state[i * (n + 1) + i] = weight
+        state[i * (n + 1) + n] = weight * theta0[i]
+    return state
+
+
+@inlined_kernel
+def qr_absorb(state: Array, row: Array, m: int) -> None:
+    """Rotate `row` (m,) = [phi, y] into the triangle `state` (m * m,) by Givens rotations; `row` is destroyed."""
+    for i in range(m):
+        b = row[i]
+        if b == 0.0:
+            continue
+        a = state[i * m + i]
+        r = math.sqrt(a * a + b * b)
+        c, s = a / r, b / r
+        state[i * m + i] = r
+        for j in range(i + 1, m):
+            t = state[i * m + j]
+            state[i * m + j] = c * t + s * row[j]
+            row[j] = c * row[j] - s * t
+
+
+@inlined_kernel
+def _qr_step(state: Array, phi: Array, y: float, n: int) -> bool:
+    size = (n + 1) * (n + 1)
+    row = state[size : size + n + 1]
+    finite = math.isfinite(y)
+    for i in range(n):
+        row[i] = phi[i]
+        finite = finite and math.isfinite(phi[i])
+    if not finite:
+        return False
+    row[n] = y
+    forgetting = state[size + n + 1]
+    if forgetting < 1.0:
+        for i in range(n):
+            if state[i * (n + 2)] < 1.0 / math.sqrt(_LARGEST):
+                forgetting = 1.0
+    if forgetting < 1.0:
+        scale = math.sqrt(forgetting)
+        for i in range(size):
+            state[i] *= scale
+    qr_absorb(state, row, n + 1)
+    return True
+
+
+@kernel
+def qr_update(state: Array, phi: Array, y: float) -> int:
+    """Absorb one observation y = phi theta.
+
+    Returns 1; 0 (and nothing changed) where a number is not finite; -1 where phi has not the length of the state.
+    """
+    n = phi.shape[0]
+    if (n + 1) * (n + 2) + 1 != state.shape[0]:
+        return -1
+    return 1 if _qr_step(state, phi, y, n) else 0
+
+
+@kernel
+def qr_run(state: Array, Phi: Array, y: Array) -> int:
+    """Absorb all rows of Phi (k, n), y (k,) in turn; return how many were used."""
+    used = 0
+    for k in range(Phi.shape[0]):
+        if _qr_step(state, Phi[k], y[k], Phi.shape[1]):
+            used += 1
+    return used
+
+
+@kernel
+def qr_solve(state: Array, n: int) -> Array:
+    """Return theta (n,); NaN where the triangle is singular."""
+    theta = np.empty(n)
+    for back in range(n):
+        i = n - 1 - back
+        t = state[i * (n + 1) + n]
+        for j in range(i + 1, n):
+            t -= state[i * (n + 1) + j] * theta[j]
+        d = state[i * (n + 1) + i]
+        theta[i] = t / d if d != 0.0 else math.nan
+    return theta
+
+
+@kernel
+def qr_covariance(state: Array, n: int) -> Array:
+    """Return P (n, n) = (R^T R)^-1; infinite where the triangle is singular."""
+    inverse = np.zeros((n, n))
+    for c in range(n):
+        for back in range(c + 1):
+            i = c - back
+            t = 1.0 if i == c else 0.0
+            for j in range(i + 1, c + 1):
+                t -= state[i * (n + 1) + j] * inverse[j, c]
+            d = state[i * (n + 1) + i]
+            inverse[i, c] = t / d if d != 0.0 else math.inf
+    out = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i, n):
+            t = 0.0
+            for k in range(j, n):
+                t += inverse[i, k] * inverse[j, k]
+            out[i, j] = t
+            out[j, i] = t
+    return out
+
+
+@kernel
+def covariance_start(theta0: Array, P0: float, forgetting: float) -> Array:
+    """Return the covariance state for a prior theta0 (n,), covariance P0 I, and the forgetting factor in (0, 1]."""
+    n = theta0.shape[0]
+    state = np.zeros(n + n * n + 1 + n + 1)
+    state[-1] = forgetting
+    for i in range(n):
+        state[i] = theta0[i]
+        state[n + i * n + i] = P0
+    return state
+
+
+@inlined_kernel
+def _covariance_step(state: Array, phi: Array, y: float, n: int) -> bool:
+    square = n + n * n
+    g = state[square + 1 : square + 1 + n]
+    forgetting = state[square + 1 + n]
+    error = y
+    if forgetting < 1.0:
+        for i in range(n):
+            if state[n + i * (n + 1)] > _LARGEST:
+                forgetting = 1.0
+    s = forgetting
+    for i in range(n):
+        t = 0.0
+        for j in range(n):
+            t += state[n + i * n + j] * phi[j]
+        g[i] = t
+        s += phi[i] * t
+        error -= phi[i] * state[i]
+    if not (math.isfinite(s) and math.isfinite(error)):
+        return False
+    weight = 1.0 / s
+    for i in range(n):
+        state[i] += g[i] * error * weight
+        for j in range(i, n):
+            t = (state[n + i * n + j] - g[i] * g[j] * weight) / forgetting
+            state[n + i * n + j] = t
+            state[n + j * n + i] = t
+    state[square] = forgetting * (state[square] + error * error * weight)
+    return True
+
+
+@kernel
+def covariance_update(state: Array, phi: Array, y: float) -> int:
+    """Absorb one observation y = phi theta.
+
+    Returns 1; 0 (and nothing changed) where a number is not finite; -1 where phi has not the length of the state.
+    """
+    n = phi.shape[0]
+    if n * (n + 2) + 2 != state.shape[0]:
+        return -1
+    return 1 if _covariance_step(state, phi, y, n) else 0
+
+
+@kernel
+def covariance_run(state: Array, Phi: Array, y: Array) -> int:
+    """Absorb all rows of Phi (k, n), y (k,) in turn; return how many were used."""
+    used = 0
+    for k in range(Phi.shape[0]):
+        if _covariance_step(state, Phi[k], y[k], Phi.shape[1]):
+            used += 1
+    return used

@@ -1,0 +1,58 @@
+"""The six axes of the paper's method and the columns of their regressions.
+
+One axis obeys M nu_dot = c_lin nu + c_quad |nu| nu + c_rest r(k) + c_0 + F, where F is everything known: the
+thrusters' wrench, C(nu) nu and off-diagonal damping. Divided by M it is the paper's regression,
+
+    nu_dot = [nu, |nu| nu, r, 1, F] Theta,   Theta = [c_lin/M, c_quad/M, c_rest/M, c_0/M, 1/M],
+
+(47)-(57) with the missing velocity factor put in and the restoring terms' sign mended. k is the direction of gravity in
+the body. r is -k_y (roll) and k_x (pitch), whose coefficient is BG_z, and k_z (heave), whose coefficient is W - B. c_0 is
+a constant force fixed in the body (thrusters that differ, a tether); left out, it falls upon the other coefficients. In
+heave it cannot be told from W - B and is left to it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["AXES", "C_FORCE", "C_LHS", "C_LINEAR", "C_QUADRATIC", "C_RESTORING", "C_CONSTANT", "N_COLUMNS", "Axis"]
+
+C_LINEAR, C_QUADRATIC, C_RESTORING, C_CONSTANT, C_FORCE, C_LHS = range(6)
+N_COLUMNS = 6
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis: its place in nu and the names of its coefficients, "" where it has none."""
+
+    index: int
+    name: str
+    velocity: str
+    wrench: str
+    added_mass: str
+    linear: str
+    quadratic: str
+    restoring: str
+    constant: str
+    inertia_symbol: str
+    unit: str
+
+    @property
+    def columns(self) -> tuple[str, str, str, str]:
+        """Coefficient names of the columns linear, quadratic, restoring and constant."""
+        return self.linear, self.quadratic, self.restoring, self.constant
+
+    @property
+    def sum_name(self) -> str:
+        """What is really identified: rigid-body and added inertia appear only as this sum."""
+        return f"{self.inertia_symbol} - {self.added_mass}"
+
+
+AXES = (
+    Axis(0, "surge", "u", "X", "X_udot", "X_u", "X_uu", "", "X_0", "m", "kg"),
+    Axis(1, "sway", "v", "Y", "Y_vdot", "Y_v", "Y_vv", "", "Y_0", "m", "kg"),
+    Axis(2, "heave", "w", "Z", "Z_wdot", "Z_w", "Z_ww", "W_minus_B", "", "m", "kg"),
+    Axis(3, "roll", "p", "K", "K_pdot", "K_p", "K_pp", "BG_z", "K_0", "I_x", "kg m^2"),
+    Axis(4, "pitch", "q", "M", "M_qdot", "M_q", "M_qq", "BG_z", "M_0", "I_y", "kg m^2"),
+    Axis(5, "yaw", "r", "N", "N_rdot", "N_r", "N_rr", "", "N_0", "I_z", "kg m^2"),
+)

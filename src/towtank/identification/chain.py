@@ -1,0 +1,187 @@
+"""One stretch of samples through the paper's chain: which sources feed it, and the loop over a grid or a stream."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.identification.axis_solution import AxisInformation
+from towtank.identification.held_input import HeldInput, new_held_input
+from towtank.identification.motion_state import (
+    ABSENT,
+    ATTITUDE_ACCELEROMETER,
+    ATTITUDE_GYRO,
+    ATTITUDE_MEASURED,
+    DERIVED,
+    MEASURED,
+    Motion,
+    new_motion,
+)
+from towtank.identification.paper_kernel import PaperState, new_paper_state, paper_events, paper_step
+from towtank.recording import Grid
+from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
+
+__all__ = ["PaperChain", "Settings", "Sources", "uses_commands"]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of the paper's chain; the defaults suit a vehicle of 5 to 500 kg.
+
+    Attributes:
+        a: filter constant of both sides [1/s]. Small values average measurement noise away, large ones slow
+            disturbances.
+        lowpass: corner of the low-pass where velocity is derived from the pose [Hz].
+        delay: from the command to the thruster [s].
+        gap: longest step between samples that is integrated over [s].
+        forgetting: factor per sample, 1 never forgets.
+        gain: step of the normalised gradient estimator that runs beside, 0 for none.
+        smooth: inputs are samples of a smooth function, not held commands.
+    """
+
+    a: float = 3.0
+    lowpass: float = 2.0
+    delay: float = 0.0
+    gap: float = 0.5
+    forgetting: float = 1.0
+    gain: float = 0.0
+    smooth: bool = False
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Where velocity (six of "measured", "derived", "absent") and attitude ("measured", "accelerometer", "gyro")
+    come from."""
+
+    velocity: tuple[str, ...]
+    attitude: str
+
+    @classmethod
+    def of(cls, pose: Array, velocity: Array, acceleration: Array) -> Sources:
+        """Decide from what is finite anywhere in pose (n, 6), velocity (n, 6) and specific force (n, 3)."""
+        have_pose = np.isfinite(pose).any(axis=0)
+        have_velocity = np.isfinite(velocity).any(axis=0)
+        tilt = bool(have_pose[3] and have_pose[4])
+        attitude = tilt and bool(have_pose[5])
+        kinds = []
+        for i in range(6):
+            if have_velocity[i]:
+                kinds.append("measured")
+            elif (i < 3 and attitude and have_pose[:3].all()) or (i >= 3 and attitude):
+                kinds.append("derived")
+            else:
+                kinds.append("absent")
+        if tilt:
+            return cls(tuple(kinds), "measured")
+        if np.isfinite(acceleration).any(axis=0).all() and kinds[3:] == ["measured"] * 3:
+            return cls(tuple(kinds), "accelerometer")
+        return cls(tuple(kinds), "gyro")
+
+
+_VELOCITY = {"absent": ABSENT, "measured": MEASURED, "derived": DERIVED}
+_ATTITUDE = {"measured": ATTITUDE_MEASURED, "accelerometer": ATTITUDE_ACCELEROMETER, "gyro": ATTITUDE_GYRO}
+_NOTHING = np.full(6, np.nan)
+
+
+def uses_commands(vehicle: Vehicle, grid: Grid) -> bool:
+    """Whether the wrench comes from the thrusters' commands; else it was recorded itself."""
+    return bool(vehicle.thrusters) and grid.commands.shape[1] == len(vehicle.thrusters) and grid.command_t.size > 0
+
+
+class PaperChain:
+    """The state of `paper_kernel` for one vehicle, one set of sources, and inputs of one kind."""
+
+    def __init__(
+        self, vehicle: Vehicle, sources: Sources, settings: Settings, free: Array, known: Array, *, commands: bool
+    ) -> None:
+        if commands:
+            shape = configuration_matrix(vehicle)
+            lag = np.array([thruster.time_constant for thruster in vehicle.thrusters])
+        else:
+            shape, lag = np.eye(6), np.zeros(6)
+        self.vehicle = vehicle
+        self.sources = sources
+        self.settings = settings
+        self.commands = commands
+        self.state: PaperState = new_paper_state(
+            vehicle.parameters,
+            free,
+            known,
+            shape,
+            a=settings.a,
+            forgetting=settings.forgetting,
+            gain=settings.gain,
+            smooth=settings.smooth,
+        )
+        self.motion: Motion = new_motion(
+            np.array([_VELOCITY[kind] for kind in sources.velocity]),
+            _ATTITUDE[sources.attitude],
+            2.0 * np.pi * settings.lowpass,
+            settings.gap,
+        )
+        self.held: HeldInput = new_held_input(shape.shape[1], lag, settings.delay)
+        self._no_command = np.full(shape.shape[1], np.nan)
+
+    def restart(self) -> None:
+        """Begin a new stretch whose times owe nothing to the last one's; what was learned stays."""
+        self.motion.last[0] = np.nan
+        self.held.clock[0] = np.nan
+        self.held.counters[:] = 0.0
+        self.state.pending[:] = 0.0
+
+    def forces(self, commands: Array, voltage: Array | None = None) -> Array:
+        """Steady force of each held input (..., m) of commands (..., n), or the wrench itself (..., 6)."""
+        if not self.commands:
+            return commands
+        if voltage is not None and not np.isfinite(voltage).any():
+            voltage = None
+        return np.ascontiguousarray(thruster_forces(self.vehicle, commands, voltage))
+
+    def step(self, t: float, pose: Array, velocity: Array, acceleration: Array, forces: Array | None) -> float:
+        """Take one sample; return the length [s] of the interval learned from, 0 where none was."""
+        asked = self._no_command if forces is None else forces
+        return paper_step(self.state, self.motion, self.held, t, pose, velocity, acceleration, asked)
+
+    def run(self, grid: Grid) -> int:
+        """Take a whole grid, sample by sample; return how many intervals were learned from."""
+        if self.commands:
+            stamps, values = grid.command_t, grid.command_values
+            voltage = np.interp(stamps, grid.t, grid.voltage) if np.isfinite(grid.voltage).any() else None
+        else:
+            stamps, values, voltage = grid.wrench_t, grid.wrench_values, None
+        return paper_events(
+            self.state,
+            self.motion,
+            self.held,
+            grid.t,
+            grid.pose,
+            grid.velocity,
+            grid.acceleration,
+            stamps,
+            self.forces(np.array(values), voltage),
+        )
+
+    def information(self, axis: int) -> AxisInformation:
+        """What has been gathered on one axis (a view by copy)."""
+        filled = int(self.state.clock[0]) + 1
+        return AxisInformation(
+            triangle=np.triu(self.state.triangle[axis].reshape(6, 6)),
+            blocks=self.state.blocks[axis, :filled].reshape(filled, 6, 6).copy(),
+            block_length=float(self.state.clock[2]),
+            rows=float(self.state.clock[5]),
+            a=self.settings.a,
+            commanded=float(self.state.energy[axis, 0]),
+            forced=float(self.state.energy[axis, 1]),
+        )
+
+    @property
+    def duration(self) -> float:
+        """Time learned from [s]."""
+        return float(self.state.clock[4])
+
+    @property
+    def rows(self) -> int:
+        """Samples learned from."""
+        return int(self.state.clock[5])

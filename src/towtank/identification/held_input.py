@@ -1,0 +1,112 @@
+"""What the thrusters did over an interval: held commands, delayed, through each thruster's first-order lag, exactly.
+
+A digital command acts from its time stamp (plus the delay) until the next one. Over any interval the force of a lagged
+thruster is then a sum of exponentials, integrated here in closed form:
+
+    int_0^h f dt = F h + (f0 - F) T (1 - exp(-h/T)),   f(h) = F + (f0 - F) exp(-h/T)
+
+The ring of past commands is bounded; memory does not grow with the log.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from towtank.core.arrays import Array, kernel
+
+__all__ = ["HeldInput", "held_integral_into", "held_push", "new_held_input"]
+
+_RING = 1024
+
+
+class HeldInput(NamedTuple):
+    """Ring of held values and the lag's state; arrays are changed in place."""
+
+    times: Array  # (ring,) time stamp of each command, the delay added
+    values: Array  # (ring, m) steady force that each command asks for
+    counters: Array  # (2,) commands pushed, index of the command in force
+    force: Array  # (m,) force now
+    lag: Array  # (m,) time constants [s]
+    clock: Array  # (1,) time up to which `force` has been advanced; NaN before the start
+    delay: Array  # (1,) command delay [s]
+
+
+def new_held_input(m: int, lag: Array, delay: float) -> HeldInput:
+    """Return an empty input of m forces with time constants `lag` (m,) [s] behind a delay [s]."""
+    return HeldInput(
+        times=np.full(_RING, np.nan),
+        values=np.zeros((_RING, m)),
+        counters=np.zeros(2),
+        force=np.zeros(m),
+        lag=np.ascontiguousarray(lag, dtype=np.float64),
+        clock=np.full(1, np.nan),
+        delay=np.array([float(delay)]),
+    )
+
+
+@kernel
+def held_push(held: HeldInput, t: float, value: Array) -> None:
+    """Add the steady force `value` (m,) asked for at time t [s]; not finite or out of order is passed over."""
+    ring = held.times.shape[0]
+    pushed = int(held.counters[0])
+    due = t + held.delay[0]
+    for j in range(value.shape[0]):
+        if not math.isfinite(value[j]):
+            return
+    if pushed > 0 and not due >= held.times[(pushed - 1) % ring]:
+        return
+    held.times[pushed % ring] = due
+    for j in range(value.shape[0]):
+        held.values[pushed % ring, j] = value[j]
+    if pushed == 0:
+        for j in range(value.shape[0]):
+            held.force[j] = value[j]
+    held.counters[0] = pushed + 1.0
+    if pushed + 1 - int(held.counters[1]) > ring:
+        held.counters[1] = pushed + 1.0 - ring
+
+
+@kernel
+def held_integral_into(held: HeldInput, end: float, out: Array) -> bool:
+    """Write int force dt (m,) from the clock to `end` into `out` and advance the clock.
+
+    Before the first command the first command is taken as held. False where no command has come yet: nothing is known.
+    """
+    m = held.force.shape[0]
+    ring = held.times.shape[0]
+    for j in range(m):
+        out[j] = 0.0
+    pushed = int(held.counters[0])
+    now = held.clock[0]
+    held.clock[0] = end
+    if pushed == 0:
+        return False
+    if not math.isfinite(now):
+        return True
+    active = int(held.counters[1])
+    while now < end:
+        until = end
+        if active + 1 < pushed:
+            change = held.times[(active + 1) % ring]
+            if change <= now:
+                active += 1
+                continue
+            until = min(until, change)
+        h = until - now
+        for j in range(m):
+            target = held.values[active % ring, j]
+            T = held.lag[j]
+            if T > 0.0:
+                gone = -math.expm1(-h / T)
+                away = held.force[j] - target
+                out[j] += target * h + away * T * gone
+                held.force[j] -= away * gone
+            else:
+                out[j] += target * h
+                held.force[j] = target
+        now = until
+    held.counters[1] = float(active)
+    return True

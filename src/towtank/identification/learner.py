@@ -1,0 +1,223 @@
+"""The learner: one sample at a time, or a whole recording in one call, with the same result."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from towtank.core.arrays import Array
+from towtank.errors import InputError, nearest
+from towtank.identification.axes import AXES
+from towtank.identification.axis_solution import AxisInformation, AxisSolution, solve_axis
+from towtank.identification.chain import PaperChain, Settings, Sources, uses_commands
+from towtank.identification.estimate import Estimate, estimate_of
+from towtank.identification.structure import absent, candidates, select
+from towtank.recording import Recording, align, bind_thrusters
+from towtank.vehicle import Vehicle, thruster_forces
+
+__all__ = ["Learner"]
+
+METHODS = ("paper",)
+
+
+class Learner:
+    """Learns a vehicle's coefficients from its commands and its motion.
+
+    Args:
+        vehicle: what is known: rigid body, thrusters, and values for whatever is not learned.
+        method: "paper": filtered regressors, one axis at a time, recursive least squares.
+        free: names of the coefficients to learn; by default every inertia, the damping terms that the vehicle has
+            (both where it has none), righting moments and net weight.
+        estimator: "rls" (square-root recursive least squares) or "gradient" (normalised gradient, no deviations).
+        delay: from command to thruster [s]; the vehicle's own where omitted.
+        a: filter constant of both sides [1/s].
+        lowpass: corner [Hz] where velocity has to be derived from the pose; the thrust passes the same filter.
+        forgetting: factor per sample; 1 never forgets.
+        inputs: "held" between their time stamps, as digital commands are, or "smooth".
+        gap: longest step between samples that is integrated over [s].
+
+    Samples go to `update` with all that belongs to one instant; times may be irregular. Out-of-order samples and
+    samples that lack a quantity the first ones had are passed over.
+
+    Raises:
+        InputError: an unknown method, name or setting.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        method: str = "paper",
+        *,
+        free: Collection[str] | None = None,
+        estimator: Literal["rls", "gradient"] = "rls",
+        delay: float | None = None,
+        a: float = 3.0,
+        lowpass: float = 2.0,
+        forgetting: float = 1.0,
+        inputs: Literal["held", "smooth"] = "held",
+        gap: float = 0.5,
+    ) -> None:
+        if method not in METHODS:
+            raise InputError(f'method: found "{method}", expected one of {", ".join(METHODS)}{nearest(method, METHODS)}')
+        if estimator not in ("rls", "gradient"):
+            raise InputError(f'estimator: found "{estimator}", expected "rls" or "gradient"')
+        if inputs not in ("held", "smooth"):
+            raise InputError(f'inputs: found "{inputs}", expected "held" or "smooth"')
+        for name, value in (("a", a), ("lowpass", lowpass), ("gap", gap)):
+            if not 0.0 < value < np.inf:
+                raise InputError(f"{name}: found {value}, expected a positive number")
+        if not 0.0 < forgetting <= 1.0:
+            raise InputError(f"forgetting: found {forgetting}, expected a factor in (0, 1]")
+        self.vehicle = vehicle
+        self.method = method
+        self.estimator = estimator
+        self.settings = Settings(
+            a=a,
+            lowpass=lowpass,
+            delay=vehicle.command_delay if delay is None else float(delay),
+            gap=gap,
+            forgetting=forgetting,
+            gain=0.05 if estimator == "gradient" else 0.0,
+            smooth=inputs == "smooth",
+        )
+        self.candidates = candidates(vehicle, free)
+        self._chain: PaperChain | None = None
+
+    # -- data in
+
+    def update(
+        self,
+        t: float,
+        *,
+        pose: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+        commands: ArrayLike | None = None,
+        wrench: ArrayLike | None = None,
+        voltage: float | None = None,
+    ) -> bool:
+        """Take the sample of time t [s]; True where something was learned from the interval that it ends.
+
+        Args:
+            pose: x y z [m, NED] phi theta psi [rad] (6,). velocity: u v w p q r (6,), body FRD.
+            acceleration: specific force (3,) [m/s^2], body FRD. NaN, or None for the whole, where not measured.
+            commands: one per thruster, in force from t on; wrench: X Y Z K M N, likewise. None: unchanged.
+            voltage: of the supply, where the thrusters' curves depend on it.
+        """
+        p, v, s = _vector(pose, 6, "pose"), _vector(velocity, 6, "velocity"), _vector(acceleration, 3, "acceleration")
+        chain = self._chain
+        if chain is None:
+            if not (np.isfinite(p).any() or np.isfinite(v).any()):
+                return False
+            sources = Sources.of(p[None], v[None], s[None])
+            chain = self._start(sources, commands=commands is not None or (wrench is None and self._has_thrusters))
+        forces: Array | None = None
+        if chain.commands and commands is not None:
+            c = _vector(commands, len(self.vehicle.thrusters), "commands")
+            forces = np.ascontiguousarray(thruster_forces(self.vehicle, c, voltage))
+        elif not chain.commands and wrench is not None:
+            forces = _vector(wrench, 6, "wrench")
+        return chain.step(float(t), p, v, s, forces) > 0.0
+
+    def run(self, recording: Recording) -> int:
+        """Take a whole recording, aligned to a common grid; return how many intervals were learned from.
+
+        Several recordings may follow each other; each begins a new stretch, and what was learned stays.
+
+        Raises:
+            InputError: there is no motion, or its thrusters are not the vehicle's.
+        """
+        grid = align(bind_thrusters(recording, [thruster.name for thruster in self.vehicle.thrusters]))
+        sources = Sources.of(grid.pose, grid.velocity, grid.acceleration)
+        commands = uses_commands(self.vehicle, grid)
+        if self._chain is None:
+            self._start(sources, commands=commands)
+        chain = self._chain
+        assert chain is not None  # noqa: S101
+        if chain.sources != sources or chain.commands != commands:
+            raise InputError(
+                f"{recording.source or 'recording'}: it measures {_told(sources, commands)}, the ones before "
+                f"{_told(chain.sources, chain.commands)}; learn from recordings of one kind at a time"
+            )
+        self.restart()
+        return chain.run(grid)
+
+    def restart(self) -> None:
+        """Begin a new stretch of samples whose times owe nothing to the last one's; what was learned stays."""
+        if self._chain is not None:
+            self._chain.restart()
+
+    # -- results out
+
+    @property
+    def estimate(self) -> Estimate:
+        """What has been learned so far."""
+        chain = self._chain
+        findings = []
+        for candidate in self.candidates:
+            i = candidate.axis.index
+            if chain is None or chain.sources.velocity[i] == "absent":
+                reason = f"{candidate.axis.name} speed {candidate.axis.velocity} is not measured"
+                findings.append(absent(candidate, reason if chain is not None else "no motion has been seen yet"))
+                continue
+            information = chain.information(i)
+
+            def solve(
+                free: tuple[bool, ...], known: Array, information: AxisInformation = information
+            ) -> AxisSolution | None:
+                return solve_axis(information, free, known)
+
+            findings.append(select(candidate, solve, lambda solution: solution.residual_sum))
+        rows = chain.rows if chain is not None else 0
+        return estimate_of(self.vehicle, findings, chain.duration if chain is not None else 0.0, rows)
+
+    @property
+    def gradient_estimate(self) -> dict[str, float]:
+        """Coefficients by the normalised gradient estimator (estimator="gradient"), where it has an inertia yet."""
+        out: dict[str, float] = {}
+        if self._chain is None or self.estimator != "gradient":
+            return out
+        for candidate, theta in zip(self.candidates, self._chain.state.gradient, strict=True):
+            if not theta[4] > 0.0:
+                continue
+            axis = candidate.axis
+            out[axis.added_mass] = float(self.vehicle.rigid_body_matrix[axis.index, axis.index] - 1.0 / theta[4])
+            for c, name in enumerate(axis.columns):
+                if name and candidate.wanted[c]:
+                    out[name] = float(theta[c] / theta[4])
+        return out
+
+    def model(self) -> Vehicle:
+        """Return the vehicle with everything identified so far put in."""
+        learned = self.estimate.model(self.vehicle, f"learned by towtank, method {self.method}")
+        return learned.model_copy(update={"command_delay": self.settings.delay})
+
+    # -- inside
+
+    @property
+    def _has_thrusters(self) -> bool:
+        return bool(self.vehicle.thrusters)
+
+    def _start(self, sources: Sources, *, commands: bool) -> PaperChain:
+        free = np.array([candidate.wanted for candidate in self.candidates], dtype=np.float64)
+        known = np.array([candidate.known for candidate in self.candidates])
+        self._chain = PaperChain(self.vehicle, sources, self.settings, free, known, commands=commands)
+        return self._chain
+
+
+def _vector(values: ArrayLike | None, n: int, name: str) -> Array:
+    if values is None:
+        return np.full(n, np.nan)
+    vector = np.ascontiguousarray(values, dtype=np.float64)
+    if vector.shape != (n,):
+        raise InputError(f"{name}: found shape {vector.shape}, expected ({n},)")
+    return vector
+
+
+def _told(sources: Sources, commands: bool) -> str:
+    names = [axis.velocity for axis in AXES]
+    parts = [f"{n} {kind}" for n, kind in zip(names, sources.velocity, strict=True)]
+    return f"{', '.join(parts)}, attitude by {sources.attitude}, {'commands' if commands else 'wrenches'}"

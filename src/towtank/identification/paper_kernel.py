@@ -1,0 +1,370 @@
+"""The paper's chain, one sample at a time: motion, exact increments, one filter on both sides, six regressions.
+
+The same `paper_step` serves streaming and logs; `paper_events` is its loop. Nothing is allocated that lasts, and nothing
+depends on how the samples arrived. Each axis keeps the square root of its information (QR) over ALL its columns, so
+that which coefficients are free is decided when the estimate is read, and sums of row products over blocks of time,
+from which the covariance that honours coloured residuals is built (`identification.axis_solution`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from towtank.core.arrays import Array, inlined_kernel, kernel
+from towtank.core.filtered import accumulate_into, cubic_increment
+from towtank.core.layout import I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT
+from towtank.core.least_squares import qr_absorb
+from towtank.identification.axes import C_FORCE, C_LHS, C_LINEAR, C_QUADRATIC, C_RESTORING, C_CONSTANT, N_COLUMNS
+from towtank.identification.axis_rows import axis_increments_into
+from towtank.identification.held_input import HeldInput, held_integral_into, held_push
+from towtank.identification.motion_state import ABSENT, Motion, motion_step
+
+__all__ = ["N_BLOCKS", "PaperState", "new_paper_state", "paper_events", "paper_step"]
+
+N_BLOCKS = 256
+_FIRST_BLOCK = 0.25  # s; doubled, and neighbours merged, whenever the blocks are full
+_REFRESH = 0.25  # s between updates of the model that the couplings and the end corrections use
+_TRUSTED = 0.1  # relative deviation of 1/M below which a learned axis enters that model
+
+
+class PaperState(NamedTuple):
+    """Everything the chain remembers; arrays are changed in place."""
+
+    settings: Array  # a [1/s], forgetting, learn the model (0/1), instruments (0/1), gradient gain (0: none), smooth (0/1)
+    p: Array  # (154,) the vehicle as known so far
+    free: Array  # (6, 5) 1 where a column's coefficient (linear, quadratic, restoring, constant, mass) is free
+    known: Array  # (6, 5) its value where it is held
+    shape: Array  # (6, n) thruster configuration: wrench of each held force
+    filtered: Array  # (6, 6) filtered columns and left-hand side
+    triangle: Array  # (6, 36) square root of the information
+    blocks: Array  # (6, 256, 36) sums over one block of time of instrument x row
+    clock: Array  # blocks filled, time in this block, block length, time since refresh, time learned, rows
+    pending: Array  # (6,) wrench integral since the last sample taken
+    driven: Array  # (6, 5) coefficients of the simulated instruments
+    instrument: Array  # (6, 4) simulated velocity, its filtered linear and quadratic columns, its squared error x time
+    energy: Array  # (6, 2) sums of the commanded force squared and of the whole force squared, x time
+    gradient: Array  # (6, 5) Theta of the normalised gradient estimator
+    recent: Array  # (5, 6) the last four wrenches, oldest first, for inputs that are smooth; their slope
+    work: Array  # (32, 6) scratch
+
+
+def new_paper_state(
+    p: Array, free: Array, known: Array, shape: Array, *, a: float, forgetting: float, gain: float, smooth: bool = False
+) -> PaperState:
+    """Return a fresh chain; see the fields of `PaperState`."""
+    return PaperState(
+        settings=np.array([a, forgetting, 1.0, 0.0, gain, float(smooth)]),
+        p=p.copy(),
+        free=np.ascontiguousarray(free, dtype=np.float64),
+        known=np.ascontiguousarray(known, dtype=np.float64),
+        shape=np.ascontiguousarray(shape, dtype=np.float64),
+        filtered=np.zeros((6, N_COLUMNS)),
+        triangle=np.zeros((6, N_COLUMNS * N_COLUMNS)),
+        blocks=np.zeros((6, N_BLOCKS, N_COLUMNS * N_COLUMNS)),
+        clock=np.array([0.0, 0.0, _FIRST_BLOCK, 0.0, 0.0, 0.0]),
+        pending=np.zeros(6),
+        driven=np.zeros((6, 5)),
+        instrument=np.zeros((6, 4)),
+        energy=np.zeros((6, 2)),
+        gradient=np.zeros((6, 5)),
+        recent=np.zeros((5, 6)),
+        work=np.zeros((32, 6)),
+    )
+
+
+@kernel
+def running_estimate_into(state: PaperState, axis: int, out: Array) -> bool:
+    """Write (linear, quadratic, restoring, constant, mass) of one axis into `out` (5,); False while not trustworthy."""
+    free, known, R = state.free[axis], state.known[axis], state.triangle[axis]
+    columns = 1
+    for c in range(4):
+        if free[c] > 0.0:
+            columns += 1
+    if free[4] <= 0.0:
+        return False
+    # Rows of R with held coefficients folded into the force column, rotated into a triangle of the free columns.
+    m = columns + 1
+    small = np.zeros(m * m)
+    row = np.empty(m)
+    for i in range(N_COLUMNS):
+        j = 0
+        force = R[i * N_COLUMNS + C_FORCE]
+        for c in range(4):
+            if free[c] > 0.0:
+                row[j] = R[i * N_COLUMNS + c]
+                j += 1
+            else:
+                force += known[c] * R[i * N_COLUMNS + c]
+        row[j] = force
+        row[j + 1] = R[i * N_COLUMNS + C_LHS]
+        qr_absorb(small, row, m)
+    theta = np.empty(columns)
+    for back in range(columns):
+        i = columns - 1 - back
+        d = small[i * m + i]
+        if d == 0.0:
+            return False
+        t = small[i * m + columns]
+        for j in range(i + 1, columns):
+            t -= small[i * m + j] * theta[j]
+        theta[i] = t / d
+    inverse_mass = theta[columns - 1]
+    if not inverse_mass > 0.0:
+        return False
+    residual = small[columns * m + columns] / math.sqrt(max(1.0, state.clock[5]))
+    if not residual < _TRUSTED * inverse_mass * math.fabs(small[(columns - 1) * m + columns - 1]):
+        return False
+    j = 0
+    for c in range(4):
+        if free[c] > 0.0:
+            out[c] = theta[j] / inverse_mass
+            j += 1
+        else:
+            out[c] = known[c]
+    out[4] = 1.0 / inverse_mass
+    return True
+
+
+@kernel
+def refresh_model(state: PaperState) -> None:
+    """Put what the axes have learned into the model that the couplings and the end corrections use."""
+    found = np.empty(5)
+    p = state.p
+    changed = False
+    for axis in range(6):
+        if not running_estimate_into(state, axis, found):
+            continue
+        changed = True
+        p[I_MASS + 7 * axis] = found[4]
+        p[I_LINEAR + 7 * axis] = min(0.0, found[C_LINEAR])
+        p[I_QUADRATIC + 7 * axis] = min(0.0, found[C_QUADRATIC])
+        if axis == 2:
+            p[I_WEIGHT] = found[C_RESTORING]
+        elif axis == 3 or axis == 4:
+            p[I_MOMENT + 2] = found[C_RESTORING]
+    if changed:
+        inverse = np.linalg.inv(p[I_MASS:I_MASS_INVERSE].reshape(6, 6))
+        for i in range(6):
+            for j in range(6):
+                p[I_MASS_INVERSE + 6 * i + j] = inverse[i, j]
+
+
+@inlined_kernel
+def _drive_instrument(state: PaperState, axis: int, row: Array, h: float, decay: float) -> None:
+    """Advance the velocity that the commands alone would give, and its filtered columns."""
+    linear, quadratic, rest, constant, mass = (
+        state.driven[axis, 0],
+        state.driven[axis, 1],
+        state.driven[axis, 2],
+        state.driven[axis, 3],
+        state.driven[axis, 4],
+    )
+    force = (row[C_FORCE] + rest * row[C_RESTORING] + constant * row[C_CONSTANT]) / h
+    x0 = state.instrument[axis, 0]
+    f0 = (force + (linear + quadratic * math.fabs(x0)) * x0) / mass
+    xm = x0 + 0.5 * h * f0
+    x1 = x0 + h * (force + (linear + quadratic * math.fabs(xm)) * xm) / mass
+    x1 = min(max(x1, -20.0), 20.0)
+    state.instrument[axis, 0] = x1
+    state.instrument[axis, 1] = decay * state.instrument[axis, 1] + 0.5 * h * (x0 + x1)
+    state.instrument[axis, 2] = decay * state.instrument[axis, 2] + 0.5 * h * (math.fabs(x0) * x0 + math.fabs(x1) * x1)
+
+
+@inlined_kernel
+def _merge_blocks(state: PaperState) -> None:
+    half = N_BLOCKS // 2
+    for axis in range(6):
+        for b in range(half):
+            for i in range(N_COLUMNS * N_COLUMNS):
+                state.blocks[axis, b, i] = state.blocks[axis, 2 * b, i] + state.blocks[axis, 2 * b + 1, i]
+        for b in range(half, N_BLOCKS):
+            for i in range(N_COLUMNS * N_COLUMNS):
+                state.blocks[axis, b, i] = 0.0
+    state.clock[0] = float(half)
+    state.clock[2] *= 2.0
+
+
+@kernel
+def learn_interval(state: PaperState, motion: Motion, wrench: Array, h: float) -> None:
+    """Absorb one interval of length h [s] whose ends are in `motion` and whose wrench integral is `wrench` (6,)."""
+    rows, z, g = state.work[:6], state.work[6], state.work[7]
+    axis_increments_into(state.p, motion.nu, motion.k, wrench, state.recent[4], h, state.work[8:20], rows)
+    decay = math.exp(-state.settings[0] * h)
+    forgetting = state.settings[1]
+    block = int(state.clock[0])
+    for axis in range(6):
+        if motion.source[axis] == ABSENT:
+            continue
+        accumulate_into(state.filtered[axis], rows[axis], decay, N_COLUMNS)
+        state.energy[axis, 0] += wrench[axis] ** 2 / h
+        state.energy[axis, 1] += rows[axis, C_FORCE] ** 2 / h
+        for i in range(N_COLUMNS):
+            z[i] = state.filtered[axis, i]
+            g[i] = z[i]
+        if state.settings[3] > 0.0 and state.driven[axis, 4] > 0.0:
+            _drive_instrument(state, axis, rows[axis], h, decay)
+            state.instrument[axis, 3] += h * (state.instrument[axis, 0] - motion.nu[1, axis]) ** 2
+            g[C_LINEAR] = state.instrument[axis, 1]
+            g[C_QUADRATIC] = state.instrument[axis, 2]
+        for i in range(N_COLUMNS):
+            for j in range(N_COLUMNS):
+                state.blocks[axis, block, i * N_COLUMNS + j] += g[i] * z[j]
+        if state.settings[4] > 0.0:
+            _gradient_step(state, axis, z)
+        if forgetting < 1.0:
+            scale = math.sqrt(forgetting)
+            for i in range(N_COLUMNS * N_COLUMNS):
+                state.triangle[axis, i] *= scale
+        qr_absorb(state.triangle[axis], z, N_COLUMNS)
+    if forgetting < 1.0:
+        for axis in range(6):
+            for b in range(block + 1):
+                for i in range(N_COLUMNS * N_COLUMNS):
+                    state.blocks[axis, b, i] *= forgetting
+    state.clock[1] += h
+    state.clock[3] += h
+    state.clock[4] += h
+    state.clock[5] += 1.0
+    if state.clock[1] >= state.clock[2]:
+        state.clock[1] = 0.0
+        state.clock[0] += 1.0
+        if state.clock[0] >= N_BLOCKS:
+            _merge_blocks(state)
+    if state.clock[3] >= _REFRESH and state.settings[2] > 0.0:
+        state.clock[3] = 0.0
+        refresh_model(state)
+
+
+@inlined_kernel
+def _gradient_step(state: PaperState, axis: int, z: Array) -> None:
+    """One step of the normalised gradient on the free columns, each scaled by its own size so far."""
+    free, known, theta = state.free[axis], state.known[axis], state.gradient[axis]
+    force = z[C_FORCE]
+    for c in range(4):
+        if free[c] <= 0.0:
+            force += known[c] * z[c]
+    error = z[C_LHS] - theta[4] * force
+    norm = 0.0
+    for c in range(5):
+        if c < 4 and free[c] <= 0.0:
+            continue
+        value = force if c == 4 else z[c]
+        size = math.sqrt(state.triangle[axis, c * N_COLUMNS + c] ** 2 + 1e-12) / math.sqrt(state.clock[5] + 1.0)
+        norm += (value / size) ** 2
+        if c < 4:
+            error -= theta[c] * value
+    gain = state.settings[4] / (1.0 + norm)
+    for c in range(5):
+        if c < 4 and free[c] <= 0.0:
+            continue
+        value = force if c == 4 else z[c]
+        size = math.sqrt(state.triangle[axis, c * N_COLUMNS + c] ** 2 + 1e-12) / math.sqrt(state.clock[5] + 1.0)
+        theta[c] += gain * error * value / (size * size)
+
+
+@inlined_kernel
+def _smooth_input(state: PaperState, command: Array, h: float) -> None:
+    """Replace the held integral by that of the cubic through the last four wrenches (equal spacing)."""
+    recent = state.recent
+    for i in range(6):
+        recent[0, i], recent[1, i], recent[2, i] = recent[1, i], recent[2, i], recent[3, i]
+        recent[3, i] = 0.0
+        for j in range(command.shape[0]):
+            recent[3, i] += state.shape[i, j] * command[j]
+        recent[4, i] = (recent[3, i] - recent[2, i]) / h
+        state.pending[i] = cubic_increment(recent[0, i], recent[1, i], recent[2, i], recent[3, i], h)
+
+
+@kernel
+def paper_step(
+    state: PaperState,
+    motion: Motion,
+    held: HeldInput,
+    t: float,
+    pose: Array,
+    velocity: Array,
+    acceleration: Array,
+    command: Array,
+) -> float:
+    """Take one sample at time t [s]; NaN where a quantity was not measured.
+
+    Args:
+        pose: x y z phi theta psi (6,). velocity: u v w p q r (6,). acceleration: specific force (3,).
+        command: steady force of each held input (m,) asked for from t on.
+
+    Returns:
+        Length [s] of the interval that was learned from, 0 where none was.
+    """
+    m = held.force.shape[0]
+    forces = state.work[20 : 20 + (m + 5) // 6].reshape(-1)[:m]
+    known = held_integral_into(held, t, forces)
+    held_push(held, t, command)
+    for i in range(6):
+        for j in range(m):
+            state.pending[i] += state.shape[i, j] * forces[j]
+    h = motion_step(motion, t, pose, velocity, acceleration, state.pending)
+    if h < 0.0:
+        return 0.0
+    if h == 0.0 or not known:
+        for i in range(6):
+            state.pending[i] = 0.0
+        if motion.counts[0] == 0.0:
+            if state.settings[5] > 0.0:
+                _smooth_input(state, command, 1.0)
+                for i in range(6):
+                    state.pending[i] = 0.0
+            for axis in range(6):
+                for i in range(N_COLUMNS):
+                    state.filtered[axis, i] = 0.0
+                state.instrument[axis, 0] = velocity[axis] if math.isfinite(velocity[axis]) else 0.0
+                state.instrument[axis, 1] = 0.0
+                state.instrument[axis, 2] = 0.0
+        return 0.0
+    if state.settings[5] > 0.0:
+        _smooth_input(state, command, h)
+        if motion.counts[0] < 3.0:
+            return 0.0
+    elif motion.settings[1] > 0.0:
+        for i in range(6):
+            state.pending[i] = 0.5 * h * (motion.wrench[0, i] + motion.wrench[1, i])
+    learn_interval(state, motion, state.pending, h)
+    for i in range(6):
+        state.pending[i] = 0.0
+    return h
+
+
+@kernel
+def paper_events(
+    state: PaperState,
+    motion: Motion,
+    held: HeldInput,
+    t: Array,
+    pose: Array,
+    velocity: Array,
+    acceleration: Array,
+    stamps: Array,
+    forces: Array,
+) -> int:
+    """Take samples (n, ...) and held inputs (k, m) with time stamps (k,) of their own, in the order of their times.
+
+    The same as `paper_step` for each; a smooth input needs its stamps to be the samples'. Returns how many intervals
+    were learned from.
+    """
+    used = 0
+    event = 0
+    nothing = np.full(held.force.shape[0], np.nan)
+    smooth = state.settings[5] > 0.0
+    for i in range(t.shape[0]):
+        now = nothing
+        while event < stamps.shape[0] and stamps[event] <= t[i]:
+            if smooth:
+                now = forces[event]
+            else:
+                held_push(held, stamps[event], forces[event])
+            event += 1
+        if paper_step(state, motion, held, t[i], pose[i], velocity[i], acceleration[i], now) > 0.0:
+            used += 1
+    return used

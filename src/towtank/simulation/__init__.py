@@ -1,0 +1,39 @@
+"""Simulated vehicles: motion, sensors, disturbances, and the manoeuvres that excite them."""
+
+from towtank.simulation.batch import Batch, simulate_batch
+from towtank.simulation.disturbance import OrnsteinUhlenbeck
+from towtank.simulation.excitation import AXES, available_rows, usual_amplitudes
+from towtank.simulation.ins import Ins
+from towtank.simulation.manoeuvre_file import manoeuvre_from_recording
+from towtank.simulation.manoeuvres import MANOEUVRES, BuiltIn, Manoeuvre, manoeuvre
+from towtank.simulation.mocap import Mocap
+from towtank.simulation.motion import Motion
+from towtank.simulation.presets import SENSORS
+from towtank.simulation.sensors import Perfect, Sensors
+from towtank.simulation.signals import FORMS
+from towtank.simulation.simulate import Progress, simulate
+from towtank.simulation.streams import stream
+
+__all__ = [
+    "AXES",
+    "FORMS",
+    "MANOEUVRES",
+    "SENSORS",
+    "Batch",
+    "BuiltIn",
+    "Ins",
+    "Manoeuvre",
+    "Mocap",
+    "Motion",
+    "OrnsteinUhlenbeck",
+    "Perfect",
+    "Progress",
+    "Sensors",
+    "available_rows",
+    "manoeuvre",
+    "manoeuvre_from_recording",
+    "simulate",
+    "simulate_batch",
+    "stream",
+    "usual_amplitudes",
+]

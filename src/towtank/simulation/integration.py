@@ -1,0 +1,109 @@
+"""Runge-Kutta runs that the core does not offer: unequal pieces within a step, and whole batches with every state kept.
+
+The equations of motion are the core's (`towtank.core.rk4.step_into`); here is only the order in which it is called.
+States are (13,) [x y z, qw qx qy qz, u v w p q r] with the velocity RELATIVE to the water (`relative_to_water`).
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from towtank.core.arrays import Array, kernel, parallel_kernel
+from towtank.core.layout import N_PARAMETERS
+from towtank.core.rk4 import LANES, N_STATES, step_into
+
+__all__ = ["relative_to_water", "simulate_all", "simulate_pieces"]
+
+
+@kernel
+def simulate_pieces(p: Array, state0: Array, tau: Array, pieces: Array, current: Array) -> Array:
+    """Simulate one vehicle in steps that are cut into pieces, each with a smooth wrench.
+
+    Args:
+        p: kernel parameters (154,).
+        state0: initial state (13,).
+        tau: wrench (n m, 3, 6) at the start, the middle and the end of each piece [N, N m], body FRD.
+        pieces: lengths (m,) [s] of the pieces of every step.
+        current: water velocity (3,) [m/s], NED.
+
+    Returns:
+        States (n + 1, 13) at the ends of the steps.
+    """
+    m = pieces.shape[0]
+    n = tau.shape[0] // m
+    parameters = np.empty((N_PARAMETERS, 1))
+    x = np.empty((N_STATES, 1))
+    work = np.empty((3, N_STATES, 1))
+    for j in range(N_PARAMETERS):
+        parameters[j, 0] = p[j]
+    out = np.empty((n + 1, N_STATES))
+    for j in range(N_STATES):
+        x[j, 0] = state0[j]
+        out[0, j] = state0[j]
+    for i in range(n):
+        for k in range(m):
+            step_into(parameters, x, tau[i * m + k].reshape(3, 6, 1), current, pieces[k], work)
+        for j in range(N_STATES):
+            out[i + 1, j] = x[j, 0]
+    return out
+
+
+@parallel_kernel
+def simulate_all(p: Array, state0: Array, tau: Array, dt: float, current: Array) -> Array:
+    """Simulate many vehicles at once on all cores and keep every state.
+
+    Args:
+        p: kernel parameters (runs, 154).
+        state0: initial states (runs, 13).
+        tau: held wrench (runs, n, 6), or (1, n, 6) shared by all runs.
+        dt: step [s].
+        current: water velocity (3,) [m/s], NED.
+
+    Returns:
+        States (runs, n + 1, 13).
+    """
+    runs, n = p.shape[0], tau.shape[1]
+    out = np.empty((runs, n + 1, N_STATES))
+    blocks = (runs + LANES - 1) // LANES
+    for block in numba.prange(blocks):
+        first = block * LANES
+        parameters = np.empty((N_PARAMETERS, LANES))
+        x = np.empty((N_STATES, LANES))
+        wrench = np.empty((3, 6, LANES))
+        work = np.empty((3, N_STATES, LANES))
+        for k in range(LANES):
+            run = min(first + k, runs - 1)  # spare lanes repeat the last run
+            for j in range(N_PARAMETERS):
+                parameters[j, k] = p[run, j]
+            for j in range(N_STATES):
+                x[j, k] = state0[run, j]
+        for i in range(n + 1):
+            for k in range(min(LANES, runs - first)):
+                for j in range(N_STATES):
+                    out[first + k, i, j] = x[j, k]
+            if i == n:
+                break
+            for k in range(LANES):
+                run = min(first + k, runs - 1) if tau.shape[0] > 1 else 0
+                for j in range(6):
+                    wrench[0, j, k] = tau[run, i, j]
+            wrench[1] = wrench[0]
+            wrench[2] = wrench[0]
+            step_into(parameters, x, wrench, current, dt, work)
+    return out
+
+
+def relative_to_water(states: Array, current: Array, sign: float = -1.0) -> Array:
+    """Return states (..., 13) with R^T v_c taken from the linear velocity; `sign` = +1 adds it again.
+
+    Args:
+        current: water velocity v_c (3,) [m/s], NED.
+    """
+    if not current.any():
+        return states
+    w, v = states[..., 3:4], -states[..., 4:7]  # the conjugate quaternion turns NED into FRD
+    t = 2.0 * np.cross(v, current)
+    out = states.copy()
+    out[..., 7:10] += sign * (current + w * t + np.cross(v, t))
+    return out

@@ -1,0 +1,65 @@
+"""The true motion of a simulated vehicle: what its sensors look at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.core.attitude import eulers_from_quaternions
+from towtank.core.dynamics import forward_dynamics
+
+__all__ = ["GRAVITY", "Motion", "continuous_eulers"]
+
+GRAVITY = 9.81  # m/s^2, as in `towtank.vehicle`
+_TURN = 2.0 * np.pi
+
+
+def continuous_eulers(q: Array, start: Array | None = None) -> Array:
+    """Return Euler angles (..., n, 3) [rad] of quaternions (..., n, 4) without jumps of roll and yaw along n.
+
+    Args:
+        start: angles of the first row (..., 3), e.g. with whole turns of yaw; they are kept.
+    """
+    angles = eulers_from_quaternions(np.ascontiguousarray(q.reshape(-1, 4))).reshape(*q.shape[:-1], 3)
+    angles = np.unwrap(angles, axis=-2)
+    if start is not None:
+        angles += _TURN * np.round((start - angles[..., 0, :]) / _TURN)[..., None, :]
+    return angles
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """True motion at the steps of a simulation.
+
+    Attributes:
+        t: times (n + 1,) [s]. dt: step [s].
+        eta: x y z phi theta psi (n + 1, 6) [m, rad], angles without jumps. q: the same attitude (n + 1, 4).
+        nu: velocity over ground (n + 1, 6) [m/s, rad/s], body FRD. nu_r: relative to the water (n + 1, 6).
+        tau: total wrench on the body from each instant on (n + 1, 6) [N, N m]; last row: up to the end.
+        parameters: kernel vector (154,) of the vehicle.
+    """
+
+    t: Array
+    dt: float
+    eta: Array
+    q: Array
+    nu: Array
+    nu_r: Array
+    tau: Array
+    parameters: Array
+
+    @cached_property
+    def specific_force(self) -> Array:
+        """What an accelerometer at the body origin feels (n + 1, 3) [m/s^2]: v_dot + omega x v - R^T g.
+
+        v_dot + omega x v is the inertial acceleration in the body frame. A constant current adds nothing to it, so that
+        it is taken in the velocity relative to the water, from the equations of motion themselves.
+        """
+        nu_r_dot = forward_dynamics(self.parameters[None, :], self.q, self.nu_r, self.tau)
+        w, x, y, z = self.q.T
+        down = np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], axis=-1)
+        force: Array = nu_r_dot[:, :3] + np.cross(self.nu_r[:, 3:], self.nu_r[:, :3]) - GRAVITY * down
+        return force

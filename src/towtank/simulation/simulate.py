@@ -1,0 +1,167 @@
+"""One vehicle through one experiment, as its sensors see it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from towtank.core.arrays import Array
+from towtank.errors import InputError, nearest
+from towtank.recording.channel import Channel, read_only, standard_channel
+from towtank.recording.recording import Recording
+from towtank.recording.standard import WRENCH
+from towtank.simulation.actuation import Drive
+from towtank.simulation.disturbance import OrnsteinUhlenbeck
+from towtank.simulation.drive import drive_of
+from towtank.simulation.inputs import finite_array, initial_states, positive
+from towtank.simulation.integration import relative_to_water, simulate_pieces
+from towtank.simulation.motion import Motion, continuous_eulers
+from towtank.simulation.presets import sensors_named
+from towtank.simulation.sensors import Sensors, channels
+from towtank.vehicle import Vehicle
+
+__all__ = ["Progress", "simulate"]
+
+Progress = Callable[[int, int], None]
+
+_CHUNK = 2048  # steps between two reports of progress
+_PAUSE = 0.05  # s, shortest time between two reports
+_EXTRAS = ("wrench", "disturbance")
+_ZERO6 = (0.0,) * 6
+
+
+def simulate(
+    vehicle: Vehicle,
+    *,
+    wrench: ArrayLike | Callable[[Array], Array] | None = None,
+    commands: ArrayLike | None = None,
+    dt: float = 0.01,
+    duration: float | None = None,
+    eta0: ArrayLike | None = None,
+    nu0: ArrayLike | None = None,
+    current: ArrayLike = (0.0, 0.0, 0.0),
+    voltage: ArrayLike | None = None,
+    sensors: str | Sensors | None = None,
+    disturbance: OrnsteinUhlenbeck | None = None,
+    delay: float | None = None,
+    seed: int = 0,
+    substeps: int = 1,
+    record: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Recording:
+    """Simulate a vehicle and return what its sensors measure, with the inputs beside it.
+
+    Fourth-order Runge-Kutta over n steps of dt. Motion is sampled at t = 0, dt, .., n dt; inputs have n samples, each
+    held from its time on. The true motion depends on the seed through the disturbance alone: the same seed gives the
+    same motion under any sensors.
+
+    Args:
+        wrench: X Y Z K M N [N, N m], body FRD: held (n, 6), or a function of time, (...) [s] -> (..., 6), taken at the
+            start, the middle and the end of each step. Neither wrench nor commands: free motion.
+        commands: (n, m) held, one column per thruster: curve with dead band, then delay, then first-order lag.
+        dt: step [s].
+        duration: [s]; needed unless the input is held; cuts a held input.
+        eta0, nu0: pose and velocity over ground (6,) at the start, default zero.
+        current: velocity of the water (3,) [m/s], NED, constant.
+        voltage: supply voltage [V], a number or (n,) held; it acts through the thrusters' curves.
+        sensors: "perfect" (default), "mocap", "ins", or a record such as `Mocap(noise_mm=5)`.
+        disturbance: random wrench on the body, held over each step; not part of the channels X .. N.
+        delay: from a held input to its effect [s], any part of a step, exact; before the first effect the thrusters are
+            off. Default: `vehicle.command_delay` for commands, none for a wrench.
+        seed: of all random numbers.
+        substeps: integration steps to each step of dt.
+        record: extra channels: "wrench" (X .. N of commands), "disturbance" (X_disturbance ..).
+        progress: called as progress(steps done, n) from time to time, and at the end.
+
+    Returns:
+        A Recording: what the sensors measure, then cmd_<thruster> for commands, or X .. N for a wrench. X .. N is the
+        mean over the step that begins at its time (for a held wrench without delay: the wrench itself).
+
+    Raises:
+        InputError: an argument is wrong, or the motion grows beyond all bounds.
+    """
+    dt = positive("dt", dt)
+    if isinstance(substeps, bool) or not isinstance(substeps, int | np.integer) or substeps < 1:
+        raise InputError(f"substeps: found {substeps!r}, expected a whole number, 1 or more")
+    for extra in record:
+        if extra not in _EXTRAS:
+            raise InputError(f'record: unknown "{extra}"{nearest(extra, _EXTRAS)}; there are {", ".join(_EXTRAS)}')
+    watch = sensors_named(sensors)
+    drive, n, given = drive_of(vehicle, wrench, commands, voltage, dt, duration, delay, int(substeps))
+    water = finite_array("current", current, (3,))
+    start_pose = finite_array("eta0", _ZERO6 if eta0 is None else eta0, (6,))
+    start_velocity = finite_array("nu0", _ZERO6 if nu0 is None else nu0, (6,))
+    push = np.zeros((n, 6)) if disturbance is None else disturbance.sample(n, dt, seed)
+
+    state0 = relative_to_water(initial_states(start_pose, start_velocity), water)
+    p = np.array(vehicle.parameters)
+    states, starts, means = _run(vehicle, p, state0, drive, push, water, n, dt, progress)
+
+    over_ground = relative_to_water(states, water, 1.0)
+    q = np.ascontiguousarray(states[:, 3:7])
+    eta = np.hstack([states[:, :3], continuous_eulers(q, start_pose[3:])])
+    t = read_only(np.arange(n + 1) * dt)
+    nu_r = np.ascontiguousarray(states[:, 7:])
+    motion = Motion(t, dt, eta, q, np.ascontiguousarray(over_ground[:, 7:]), nu_r, starts, p)
+
+    held = read_only(t[:-1])
+    found = watch.observe(motion, seed)
+    found += [standard_channel(name, held, values) for name, values in given.items()]
+    if commands is None or "wrench" in record:
+        found += channels(WRENCH, held, means)
+    if "disturbance" in record:
+        units = ("N", "N", "N", "N m", "N m", "N m")
+        found += [Channel(f"{a}_disturbance", held, push[:, j], units[j], "FRD") for j, a in enumerate(WRENCH)]
+    attributes = {"vehicle": vehicle.name, "dt": repr(dt), "seed": str(seed), "sensors": repr(watch)}
+    return Recording({c.name: c for c in found}, source=f"simulation of {vehicle.name}", attributes=attributes)
+
+
+def _run(
+    vehicle: Vehicle,
+    p: Array,
+    state0: Array,
+    drive: Drive,
+    push: Array,
+    water: Array,
+    n: int,
+    dt: float,
+    progress: Progress | None,
+) -> tuple[Array, Array, Array]:
+    """Return states (n + 1, 13), total wrench from each instant on (n + 1, 6), mean wrench of the drive (n, 6)."""
+    pieces = drive.pieces.lengths
+    m = pieces.size
+    states, starts, means = np.empty((n + 1, 13)), np.empty((n + 1, 6)), np.empty((n, 6))
+    states[0] = state0
+    reported = time.monotonic()
+    for first in range(0, n, _CHUNK):
+        last = min(first + _CHUNK, n)
+        tau = drive.stages(first, last)
+        means[first:last] = _means(tau, pieces)
+        tau = tau + np.repeat(push[first:last], m, axis=0)[:, None, :]
+        starts[first:last], starts[last] = tau[::m, 0], tau[-1, 2]
+        states[first : last + 1] = simulate_pieces(p, states[first], tau, pieces, water)
+        _require_finite(vehicle, states[first : last + 1], first, dt)
+        if progress is not None and (last == n or time.monotonic() - reported >= _PAUSE):
+            reported = time.monotonic()
+            progress(last, n)
+    return states, starts, means
+
+
+def _means(tau: Array, pieces: Array) -> Array:
+    """Return the mean wrench (n, 6) over each step by Simpson's rule; exactly the wrench itself where it is held."""
+    m = pieces.size
+    start = tau[::m, 0]
+    rise = (4.0 * (tau[:, 1] - tau[:, 0]) + (tau[:, 2] - tau[:, 0])) / 6.0 + tau[:, 0] - np.repeat(start, m, axis=0)
+    mean: Array = start + np.einsum("nmi,m->ni", rise.reshape(-1, m, 6), pieces / pieces.sum())
+    return mean
+
+
+def _require_finite(vehicle: Vehicle, states: Array, first: int, dt: float) -> None:
+    bad = ~np.isfinite(states).all(axis=1)
+    if bad.any():
+        when = (first + int(np.argmax(bad))) * dt
+        hint = "; ".join(vehicle.warnings[:1]) or "the step may be too long for its damping: try a smaller dt"
+        raise InputError(f"{vehicle.name}: the motion grows beyond all bounds at t = {when:g} s ({hint})")

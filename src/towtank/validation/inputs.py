@@ -1,0 +1,60 @@
+"""The wrench that a model's thrusters gave over every step of a grid: held commands, delay, first-order lag, exactly."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from towtank.core.arrays import Array, kernel
+from towtank.errors import InputError
+from towtank.identification.held_input import HeldInput, held_integral_into, held_push, new_held_input
+from towtank.recording import Grid
+from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
+
+__all__ = ["mean_wrenches"]
+
+
+@kernel
+def _means(held: HeldInput, shape: Array, t: Array, stamps: Array, forces: Array) -> Array:
+    """Return the mean wrench (n - 1, 6) over each interval of t (n,) of forces (k, m) held from stamps (k,) on."""
+    n, m = t.shape[0], forces.shape[1]
+    out = np.zeros((n - 1, 6))
+    total = np.empty(m)
+    event = 0
+    for i in range(n):
+        while event < stamps.shape[0] and stamps[event] <= t[i]:
+            held_push(held, stamps[event], forces[event])
+            event += 1
+        held_integral_into(held, t[i], total)
+        if i > 0:
+            for a in range(6):
+                for j in range(m):
+                    out[i - 1, a] += shape[a, j] * total[j] / (t[i] - t[i - 1])
+    return out
+
+
+def mean_wrenches(vehicle: Vehicle, grid: Grid) -> Array:
+    """Return the mean wrench [N, N m] (n - 1, 6) over each step of the grid, body FRD; before the first command, it.
+
+    Raises:
+        InputError: the grid has neither this vehicle's commands nor a wrench.
+    """
+    if vehicle.thrusters and grid.command_t.size and grid.command_values.shape[1] == len(vehicle.thrusters):
+        stamps = np.array(grid.command_t)
+        voltage = np.interp(stamps, grid.t, grid.voltage) if np.isfinite(grid.voltage).any() else None
+        forces = np.ascontiguousarray(thruster_forces(vehicle, grid.command_values, voltage))
+        shape = configuration_matrix(vehicle)
+        lag = np.array([thruster.time_constant for thruster in vehicle.thrusters])
+        delay = vehicle.command_delay
+    elif grid.wrench_t.size:
+        stamps, forces = np.array(grid.wrench_t), np.array(grid.wrench_values)
+        shape, lag, delay = np.eye(6), np.zeros(6), vehicle.command_delay
+    else:
+        raise InputError(
+            f"{grid.source or 'recording'}: neither thruster commands nor a wrench is recorded, so nothing can be "
+            "predicted; map the thrusters' columns (--map) or record X Y Z K M N"
+        )
+    finite = np.isfinite(forces).all(axis=1)
+    stamps, forces = stamps[finite], np.ascontiguousarray(forces[finite])
+    if not stamps.size:
+        raise InputError(f"{grid.source or 'recording'}: no row has a command for every thruster")
+    return _means(new_held_input(shape.shape[1], lag, delay), np.ascontiguousarray(shape), grid.t, stamps, forces)

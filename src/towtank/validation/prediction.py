@@ -1,0 +1,117 @@
+"""Free-running prediction: the model alone, driven by what the thrusters were told, from one measured state.
+
+With a horizon it is set back to the measured state every so many seconds, which is the fair question for a vehicle
+that tumbles: small errors of attitude grow without bound and say little about coefficients.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.core.attitude import eulers_from_quaternions
+from towtank.core.rk4 import simulate_run
+from towtank.errors import InputError
+from towtank.recording import Grid
+from towtank.validation.inputs import mean_wrenches
+from towtank.validation.starts import Starts
+from towtank.vehicle import Vehicle
+
+__all__ = ["CHANNELS", "Prediction", "predict"]
+
+CHANNELS = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
+_LONGEST_STEP = 0.02  # s
+_STILL = np.zeros(3)
+_ANGLES = ("phi", "theta", "psi")
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """One recording predicted.
+
+    Attributes:
+        t: times (n,) [s]. channels: name -> (measured (n,), predicted (n,)); measured is NaN where there was no
+            sample. restarts: times at which the prediction was set to the measured state. source: of the recording.
+    """
+
+    t: Array
+    channels: Mapping[str, tuple[Array, Array]]
+    restarts: tuple[float, ...]
+    source: str = ""
+
+
+def predict(vehicle: Vehicle, grid: Grid, *, horizon: float | None = None) -> Prediction:
+    """Predict a recording from its commands (or wrenches) alone.
+
+    Args:
+        horizon: seconds after which the prediction is set back to the measured state; never where omitted.
+
+    Raises:
+        InputError: no commands or wrench, no row in which the motion is known, or a horizon that is not positive.
+    """
+    if horizon is not None and not horizon > 0.0:
+        raise InputError(f"horizon: found {horizon}, expected a number of seconds above 0")
+    wrenches = mean_wrenches(vehicle, grid)
+    starts = Starts.of(grid)
+    n = len(grid)
+    first = next((i for i in range(n - 1) if starts.known(i)), None)
+    if first is None:
+        raise InputError(f"{grid.source or 'recording'}: there is no instant at which all that is measured is known")
+    states = np.full((n, 13), np.nan)
+    reached = np.zeros(13)
+    reached[3] = 1.0
+    restarts: list[float] = []
+    row = first
+    while row < n - 1:
+        reached = starts.state(row, reached)
+        restarts.append(float(grid.t[row]))
+        end = _next_start(grid, starts, row, horizon)
+        states[row : end + 1] = _run(vehicle, reached, wrenches[row:end], grid.dt)
+        reached = states[end].copy()
+        if not np.isfinite(reached).all():
+            reached = np.where(np.isfinite(reached), reached, 0.0)
+            reached[3:7] = (1.0, 0.0, 0.0, 0.0)
+        row = end
+    return Prediction(grid.t, _channels(grid, states), tuple(restarts), grid.source)
+
+
+def _next_start(grid: Grid, starts: Starts, row: int, horizon: float | None) -> int:
+    """Return the row at which this stretch ends."""
+    last = len(grid) - 1
+    if horizon is None:
+        return last
+    end = row + max(1, round(horizon * grid.rate))
+    while end < last and not starts.known(end):
+        end += 1
+    return min(end, last)
+
+
+def _run(vehicle: Vehicle, state: Array, wrenches: Array, dt: float) -> Array:
+    """Return the states (m + 1, 13) of m steps of held wrenches (m, 6), in substeps where the grid is coarse."""
+    substeps = max(1, int(np.ceil(dt / _LONGEST_STEP - 1e-9)))
+    held = np.repeat(wrenches, substeps, axis=0)[:, None, :]
+    with np.errstate(all="ignore"):
+        run = simulate_run(vehicle.parameters, state, np.ascontiguousarray(held), dt / substeps, _STILL)
+    return run[::substeps]
+
+
+def _channels(grid: Grid, states: Array) -> dict[str, tuple[Array, Array]]:
+    """Return measured and predicted values of every channel that was measured."""
+    angles = eulers_from_quaternions(np.ascontiguousarray(states[:, 3:7]))
+    predicted = dict(zip(CHANNELS, [*states[:, 7:13].T, *states[:, :3].T, *angles.T], strict=True))
+    measured = np.where(grid.fresh, np.hstack([grid.pose, grid.velocity, grid.acceleration]), np.nan)
+    columns = dict(zip(("x", "y", "z", "phi", "theta", "psi", "u", "v", "w", "p", "q", "r"), range(12), strict=True))
+    out = {}
+    for name in CHANNELS:
+        y = measured[:, columns[name]]
+        if not np.isfinite(y).any():
+            continue
+        yhat = predicted[name]
+        if name in _ANGLES:
+            away = yhat - y
+            yhat = np.where(np.isfinite(away), y + (away + np.pi) % (2.0 * np.pi) - np.pi, yhat)
+        out[name] = (y, yhat)
+    return out

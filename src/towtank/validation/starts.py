@@ -1,0 +1,110 @@
+"""The state that a prediction starts from, out of what was measured there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from towtank.core.arrays import Array, kernel
+from towtank.core.attitude import quaternion_from_euler, rotation_from_quaternion
+from towtank.identification.chain import Sources
+from towtank.identification.motion_state import (
+    ABSENT,
+    ATTITUDE_ACCELEROMETER,
+    ATTITUDE_GYRO,
+    ATTITUDE_MEASURED,
+    MEASURED,
+    Motion,
+    motion_step,
+    new_motion,
+)
+from towtank.recording import Grid
+
+__all__ = ["Starts"]
+
+_WINDOW = 0.15  # s to either side, for a velocity taken from the pose
+_ATTITUDE = {"measured": ATTITUDE_MEASURED, "accelerometer": ATTITUDE_ACCELEROMETER, "gyro": ATTITUDE_GYRO}
+
+
+@kernel
+def _gravity(motion: Motion, t: Array, pose: Array, velocity: Array, acceleration: Array) -> Array:
+    """Return the direction of gravity in the body (n, 3) at every sample; NaN where it is not known."""
+    out = np.full((t.shape[0], 3), np.nan)
+    nothing = np.zeros(6)
+    for i in range(t.shape[0]):
+        if motion_step(motion, t[i], pose[i], velocity[i], acceleration[i], nothing) >= 0.0:
+            for j in range(3):
+                out[i, j] = motion.last[14 + j]
+    return out
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Measured states of one grid. What was not measured keeps the value that the prediction has reached."""
+
+    grid: Grid
+    sources: Sources
+    gravity: Array
+
+    @classmethod
+    def of(cls, grid: Grid) -> Starts:
+        """Prepare the states of a grid."""
+        sources = Sources.of(grid.pose, grid.velocity, grid.acceleration)
+        rates = np.array([MEASURED if i > 2 and sources.velocity[i] == "measured" else ABSENT for i in range(6)])
+        motion = new_motion(rates, _ATTITUDE[sources.attitude], 0.0, np.inf)
+        velocity = np.array(grid.velocity)
+        return cls(grid, sources, _gravity(motion, grid.t, grid.pose, velocity, grid.acceleration))
+
+    def known(self, row: int) -> bool:
+        """Whether everything that the grid measures at all is measured in this row."""
+        grid, sources = self.grid, self.sources
+        measured = [i for i in range(6) if sources.velocity[i] == "measured"]
+        if not np.isfinite(grid.velocity[row, measured]).all():
+            return False
+        if "derived" in sources.velocity and not np.isfinite(grid.pose[row]).all():
+            return False
+        return bool(np.isfinite(self.gravity[row]).all())
+
+    def state(self, row: int, reached: Array) -> Array:
+        """Return the state (13,) at a row; `reached` (13,) supplies what was not measured."""
+        out = reached.copy()
+        pose = self.grid.pose[row]
+        for j in range(3):
+            if np.isfinite(pose[j]):
+                out[j] = pose[j]
+        k = self.gravity[row]
+        phi, theta = np.arctan2(k[1], k[2]), np.arctan2(-k[0], np.hypot(k[1], k[2]))
+        psi = pose[5] if np.isfinite(pose[5]) else _heading(reached[3:7])
+        out[3:7] = quaternion_from_euler(float(phi), float(theta), float(psi))
+        derived = self._derived(row) if "derived" in self.sources.velocity else None
+        for i, kind in enumerate(self.sources.velocity):
+            if kind == "measured":
+                out[7 + i] = self.grid.velocity[row, i]
+            elif kind == "derived" and derived is not None:
+                out[7 + i] = derived[i]
+        return out
+
+    def _derived(self, row: int) -> Array:
+        """Return the body velocity (6,) from a quadratic through the poses around a row."""
+        grid = self.grid
+        near = np.flatnonzero(np.abs(grid.t - grid.t[row]) <= _WINDOW + 1e-9)
+        near = near[np.isfinite(grid.pose[near]).all(axis=1)]
+        out = np.zeros(6)
+        if near.size < 3:
+            return out
+        s = grid.t[near] - grid.t[row]
+        rate = np.linalg.lstsq(np.column_stack([np.ones_like(s), s, s * s]), grid.pose[near], rcond=None)[0][1]
+        phi, theta, psi = grid.pose[row, 3:]
+        R = rotation_from_quaternion(np.array(quaternion_from_euler(float(phi), float(theta), float(psi))))
+        out[:3] = R.T @ rate[:3]
+        s1, c1, s2, c2 = np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta)
+        out[3] = rate[3] - s2 * rate[5]
+        out[4] = c1 * rate[4] + s1 * c2 * rate[5]
+        out[5] = -s1 * rate[4] + c1 * c2 * rate[5]
+        return out
+
+
+def _heading(q: Array) -> float:
+    w, x, y, z = q
+    return float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))

@@ -1,0 +1,76 @@
+"""Vehicles: records, files, catalog, thrusters, and the dynamics of a vehicle."""
+
+from towtank.vehicle.bench import Bench, read_bench
+from towtank.vehicle.catalog import catalog_names, catalog_text
+from towtank.vehicle.checks import doubts, faults
+from towtank.vehicle.curves import Curve, PolynomialCurve, QuadraticCurve, TableCurve, Voltage
+from towtank.vehicle.curves import force as curve_force
+from towtank.vehicle.files import (
+    VehicleWarning,
+    curve_text,
+    load_vehicle,
+    parse_vehicle,
+    save_vehicle,
+    vehicle_text,
+)
+from towtank.vehicle.fit_thruster import ThrusterFit, fit_bench, fit_thruster
+from towtank.vehicle.inverse_curves import command as curve_command
+from towtank.vehicle.inverse_curves import force_range
+from towtank.vehicle.motion import forward_dynamics, inverse_dynamics
+from towtank.vehicle.names import COEFFICIENTS, HYDRODYNAMIC, RESTORING, describe, index, mirror, unit
+from towtank.vehicle.records import Buoyancy, Coefficient, Provenance, Restoring, RigidBody, Thruster
+from towtank.vehicle.thrusters import (
+    allocatable_axes,
+    allocate,
+    configuration_matrix,
+    thruster_forces,
+    thruster_wrench,
+)
+from towtank.vehicle.vehicle import Vehicle
+
+__all__ = [
+    "COEFFICIENTS",
+    "HYDRODYNAMIC",
+    "RESTORING",
+    "Bench",
+    "Buoyancy",
+    "Coefficient",
+    "Curve",
+    "PolynomialCurve",
+    "Provenance",
+    "QuadraticCurve",
+    "Restoring",
+    "RigidBody",
+    "TableCurve",
+    "Thruster",
+    "ThrusterFit",
+    "Vehicle",
+    "VehicleWarning",
+    "Voltage",
+    "allocatable_axes",
+    "allocate",
+    "catalog_names",
+    "catalog_text",
+    "configuration_matrix",
+    "curve_command",
+    "curve_force",
+    "curve_text",
+    "describe",
+    "doubts",
+    "faults",
+    "fit_bench",
+    "fit_thruster",
+    "force_range",
+    "forward_dynamics",
+    "index",
+    "inverse_dynamics",
+    "load_vehicle",
+    "mirror",
+    "parse_vehicle",
+    "read_bench",
+    "save_vehicle",
+    "thruster_forces",
+    "thruster_wrench",
+    "unit",
+    "vehicle_text",
+]

@@ -1,0 +1,170 @@
+"""Physical checks: what about a vehicle cannot be true (faults), and what had better be looked at (doubts)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.vehicle import matrices
+from towtank.vehicle.curves import Curve, PolynomialCurve
+from towtank.vehicle.names import COLUMNS, ROWS
+
+if TYPE_CHECKING:
+    from towtank.vehicle.vehicle import Vehicle
+
+__all__ = ["doubts", "faults"]
+
+_ROUNDING = 1e-9
+_LARGE_NET_WEIGHT = 0.05
+_FAR = 50.0
+_SAMPLES = 257
+
+
+def faults(vehicle: Vehicle) -> tuple[str, ...]:
+    """Return what no physical vehicle has, one line each."""
+    return tuple(_mass(vehicle) + _added_mass(vehicle) + _damping(vehicle) + _inertia(vehicle) + _righting(vehicle))
+
+
+def doubts(vehicle: Vehicle) -> tuple[str, ...]:
+    """Return what is possible and still deserves a look, one line each."""
+    return tuple(_net_weight(vehicle) + _mirrors(vehicle) + _places(vehicle) + _curves(vehicle))
+
+
+def _negative(matrix: Array) -> float | None:
+    """Return the smallest eigenvalue of the symmetric part, scaled to a unit diagonal, where it is below zero."""
+    symmetric = 0.5 * (matrix + matrix.T)
+    scale = np.sqrt(np.abs(symmetric).max(axis=1))
+    scale[scale == 0.0] = 1.0
+    smallest = float(np.linalg.eigvalsh(symmetric / np.outer(scale, scale))[0])
+    return smallest if smallest < -_ROUNDING else None
+
+
+def _mass(vehicle: Vehicle) -> list[str]:
+    row = matrices.singular_row(vehicle.mass_matrix)
+    if row is not None:
+        return [f"the total mass matrix is singular in row {ROWS[row]}: no motion can be computed with it"]
+    if _negative(vehicle.mass_matrix) is None:
+        return []
+    diagonal = np.diag(vehicle.mass_matrix)
+    rows = ", ".join(f"{ROWS[i]} {diagonal[i]:g}" for i in range(6) if diagonal[i] <= 0.0)
+    where = f"total inertia of {rows}" if rows else "the couplings are too large for the diagonal"
+    return [f"the total mass matrix M_RB + M_A is not positive definite ({where}): motion computed with it is unstable"]
+
+
+def _added_mass(vehicle: Vehicle) -> list[str]:
+    lines = []
+    diagonal = np.diag(vehicle.added_mass_matrix)
+    for i in range(6):
+        if diagonal[i] < 0.0:
+            name = f"{ROWS[i]}_{COLUMNS[i]}dot"
+            lines.append(f"{name} = {-diagonal[i]:+g} is positive: a negative added mass is not physical")
+    if not lines and _negative(vehicle.added_mass_matrix) is not None:
+        lines.append("the added-mass matrix is not positive semidefinite: its couplings are too large for its diagonal")
+    return lines
+
+
+def _damping(vehicle: Vehicle) -> list[str]:
+    linear, quadratic = matrices.damping_matrices({n: c.value for n, c in vehicle.hydrodynamics.items()})
+    lines = []
+    for matrix, suffix in ((linear, 1), (quadratic, 2)):
+        for i in range(6):
+            if matrix[i, i] > 0.0:
+                name = f"{ROWS[i]}_{COLUMNS[i] * suffix}"
+                lines.append(f"{name} = {matrix[i, i]:+g} is positive: this drag feeds energy in")
+    if not any(np.diag(linear) > 0.0) and _negative(-linear) is not None:
+        lines.append(
+            "linear damping can feed energy in: the symmetric part of -L is not positive semidefinite"
+            f" (couplings {', '.join(_couplings(linear))})"
+        )
+    return lines
+
+
+def _couplings(matrix: Array) -> list[str]:
+    return [f"{ROWS[i]}_{COLUMNS[j]}" for i in range(6) for j in range(6) if i != j and matrix[i, j] != 0.0]
+
+
+def _inertia(vehicle: Vehicle) -> list[str]:
+    moments = np.linalg.eigvalsh(vehicle.rigid_body.tensor)
+    text = ", ".join(f"{moment:g}" for moment in moments)
+    if moments[0] <= 0.0:
+        return [f"rigid_body.inertia has the principal moments {text} kg m^2, of which not all are above 0"]
+    if moments[0] + moments[1] < moments[2] * (1.0 - _ROUNDING):
+        return [
+            f"rigid_body.inertia has the principal moments {text} kg m^2"
+            ": no body has one larger than the sum of the others"
+        ]
+    return []
+
+
+def _righting(vehicle: Vehicle) -> list[str]:
+    BG_z = vehicle.restoring_moment[2]
+    if BG_z >= 0.0:
+        return []
+    return [
+        f"BG_z = {BG_z:g} N m/rad is negative: the centre of buoyancy lies below the centre of gravity (z points down)"
+        " and upright is unstable"
+    ]
+
+
+def _net_weight(vehicle: Vehicle) -> list[str]:
+    net, weight = vehicle.weight_minus_buoyancy, vehicle.weight
+    if abs(net) <= _LARGE_NET_WEIGHT * weight:
+        return []
+    way = "sinks" if net > 0.0 else "rises"
+    return [f"W - B = {net:.4g} N is {abs(net) / weight:.0%} of the weight {weight:.4g} N: the vehicle {way} fast"]
+
+
+def _mirrors(vehicle: Vehicle) -> list[str]:
+    values = {name: coefficient.value for name, coefficient in vehicle.hydrodynamics.items()}
+    return [
+        f"{a} = {values[a]:g} and {b} = {values[b]:g} differ: added mass is symmetric, their mean is used"
+        for a, b in matrices.asymmetries(values)
+    ]
+
+
+def _places(vehicle: Vehicle) -> list[str]:
+    return [
+        f'thruster "{thruster.name}": position {list(thruster.position)} m is far away; is it in millimetres?'
+        for thruster in vehicle.thrusters
+        if max(abs(x) for x in thruster.position) > _FAR
+    ]
+
+
+def _curves(vehicle: Vehicle) -> list[str]:
+    """Group equal remarks, so that six equal thrusters give one line."""
+    remarks: dict[str, list[str]] = {}
+    for thruster in vehicle.thrusters:
+        for remark in _curve(thruster.curve):
+            remarks.setdefault(remark, []).append(thruster.name)
+    return [f"thruster {', '.join(names)}: {remark}" for remark, names in remarks.items()]
+
+
+def _curve(curve: Curve) -> list[str]:
+    remarks = []
+    if curve.fitted_range is not None:
+        low, high = curve.fitted_range
+        furthest = np.inf if curve.limits is None else max(abs(limit - curve.rest) for limit in curve.limits)
+        if furthest > high:
+            reach = "any command" if np.isinf(furthest) else f"{furthest:g}"
+            remarks.append(
+                f"the curve was fitted for commands of {low:g} to {high:g} from neutral"
+                f"; up to {reach} it is extrapolated"
+            )
+    if isinstance(curve, PolynomialCurve) and curve.limits is not None and _dips(curve):
+        remarks.append("the polynomial does not rise all the way to its limits; more command then gives less force")
+    return remarks
+
+
+def _dips(curve: PolynomialCurve) -> bool:
+    """Return whether a branch falls back by more than a hundredth of its largest force outside the dead band."""
+    for limit in curve.limits or ():
+        side = 1.0 if limit > curve.rest else -1.0
+        a = np.linspace(curve.dead_band, abs(limit - curve.rest), _SAMPLES)
+        if a[-1] <= a[0]:
+            continue
+        size = np.abs(curve.static(curve.rest + side * a))
+        if np.any(np.maximum.accumulate(size) - size > 0.01 * size.max()):
+            return True
+    return False

@@ -1,0 +1,236 @@
+"""A vehicle: all that the model (8) needs, as one frozen record, and the same as the kernels' vector."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, field_validator, model_validator
+from pydantic_core import PydanticCustomError
+
+from towtank.core.arrays import Array
+from towtank.core.inertia import rigid_body_mass
+from towtank.core.layout import pack_parameters
+from towtank.errors import InputError
+from towtank.vehicle import matrices
+from towtank.vehicle.base import NonNegative, Record, described, misplaced, unknown_key
+from towtank.vehicle.checks import doubts, faults
+from towtank.vehicle.frozen import FrozenDict
+from towtank.vehicle.messages import first_line
+from towtank.vehicle.names import HYDRODYNAMIC, RESTORING, ROWS, index, mirror
+from towtank.vehicle.records import Buoyancy, Coefficient, Provenance, Restoring, RigidBody, Thruster
+
+__all__ = ["Vehicle"]
+
+
+def _name(value: Any) -> str:
+    if not isinstance(value, str) or not value.strip():
+        raise ValueError(f"found {described(value)}, expected a name")
+    return value
+
+
+def _known_coefficients(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        for key in value:
+            if key in RESTORING:
+                raise misplaced(str(key), "unknown key here; it belongs in the table [restoring]")
+            if key not in HYDRODYNAMIC:
+                raise unknown_key(str(key), list(HYDRODYNAMIC))
+    return value
+
+
+_Hydrodynamics = Annotated[dict[str, Coefficient], BeforeValidator(_known_coefficients), AfterValidator(FrozenDict)]
+
+
+class Vehicle(Record):
+    """A vehicle, as its file says it. Frozen; `with_coefficients` makes a changed copy."""
+
+    name: Annotated[str, BeforeValidator(_name)]
+    description: str = ""
+    rigid_body: RigidBody
+    buoyancy: Buoyancy = Buoyancy()
+    restoring: Restoring = Restoring()
+    hydrodynamics: _Hydrodynamics = FrozenDict()
+    thrusters: tuple[Thruster, ...] = ()
+    command_delay: NonNegative = 0.0
+    provenance: Provenance = Provenance()
+
+    @field_validator("hydrodynamics", mode="after")
+    @classmethod
+    def _units(cls, value: dict[str, Coefficient]) -> FrozenDict[str, Coefficient]:
+        completed = {}
+        for name, coefficient in value.items():
+            try:
+                completed[name] = coefficient.with_unit(name)
+            except PydanticCustomError as error:
+                context = error.context or {}
+                raise misplaced(f"{name}.{context['place']}", context["text"]) from None
+        return FrozenDict(completed)
+
+    @field_validator("thrusters", mode="before")
+    @classmethod
+    def _list_of_tables(cls, value: Any) -> Any:
+        if not isinstance(value, list | tuple):
+            raise ValueError(f"found {described(value)}, expected a list of tables; write [[thrusters]]")
+        return value
+
+    @model_validator(mode="after")
+    def _distinct_thrusters(self) -> Vehicle:
+        seen: dict[str, int] = {}
+        for k, thruster in enumerate(self.thrusters):
+            if thruster.name in seen:
+                raise misplaced(
+                    f"thrusters[{k}].name",
+                    f'"{thruster.name}" is already the name of thrusters[{seen[thruster.name]}]'
+                    "; give each thruster its own",
+                )
+            seen[thruster.name] = k
+        return self
+
+    # -- forces of gravity and buoyancy
+
+    @property
+    def weight(self) -> float:
+        """Weight W = m g [N], g = 9.81 m/s^2."""
+        return self.rigid_body.mass * matrices.GRAVITY
+
+    @property
+    def buoyant_force(self) -> float:
+        """Buoyant force B [N] of the table [buoyancy]; equal to the weight where it is not given."""
+        return self.weight if self.buoyancy.force is None else self.buoyancy.force
+
+    @property
+    def weight_minus_buoyancy(self) -> float:
+        """W - B [N] in effect."""
+        measured = self.restoring.W_minus_B
+        return self.weight - self.buoyant_force if measured is None else measured.value
+
+    @property
+    def restoring_moment(self) -> tuple[float, float, float]:
+        """(BG_x, BG_y, BG_z) = r_G W - r_B B [N m/rad] in effect."""
+        measured = (self.restoring.BG_x, self.restoring.BG_y, self.restoring.BG_z)
+        r_G, r_B = self.rigid_body.centre_of_gravity, self.buoyancy.centre
+        x, y, z = (
+            r_G[k] * self.weight - r_B[k] * self.buoyant_force if measured[k] is None else measured[k].value  # type: ignore[union-attr]
+            for k in range(3)
+        )
+        return x, y, z
+
+    # -- matrices
+
+    @cached_property
+    def _values(self) -> dict[str, float]:
+        return {name: coefficient.value for name, coefficient in self.hydrodynamics.items()}
+
+    @cached_property
+    def rigid_body_matrix(self) -> Array:
+        """M_RB (6, 6) about the body origin [kg, kg m, kg m^2], read-only."""
+        body = self.rigid_body
+        return _read_only(rigid_body_mass(body.mass, np.array(body.centre_of_gravity), body.tensor))
+
+    @cached_property
+    def added_mass_matrix(self) -> Array:
+        """M_A (6, 6), symmetric, read-only."""
+        return _read_only(matrices.added_mass_matrix(self._values))
+
+    @cached_property
+    def mass_matrix(self) -> Array:
+        """Total mass matrix M = M_RB + M_A (6, 6), symmetric, read-only."""
+        return _read_only(self.rigid_body_matrix + self.added_mass_matrix)
+
+    @cached_property
+    def parameters(self) -> Array:
+        """The kernels' vector (154,), read-only; see `towtank.core.layout`.
+
+        Raises:
+            InputError: the total mass matrix is singular.
+        """
+        row = matrices.singular_row(self.mass_matrix)
+        if row is not None:
+            raise InputError(
+                f"{self.name}: the total mass matrix is singular in row {ROWS[row]}, so no motion can be computed"
+                "; give rigid_body.inertia or the added mass of that axis a value above 0"
+            )
+        linear, quadratic = matrices.damping_matrices(self._values)
+        moment = np.array(self.restoring_moment)
+        constant = matrices.constant_wrench(self._values)
+        weight = self.weight_minus_buoyancy
+        return _read_only(pack_parameters(self.mass_matrix, linear, quadratic, weight, moment, constant))
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What is not physical or doubtful about this vehicle, one line each; empty where all is well."""
+        return faults(self) + doubts(self)
+
+    # -- coefficients by name
+
+    def coefficient(self, name: str) -> float:
+        """Return the value in effect of a coefficient, 0 where it is absent. Raises InputError for an unknown name."""
+        kind, axis, _ = index(name)
+        if kind == "weight":
+            return self.weight_minus_buoyancy
+        if kind == "moment":
+            return self.restoring_moment[axis]
+        return matrices.effective(self._values, name)
+
+    def with_coefficients(
+        self, changes: Mapping[str, Coefficient | float], *, provenance: Provenance | None = None
+    ) -> Vehicle:
+        """Return a copy with some coefficients replaced or added (W_minus_B and BG_x, BG_y, BG_z too).
+
+        An added mass replaces its mirrored name as well, unless both are in `changes`.
+
+        Raises:
+            InputError: an unknown name, or a value that is not a finite number in SI.
+        """
+        hydrodynamics = dict(self.hydrodynamics)
+        restoring: dict[str, Coefficient | None] = {name: getattr(self.restoring, name) for name in RESTORING}
+        for name, change in changes.items():
+            kind, _, _ = index(name)
+            try:
+                coefficient = Coefficient.model_validate(change).with_unit(name)
+            except ValueError as error:
+                raise InputError(f"{name}: {first_line(error)}") from error
+            if name in RESTORING:
+                restoring[name] = coefficient
+                continue
+            if kind == "mass" and mirror(name) not in changes:
+                hydrodynamics.pop(mirror(name), None)
+            hydrodynamics[name] = coefficient
+        update: dict[str, Any] = {"hydrodynamics": hydrodynamics, "restoring": Restoring(**restoring)}
+        if provenance is not None:
+            update["provenance"] = provenance
+        return self.model_copy(update=update)
+
+    # -- equality, copies and pickles know the fields only, not the cached arrays
+
+    def _fields(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in type(self).model_fields}
+
+    def __eq__(self, other: object) -> bool:
+        return self._fields() == other._fields() if isinstance(other, Vehicle) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(tuple(self._fields().values()))
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Vehicle:
+        """Return a validated copy with some fields replaced."""
+        return type(self)(**{**self._fields(), **(update or {})})
+
+    def __copy__(self) -> Vehicle:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any] | None = None) -> Vehicle:
+        return self
+
+    def __getstate__(self) -> dict[Any, Any]:
+        state = dict(super().__getstate__())
+        state["__dict__"] = self._fields()
+        return state
+
+
+def _read_only(array: Array) -> Array:
+    array.setflags(write=False)
+    return array
