@@ -7,7 +7,7 @@ import pytest
 
 from towtank.core.current import current_in_body
 from towtank.core.dynamics import forward_dynamics
-from towtank.core.rk4 import LANES, N_STATES, simulate_final, simulate_run, step_into
+from towtank.core.rk4 import LANES, N_STATES, is_coupled, simulate_final, simulate_run, step_into
 
 from .independent import Body, body, pose_difference, quaternion, state
 from .proof import sized
@@ -134,10 +134,28 @@ def test_each_lane_of_a_step_is_its_own_vehicle() -> None:
     tau = np.ascontiguousarray(
         np.stack([smooth(np.array([0.0, 0.5, 1.0]) + i) for i in range(lanes)], axis=2)
     )
-    step_into(p, x, tau, STILL, dt, np.empty((3, N_STATES, lanes)))
+    step_into(p, x, tau, STILL, dt, np.empty((3, N_STATES, lanes)), True)
     for i in range(lanes):
         single = simulate_run(bodies[i].p, starts[i], tau[None, :, :, i].copy(), dt, STILL)[-1]
         assert np.abs(x[:, i] - single).max() < 1e-13
+
+
+def test_the_short_form_for_diagonal_matrices_is_the_full_one() -> None:
+    b = body(60)
+    p = b.p.copy()
+    for block in (slice(0, 36), slice(72, 108), slice(108, 144)):
+        p[block] *= np.eye(6).ravel()
+    p[36:72] = np.linalg.inv(p[:36].reshape(6, 6)).ravel()
+    columns = np.ascontiguousarray(p[:, None])
+    assert not is_coupled(columns)
+    assert is_coupled(np.ascontiguousarray(b.p[:, None]))
+    tau = np.ascontiguousarray(smooth(np.array([0.0, 0.5, 1.0]))[:, :, None])
+    ends = []
+    for coupled in (False, True):
+        x = np.ascontiguousarray(state(ETA0, NU0)[:, None])
+        step_into(columns, x, tau, STILL, 0.05, np.empty((3, N_STATES, 1)), coupled)
+        ends.append(x)
+    assert np.abs(ends[0] - ends[1]).max() < 1e-14
 
 
 def test_quaternion_of_either_sign_gives_the_same_motion() -> None:

@@ -14,16 +14,17 @@ import numpy as np
 from scipy.signal import lfilter
 
 from towtank.core.arrays import Array
-from towtank.identification.axes import AXES
 from towtank.identification.chain import Sources
 from towtank.identification.delay import DelayScan, scan_delay
 from towtank.recording import Grid
 
-__all__ = ["FirstLook", "first_look", "velocities"]
+__all__ = ["DRIVEN", "FirstLook", "first_look", "velocities"]
 
 _FILTER = 8.0  # 1/s
+_EXTRA = 12.0  # 1/s, two more poles where speed is derived from the pose
+_CUT = 7.0  # times the median deviation from the running mean
 _LONGEST = 0.4  # s
-_DRIVEN = 0.05  # share explained from which an axis counts as driven
+DRIVEN = 0.3  # share explained from which an axis counts as driven
 _MOST_ROWS = 60_000
 _FEW = 50
 
@@ -55,8 +56,23 @@ def velocities(grid: Grid) -> Array:
         ]
     )
     derived = np.hstack([_into_body(grid, rates[:, :3]), turning])
-    found[:, absent] = derived[:, absent]
+    for i in np.flatnonzero(absent):
+        found[:, i] = _without_jumps(derived[:, i], grid.dt)
     return found
+
+
+def _without_jumps(speed: Array, dt: float) -> Array:
+    """Return a derived speed (n,) with the spikes that a jump of the pose makes put on its running mean."""
+    finite = np.isfinite(speed)
+    if finite.sum() < _FEW:
+        return speed
+    rows = np.arange(speed.size)
+    whole = np.interp(rows, rows[finite], speed[finite])
+    limit = _CUT * float(np.median(np.abs(whole - _smooth(whole, dt, _EXTRA))))
+    for _ in range(2):
+        mean = _smooth(whole, dt, _EXTRA)
+        whole = np.clip(whole, mean - limit, mean + limit)
+    return np.where(finite, whole, np.nan)
 
 
 def _into_body(grid: Grid, world: Array) -> Array:
@@ -70,7 +86,8 @@ def first_look(grid: Grid) -> FirstLook:
     sources = Sources.of(grid.pose, grid.velocity, grid.acceleration)
     nu = velocities(grid)[:_MOST_ROWS]
     axes = [i for i in range(6) if np.isfinite(nu[:, i]).sum() > _FEW]
-    filtered = {i: _Axis.of(nu[:, i], grid.dt) for i in axes}
+    extra = 2 if "derived" in sources.velocity else 0
+    filtered = {i: _Axis.of(nu[:, i], grid.dt, extra) for i in axes}
     n = nu.shape[0]
 
     def regressors(delay: float) -> Array:
@@ -79,7 +96,7 @@ def first_look(grid: Grid) -> FirstLook:
         away = np.nan_to_num(means - np.nanmedian(means, axis=0))
         size = np.abs(away).max(axis=0)
         away = away[:, size > 0.0] / size[size > 0.0]
-        return _smooth(np.hstack([away, away * np.abs(away)]), grid.dt)
+        return _passed(np.hstack([away, away * np.abs(away)]), grid.dt, extra)
 
     def cost(delay: float) -> float:
         inputs = regressors(delay)
@@ -87,7 +104,7 @@ def first_look(grid: Grid) -> FirstLook:
 
     still = regressors(0.0)
     explained = [filtered[i].explained(still) if i in filtered else float("nan") for i in range(6)]
-    filtered = {i: axis for i, axis in filtered.items() if explained[i] > _DRIVEN}
+    filtered = {i: axis for i, axis in filtered.items() if explained[i] > DRIVEN}
     if not filtered or not still.shape[1]:
         return FirstLook(None, tuple(explained), sources)
     scan = scan_delay(cost, _LONGEST)
@@ -97,9 +114,16 @@ def first_look(grid: Grid) -> FirstLook:
     return FirstLook(scan, tuple(explained), sources)
 
 
-def _smooth(x: Array, dt: float) -> Array:
-    """Pass the columns of x (n, k) through a / (s + a), from rest at the first row."""
-    keep = np.exp(-_FILTER * dt)
+def _passed(x: Array, dt: float, extra: int) -> Array:
+    """Pass x (n,) or its columns (n, k) through all filters."""
+    for _ in range(extra):
+        x = _smooth(x, dt, _EXTRA)
+    return _smooth(x, dt)
+
+
+def _smooth(x: Array, dt: float, a: float = _FILTER) -> Array:
+    """Pass x (n,) or its columns (n, k) through a / (s + a), from rest at the first row."""
+    keep = np.exp(-a * dt)
     start = keep * x[:1] if x.ndim == 2 else keep * x[0]
     smooth, _ = lfilter([1.0 - keep], [1.0, -keep], x, axis=0, zi=np.atleast_1d(start))
     return np.asarray(smooth)
@@ -107,22 +131,29 @@ def _smooth(x: Array, dt: float) -> Array:
 
 @dataclass(frozen=True)
 class _Axis:
-    """One axis: filtered acceleration (n-1,) and what the speed says about it (n-1, 3), rows without gaps."""
+    """One axis, one row for each step of the grid.
+
+    Attributes:
+        acceleration: filtered, over the step (n-1,). speed: what drag may depend on, at its start (n-1, 3).
+        known: False in gaps and while the filters settle (n-1,).
+    """
 
     acceleration: Array
     speed: Array
     known: Array
 
     @classmethod
-    def of(cls, speed: Array, dt: float) -> _Axis:
+    def of(cls, speed: Array, dt: float, extra: int) -> _Axis:
         finite = np.isfinite(speed)
         rows = np.arange(speed.size)
         whole = np.interp(rows, rows[finite], speed[finite])
+        for _ in range(extra):
+            whole = _smooth(whole, dt, _EXTRA)
         smooth = _smooth(whole, dt)
         acceleration = _FILTER * (whole - smooth)
         columns = np.column_stack([smooth, _smooth(whole * np.abs(whole), dt), np.ones(speed.size)])
         settled = rows > 3.0 / (_FILTER * dt)
-        return cls(acceleration[:-1], columns[:-1], (finite[:-1] & finite[1:] & settled[:-1]))
+        return cls(acceleration[1:], columns[:-1], finite[:-1] & finite[1:] & settled[:-1])
 
     @property
     def rows(self) -> int:
@@ -144,8 +175,3 @@ class _Axis:
 def _left(columns: Array, y: Array) -> float:
     theta, *_ = np.linalg.lstsq(columns, y, rcond=None)
     return max(float(np.sum((y - columns @ theta) ** 2)), 1e-300)
-
-
-def axis_names() -> tuple[str, ...]:
-    """Return surge .. yaw."""
-    return tuple(axis.name for axis in AXES)

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from towtank.app.channel_facts import ChannelFacts, channel_facts
-from towtank.app.first_look import first_look
+from towtank.app.first_look import DRIVEN, first_look
 from towtank.app.output import Teller
 from towtank.app.repairs_text import learning_warnings
 from towtank.identification.axes import AXES
@@ -17,8 +17,6 @@ from towtank.recording import Grid, Recording, align, bind_thrusters
 from towtank.vehicle import Vehicle
 
 __all__ = ["AxisVerdict", "Inspection", "inspect_recording"]
-
-_DRIVEN = 0.05
 
 
 @dataclass(frozen=True)
@@ -114,8 +112,8 @@ def _no(velocity: str, source: str, reason: str, explained: float | None = None)
 def _by_explained(velocity: str, source: str, share: float) -> AxisVerdict:
     if source == "absent" or not share == share:  # NaN: nothing to look at
         return _no(velocity, source, f"{velocity} is not measured and there is no pose to derive it from")
-    if share < _DRIVEN:
-        return _no(velocity, source, f"does not follow the inputs: they explain {share:.0%} of its acceleration", share)
+    if share < DRIVEN:
+        return _no(velocity, source, f"hardly follows the inputs: they explain {share:.0%} of its acceleration", share)
     return AxisVerdict(velocity, source, True, None, share, {})
 
 

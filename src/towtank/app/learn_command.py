@@ -1,1 +1,127 @@
-def learn() -> None: ...
+"""`towtank learn`: a model from logs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from towtank.app.arguments import Json, Map, Report, Window, WindowText, no_report, output_place, positive
+from towtank.errors import InputError, nearest
+
+if TYPE_CHECKING:
+    from towtank.vehicle import Vehicle
+
+__all__ = ["learn"]
+
+_METHODS = ("paper", "joint", "output-error")
+
+
+def learn(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG", help="Log files, .csv or .parquet.")],
+    vehicle: Annotated[
+        str,
+        typer.Option(
+            "--vehicle", metavar="VEHICLE", help="Catalog name or file: body, thrusters, coefficients to keep."
+        ),
+    ],
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method",
+            metavar="METHOD",
+            help='"paper": recursive least squares on filtered regressors, one axis after the other. "joint" and '
+            '"output-error" are not in this version yet.',
+        ),
+    ] = "paper",
+    free: Annotated[
+        str | None,
+        typer.Option("--free", metavar="NAME,...", help="Learn these coefficients only, as X_udot,X_uu; hold the rest."),
+    ] = None,
+    window: WindowText = None,
+    mapping: Map = None,
+    model_file: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="MODEL.toml", help="Vehicle file to write.")
+    ] = None,
+    delay: Annotated[
+        float | None,
+        typer.Option("--delay", metavar="S", help="From command to thruster, in seconds; default: found by scanning."),
+    ] = None,
+    report: Report = None,
+    prior: Annotated[
+        str | None, typer.Option("--prior", metavar="VEHICLE", help="Coefficients to start from; not in this version yet.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Learn a model from one or several logs.
+
+    Each coefficient comes with its standard deviation, or with the reason why these logs cannot tell it.
+
+    \b
+    Example:
+      towtank learn surge.csv --vehicle vlbv300 -o learned.toml
+    """
+    _only_paper(method, prior)
+    no_report(report)
+    stretch = Window.parse(window)
+    output_place("--output", model_file, (".toml",))
+    positive("--delay", delay, zero=True)
+    wanted = _names(free)
+
+    from towtank.app.learn_report import learn_document, show_learning
+    from towtank.app.output import Output
+    from towtank.app.repairs_text import learning_warnings
+    from towtank.app.sources import cut, read_logs, read_vehicle
+    from towtank.identification.logs import learn_recordings
+    from towtank.validation import validate
+    from towtank.vehicle import save_vehicle
+
+    output = Output(json=json)
+    with output.progress("learning") as tell:
+        known = read_vehicle(vehicle, output)
+        recordings = cut(read_logs(logs, mapping, tell), stretch)
+        learning = learn_recordings(known, recordings, free=wanted, delay=delay, progress=tell)
+        model = _with_provenance(learning.model, logs, method, learning.delay, learning.estimate.duration)
+        fit = validate(model, recordings, progress=tell).fit
+        if model_file is not None:
+            save_vehicle(model, model_file)
+    warnings = [*output.warnings, *learning_warnings(learning, recordings)]
+    show_learning(learning, fit, logs, warnings, output)
+    if model_file is not None:
+        output.line(f"model written to {model_file}")
+    output.line()
+    judge = f"towtank validate {model_file or 'MODEL.toml'} ANOTHER_LOG" + (f" --map {mapping}" if mapping else "")
+    output.line(f"Next: {judge}" if model_file else f"Next: the same with -o MODEL.toml, then {judge}", "dim")
+    output.document(
+        {"vehicle": known.name, "logs": logs, "method": method, **learn_document(learning, fit, warnings)}
+    )
+
+
+def _only_paper(method: str, prior: str | None) -> None:
+    """Raise InputError for what this version does not offer."""
+    if method not in _METHODS:
+        raise InputError(f'--method: found "{method}", expected "paper"{nearest(method, ["paper"])}')
+    if method != "paper":
+        raise InputError(f'--method {method}: this version offers "paper" only; use --method paper or leave it out')
+    if prior is not None:
+        raise InputError(f'--prior {prior}: this version offers "paper" only, which starts from --vehicle; leave it out')
+
+
+def _names(text: str | None) -> tuple[str, ...] | None:
+    if text is None:
+        return None
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    if not names:
+        raise InputError(f'--free: found "{text}", expected names of coefficients, as X_udot,X_uu')
+    return names
+
+
+def _with_provenance(model: Vehicle, logs: list[Path], method: str, delay: float, duration: float) -> Vehicle:
+    """Return the model with the names of the logs it was learned from."""
+    from towtank.vehicle import Provenance
+
+    names = ", ".join(log.name for log in logs)
+    note = f"learned from {names} ({duration:.5g} s), method {method}, delay {1e3 * delay:.3g} ms"
+    kept = model.provenance
+    return model.model_copy(update={"provenance": Provenance(source=kept.source, notes=(*kept.notes, note))})

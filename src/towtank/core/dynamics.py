@@ -52,7 +52,7 @@ def forward_dynamics(p: Array, q: Array, nu: Array, tau: Array) -> Array:
         for j in range(6):
             x[7 + j, 0] = nu[i, j]
             wrench[j, 0] = tau[i, j]
-        stage_into(parameters, x, wrench, current, rate)
+        stage_into(parameters, x, wrench, current, rate, True)
         for j in range(6):
             out[i, j] = rate[7 + j, 0]
     return out

@@ -31,7 +31,7 @@ from towtank.core.layout import (
     N_PARAMETERS,
 )
 
-__all__ = ["LANES", "N_STATES", "simulate_final", "simulate_run", "step_into"]
+__all__ = ["LANES", "N_STATES", "is_coupled", "simulate_final", "simulate_run", "stage_into", "step_into"]
 
 N_STATES = 13
 LANES = 16
@@ -41,13 +41,14 @@ _W, _B, _0 = I_WEIGHT, I_MOMENT, I_CONSTANT
 
 
 @inlined_kernel
-def stage_into(p: Array, x: Array, tau: Array, current: Array, rate: Array) -> None:
+def stage_into(p: Array, x: Array, tau: Array, current: Array, rate: Array, coupled: bool) -> None:
     """Write the time derivative of the states `x` (13, lanes) into `rate` (13, lanes).
 
     Args:
         p: kernel parameters (154, lanes), see `towtank.core.layout`.
         tau: wrench (6, lanes) [N, N m], body FRD.
         current: water velocity (3,) [m/s], NED.
+        coupled: False where every matrix is diagonal (`is_coupled`), which takes half the time.
     """
     for k in range(x.shape[1]):
         qw, qx, qy, qz = x[3, k], x[4, k], x[5, k], x[6, k]
@@ -72,39 +73,48 @@ def stage_into(p: Array, x: Array, tau: Array, current: Array, rate: Array) -> N
         rate[6, k] = 0.5 * (qw * r + qx * q - qy * pp)
 
         # Momentum h = M nu.
-        h0 = p[_M, k] * u + p[_M + 1, k] * v + p[_M + 2, k] * w
-        h0 += p[_M + 3, k] * pp + p[_M + 4, k] * q + p[_M + 5, k] * r
-        h1 = p[_M + 6, k] * u + p[_M + 7, k] * v + p[_M + 8, k] * w
-        h1 += p[_M + 9, k] * pp + p[_M + 10, k] * q + p[_M + 11, k] * r
-        h2 = p[_M + 12, k] * u + p[_M + 13, k] * v + p[_M + 14, k] * w
-        h2 += p[_M + 15, k] * pp + p[_M + 16, k] * q + p[_M + 17, k] * r
-        h3 = p[_M + 18, k] * u + p[_M + 19, k] * v + p[_M + 20, k] * w
-        h3 += p[_M + 21, k] * pp + p[_M + 22, k] * q + p[_M + 23, k] * r
-        h4 = p[_M + 24, k] * u + p[_M + 25, k] * v + p[_M + 26, k] * w
-        h4 += p[_M + 27, k] * pp + p[_M + 28, k] * q + p[_M + 29, k] * r
-        h5 = p[_M + 30, k] * u + p[_M + 31, k] * v + p[_M + 32, k] * w
-        h5 += p[_M + 33, k] * pp + p[_M + 34, k] * q + p[_M + 35, k] * r
+        if coupled:
+            h0 = p[_M, k] * u + p[_M + 1, k] * v + p[_M + 2, k] * w
+            h0 += p[_M + 3, k] * pp + p[_M + 4, k] * q + p[_M + 5, k] * r
+            h1 = p[_M + 6, k] * u + p[_M + 7, k] * v + p[_M + 8, k] * w
+            h1 += p[_M + 9, k] * pp + p[_M + 10, k] * q + p[_M + 11, k] * r
+            h2 = p[_M + 12, k] * u + p[_M + 13, k] * v + p[_M + 14, k] * w
+            h2 += p[_M + 15, k] * pp + p[_M + 16, k] * q + p[_M + 17, k] * r
+            h3 = p[_M + 18, k] * u + p[_M + 19, k] * v + p[_M + 20, k] * w
+            h3 += p[_M + 21, k] * pp + p[_M + 22, k] * q + p[_M + 23, k] * r
+            h4 = p[_M + 24, k] * u + p[_M + 25, k] * v + p[_M + 26, k] * w
+            h4 += p[_M + 27, k] * pp + p[_M + 28, k] * q + p[_M + 29, k] * r
+            h5 = p[_M + 30, k] * u + p[_M + 31, k] * v + p[_M + 32, k] * w
+            h5 += p[_M + 33, k] * pp + p[_M + 34, k] * q + p[_M + 35, k] * r
+        else:
+            h0, h1, h2 = p[_M, k] * u, p[_M + 7, k] * v, p[_M + 14, k] * w
+            h3, h4, h5 = p[_M + 21, k] * pp, p[_M + 28, k] * q, p[_M + 35, k] * r
 
         # Damping: L + Q |nu| column by column, so that each column is scaled once.
         au, av, aw, ap, aq, ar = math.fabs(u), math.fabs(v), math.fabs(w), math.fabs(pp), math.fabs(q), math.fabs(r)
-        d0 = (p[_L, k] + p[_Q, k] * au) * u + (p[_L + 1, k] + p[_Q + 1, k] * av) * v
-        d0 += (p[_L + 2, k] + p[_Q + 2, k] * aw) * w + (p[_L + 3, k] + p[_Q + 3, k] * ap) * pp
-        d0 += (p[_L + 4, k] + p[_Q + 4, k] * aq) * q + (p[_L + 5, k] + p[_Q + 5, k] * ar) * r
-        d1 = (p[_L + 6, k] + p[_Q + 6, k] * au) * u + (p[_L + 7, k] + p[_Q + 7, k] * av) * v
-        d1 += (p[_L + 8, k] + p[_Q + 8, k] * aw) * w + (p[_L + 9, k] + p[_Q + 9, k] * ap) * pp
-        d1 += (p[_L + 10, k] + p[_Q + 10, k] * aq) * q + (p[_L + 11, k] + p[_Q + 11, k] * ar) * r
-        d2 = (p[_L + 12, k] + p[_Q + 12, k] * au) * u + (p[_L + 13, k] + p[_Q + 13, k] * av) * v
-        d2 += (p[_L + 14, k] + p[_Q + 14, k] * aw) * w + (p[_L + 15, k] + p[_Q + 15, k] * ap) * pp
-        d2 += (p[_L + 16, k] + p[_Q + 16, k] * aq) * q + (p[_L + 17, k] + p[_Q + 17, k] * ar) * r
-        d3 = (p[_L + 18, k] + p[_Q + 18, k] * au) * u + (p[_L + 19, k] + p[_Q + 19, k] * av) * v
-        d3 += (p[_L + 20, k] + p[_Q + 20, k] * aw) * w + (p[_L + 21, k] + p[_Q + 21, k] * ap) * pp
-        d3 += (p[_L + 22, k] + p[_Q + 22, k] * aq) * q + (p[_L + 23, k] + p[_Q + 23, k] * ar) * r
-        d4 = (p[_L + 24, k] + p[_Q + 24, k] * au) * u + (p[_L + 25, k] + p[_Q + 25, k] * av) * v
-        d4 += (p[_L + 26, k] + p[_Q + 26, k] * aw) * w + (p[_L + 27, k] + p[_Q + 27, k] * ap) * pp
-        d4 += (p[_L + 28, k] + p[_Q + 28, k] * aq) * q + (p[_L + 29, k] + p[_Q + 29, k] * ar) * r
-        d5 = (p[_L + 30, k] + p[_Q + 30, k] * au) * u + (p[_L + 31, k] + p[_Q + 31, k] * av) * v
-        d5 += (p[_L + 32, k] + p[_Q + 32, k] * aw) * w + (p[_L + 33, k] + p[_Q + 33, k] * ap) * pp
-        d5 += (p[_L + 34, k] + p[_Q + 34, k] * aq) * q + (p[_L + 35, k] + p[_Q + 35, k] * ar) * r
+        if coupled:
+            d0 = (p[_L, k] + p[_Q, k] * au) * u + (p[_L + 1, k] + p[_Q + 1, k] * av) * v
+            d0 += (p[_L + 2, k] + p[_Q + 2, k] * aw) * w + (p[_L + 3, k] + p[_Q + 3, k] * ap) * pp
+            d0 += (p[_L + 4, k] + p[_Q + 4, k] * aq) * q + (p[_L + 5, k] + p[_Q + 5, k] * ar) * r
+            d1 = (p[_L + 6, k] + p[_Q + 6, k] * au) * u + (p[_L + 7, k] + p[_Q + 7, k] * av) * v
+            d1 += (p[_L + 8, k] + p[_Q + 8, k] * aw) * w + (p[_L + 9, k] + p[_Q + 9, k] * ap) * pp
+            d1 += (p[_L + 10, k] + p[_Q + 10, k] * aq) * q + (p[_L + 11, k] + p[_Q + 11, k] * ar) * r
+            d2 = (p[_L + 12, k] + p[_Q + 12, k] * au) * u + (p[_L + 13, k] + p[_Q + 13, k] * av) * v
+            d2 += (p[_L + 14, k] + p[_Q + 14, k] * aw) * w + (p[_L + 15, k] + p[_Q + 15, k] * ap) * pp
+            d2 += (p[_L + 16, k] + p[_Q + 16, k] * aq) * q + (p[_L + 17, k] + p[_Q + 17, k] * ar) * r
+            d3 = (p[_L + 18, k] + p[_Q + 18, k] * au) * u + (p[_L + 19, k] + p[_Q + 19, k] * av) * v
+            d3 += (p[_L + 20, k] + p[_Q + 20, k] * aw) * w + (p[_L + 21, k] + p[_Q + 21, k] * ap) * pp
+            d3 += (p[_L + 22, k] + p[_Q + 22, k] * aq) * q + (p[_L + 23, k] + p[_Q + 23, k] * ar) * r
+            d4 = (p[_L + 24, k] + p[_Q + 24, k] * au) * u + (p[_L + 25, k] + p[_Q + 25, k] * av) * v
+            d4 += (p[_L + 26, k] + p[_Q + 26, k] * aw) * w + (p[_L + 27, k] + p[_Q + 27, k] * ap) * pp
+            d4 += (p[_L + 28, k] + p[_Q + 28, k] * aq) * q + (p[_L + 29, k] + p[_Q + 29, k] * ar) * r
+            d5 = (p[_L + 30, k] + p[_Q + 30, k] * au) * u + (p[_L + 31, k] + p[_Q + 31, k] * av) * v
+            d5 += (p[_L + 32, k] + p[_Q + 32, k] * aw) * w + (p[_L + 33, k] + p[_Q + 33, k] * ap) * pp
+            d5 += (p[_L + 34, k] + p[_Q + 34, k] * aq) * q + (p[_L + 35, k] + p[_Q + 35, k] * ar) * r
+        else:
+            d0, d1 = (p[_L, k] + p[_Q, k] * au) * u, (p[_L + 7, k] + p[_Q + 7, k] * av) * v
+            d2, d3 = (p[_L + 14, k] + p[_Q + 14, k] * aw) * w, (p[_L + 21, k] + p[_Q + 21, k] * ap) * pp
+            d4, d5 = (p[_L + 28, k] + p[_Q + 28, k] * aq) * q, (p[_L + 35, k] + p[_Q + 35, k] * ar) * r
 
         # Net wrench: tau + constant - C(nu) nu + damping - g.  -C(nu) nu = -[omega x h1 ; v x h1 + omega x h2];
         # -g = [(W - B) k ; b x k].
@@ -117,18 +127,22 @@ def stage_into(p: Array, x: Array, tau: Array, current: Array, rate: Array) -> N
         f4 = tau[4, k] + p[_0 + 4, k] - (w * h0 - u * h2 + r * h3 - pp * h5) + d4 + bz * kx - bx * kz
         f5 = tau[5, k] + p[_0 + 5, k] - (u * h1 - v * h0 + pp * h4 - q * h3) + d5 + bx * ky - by * kx
 
-        a0 = p[_V, k] * f0 + p[_V + 1, k] * f1 + p[_V + 2, k] * f2
-        a0 += p[_V + 3, k] * f3 + p[_V + 4, k] * f4 + p[_V + 5, k] * f5
-        a1 = p[_V + 6, k] * f0 + p[_V + 7, k] * f1 + p[_V + 8, k] * f2
-        a1 += p[_V + 9, k] * f3 + p[_V + 10, k] * f4 + p[_V + 11, k] * f5
-        a2 = p[_V + 12, k] * f0 + p[_V + 13, k] * f1 + p[_V + 14, k] * f2
-        a2 += p[_V + 15, k] * f3 + p[_V + 16, k] * f4 + p[_V + 17, k] * f5
-        a3 = p[_V + 18, k] * f0 + p[_V + 19, k] * f1 + p[_V + 20, k] * f2
-        a3 += p[_V + 21, k] * f3 + p[_V + 22, k] * f4 + p[_V + 23, k] * f5
-        a4 = p[_V + 24, k] * f0 + p[_V + 25, k] * f1 + p[_V + 26, k] * f2
-        a4 += p[_V + 27, k] * f3 + p[_V + 28, k] * f4 + p[_V + 29, k] * f5
-        a5 = p[_V + 30, k] * f0 + p[_V + 31, k] * f1 + p[_V + 32, k] * f2
-        a5 += p[_V + 33, k] * f3 + p[_V + 34, k] * f4 + p[_V + 35, k] * f5
+        if coupled:
+            a0 = p[_V, k] * f0 + p[_V + 1, k] * f1 + p[_V + 2, k] * f2
+            a0 += p[_V + 3, k] * f3 + p[_V + 4, k] * f4 + p[_V + 5, k] * f5
+            a1 = p[_V + 6, k] * f0 + p[_V + 7, k] * f1 + p[_V + 8, k] * f2
+            a1 += p[_V + 9, k] * f3 + p[_V + 10, k] * f4 + p[_V + 11, k] * f5
+            a2 = p[_V + 12, k] * f0 + p[_V + 13, k] * f1 + p[_V + 14, k] * f2
+            a2 += p[_V + 15, k] * f3 + p[_V + 16, k] * f4 + p[_V + 17, k] * f5
+            a3 = p[_V + 18, k] * f0 + p[_V + 19, k] * f1 + p[_V + 20, k] * f2
+            a3 += p[_V + 21, k] * f3 + p[_V + 22, k] * f4 + p[_V + 23, k] * f5
+            a4 = p[_V + 24, k] * f0 + p[_V + 25, k] * f1 + p[_V + 26, k] * f2
+            a4 += p[_V + 27, k] * f3 + p[_V + 28, k] * f4 + p[_V + 29, k] * f5
+            a5 = p[_V + 30, k] * f0 + p[_V + 31, k] * f1 + p[_V + 32, k] * f2
+            a5 += p[_V + 33, k] * f3 + p[_V + 34, k] * f4 + p[_V + 35, k] * f5
+        else:
+            a0, a1, a2 = p[_V, k] * f0, p[_V + 7, k] * f1, p[_V + 14, k] * f2
+            a3, a4, a5 = p[_V + 21, k] * f3, p[_V + 28, k] * f4, p[_V + 35, k] * f5
         rate[7, k] = a0
         rate[8, k] = a1
         rate[9, k] = a2
@@ -137,8 +151,20 @@ def stage_into(p: Array, x: Array, tau: Array, current: Array, rate: Array) -> N
         rate[12, k] = a5
 
 
+@kernel
+def is_coupled(p: Array) -> bool:
+    """Whether the mass or a damping matrix of any lane of `p` (154, lanes) has an element off its diagonal."""
+    for start in (_M, _L, _Q):
+        for i in range(6):
+            for j in range(6):
+                for k in range(p.shape[1]):
+                    if i != j and p[start + 6 * i + j, k] != 0.0:
+                        return True
+    return False
+
+
 @inlined_kernel
-def step_into(p: Array, x: Array, tau: Array, current: Array, dt: float, work: Array) -> None:
+def step_into(p: Array, x: Array, tau: Array, current: Array, dt: float, work: Array, coupled: bool) -> None:
     """Advance the states `x` (13, lanes) by one step of `dt` seconds, in place.
 
     Args:
@@ -146,6 +172,7 @@ def step_into(p: Array, x: Array, tau: Array, current: Array, dt: float, work: A
         tau: wrench (3, 6, lanes) at the start, the middle and the end of the step.
         current: water velocity (3,), NED.
         work: scratch (3, 13, lanes).
+        coupled: as `stage_into`.
     """
     rate, trial, total = work[0], work[1], work[2]
     for i in range(N_STATES):
@@ -153,7 +180,10 @@ def step_into(p: Array, x: Array, tau: Array, current: Array, dt: float, work: A
             trial[i, k] = x[i, k]
             total[i, k] = x[i, k]
     for stage in range(4):
-        stage_into(p, trial, tau[(stage + 1) // 2], current, rate)
+        if coupled:
+            stage_into(p, trial, tau[(stage + 1) // 2], current, rate, True)
+        else:
+            stage_into(p, trial, tau[(stage + 1) // 2], current, rate, False)
         weight = dt / 6.0 if stage == 0 or stage == 3 else dt / 3.0
         ahead = dt if stage == 2 else 0.5 * dt
         for i in range(N_STATES):
@@ -212,6 +242,7 @@ def simulate_run(p: Array, state0: Array, tau: Array, dt: float, current: Array)
         x[j, 0] = state0[j]
     out = np.empty((n + 1, N_STATES))
     out[0] = state0
+    coupled = is_coupled(parameters)
     still = current[0] == 0.0 and current[1] == 0.0 and current[2] == 0.0
     if not still:
         _add_current(x, 0, current, -1.0)
@@ -220,7 +251,7 @@ def simulate_run(p: Array, state0: Array, tau: Array, dt: float, current: Array)
             wrench[0, j, 0] = tau[i, 0, j]
             wrench[1, j, 0] = tau[i, s // 2, j]
             wrench[2, j, 0] = tau[i, s - 1, j]
-        step_into(parameters, x, wrench, current, dt, work)
+        step_into(parameters, x, wrench, current, dt, work, coupled)
         for j in range(N_STATES):
             out[i + 1, j] = x[j, 0]
         if not still:
@@ -259,6 +290,7 @@ def simulate_final(p: Array, state0: Array, tau: Array, dt: float, current: Arra
             for j in range(N_STATES):
                 x[j, k] = state0[run, j]
             _add_current(x, k, current, -1.0)
+        coupled = is_coupled(parameters)
         for i in range(n):
             if tau.shape[0] == 1:
                 for j in range(6):
@@ -271,7 +303,7 @@ def simulate_final(p: Array, state0: Array, tau: Array, dt: float, current: Arra
                         wrench[0, j, k] = tau[run, i, j]
             wrench[1] = wrench[0]
             wrench[2] = wrench[0]
-            step_into(parameters, x, wrench, current, dt, work)
+            step_into(parameters, x, wrench, current, dt, work, coupled)
         for k in range(LANES):
             if first + k < runs:
                 _add_current(x, k, current, 1.0)

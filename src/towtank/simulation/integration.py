@@ -11,7 +11,7 @@ import numpy as np
 
 from towtank.core.arrays import Array, kernel, parallel_kernel
 from towtank.core.layout import N_PARAMETERS
-from towtank.core.rk4 import LANES, N_STATES, step_into
+from towtank.core.rk4 import LANES, N_STATES, is_coupled, step_into
 
 __all__ = ["relative_to_water", "simulate_all", "simulate_pieces"]
 
@@ -41,9 +41,10 @@ def simulate_pieces(p: Array, state0: Array, tau: Array, pieces: Array, current:
     for j in range(N_STATES):
         x[j, 0] = state0[j]
         out[0, j] = state0[j]
+    coupled = is_coupled(parameters)
     for i in range(n):
         for k in range(m):
-            step_into(parameters, x, tau[i * m + k].reshape(3, 6, 1), current, pieces[k], work)
+            step_into(parameters, x, tau[i * m + k].reshape(3, 6, 1), current, pieces[k], work, coupled)
         for j in range(N_STATES):
             out[i + 1, j] = x[j, 0]
     return out
@@ -78,6 +79,7 @@ def simulate_all(p: Array, state0: Array, tau: Array, dt: float, current: Array)
                 parameters[j, k] = p[run, j]
             for j in range(N_STATES):
                 x[j, k] = state0[run, j]
+        coupled = is_coupled(parameters)
         for i in range(n + 1):
             for k in range(min(LANES, runs - first)):
                 for j in range(N_STATES):
@@ -90,7 +92,7 @@ def simulate_all(p: Array, state0: Array, tau: Array, dt: float, current: Array)
                     wrench[0, j, k] = tau[run, i, j]
             wrench[1] = wrench[0]
             wrench[2] = wrench[0]
-            step_into(parameters, x, wrench, current, dt, work)
+            step_into(parameters, x, wrench, current, dt, work, coupled)
     return out
 
 

@@ -1,0 +1,27 @@
+"""Fits of a free-running prediction as a table with bars."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from towtank.app.numbers import percent, short
+from towtank.app.output import Output
+from towtank.recording import STANDARD
+
+__all__ = ["show_fits"]
+
+
+def show_fits(fit: Mapping[str, float | None], rmse: Mapping[str, float | None] | None, output: Output) -> None:
+    """Print the fit [%] of every channel that was measured, and its error where `rmse` is given."""
+    measured = {name: value for name, value in fit.items() if value is not None}
+    if not measured:
+        output.line("nothing to compare with: no motion was measured")
+        return
+    columns = ("Channel", ">Fit %", "") if rmse is None else ("Channel", ">Fit %", "", ">RMS error", "Unit")
+    table = output.table(*columns)
+    for name, value in measured.items():
+        row = [name, percent(value), f"{output.bar(value / 100.0):<20}"]
+        if rmse is not None:
+            row += [short(rmse.get(name), 3), STANDARD[name].unit]
+        table.add_row(*row)
+    output.show(table)
