@@ -60,7 +60,7 @@ def forward_dynamics(p: Array, q: Array, nu: Array, tau: Array) -> Array:
 
 @kernel
 def net_wrench(p: Array, q: Array, nu: Array) -> Array:
-    """Return C(nu) nu + D(nu) nu + g(eta) - tau_0 (6,) for one vehicle p (154,), attitude q (4,) and velocity nu (6,)."""
+    """Return C(nu) nu + D(nu) nu + g(eta) - tau_0 (6,) for one vehicle p (154,), attitude q (4,), velocity nu (6,)."""
     out = coriolis_force(p[I_MASS:I_MASS_INVERSE].reshape(6, 6), nu)
     out -= damping_force(p[I_LINEAR:I_QUADRATIC].reshape(6, 6), p[I_QUADRATIC:I_WEIGHT].reshape(6, 6), nu)
     out += restoring_wrench(p[I_WEIGHT], p[I_MOMENT:I_CONSTANT], gravity_direction(q))

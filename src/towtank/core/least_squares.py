@@ -9,7 +9,7 @@ any rest, and what comes after it is learned as if fresh.
 
 State vectors are flat and hold their own scratch, so that a call from Python passes three arguments and allocates
 nothing:
-    QR          [R z; 0 rho] row-major (n + 1)^2, scratch n + 1, forgetting factor lambda; rho^2 = residual sum of squares
+    QR          [R z; 0 rho] row-major (n + 1)^2, scratch n + 1, forgetting factor lambda; rho^2 = sum of residuals^2
     covariance  theta n, P row-major n^2, residual sum of squares, scratch n, forgetting factor lambda
 """
 

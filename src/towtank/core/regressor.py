@@ -1,7 +1,8 @@
 """The regressor of (8): Phi(q, nu, nu_dot) theta = tau for every unknown at once.
 
-theta (103) = [M upper triangle by rows (21), L (36), Q (36), W - B, b (3), constant wrench (6)]. Kirchhoff's form of C(nu) nu is linear in a
-full symmetric M, so nothing has to be diagonal. L and Q are SNAME derivatives (negative dissipates).
+theta (103) = [M upper triangle by rows (21), L (36), Q (36), W - B, b (3), constant wrench (6)]. Kirchhoff's form of
+C(nu) nu is linear in a full symmetric M, so nothing has to be diagonal. L and Q are SNAME derivatives (negative
+dissipates).
 """
 
 from __future__ import annotations

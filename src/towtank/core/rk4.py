@@ -4,7 +4,8 @@ State (13): [x y z, qw qx qy qz, u v w p q r], position in NED [m], quaternion b
 water in body FRD [m/s, rad/s]. With a current v_c constant in NED the equations of motion hold unchanged in the
 relative velocity nu_r (Galilean invariance), so the current enters the kinematics alone:
 
-    M nu_r_dot = tau + tau_0 - C(nu_r) nu_r + L nu_r + Q |nu_r| nu_r - g(eta),   p_dot = R v_r + v_c,   q_dot = q (0, omega) / 2
+    M nu_r_dot = tau + tau_0 - C(nu_r) nu_r + L nu_r + Q |nu_r| nu_r - g(eta)
+    p_dot = R v_r + v_c,   q_dot = q (0, omega) / 2
 
 Fossen (2021), sections 2.2, 6.1, 8.1; Kirchhoff's form of C(nu) nu in `towtank.core.inertia`.
 

@@ -2,6 +2,7 @@
 
 from towtank.identification.estimate import AxisReport, Estimate, Learned, SumOfInertias
 from towtank.identification.learner import Learner
+from towtank.identification.logs import LogLearning, learn_recordings
 from towtank.identification.regression import (
     BatchLeastSquares,
     NormalizedGradient,
@@ -15,8 +16,10 @@ __all__ = [
     "Estimate",
     "Learned",
     "Learner",
+    "LogLearning",
     "NormalizedGradient",
     "RecursiveLeastSquares",
     "RegressionEstimator",
     "SumOfInertias",
+    "learn_recordings",
 ]

@@ -6,16 +6,16 @@ thrusters' wrench, C(nu) nu and off-diagonal damping. Divided by M it is the pap
     nu_dot = [nu, |nu| nu, r, 1, F] Theta,   Theta = [c_lin/M, c_quad/M, c_rest/M, c_0/M, 1/M],
 
 (47)-(57) with the missing velocity factor put in and the restoring terms' sign mended. k is the direction of gravity in
-the body. r is -k_y (roll) and k_x (pitch), whose coefficient is BG_z, and k_z (heave), whose coefficient is W - B. c_0 is
-a constant force fixed in the body (thrusters that differ, a tether); left out, it falls upon the other coefficients. In
-heave it cannot be told from W - B and is left to it.
+the body. r is -k_y (roll) and k_x (pitch), whose coefficient is BG_z, and k_z (heave), whose coefficient is W - B. c_0
+is a constant force fixed in the body (thrusters that differ, a tether); left out, it falls upon the other coefficients.
+In heave it cannot be told from W - B and is left to it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["AXES", "C_FORCE", "C_LHS", "C_LINEAR", "C_QUADRATIC", "C_RESTORING", "C_CONSTANT", "N_COLUMNS", "Axis"]
+__all__ = ["AXES", "C_CONSTANT", "C_FORCE", "C_LHS", "C_LINEAR", "C_QUADRATIC", "C_RESTORING", "N_COLUMNS", "Axis"]
 
 C_LINEAR, C_QUADRATIC, C_RESTORING, C_CONSTANT, C_FORCE, C_LHS = range(6)
 N_COLUMNS = 6

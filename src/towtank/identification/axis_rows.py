@@ -13,13 +13,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from towtank.core.arrays import Array, inlined_kernel, kernel
 from towtank.core.filtered import hermite_increment
 from towtank.core.inertia import bilinear_coriolis_into
 from towtank.core.layout import I_CONSTANT, I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT
-from towtank.identification.axes import C_FORCE, C_LHS, C_LINEAR, C_QUADRATIC, C_RESTORING, C_CONSTANT
+from towtank.identification.axes import C_CONSTANT, C_FORCE, C_LHS, C_LINEAR, C_QUADRATIC, C_RESTORING
 
 __all__ = ["axis_increments_into"]
 
@@ -64,13 +62,14 @@ def _state_force_slope_into(
 @inlined_kernel
 def _restoring_column(k: Array, axis: int) -> float:
     """Return r(k) of an axis for the gravity direction k (3,), or its slope for k_dot."""
+    r: float = 0.0
     if axis == 2:
-        return k[2]
-    if axis == 3:
-        return -k[1]
-    if axis == 4:
-        return k[0]
-    return 0.0
+        r = k[2]
+    elif axis == 3:
+        r = -k[1]
+    elif axis == 4:
+        r = k[0]
+    return r
 
 
 @inlined_kernel

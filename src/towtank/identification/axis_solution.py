@@ -1,10 +1,10 @@
 """From the information of one axis to its coefficients, with a covariance that honours coloured residuals.
 
 Least squares takes Theta from the QR triangle; with instruments Z it solves Z^T P Theta = Z^T Y from the block sums.
-Either way Cov(Theta) = A^-1 S A^-T with A = Z^T P and S the long-run covariance of the scores z e, a Bartlett sum over
-blocks of time (Newey and West, 1987): the filter 1/(s + a) and slow disturbances make neighbouring residuals alike, and
-the plain formula would promise several times too much. Physical values by division, their covariance by the delta
-method: M = 1/Theta_n, c = Theta_c/Theta_n, J as in the covariance of a ratio.
+Either way Cov(Theta) = A^-1 S A^-T with A = Z^T P and S the long-run covariance of the scores z e, a prewhitened
+Bartlett sum over blocks of time (Newey and West, 1987): the filter 1/(s + a) and slow disturbances make neighbouring
+residuals alike, and the plain formula would promise several times too much. Physical values by division, their
+covariance by the delta method: M = 1/Theta_n, c = Theta_c/Theta_n, J as in the covariance of a ratio.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ __all__ = ["AxisInformation", "AxisSolution", "merge_information", "solve_axis"]
 
 _MASS = 4
 _SPAN = 2.0  # s, least span over which residuals are taken to be alike
+_SLOWEST = 0.97  # largest correlation of neighbouring blocks that is taken out beforehand
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ def merge_information(parts: Sequence[AxisInformation]) -> AxisInformation:
     """Return the information of several stretches of data taken together."""
     stacked = np.vstack([part.triangle for part in parts])
     return AxisInformation(
-        triangle=np.linalg.qr(stacked, mode="r"),
+        triangle=np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64),
         blocks=np.concatenate([part.blocks for part in parts]),
         block_length=max(part.block_length for part in parts),
         rows=sum(part.rows for part in parts),
@@ -172,16 +173,30 @@ def _covariance(
     ) @ inverse.T
     if count < 2 * unknowns + 2:
         return plain
-    span = max(_SPAN, 2.0 / information.a)
-    lags = min(round(span / information.block_length), count // 4)
-    S = scores.T @ scores
-    for lag in range(1, lags + 1):
-        product = scores[lag:].T @ scores[:-lag]
-        S += (1.0 - lag / (lags + 1.0)) * (product + product.T)
+    S = _long_run(scores, round(max(_SPAN, 2.0 / information.a) / information.block_length))
     long_run = inverse @ S @ inverse.T * count / (count - unknowns)
     variance, least = np.diag(long_run).copy(), np.diag(plain)
     grow = np.sqrt(np.maximum(1.0, least / np.where(variance > 0.0, variance, np.inf)))
     return np.where(variance.min() > 0.0, long_run * np.outer(grow, grow), plain)
+
+
+def _long_run(scores: Array, lags: int) -> Array:
+    """Return the long-run covariance (n, n), times the number of blocks, of scores (b, n) that are alike in time.
+
+    A first-order recursion takes the slow part out first (Andrews and Monahan, 1992): a Bartlett sum alone would miss
+    half of a disturbance that lasts as long as the sum.
+    """
+    size = np.sqrt(np.mean(scores**2, axis=0))
+    unit = scores / np.where(size > 0.0, size, 1.0)
+    rho = float(np.clip(np.sum(unit[1:] * unit[:-1]) / max(np.sum(unit**2), 1e-300), 0.0, _SLOWEST))
+    rest = scores.copy()
+    rest[1:] -= rho * scores[:-1]
+    S = rest.T @ rest
+    lags = min(lags, len(scores) // 4)
+    for lag in range(1, lags + 1):
+        product = rest[lag:].T @ rest[:-lag]
+        S += (1.0 - lag / (lags + 1.0)) * (product + product.T)
+    return S / (1.0 - rho) ** 2
 
 
 def _physical(theta: Array, covariance: Array, free: Sequence[bool], known: Array) -> tuple[Array, Array]:

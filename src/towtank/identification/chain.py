@@ -19,7 +19,8 @@ from towtank.identification.motion_state import (
     Motion,
     new_motion,
 )
-from towtank.identification.paper_kernel import PaperState, new_paper_state, paper_events, paper_step
+from towtank.identification.paper_kernel import paper_events, paper_step
+from towtank.identification.paper_state import PaperState, new_paper_state
 from towtank.recording import Grid
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
 
@@ -42,7 +43,7 @@ class Settings:
     """
 
     a: float = 3.0
-    lowpass: float = 2.0
+    lowpass: float = 4.0
     delay: float = 0.0
     gap: float = 0.5
     forgetting: float = 1.0
@@ -61,21 +62,21 @@ class Sources:
     @classmethod
     def of(cls, pose: Array, velocity: Array, acceleration: Array) -> Sources:
         """Decide from what is finite anywhere in pose (n, 6), velocity (n, 6) and specific force (n, 3)."""
-        have_pose = np.isfinite(pose).any(axis=0)
-        have_velocity = np.isfinite(velocity).any(axis=0)
-        tilt = bool(have_pose[3] and have_pose[4])
-        attitude = tilt and bool(have_pose[5])
+        have_pose = [bool(column.any()) for column in np.isfinite(pose).T]
+        have_velocity = [bool(column.any()) for column in np.isfinite(velocity).T]
+        tilt = have_pose[3] and have_pose[4]
+        attitude = tilt and have_pose[5]
         kinds = []
         for i in range(6):
             if have_velocity[i]:
                 kinds.append("measured")
-            elif (i < 3 and attitude and have_pose[:3].all()) or (i >= 3 and attitude):
+            elif (i < 3 and attitude and all(have_pose[:3])) or (i >= 3 and attitude):
                 kinds.append("derived")
             else:
                 kinds.append("absent")
         if tilt:
             return cls(tuple(kinds), "measured")
-        if np.isfinite(acceleration).any(axis=0).all() and kinds[3:] == ["measured"] * 3:
+        if np.isfinite(acceleration).all(axis=1).any() and kinds[3:] == ["measured"] * 3:
             return cls(tuple(kinds), "accelerometer")
         return cls(tuple(kinds), "gyro")
 

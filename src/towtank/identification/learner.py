@@ -55,13 +55,14 @@ class Learner:
         estimator: Literal["rls", "gradient"] = "rls",
         delay: float | None = None,
         a: float = 3.0,
-        lowpass: float = 2.0,
+        lowpass: float = 4.0,
         forgetting: float = 1.0,
         inputs: Literal["held", "smooth"] = "held",
         gap: float = 0.5,
     ) -> None:
         if method not in METHODS:
-            raise InputError(f'method: found "{method}", expected one of {", ".join(METHODS)}{nearest(method, METHODS)}')
+            known = ", ".join(METHODS)
+            raise InputError(f'method: found "{method}", expected one of {known}{nearest(method, METHODS)}')
         if estimator not in ("rls", "gradient"):
             raise InputError(f'estimator: found "{estimator}", expected "rls" or "gradient"')
         if inputs not in ("held", "smooth"):
@@ -133,10 +134,7 @@ class Learner:
         grid = align(bind_thrusters(recording, [thruster.name for thruster in self.vehicle.thrusters]))
         sources = Sources.of(grid.pose, grid.velocity, grid.acceleration)
         commands = uses_commands(self.vehicle, grid)
-        if self._chain is None:
-            self._start(sources, commands=commands)
-        chain = self._chain
-        assert chain is not None  # noqa: S101
+        chain = self._chain or self._start(sources, commands=commands)
         if chain.sources != sources or chain.commands != commands:
             raise InputError(
                 f"{recording.source or 'recording'}: it measures {_told(sources, commands)}, the ones before "

@@ -1,42 +1,31 @@
 """Learning from recordings as wholes: delay, least squares, then instruments driven by the commands alone.
 
-Least squares takes whatever moves with the motion for an effect of the motion; on real logs slow disturbances answer to
-the speed and inflate the inertia. A second set of regressors, simulated from the commands with the coefficients found so
-far, knows nothing of the disturbance: with these as instruments the bias is gone, and the result hardly depends on the
-filter constant (the refined instrumental variable method; Young, Recursive Estimation and Time-Series Analysis, 2011).
-Each pass is the streaming kernel's own, over all recordings; structure and couplings follow between passes.
+Least squares takes whatever moves with the motion for an effect of the motion; on real logs slow disturbances answer
+to the speed and inflate the inertia. A second set of regressors, simulated from the commands with the coefficients
+found so far, knows nothing of the disturbance: with these as instruments the bias is gone, and the result hardly
+depends on the filter constant (the refined instrumental variable method; Young, Recursive Estimation and Time-Series
+Analysis, 2011). Each pass is the streaming kernel's own, over all recordings; structure and couplings follow between
+passes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification.axes import AXES
-from towtank.identification.axis_solution import AxisInformation, AxisSolution, merge_information, solve_axis
-from towtank.identification.chain import PaperChain, Settings, Sources, uses_commands
-from towtank.identification.delay import DelayScan, scan_delay
-from towtank.identification.estimate import Estimate, estimate_of
-from towtank.identification.structure import AxisFindings, Candidates, absent, candidates, select
+from towtank.identification.chain import Settings, Sources
+from towtank.identification.delay import DelayScan
+from towtank.identification.estimate import Estimate
+from towtank.identification.passes import Passes, Progress
+from towtank.identification.structure import candidates
 from towtank.recording import Grid, Recording, align, bind_thrusters
 from towtank.vehicle import Vehicle
 
 __all__ = ["LogLearning", "learn_recordings"]
 
-_Family = tuple[bool, bool]  # linear, quadratic damping free
-_FAMILIES: tuple[_Family, ...] = ((True, True), (True, False), (False, True))
-_ITERATIONS = 4
 _ROUNDS = 2  # the second with the couplings of what the first learned
-_ACTIVE = 0.1  # of the liveliest recording's command, for a recording to count on an axis
-_QUADRATIC_MUST_GAIN = 0.9
-_SCAN_FILTER = 40.0  # 1/s
-_SCAN_SECONDS = 600.0
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -67,7 +56,7 @@ def learn_recordings(
     delay: float | None = None,
     longest_delay: float = 0.4,
     a: float = 3.0,
-    lowpass: float = 2.0,
+    lowpass: float = 4.0,
     instruments: bool = True,
     progress: Progress | None = None,
 ) -> LogLearning:
@@ -89,12 +78,12 @@ def learn_recordings(
     told("aligning", 0.0)
     names = [thruster.name for thruster in vehicle.thrusters]
     grids = tuple(align(bind_thrusters(recording, names)) for recording in recordings)
-    passes = _Passes(vehicle, grids, Settings(a=a, lowpass=lowpass, delay=delay or 0.0), candidates(vehicle, free))
+    passes = Passes(vehicle, grids, Settings(a=a, lowpass=lowpass, delay=delay or 0.0), candidates(vehicle, free))
     scan = None
     if delay is None:
         told("delay", 0.05)
         scan = passes.find_delay(longest_delay, told)
-        passes = replace_delay(passes, scan.delay)
+        passes = Passes(vehicle, grids, replace(passes.settings, delay=scan.delay), passes.candidates)
     told("least squares", 0.4)
     findings = passes.least_squares()
     if instruments:
@@ -110,235 +99,15 @@ def learn_recordings(
     return LogLearning(vehicle, estimate, model, found, scan, grids, tuple(passes.sources), warnings)
 
 
-def replace_delay(passes: _Passes, delay: float) -> _Passes:
-    """Return the passes with another delay."""
-    return _Passes(passes.vehicle, passes.grids, replace(passes.settings, delay=delay), passes.candidates)
-
-
-class _Passes:
-    """Passes of the chain over a set of recordings."""
-
-    def __init__(
-        self, vehicle: Vehicle, grids: Sequence[Grid], settings: Settings, wanted: Sequence[Candidates]
-    ) -> None:
-        self.vehicle, self.grids, self.settings, self.candidates = vehicle, tuple(grids), settings, tuple(wanted)
-        self.sources = [Sources.of(grid.pose, grid.velocity, grid.acceleration) for grid in grids]
-        self.commands = [uses_commands(vehicle, grid) for grid in grids]
-        for grid, commands in zip(grids, self.commands, strict=True):
-            if not commands and not grid.wrench_t.size:
-                raise InputError(
-                    f"{grid.source or 'recording'}: neither thruster commands nor a wrench is recorded, so there is "
-                    "nothing to learn from; map the thrusters' columns (--map) or record X Y Z K M N"
-                )
-        self.duration = 0.0
-        self.rows = 0
-        self.active = self._active()
-
-    def chain(self, index: int, vehicle: Vehicle, settings: Settings, known: Array, free: Array) -> PaperChain:
-        """Return a fresh chain for one recording."""
-        return PaperChain(vehicle, self.sources[index], settings, free, known, commands=self.commands[index])
-
-    def _active(self) -> list[list[int]]:
-        """Return, per axis, the recordings whose commands move it."""
-        spread = []
-        for index, grid in enumerate(self.grids):
-            chain = self.chain(index, self.vehicle, self.settings, *self._structure(None))
-            values = grid.command_values if self.commands[index] else grid.wrench_values
-            wrench = chain.forces(np.array(values)) @ chain.state.shape.T
-            finite = wrench[np.isfinite(wrench).all(axis=1)]
-            spread.append(finite.std(axis=0) if len(finite) else np.zeros(6))
-        table = np.array(spread)
-        least = _ACTIVE * table.max(axis=0)
-        chosen = []
-        for i in range(6):
-            measured = [k for k in range(len(self.grids)) if self.sources[k].velocity[i] != "absent"]
-            lively = [k for k in measured if table[k, i] >= least[i] and table[k, i] > 0.0]
-            chosen.append(lively or measured)
-        return chosen
-
-    def _structure(self, family: _Family | None) -> tuple[Array, Array]:
-        """Return known values and free flags (6, 5) for one family of damping terms; None: as wanted."""
-        known = np.array([candidate.known for candidate in self.candidates])
-        free = np.array([candidate.wanted for candidate in self.candidates], dtype=np.float64)
-        if family is not None:
-            for c, flag in enumerate(family):
-                dropped = (free[:, c] > 0.0) & (not flag)
-                known[dropped, c] = 0.0
-                free[dropped, c] = 0.0
-        return known, free
-
-    def find_delay(self, longest: float, told: Progress) -> DelayScan:
-        """Scan the delay by least squares with a fast filter."""
-        known, free = self._structure(None)
-        free[:, :4] = [[1.0, 1.0, float(bool(axis.restoring)), float(axis.index != 2)] for axis in AXES]
-        fast = replace(self.settings, a=_SCAN_FILTER)
-        cut = [_head(grid, _SCAN_SECONDS) for grid in self.grids]
-        tried = 0
-
-        def cost(delay: float) -> float:
-            nonlocal tried
-            tried += 1
-            told("delay", 0.05 + 0.35 * min(1.0, tried / 30.0))
-            informations = self._informations(self.vehicle, replace(fast, delay=delay), known, free, grids=cut)
-            total = 0.0
-            for axis in AXES:
-                information = informations[axis.index]
-                if information is None:
-                    continue
-                flags = tuple(bool(flag) for flag in free[axis.index])
-                solution = solve_axis(information, flags, known[axis.index])
-                if solution is None:
-                    solution = solve_axis(information, (*flags[:2], False, False, True), known[axis.index])
-                if solution is not None and solution.residual_sum > 0.0:
-                    total += solution.rows * np.log(solution.residual_sum)
-            return total
-
-        return scan_delay(cost, longest)
-
-    def _informations(
-        self,
-        vehicle: Vehicle,
-        settings: Settings,
-        known: Array,
-        free: Array,
-        *,
-        driven: Array | None = None,
-        learn: bool = True,
-        grids: Sequence[Grid] | None = None,
-        errors: Array | None = None,
-    ) -> list[AxisInformation | None]:
-        """Run all recordings once; return the merged information of each axis, None where it is not measured."""
-        chains = []
-        for index, grid in enumerate(grids or self.grids):
-            chain = self.chain(index, vehicle, settings, known, free)
-            chain.state.settings[2] = float(learn)
-            if driven is not None:
-                chain.state.settings[3] = 1.0
-                chain.state.driven[:] = driven
-            chain.run(grid)
-            chains.append(chain)
-        self.duration = sum(chain.duration for chain in chains)
-        self.rows = sum(chain.rows for chain in chains)
-        out: list[AxisInformation | None] = []
-        for i in range(6):
-            used = [chains[k] for k in self.active[i]]
-            out.append(merge_information([chain.information(i) for chain in used]) if used else None)
-            if errors is not None:
-                errors[i] = sum(float(chain.state.instrument[i, 3]) for chain in used)
-        return out
-
-    def least_squares(self) -> list[AxisFindings]:
-        """Learn by least squares: a pass that learns the couplings, a second that uses them."""
-        known, free = self._structure(None)
-        findings: list[AxisFindings] = []
-        vehicle = self.vehicle
-        for learn in (True, False):
-            informations = self._informations(vehicle, self.settings, known, free, learn=learn)
-            findings = [self._by_least_squares(c, informations[c.axis.index]) for c in self.candidates]
-            vehicle = self.assemble(findings).model(self.vehicle)
-        return findings
-
-    def _by_least_squares(self, candidate: Candidates, information: AxisInformation | None) -> AxisFindings:
-        if information is None:
-            return absent(candidate, _not_measured(candidate))
-        return select(
-            candidate,
-            lambda flags, known: solve_axis(information, flags, known),
-            lambda solution: solution.residual_sum,
-        )
-
-    def with_instruments(self, model: Vehicle) -> list[AxisFindings]:
-        """Learn with command-driven instruments, every family of damping terms with its own."""
-        families: dict[_Family, list[AxisInformation | None]] = {}
-        errors: dict[_Family, Array] = {}
-        for family in _FAMILIES:
-            known, free = self._structure(family)
-            driven = self._driven(self._informations(model, self.settings, known, free, learn=False), known, free)
-            misfit = np.zeros(6)
-            informations: list[AxisInformation | None] = []
-            for _ in range(_ITERATIONS):
-                misfit = np.zeros(6)
-                informations = self._informations(
-                    model, self.settings, known, free, driven=driven, learn=False, errors=misfit
-                )
-                driven = self._driven(informations, known, free, instruments=True)
-            families[family], errors[family] = informations, misfit
-        return [self._by_instruments(candidate, families, errors) for candidate in self.candidates]
-
-    def _driven(
-        self, informations: Sequence[AxisInformation | None], known: Array, free: Array, *, instruments: bool = False
-    ) -> Array:
-        """Return the coefficients (6, 5) that drive the instruments; mass 0 where an axis has none."""
-        out = np.zeros((6, 5))
-        for i, information in enumerate(informations):
-            flags = tuple(bool(flag) for flag in free[i])
-            if information is None or not flags[4]:
-                continue
-            solution = solve_axis(information, flags, known[i], instruments=instruments)
-            if solution is None:
-                flags = (*flags[:2], False, False, True)
-                solution = solve_axis(information, flags, known[i], instruments=instruments)
-            if solution is None or not solution.values[4] > 0.0:
-                continue
-            values = solution.values.copy()
-            values[:2] = np.minimum(values[:2], 0.0)
-            if not values[:2].any():
-                values[0] = -values[4]
-            out[i] = values
-        return out
-
-    def _by_instruments(
-        self,
-        candidate: Candidates,
-        families: dict[_Family, list[AxisInformation | None]],
-        errors: dict[_Family, Array],
-    ) -> AxisFindings:
-        i = candidate.axis.index
-        if families[_FAMILIES[0]][i] is None:
-            return absent(candidate, _not_measured(candidate))
-
-        def family(flags: Sequence[bool]) -> _Family:
-            both = (bool(flags[0]), bool(flags[1]))
-            return both if both in families else _FAMILIES[0]
-
-        def solve(flags: tuple[bool, ...], known: Array) -> AxisSolution | None:
-            information = families[family(flags)][i]
-            return None if information is None else solve_axis(information, flags, known, instruments=flags[4])
-
-        def cost(solution: AxisSolution) -> float:
-            misfit = float(errors[family(solution.free)][i])
-            return misfit / _QUADRATIC_MUST_GAIN if solution.free[1] and not solution.free[0] else misfit
-
-        return select(candidate, solve, cost)
-
-    def assemble(self, findings: Sequence[AxisFindings]) -> Estimate:
-        """Return the estimate of these findings."""
-        return estimate_of(self.vehicle, findings, self.duration, self.rows)
-
-
-def _not_measured(candidate: Candidates) -> str:
-    axis = candidate.axis
-    return f"{axis.name} speed {axis.velocity} is not measured in these recordings"
-
-
-def _head(grid: Grid, seconds: float) -> Grid:
-    """Return the first `seconds` of a grid."""
-    n = int(np.searchsorted(grid.t, grid.t[0] + seconds))
-    if n >= len(grid):
-        return grid
-    parts = {name: getattr(grid, name)[:n] for name in ("t", "pose", "velocity", "acceleration", "fresh", "wrench")}
-    return replace(grid, **parts, voltage=grid.voltage[:n], commands=grid.commands[:n])
-
-
 def _warnings(
-    vehicle: Vehicle, estimate: Estimate, scan: DelayScan | None, longest: float, passes: _Passes
+    vehicle: Vehicle, estimate: Estimate, scan: DelayScan | None, longest: float, passes: Passes
 ) -> tuple[str, ...]:
     out: list[str] = []
     if scan is not None and scan.at_limit:
         out.append(f"the delay reached the end of the range scanned ({longest:g} s); it may be longer")
     for grid in passes.grids:
-        if str(grid.repairs):
-            out.append(f"{grid.source or 'recording'}: {grid.repairs}")
+        if grid.repairs:
+            out.append(f"{grid.source or 'recording'}: {grid.repairs.summary}")
     if not any(estimate.identified):
         out.append("nothing could be identified in these recordings; `towtank inspect` says what each axis lacks")
     lowest = vehicle.rigid_body_matrix

@@ -37,7 +37,8 @@ ABSENT, MEASURED, DERIVED = 0.0, 1.0, 2.0
 ATTITUDE_MEASURED, ATTITUDE_ACCELEROMETER, ATTITUDE_GYRO = 0.0, 1.0, 2.0
 
 _SMOOTHED = 15  # velocity 6, gravity direction 3, wrench 6
-_CUT = 4.5  # jumps beyond this many deviations are cut
+_CUT = 4.5  # jumps beyond this many deviations are cut,
+_LEAST_CUT = (0.3, 0.5)  # but no change of velocity smaller than this [m/s, rad/s] within one interval
 _CORRECTION = (0.0, 0.2, 0.05)  # 1/s, towards nothing, the accelerometer, level
 
 
@@ -161,7 +162,7 @@ def motion_step(m: Motion, t: float, pose: Array, velocity: Array, acceleration:
         for i in range(6):
             if m.source[i] == DERIVED and not math.isfinite(pose[i]):
                 return -1.0
-    h = t - m.last[0]
+    h: float = t - m.last[0]
     if h <= 0.0:
         return -1.0
     start = not h <= gap
@@ -237,7 +238,7 @@ def _smooth(
             mean[i] = 0.0
         elif not first:
             error = mean[i] - m.low[1, i]
-            limit = _CUT * m.scatter[i]
+            limit = max(_CUT * m.scatter[i], _LEAST_CUT[0] if i < 3 else _LEAST_CUT[1])
             if m.counts[0] > 50.0 and math.fabs(error) > limit:
                 mean[i] = m.low[1, i]
                 m.counts[2] += 1.0

@@ -218,19 +218,19 @@ class BatchLeastSquares:
 
     def _compress(self) -> None:
         stacked = np.vstack([self._triangle, self._rows[: self._filled]])
-        self._triangle = np.linalg.qr(stacked, mode="r")
+        self._triangle = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
         self._filled = 0
 
     @property
     def theta(self) -> Array:
         """The estimate (n,), of minimum norm where the data does not determine it."""
         self._compress()
-        theta: Array = np.linalg.lstsq(self._triangle[:, : self.n], self._triangle[:, self.n], rcond=None)[0]
-        return theta
+        found = np.linalg.lstsq(self._triangle[:, : self.n], self._triangle[:, self.n], rcond=None)[0]
+        return np.asarray(found, dtype=np.float64)
 
     @property
     def P(self) -> Array:
         """(Phi^T Phi)^+ (n, n), the covariance for residuals of unit variance."""
         self._compress()
         R = self._triangle[:, : self.n]
-        return np.linalg.pinv(R.T @ R, hermitian=True)
+        return np.asarray(np.linalg.pinv(R.T @ R, hermitian=True), dtype=np.float64)

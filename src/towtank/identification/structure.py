@@ -2,8 +2,8 @@
 
 Linear and quadratic damping are alike at low speed: both are kept only where both dissipate and each is five times its
 deviation; otherwise the one that explains the data better stands for both and the other is said to be inseparable.
-Restoring and constant terms stay while they are twice their deviation. A coefficient that the data does not determine is
-held at the vehicle's value, never reported as found.
+Restoring and constant terms stay while they are twice their deviation. A coefficient that the data does not determine
+is held at the vehicle's value, never reported as found.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
-from towtank.identification.axes import AXES, C_LINEAR, C_QUADRATIC, C_RESTORING, C_CONSTANT, Axis
+from towtank.identification.axes import AXES, C_CONSTANT, C_LINEAR, C_QUADRATIC, C_RESTORING, Axis
 from towtank.identification.axis_solution import AxisSolution
 from towtank.vehicle import Vehicle
 
@@ -89,7 +89,7 @@ def candidates(vehicle: Vehicle, free: Collection[str] | None = None) -> tuple[C
         if free is None:
             terms = known[[C_LINEAR, C_QUADRATIC]] != 0.0
             damping = (True, True) if not terms.any() else (bool(terms[0]), bool(terms[1]))
-            wanted = (*damping, bool(axis.restoring), bool(axis.constant), True)
+            wanted: tuple[bool, ...] = (*damping, bool(axis.restoring), bool(axis.constant), True)
         else:
             wanted = (*(name in free for name in axis.columns), axis.added_mass in free)
         found.append(Candidates(axis, wanted, free is not None, known))
@@ -116,10 +116,7 @@ def select(candidate: Candidates, solve: Solve, cost: Cost) -> AxisFindings:
     if whole is not None and whole.commanded < _COMMANDED and whole.explained < _EXPLAINED:
         whole = None
     if whole is None or (free[_MASS] and not whole.values[_MASS] > 0.0 and not _rescued(free, known, solve)):
-        reason = _unexcited(axis)
-        return AxisFindings(
-            axis, None, candidate.wanted, tuple(reason if w else None for w in candidate.wanted), (False,) * 5
-        )
+        return absent(candidate, _unexcited(axis))
     if free[C_LINEAR] and free[C_QUADRATIC] and not candidate.asked:
         kept, reason = _damping(axis, whole, free, known, solve, cost)
         for c in (C_LINEAR, C_QUADRATIC):
@@ -130,7 +127,7 @@ def select(candidate: Candidates, solve: Solve, cost: Cost) -> AxisFindings:
         weak = [c for c in (C_RESTORING, C_CONSTANT) if free[c] and _strength(solution, c) < _KEPT]
         if not weak:
             break
-        c = min(weak, key=lambda c: _strength(solution, c))
+        c = min(weak, key=lambda c, solved=solution: _strength(solved, c))  # type: ignore[misc]
         free[c] = False
         reasons[c] = _weak(axis, c, solution)
         if c == C_CONSTANT:
@@ -152,7 +149,8 @@ def select(candidate: Candidates, solve: Solve, cost: Cost) -> AxisFindings:
             free[c] = False
             solution = solve(tuple(free), known) if any(free) else None
     if solution is None:
-        reasons = [reason or (_unexcited(axis) if w else None) for reason, w in zip(reasons, candidate.wanted, strict=True)]
+        unexcited = _unexcited(axis)
+        reasons = [r or (unexcited if w else None) for r, w in zip(reasons, candidate.wanted, strict=True)]
     return AxisFindings(axis, solution, candidate.wanted, tuple(reasons), tuple(zeroed))
 
 
@@ -175,9 +173,9 @@ def _rescued(free: list[bool], known: Array, solve: Solve) -> bool:
     """Whether the inertia becomes positive with one damping term only."""
     for c in (C_LINEAR, C_QUADRATIC):
         single = [flag and (i != c) for i, flag in enumerate(free)]
-        if free[C_LINEAR] and free[C_QUADRATIC] and (found := solve(tuple(single), known)) is not None:
-            if found.values[_MASS] > 0.0:
-                return True
+        found = solve(tuple(single), known) if free[C_LINEAR] and free[C_QUADRATIC] else None
+        if found is not None and found.values[_MASS] > 0.0:
+            return True
     return False
 
 
@@ -229,7 +227,7 @@ def _undamped(axis: Axis, c: int, solution: AxisSolution) -> str:
 
 
 def _unexcited(axis: Axis) -> str:
-    return f"{axis.name} was not excited: {axis.wrench} or {axis.velocity} hardly varied; command {axis.name} to learn it"
+    return f"{axis.name} was not excited: {axis.wrench} or {axis.velocity} hardly varied; command it to learn it"
 
 
 def absent(candidate: Candidates, reason: str) -> AxisFindings:

@@ -1,4 +1,4 @@
-"""The wrench that a model's thrusters gave over every step of a grid: held commands, delay, first-order lag, exactly."""
+"""The wrench that a model's thrusters gave over every step of a grid: held commands, delay and lag, exactly."""
 
 from __future__ import annotations
 

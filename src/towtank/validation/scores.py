@@ -80,7 +80,7 @@ def validate(
         if not pairs:
             fit[name] = rmse[name] = None
             continue
-        started = [np.isfinite(y) & ~_before_start(prediction) for (y, _), prediction in _with(pairs, predictions, name)]
+        started = [np.isfinite(y) & _started(owner) for (y, _), owner in _with(pairs, predictions, name)]
         y = np.concatenate([pair[0][mask] for pair, mask in zip(pairs, started, strict=True)])
         yhat = np.concatenate([pair[1][mask] for pair, mask in zip(pairs, started, strict=True)])
         fit[name] = fit_percent(y, yhat)
@@ -100,6 +100,6 @@ def _with(
     return list(zip(pairs, owners, strict=True))
 
 
-def _before_start(prediction: Prediction) -> Array:
-    """Rows before the first instant at which a state was known: nothing is predicted there."""
-    return np.asarray(prediction.t < prediction.restarts[0])
+def _started(prediction: Prediction) -> Array:
+    """Rows from the first instant on at which a state was known; nothing is predicted before."""
+    return np.asarray(prediction.t >= prediction.restarts[0])
