@@ -21,6 +21,7 @@ __all__ = ["AxisInformation", "AxisSolution", "merge_information", "solve_axis"]
 
 _MASS = 4
 _SPAN = 2.0  # s, least span over which residuals are taken to be alike
+_STILL = 1e-9  # m/s or rad/s: an axis that moved less was not excited, its numbers are rounding
 _SLOWEST = 0.97  # largest correlation of neighbouring blocks that is taken out beforehand
 
 
@@ -45,6 +46,11 @@ class AxisInformation:
     commanded: float = 0.0
     forced: float = 0.0
 
+    @property
+    def commanded_share(self) -> float:
+        """Root-mean-square of the commanded force over that of the whole force, 0 .. about 1."""
+        return float(np.sqrt(self.commanded / self.forced)) if self.forced > 0.0 else 0.0
+
 
 @dataclass(frozen=True)
 class AxisSolution:
@@ -61,7 +67,6 @@ class AxisSolution:
         excitation: smallest eigenvalue of their mean outer product: 0 not excited, 1/n.. perfectly.
         correlation: (5, 5) of the estimates.
         explained: share of the filtered left-hand side's square that the regression explains.
-        commanded: root-mean-square of the commanded force over that of the whole force.
     """
 
     values: Array
@@ -74,7 +79,6 @@ class AxisSolution:
     excitation: float
     correlation: Array
     explained: float
-    commanded: float
 
     @property
     def std(self) -> Array:
@@ -112,7 +116,8 @@ def solve_axis(
         return None
     R = information.triangle @ regressors
     scale = np.linalg.norm(R, axis=0)
-    if not np.all(scale > 0.0) or information.rows <= regressors.shape[1]:
+    moved = float(np.linalg.norm(information.triangle[:, C_LHS]))
+    if not np.all(scale > 0.0) or information.rows <= regressors.shape[1] or moved <= _STILL * information.rows**0.5:
         return None
     T = regressors / scale
     singular = np.linalg.svd(R / scale, compute_uv=False)
@@ -144,7 +149,6 @@ def solve_axis(
         excitation=float(singular[-1] ** 2 / len(theta)),
         correlation=covariance / np.outer(safe, safe),
         explained=1.0 - residual_sum / max(float(np.sum((information.triangle @ target) ** 2)), 1e-300),
-        commanded=float(np.sqrt(information.commanded / information.forced)) if information.forced > 0.0 else 0.0,
     )
 
 

@@ -168,7 +168,14 @@ class Learner:
             ) -> AxisSolution | None:
                 return solve_axis(information, free, known)
 
-            findings.append(select(candidate, solve, lambda solution: solution.residual_sum))
+            findings.append(
+                select(
+                    candidate,
+                    solve,
+                    lambda solution: solution.residual_sum,
+                    commanded=information.commanded_share,
+                )
+            )
         rows = chain.rows if chain is not None else 0
         return estimate_of(self.vehicle, findings, chain.duration if chain is not None else 0.0, rows)
 

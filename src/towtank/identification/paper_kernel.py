@@ -200,7 +200,12 @@ def paper_step(
         return 0.0
     if state.settings[5] > 0.0:
         _smooth_input(state, command, h)
+        for i in range(6):
+            if not math.isfinite(state.pending[i]):
+                motion.counts[0] = 0.0
         if motion.counts[0] < 3.0:
+            for i in range(6):
+                state.pending[i] = 0.0
             return 0.0
     elif motion.settings[1] > 0.0:
         for i in range(6):
@@ -234,7 +239,8 @@ def paper_events(
     smooth = state.settings[5] > 0.0
     for i in range(t.shape[0]):
         now = nothing
-        while event < stamps.shape[0] and stamps[event] <= t[i]:
+        due = t[i] + 1e-3 * (t[i] - t[i - 1]) if smooth and i > 0 else t[i]
+        while event < stamps.shape[0] and stamps[event] <= due:
             if smooth:
                 now = forces[event]
             else:

@@ -161,6 +161,7 @@ class Passes:
             candidate,
             lambda flags, known: solve_axis(information, flags, known),
             lambda solution: solution.residual_sum,
+            commanded=information.commanded_share,
         )
 
     def with_instruments(self, model: Vehicle) -> list[AxisFindings]:
@@ -210,7 +211,8 @@ class Passes:
         errors: dict[_Family, Array],
     ) -> AxisFindings:
         i = candidate.axis.index
-        if families[_FAMILIES[0]][i] is None:
+        first = families[_FAMILIES[0]][i]
+        if first is None:
             return absent(candidate, _not_measured(candidate))
 
         def family(flags: Sequence[bool]) -> _Family:
@@ -225,7 +227,7 @@ class Passes:
             misfit = float(errors[family(solution.free)][i])
             return misfit / _QUADRATIC_MUST_GAIN if solution.free[1] and not solution.free[0] else misfit
 
-        return select(candidate, solve, cost)
+        return select(candidate, solve, cost, commanded=first.commanded_share)
 
     def assemble(self, findings: Sequence[AxisFindings]) -> Estimate:
         """Return the estimate of these findings."""

@@ -96,12 +96,13 @@ def candidates(vehicle: Vehicle, free: Collection[str] | None = None) -> tuple[C
     return tuple(found)
 
 
-def select(candidate: Candidates, solve: Solve, cost: Cost) -> AxisFindings:
+def select(candidate: Candidates, solve: Solve, cost: Cost, *, commanded: float = 1.0) -> AxisFindings:
     """Choose among the candidate's columns and solve.
 
     Args:
         solve: solves for given free flags (5,) and held values (5,).
         cost: how badly a solution explains the data, smaller is better; compares linear with quadratic damping.
+        commanded: root-mean-square of the commanded force over that of the whole force on this axis.
     """
     axis, known = candidate.axis, candidate.known.copy()
     reasons: list[str | None] = [None] * 5
@@ -113,10 +114,10 @@ def select(candidate: Candidates, solve: Solve, cost: Cost) -> AxisFindings:
     if whole is None:
         free = list(_without_idle_columns(tuple(free), known, solve))
         whole = solve(tuple(free), known) if any(free) else None
-    if whole is not None and whole.commanded < _COMMANDED and whole.explained < _EXPLAINED:
+    if whole is not None and commanded < _COMMANDED and whole.explained < _EXPLAINED:
         whole = None
     if whole is None or (free[_MASS] and not whole.values[_MASS] > 0.0 and not _rescued(free, known, solve)):
-        return absent(candidate, _unexcited(axis))
+        return absent(candidate, _unexcited(axis, commanded))
     if free[C_LINEAR] and free[C_QUADRATIC] and not candidate.asked:
         kept, reason = _damping(axis, whole, free, known, solve, cost)
         for c in (C_LINEAR, C_QUADRATIC):
@@ -149,7 +150,7 @@ def select(candidate: Candidates, solve: Solve, cost: Cost) -> AxisFindings:
             free[c] = False
             solution = solve(tuple(free), known) if any(free) else None
     if solution is None:
-        unexcited = _unexcited(axis)
+        unexcited = _unexcited(axis, commanded)
         reasons = [r or (unexcited if w else None) for r, w in zip(reasons, candidate.wanted, strict=True)]
     return AxisFindings(axis, solution, candidate.wanted, tuple(reasons), tuple(zeroed))
 
@@ -226,8 +227,10 @@ def _undamped(axis: Axis, c: int, solution: AxisSolution) -> str:
     return f"{name} is known to +-{share:.0f} % only in this run; held at the vehicle's value"
 
 
-def _unexcited(axis: Axis) -> str:
-    return f"{axis.name} was not excited: {axis.wrench} or {axis.velocity} hardly varied; command it to learn it"
+def _unexcited(axis: Axis, commanded: float) -> str:
+    if commanded < _COMMANDED:
+        return f"{axis.name} was not commanded: the thrusters gave no {axis.wrench} to speak of, so nothing tells it"
+    return f"{axis.name} was not excited enough: {axis.wrench} and {axis.velocity} do not determine it in this run"
 
 
 def absent(candidate: Candidates, reason: str) -> AxisFindings:
