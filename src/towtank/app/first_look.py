@@ -1,177 +1,153 @@
 """What a log shows without a vehicle: which axes follow the inputs, and after which delay.
 
 For each axis the acceleration is regressed on the inputs (each and its square with its sign, since thrust is about
-quadratic in the command) and on the speed, both sides through the same first-order filter; the speed is measured or
-derived from the pose. The delay is the one that leaves the least unexplained; the share that the inputs explain says
-whether the axis was driven at all.
+quadratic in the command) and on everything else that moves a vehicle: speeds, their squares and products, gravity;
+all sides through the same first-order filter. The delay is the one that leaves the least unexplained; the share that
+the inputs explain says whether the axis was driven at all.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy.signal import lfilter
+from numpy.typing import NDArray
 
+from towtank.app.speeds import DERIVED_CORNER, filled, lowpass, speeds
 from towtank.core.arrays import Array
 from towtank.identification.chain import Sources
-from towtank.identification.delay import DelayScan, scan_delay
+from towtank.identification.delay import scan_delay
 from towtank.recording import Grid
 
-__all__ = ["DRIVEN", "FirstLook", "first_look", "velocities"]
+__all__ = ["DRIVEN", "FirstLook", "first_look"]
 
-_FILTER = 8.0  # 1/s
-_EXTRA = 12.0  # 1/s, two more poles where speed is derived from the pose
-_CUT = 7.0  # times the median deviation from the running mean
-_LONGEST = 0.4  # s
 DRIVEN = 0.3  # share explained from which an axis counts as driven
+_SLOW = 8.0  # 1/s, to tell whether an axis follows the inputs
+_QUICK = 40.0  # 1/s, to tell the delay: a slow filter lets what is not modelled pull it to zero
+_LEAK = 0.1  # 1/s, of the integral of the speed that stands for the angle
+_LONGEST = 0.4  # s
 _MOST_ROWS = 60_000
-_FEW = 50
+_FEW = 100
+_INDEPENDENT = 1e-9
 
 
 @dataclass(frozen=True)
 class FirstLook:
-    """Delay scan (None without a driven axis), and per axis the share 0 .. 1 of its acceleration that inputs explain
+    """Delay [s] (None without a driven axis), and per axis the share 0 .. 1 of its acceleration that inputs explain
     (NaN where its speed is unknown)."""
 
-    scan: DelayScan | None
+    delay: float | None
     explained: tuple[float, ...]
     sources: Sources
-
-
-def velocities(grid: Grid) -> Array:
-    """Return u v w p q r (n, 6), measured, or else derived from the pose by central differences; NaN if unknown."""
-    found = np.array(grid.velocity)
-    absent = ~np.isfinite(found).any(axis=0)
-    if not absent.any() or not grid.attitude_known.any() or len(grid) < 3:
-        return found
-    phi, theta = grid.pose[:, 3], grid.pose[:, 4]
-    rates = np.gradient(grid.pose, grid.dt, axis=0)
-    p, q, r = rates[:, 3], rates[:, 4], rates[:, 5]
-    turning = np.column_stack(
-        [
-            p - r * np.sin(theta),
-            q * np.cos(phi) + r * np.cos(theta) * np.sin(phi),
-            r * np.cos(theta) * np.cos(phi) - q * np.sin(phi),
-        ]
-    )
-    derived = np.hstack([_into_body(grid, rates[:, :3]), turning])
-    for i in np.flatnonzero(absent):
-        found[:, i] = _without_jumps(derived[:, i], grid.dt)
-    return found
-
-
-def _without_jumps(speed: Array, dt: float) -> Array:
-    """Return a derived speed (n,) with the spikes that a jump of the pose makes put on its running mean."""
-    finite = np.isfinite(speed)
-    if finite.sum() < _FEW:
-        return speed
-    rows = np.arange(speed.size)
-    whole = np.interp(rows, rows[finite], speed[finite])
-    limit = _CUT * float(np.median(np.abs(whole - _smooth(whole, dt, _EXTRA))))
-    for _ in range(2):
-        mean = _smooth(whole, dt, _EXTRA)
-        whole = np.clip(whole, mean - limit, mean + limit)
-    return np.where(finite, whole, np.nan)
-
-
-def _into_body(grid: Grid, world: Array) -> Array:
-    """Return vectors (n, 3) of the world in the body."""
-    w, v = grid.quaternion[:, :1], grid.quaternion[:, 1:]
-    return world - 2.0 * w * np.cross(v, world) + 2.0 * np.cross(v, np.cross(v, world))
 
 
 def first_look(grid: Grid) -> FirstLook:
     """Look at a grid that has inputs (commands, else a wrench)."""
     sources = Sources.of(grid.pose, grid.velocity, grid.acceleration)
-    nu = velocities(grid)[:_MOST_ROWS]
-    axes = [i for i in range(6) if np.isfinite(nu[:, i]).sum() > _FEW]
-    extra = 2 if "derived" in sources.velocity else 0
-    filtered = {i: _Axis.of(nu[:, i], grid.dt, extra) for i in axes}
-    n = nu.shape[0]
+    nu = speeds(grid)[:_MOST_ROWS]
+    passes = 2 if "derived" in sources.velocity else 0
+    slow = _Motion(grid, nu, _SLOW, passes)
+    at_once = slow.explained(0.0)
+    driven = {i for i in range(6) if at_once[i] > DRIVEN}
+    if not driven:
+        return FirstLook(None, tuple(at_once), sources)
+    quick = _Motion(grid, nu, _QUICK, passes)
+    scan = scan_delay(lambda delay: quick.misfit(delay, driven), _LONGEST)
+    return FirstLook(float(scan.delay), tuple(slow.explained(scan.delay)), sources)
 
-    def regressors(delay: float) -> Array:
-        means = (grid.command_means(delay) if grid.command_t.size else grid.wrench_means(delay))[: n - 1]
+
+class _Motion:
+    """The motion of a grid through one filter, with one set of columns for all axes."""
+
+    def __init__(self, grid: Grid, nu: Array, a: float, passes: int) -> None:
+        self.grid, self.nu, self.a, self.passes = grid, nu, a, passes
+        self.rows = nu.shape[0]
+
+    def _filtered(self, x: Array) -> Array:
+        for _ in range(self.passes):
+            x = lowpass(x, self.grid.dt, DERIVED_CORNER)
+        return lowpass(x, self.grid.dt, self.a)
+
+    def inputs(self, delay: float) -> Array:
+        """Return what the inputs may do over each step (n-1, k), `delay` [s] after their stamps."""
+        grid = self.grid
+        means = (grid.command_means(delay) if grid.command_t.size else grid.wrench_means(delay))[: self.rows - 1]
         means = means[:, np.isfinite(means).any(axis=0)]
-        away = np.nan_to_num(means - np.nanmedian(means, axis=0))
-        size = np.abs(away).max(axis=0)
+        away = np.nan_to_num(means - np.nanmedian(means, axis=0)) if means.size else means
+        size = np.abs(away).max(axis=0, initial=0.0)
         away = away[:, size > 0.0] / size[size > 0.0]
-        return _passed(np.hstack([away, away * np.abs(away)]), grid.dt, extra)
+        return self._filtered(np.hstack([away, away * np.abs(away)]))
 
-    def cost(delay: float) -> float:
-        inputs = regressors(delay)
-        return sum(axis.rows * np.log(axis.unexplained(inputs)) for axis in filtered.values())
+    def explained(self, delay: float) -> list[float]:
+        """Return per axis the share 0 .. 1 of what motion leaves open that the inputs explain; NaN where unknown."""
+        inputs = self.inputs(delay)
+        found = [float("nan")] * 6
+        for group in self.groups:
+            for i, left, total in zip(group.axes, group.left(inputs), (group.open**2).sum(axis=0), strict=True):
+                found[i] = 1.0 - float(left / total) if total > 0.0 else 0.0
+        return found
 
-    still = regressors(0.0)
-    explained = [filtered[i].explained(still) if i in filtered else float("nan") for i in range(6)]
-    filtered = {i: axis for i, axis in filtered.items() if explained[i] > DRIVEN}
-    if not filtered or not still.shape[1]:
-        return FirstLook(None, tuple(explained), sources)
-    scan = scan_delay(cost, _LONGEST)
-    best = regressors(scan.delay)
-    for i, axis in filtered.items():
-        explained[i] = axis.explained(best)
-    return FirstLook(scan, tuple(explained), sources)
+    def misfit(self, delay: float, axes: Collection[int]) -> float:
+        """Return -2 ln L of these axes for a delay [s]."""
+        inputs = self.inputs(delay)
+        total = 0.0
+        for group in self.groups:
+            chosen = [axis in axes for axis in group.axes]
+            if any(chosen):
+                left = group.left(inputs)[chosen]
+                total += group.open.shape[0] * float(np.log(np.maximum(left, 1e-300)).sum())
+        return total
 
-
-def _passed(x: Array, dt: float, extra: int) -> Array:
-    """Pass x (n,) or its columns (n, k) through all filters."""
-    for _ in range(extra):
-        x = _smooth(x, dt, _EXTRA)
-    return _smooth(x, dt)
-
-
-def _smooth(x: Array, dt: float, a: float = _FILTER) -> Array:
-    """Pass x (n,) or its columns (n, k) through a / (s + a), from rest at the first row."""
-    keep = np.exp(-a * dt)
-    start = keep * x[:1] if x.ndim == 2 else keep * x[0]
-    smooth, _ = lfilter([1.0 - keep], [1.0, -keep], x, axis=0, zi=np.atleast_1d(start))
-    return np.asarray(smooth)
+    @cached_property
+    def groups(self) -> list[_Group]:
+        """The known axes of u v w p q r, those with the same rows together."""
+        dt = self.grid.dt
+        whole = np.column_stack([filled(self.nu[:, i]) for i in range(6)])
+        for _ in range(self.passes):
+            whole = lowpass(whole, dt, DERIVED_CORNER)
+        smooth = lowpass(whole, dt, self.a)
+        acceleration = self.a * (whole - smooth)
+        pairs = [whole[:, i] * whole[:, j] for i in range(6) for j in range(i)]
+        columns = [whole, whole * np.abs(whole), np.column_stack(pairs), lowpass(whole, dt, _LEAK)]
+        if self.grid.tilt_known.any():
+            phi, theta = (filled(self.grid.pose[: self.rows, j]) for j in (3, 4))
+            columns.append(np.column_stack([np.sin(theta), np.cos(theta) * np.sin(phi), np.cos(theta) * np.cos(phi)]))
+        beside = np.hstack([lowpass(np.hstack(columns), dt, self.a), np.ones((self.rows, 1))])
+        settled = np.arange(self.rows) * dt > 3.0 / min(self.a, DERIVED_CORNER)
+        finite = np.isfinite(self.nu)
+        known = finite[:-1] & finite[1:] & settled[:-1, None]
+        alike: dict[bytes, list[int]] = {}
+        for i in range(6):
+            if known[:, i].sum() > max(_FEW, 2 * beside.shape[1]):
+                alike.setdefault(known[:, i].tobytes(), []).append(i)
+        return [
+            _Group.of(tuple(axes), acceleration[1:, axes], beside[:-1], known[:, axes[0]]) for axes in alike.values()
+        ]
 
 
 @dataclass(frozen=True)
-class _Axis:
-    """One axis, one row for each step of the grid.
+class _Group:
+    """Axes with the same rows: which, the rows that count (n-1,), what the motion alone leaves of their accelerations
+    (m, axes), and an orthonormal basis (m, k) of what the motion explains."""
 
-    Attributes:
-        acceleration: filtered, over the step (n-1,). speed: what drag may depend on, at its start (n-1, 3).
-        known: False in gaps and while the filters settle (n-1,).
-    """
-
-    acceleration: Array
-    speed: Array
-    known: Array
+    axes: tuple[int, ...]
+    known: NDArray[np.bool_]
+    open: Array
+    basis: Array
 
     @classmethod
-    def of(cls, speed: Array, dt: float, extra: int) -> _Axis:
-        finite = np.isfinite(speed)
-        rows = np.arange(speed.size)
-        whole = np.interp(rows, rows[finite], speed[finite])
-        for _ in range(extra):
-            whole = _smooth(whole, dt, _EXTRA)
-        smooth = _smooth(whole, dt)
-        acceleration = _FILTER * (whole - smooth)
-        columns = np.column_stack([smooth, _smooth(whole * np.abs(whole), dt), np.ones(speed.size)])
-        settled = rows > 3.0 / (_FILTER * dt)
-        return cls(acceleration[1:], columns[:-1], finite[:-1] & finite[1:] & settled[:-1])
+    def of(cls, axes: tuple[int, ...], acceleration: Array, beside: Array, known: NDArray[np.bool_]) -> _Group:
+        y, columns = acceleration[known], beside[known]
+        size = np.linalg.norm(columns, axis=0)
+        u, s, _ = np.linalg.svd(columns[:, size > 0.0] / size[size > 0.0], full_matrices=False)
+        basis = u[:, s > _INDEPENDENT * s[0]]
+        return cls(axes, known, y - basis @ (basis.T @ y), basis)
 
-    @property
-    def rows(self) -> int:
-        return int(self.known.sum())
-
-    def unexplained(self, inputs: Array) -> float:
-        """Return the sum of squares left by inputs (n-1, k) and speed together."""
-        return _left(np.hstack([inputs, self.speed])[self.known], self.acceleration[self.known])
-
-    def explained(self, inputs: Array) -> float:
-        """Return the share 0 .. 1 of what the speed leaves open that the inputs explain."""
-        rows = self.known
-        if rows.sum() < _FEW:
-            return float("nan")
-        without = _left(self.speed[rows], self.acceleration[rows])
-        return 1.0 - self.unexplained(inputs) / without if without > 0.0 else 0.0
-
-
-def _left(columns: Array, y: Array) -> float:
-    theta, *_ = np.linalg.lstsq(columns, y, rcond=None)
-    return max(float(np.sum((y - columns @ theta) ** 2)), 1e-300)
+    def left(self, inputs: Array) -> Array:
+        """Return the sum of squares (axes,) that inputs (n-1, k) and motion together leave."""
+        columns = inputs[self.known]
+        columns = columns - self.basis @ (self.basis.T @ columns)
+        theta = np.linalg.lstsq(columns.T @ columns, columns.T @ self.open, rcond=_INDEPENDENT)[0]
+        return np.asarray(((self.open - columns @ theta) ** 2).sum(axis=0))

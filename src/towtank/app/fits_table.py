@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from towtank.app.numbers import percent, short
+from towtank.app.digits import percent, short
 from towtank.app.output import Output
 from towtank.recording import STANDARD
 

@@ -31,6 +31,13 @@ class PlainCommand(TyperCommand):
         """Return the pieces of the usage line."""
         return [piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)]
 
+    def get_help(self, ctx: Any) -> str:
+        """Return the help text, the arguments without the names of Python types."""
+        for parameter in self.params:
+            if parameter.param_type_name == "argument":
+                parameter.display_type_rich = lambda *_, **__: ""  # type: ignore[attr-defined]
+        return super().get_help(ctx)
+
 
 class Commands(TyperGroup):
     """The command `towtank`: whoever runs it, shell or test, gets exit codes and one-line errors."""
@@ -111,6 +118,8 @@ def _usage_line(error: Any) -> str:
         text = f"no such {unknown[1].lower()} {unknown[2]}{_meant(unknown[1].lower(), unknown[2], context)}"
     if text == "Missing command" and context is not None:
         text += f"; there are {', '.join(context.command.list_commands(context))}"
+    text = re.sub(r"Input should be (a valid )?([^,]*).*", r"expected a \2", text).replace("Value error, ", "")
+    text = text.replace("a integer", "a whole number")
     text = text[:1].lower() + text[1:]
     return f"{command}: {text} (see {command} --help)"
 

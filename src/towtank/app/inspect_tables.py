@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from towtank.app.channel_facts import ChannelFacts
-from towtank.app.inspection import Inspection
-from towtank.app.numbers import short
+from towtank.app.digits import short
+from towtank.app.inspection import AxisVerdict, Inspection
 from towtank.app.output import Output
 
 __all__ = ["show_inspection"]
@@ -34,25 +34,23 @@ def show_inspection(found: Inspection, output: Output) -> None:
 
 def _show_channels(channels: list[ChannelFacts], output: Output) -> None:
     output.line()
-    table = output.table(
-        "Channel", "Unit", "Frame", ">Hz", ">From s", ">To s", ">Missing", ">Gaps", ">Min", ">Max", wrap="Channel"
-    )
+    table = output.table("Channel", "Unit", ">Hz", ">Span s", ">Missing", ">Gaps", ">Range", wrap="Range")
     for each in channels:
         held = each.changes is not None
-        gaps = "held" if held else str(each.gaps) if not each.gaps else f"{each.gaps}, {short(each.longest_gap_s, 2)} s"
         table.add_row(
             each.name,
-            each.unit,
-            each.frame,
+            f"{each.unit} {each.frame}".strip(),
             short(each.rate_hz, 3),
-            short(each.start_s, 4),
-            short(each.end_s, 4),
-            "-" if held else str(each.missing),
-            gaps,
-            short(each.min, 3),
-            short(each.max, 3),
+            f"{_seconds(each.start_s)} .. {_seconds(each.end_s)}",
+            "held" if held else str(each.missing),
+            "-" if held else str(each.gaps),
+            f"{short(each.min, 3)} .. {short(each.max, 3)}",
         )
     output.show(table)
+
+
+def _seconds(t: float) -> str:
+    return f"{round(t, 2):.12g}"
 
 
 def _delay(found: Inspection) -> str:
@@ -60,8 +58,9 @@ def _delay(found: Inspection) -> str:
         return "unknown: no axis follows the inputs" if found.grid.command_t.size else "unknown: no commands"
     spread = found.delay_std
     around = f" ± {1e3 * spread:.1f}" if spread is not None and spread == spread else ""
-    how = "by the vehicle's model" if found.delay_from == "vehicle" else "by correlation, without a vehicle"
-    return f"{1e3 * found.delay:.1f}{around} ms ({how})"
+    if found.delay_from == "correlation":
+        return f"about {1e3 * found.delay:.0f} ms, by correlation; --vehicle tells it better"
+    return f"{1e3 * found.delay:.1f}{around} ms"
 
 
 def _show_axes(found: Inspection, output: Output) -> None:
@@ -69,7 +68,7 @@ def _show_axes(found: Inspection, output: Output) -> None:
     table = output.table("Axis", "Speed", "Verdict", wrap="Verdict")
     for name, verdict in found.axes.items():
         speed = f"{verdict.velocity} {verdict.source}"
-        table.add_row(name, speed, _verdict(verdict.identifiable, verdict.reason, verdict.explained, verdict.coefficients))
+        table.add_row(name, speed, _verdict(verdict))
     output.show(table)
     reasons: dict[str, list[str]] = {}
     for verdict in found.axes.values():
@@ -83,10 +82,9 @@ def _show_axes(found: Inspection, output: Output) -> None:
             output.item(f"not {', '.join(dict.fromkeys(names))}: {reason}")
 
 
-def _verdict(yes: bool, reason: str | None, explained: float | None, coefficients: object) -> str:
-    if not yes:
-        return f"no: {reason}"
-    if explained is not None:
-        return f"follows the inputs: they explain {explained:.0%} of its acceleration"
-    names = [name for name, why in dict(coefficients).items() if why is None]  # type: ignore[call-overload]
-    return f"yes: {', '.join(names)}"
+def _verdict(verdict: AxisVerdict) -> str:
+    if not verdict.identifiable:
+        return f"no: {verdict.reason}"
+    if verdict.explained is not None:
+        return f"follows the inputs: they explain {verdict.explained:.0%} of its acceleration"
+    return f"yes: {', '.join(name for name, why in verdict.coefficients.items() if why is None)}"

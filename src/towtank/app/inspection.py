@@ -91,9 +91,8 @@ def inspect_recording(log: str, recording: Recording, vehicle: Vehicle | None, t
             axis.name: _by_explained(axis.velocity, kind, share)
             for (axis, kind), share in zip(_axes(sources), look.explained, strict=True)
         }
-        scan = look.scan
-        delay, std, origin = (None, None, None) if scan is None else (scan.delay, scan.std, "correlation")
-        return Inspection(log, recording, grid, facts, delay, std, origin, axes, [])
+        origin = None if look.delay is None else "correlation"
+        return Inspection(log, recording, grid, facts, look.delay, None, origin, axes, [])
     learning = learn_recordings(vehicle, [recording], progress=tell)
     std = None if learning.delay_scan is None else learning.delay_scan.std
     axes = {axis.name: _by_learning(axis, kind, learning) for axis, kind in _axes(sources)}
@@ -110,7 +109,7 @@ def _no(velocity: str, source: str, reason: str, explained: float | None = None)
 
 
 def _by_explained(velocity: str, source: str, share: float) -> AxisVerdict:
-    if source == "absent" or not share == share:  # NaN: nothing to look at
+    if source == "absent" or share != share:  # NaN: nothing to look at
         return _no(velocity, source, f"{velocity} is not measured and there is no pose to derive it from")
     if share < DRIVEN:
         return _no(velocity, source, f"hardly follows the inputs: they explain {share:.0%} of its acceleration", share)

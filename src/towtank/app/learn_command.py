@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +12,7 @@ from towtank.app.arguments import Json, Map, Report, Window, WindowText, no_repo
 from towtank.errors import InputError, nearest
 
 if TYPE_CHECKING:
+    from towtank.recording import Recording
     from towtank.vehicle import Vehicle
 
 __all__ = ["learn"]
@@ -37,7 +39,7 @@ def learn(
     ] = "paper",
     free: Annotated[
         str | None,
-        typer.Option("--free", metavar="NAME,...", help="Learn these coefficients only, as X_udot,X_uu; hold the rest."),
+        typer.Option("--free", metavar="NAME,...", help="Learn only these, as X_udot,X_uu; hold the rest."),
     ] = None,
     window: WindowText = None,
     mapping: Map = None,
@@ -50,7 +52,8 @@ def learn(
     ] = None,
     report: Report = None,
     prior: Annotated[
-        str | None, typer.Option("--prior", metavar="VEHICLE", help="Coefficients to start from; not in this version yet.")
+        str | None,
+        typer.Option("--prior", metavar="VEHICLE", help="Values to start from; not in this version yet."),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -74,28 +77,38 @@ def learn(
     from towtank.app.repairs_text import learning_warnings
     from towtank.app.sources import cut, read_logs, read_vehicle
     from towtank.identification.logs import learn_recordings
-    from towtank.validation import validate
     from towtank.vehicle import save_vehicle
 
     output = Output(json=json)
     with output.progress("learning") as tell:
         known = read_vehicle(vehicle, output)
         recordings = cut(read_logs(logs, mapping, tell), stretch)
-        learning = learn_recordings(known, recordings, free=wanted, delay=delay, progress=tell)
+        learning = learn_recordings(
+            known, recordings, free=wanted, delay=delay, progress=lambda text, share: tell(text, 0.9 * share)
+        )
         model = _with_provenance(learning.model, logs, method, learning.delay, learning.estimate.duration)
-        fit = validate(model, recordings, progress=tell).fit
+        tell("predicting", 0.9)
+        fit, unfit = _fit(model, recordings)
         if model_file is not None:
             save_vehicle(model, model_file)
-    warnings = [*output.warnings, *learning_warnings(learning, recordings)]
+    warnings = [*output.warnings, *learning_warnings(learning, recordings), *unfit]
     show_learning(learning, fit, logs, warnings, output)
+    output.line()
     if model_file is not None:
         output.line(f"model written to {model_file}")
-    output.line()
     judge = f"towtank validate {model_file or 'MODEL.toml'} ANOTHER_LOG" + (f" --map {mapping}" if mapping else "")
     output.line(f"Next: {judge}" if model_file else f"Next: the same with -o MODEL.toml, then {judge}", "dim")
-    output.document(
-        {"vehicle": known.name, "logs": logs, "method": method, **learn_document(learning, fit, warnings)}
-    )
+    output.document({"vehicle": known.name, "logs": logs, "method": method, **learn_document(learning, fit, warnings)})
+
+
+def _fit(model: Vehicle, recordings: Sequence[Recording]) -> tuple[dict[str, float | None], list[str]]:
+    """Return the fit [%] of the model on the logs; where they do not allow a prediction, a warning instead."""
+    from towtank.validation import validate
+
+    try:
+        return validate(model, recordings).fit, []
+    except InputError as error:
+        return {}, [f"no fit: {error}"]
 
 
 def _only_paper(method: str, prior: str | None) -> None:
@@ -105,7 +118,9 @@ def _only_paper(method: str, prior: str | None) -> None:
     if method != "paper":
         raise InputError(f'--method {method}: this version offers "paper" only; use --method paper or leave it out')
     if prior is not None:
-        raise InputError(f'--prior {prior}: this version offers "paper" only, which starts from --vehicle; leave it out')
+        raise InputError(
+            f'--prior {prior}: this version offers "paper" only, starting from --vehicle; leave --prior out'
+        )
 
 
 def _names(text: str | None) -> tuple[str, ...] | None:

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from towtank.app.digits import measured, short
 from towtank.app.fits_table import show_fits
-from towtank.app.numbers import measured, short
 from towtank.app.output import Output
 from towtank.identification.logs import LogLearning
 
@@ -17,7 +17,11 @@ _VELOCITIES = ("u", "v", "w", "p", "q", "r")
 
 
 def show_learning(
-    learning: LogLearning, fit: Mapping[str, float | None], logs: Sequence[Path], warnings: Sequence[str], output: Output
+    learning: LogLearning,
+    fit: Mapping[str, float | None],
+    logs: Sequence[Path],
+    warnings: Sequence[str],
+    output: Output,
 ) -> None:
     """Print what was learned."""
     estimate = learning.estimate
@@ -36,12 +40,12 @@ def show_learning(
     spread = "" if scan is None or scan.std != scan.std else f" ± {1e3 * scan.std:.1f}"
     output.line(f"{1e3 * learning.delay:.1f}{spread} ms ({'given' if scan is None else 'found by scanning'})")
     output.heading("Fit of the free-running prediction on these very logs")
-    show_fits({name: fit.get(name) for name in _VELOCITIES}, None, output)
+    speeds = {name: fit.get(name) for name in _VELOCITIES}
+    show_fits(speeds if any(value is not None for value in speeds.values()) else fit, None, output)
     if warnings:
         output.heading("Warnings")
         for text in warnings:
             output.item(text)
-    output.line()
 
 
 def _show_coefficients(learning: LogLearning, output: Output) -> None:
@@ -70,9 +74,7 @@ def _before(learning: LogLearning, name: str) -> float | None:
         return None
 
 
-def learn_document(
-    learning: LogLearning, fit: Mapping[str, float | None], warnings: Sequence[str]
-) -> dict[str, Any]:
+def learn_document(learning: LogLearning, fit: Mapping[str, float | None], warnings: Sequence[str]) -> dict[str, Any]:
     """Return the part of the JSON document that learning fills."""
     estimate = learning.estimate
     return {
@@ -91,6 +93,6 @@ def learn_document(
             for each in estimate.coefficients
         },
         "sums": {total.name: {"value": total.value, "std": total.std, "unit": total.unit} for total in estimate.sums},
-        "fit": {name: fit.get(name) for name in _VELOCITIES},
+        "fit": {**{name: fit.get(name) for name in _VELOCITIES}, **fit},
         "warnings": list(warnings),
     }

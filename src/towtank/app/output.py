@@ -71,7 +71,11 @@ class Output:
     def table(self, *columns: str, wrap: str = "") -> Table:
         """Return an empty table; a column named with a leading `>` holds numbers; `wrap` is the one that may wrap."""
         table = Table(
-            box=ASCII if self.ascii else SIMPLE_HEAD, pad_edge=False, padding=(0, 1), show_edge=False, header_style="bold"
+            box=ASCII if self.ascii else SIMPLE_HEAD,
+            pad_edge=False,
+            padding=(0, 1, 0, 0),
+            show_edge=False,
+            header_style="bold",
         )
         for column in columns:
             name = column.removeprefix(">")

@@ -33,7 +33,7 @@ def list_manoeuvres(json: Json = False) -> None:
     Example:
       towtank manoeuvre list
     """
-    from towtank.app.numbers import short
+    from towtank.app.digits import short
     from towtank.app.output import Output
     from towtank.simulation import AXES, FORMS, MANOEUVRES
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from towtank.app.numbers import short
+from towtank.app.digits import short
 from towtank.app.output import Output
 from towtank.app.text_plot import text_plot
 from towtank.vehicle import ThrusterFit, curve_force, curve_text

@@ -40,8 +40,8 @@ def validate(
     positive("--horizon", horizon)
     stretch = Window.parse(window)
 
+    from towtank.app.digits import short
     from towtank.app.fits_table import show_fits
-    from towtank.app.numbers import short
     from towtank.app.output import Output
     from towtank.app.sources import read_logs, read_vehicle
     from towtank.validation import validate as judge

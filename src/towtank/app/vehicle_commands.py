@@ -126,23 +126,24 @@ def fit(
     from towtank.outputs import write_text
     from towtank.vehicle import curve_text, fit_thruster
 
-    figures = [output_place("--plot", plot, _FIGURES)] if plot else []
-    curves = []
     for path in output_files or ():
-        place = output_place("--output", path, (".toml", *_FIGURES))
-        (curves if path.suffix.lower() == ".toml" else figures).append(place)
+        output_place("--output", path, (".toml", *_FIGURES))
+    output_place("--plot", plot, _FIGURES)
+    curves = [path for path in output_files or () if path.suffix.lower() == ".toml"]
+    figures = [path for path in (*(output_files or ()), *filter(None, [plot])) if path not in curves]
     positive("--supply", supply)
     output = Output(json=json)
     found = fit_thruster(
         bench, kind=kind, degree=degree, nominal_voltage=supply, command=command, force=force, voltage=voltage
     )
     show_fit(found, output)
-    for path in filter(None, curves):
-        write_text(path, f"# {found.curve.source}; goes under [[thrusters]] of a vehicle file\n{curve_text(found.curve)}\n")
+    for path in curves:
+        where = f"# {found.curve.source}; goes under [[thrusters]] of a vehicle file"
+        write_text(path, f"{where}\n{curve_text(found.curve)}\n")
         output.line(f"curve written to {path}")
-    for path in filter(None, figures):
-        from towtank.app.figures import thruster_figure
+    for path in figures:
+        from towtank.app.thruster_figure import thruster_figure
 
         thruster_figure(found, path)
         output.line(f"plot written to {path}")
-    output.document({**fit_document(found), "files": [path for path in (*curves, *figures) if path]})
+    output.document({**fit_document(found), "files": [*curves, *figures]})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from typing import Any
 
-from towtank.app.numbers import measured, short, signed_list
+from towtank.app.digits import measured, short, signed_list
 from towtank.app.output import Output
 from towtank.vehicle import (
     RESTORING,
@@ -127,18 +127,22 @@ def _show_thrusters(vehicle: Vehicle, output: Output) -> None:
         output.heading("No thrusters")
         return
     output.heading("Thrusters (position in m, direction of the force at positive command)")
-    table = output.table("Name", "Position", "Direction", "Curve", ">Force N", ">Lag s", wrap="Curve")
+    table = output.table("Name", "Position", "Direction", ">Force N", ">Lag s", wrap="Position")
     for thruster in vehicle.thrusters:
         lowest, highest = _forces(thruster)
         table.add_row(
             thruster.name,
             signed_list(thruster.position),
             " ".join(f"{x:.3g}" for x in thruster.direction),
-            thruster.curve.kind,
             f"{short(lowest, 3)} .. {short(highest, 3)}",
             short(thruster.time_constant),
         )
     output.show(table)
+    kinds: dict[str, list[str]] = {}
+    for thruster in vehicle.thrusters:
+        kinds.setdefault(thruster.curve.kind, []).append(thruster.name)
+    told = [kind if len(kinds) == 1 else f"{kind} for {', '.join(names)}" for kind, names in kinds.items()]
+    output.line(f"Curves from command to force: {'; '.join(told)}")
 
 
 def _forces(thruster: Thruster) -> tuple[float | None, float | None]:

@@ -24,7 +24,7 @@ from towtank.identification.paper_state import PaperState, new_paper_state
 from towtank.recording import Grid
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
 
-__all__ = ["PaperChain", "Settings", "Sources", "uses_commands"]
+__all__ = ["PaperChain", "Settings", "Sources", "uses_commands", "with_absent_zero"]
 
 
 @dataclass(frozen=True)
@@ -91,6 +91,12 @@ def uses_commands(vehicle: Vehicle, grid: Grid) -> bool:
     return bool(vehicle.thrusters) and grid.commands.shape[1] == len(vehicle.thrusters) and grid.command_t.size > 0
 
 
+def with_absent_zero(wrench: Array) -> Array:
+    """Return a wrench (n, 6) with the components that are nowhere recorded set to zero; all NaN stays as it is."""
+    absent = ~np.isfinite(wrench).any(axis=tuple(range(wrench.ndim - 1)))
+    return wrench if absent.all() else np.where(absent, 0.0, wrench)
+
+
 class PaperChain:
     """The state of `paper_kernel` for one vehicle, one set of sources, and inputs of one kind."""
 
@@ -133,9 +139,12 @@ class PaperChain:
         self.state.pending[:] = 0.0
 
     def forces(self, commands: Array, voltage: Array | None = None) -> Array:
-        """Steady force of each held input (..., m) of commands (..., n), or the wrench itself (..., 6)."""
+        """Steady force of each held input (..., m) of commands (..., n), or the wrench itself (..., 6).
+
+        A component of the wrench that was never recorded is taken as zero.
+        """
         if not self.commands:
-            return commands
+            return with_absent_zero(commands)
         if voltage is not None and not np.isfinite(voltage).any():
             voltage = None
         return np.ascontiguousarray(thruster_forces(self.vehicle, commands, voltage))

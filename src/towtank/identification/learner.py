@@ -12,7 +12,7 @@ from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
 from towtank.identification.axes import AXES
 from towtank.identification.axis_solution import AxisInformation, AxisSolution, solve_axis
-from towtank.identification.chain import PaperChain, Settings, Sources, uses_commands
+from towtank.identification.chain import PaperChain, Settings, Sources, uses_commands, with_absent_zero
 from towtank.identification.estimate import Estimate, estimate_of
 from towtank.identification.structure import absent, candidates, select
 from towtank.recording import Recording, align, bind_thrusters
@@ -120,7 +120,7 @@ class Learner:
             c = _vector(commands, len(self.vehicle.thrusters), "commands")
             forces = np.ascontiguousarray(thruster_forces(self.vehicle, c, voltage))
         elif not chain.commands and wrench is not None:
-            forces = _vector(wrench, 6, "wrench")
+            forces = np.ascontiguousarray(with_absent_zero(_vector(wrench, 6, "wrench")[None])[0])
         return chain.step(float(t), p, v, s, forces) > 0.0
 
     def run(self, recording: Recording) -> int:

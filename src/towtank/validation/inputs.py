@@ -6,6 +6,7 @@ import numpy as np
 
 from towtank.core.arrays import Array, kernel
 from towtank.errors import InputError
+from towtank.identification.chain import with_absent_zero
 from towtank.identification.held_input import HeldInput, held_integral_into, held_push, new_held_input
 from towtank.recording import Grid
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
@@ -46,7 +47,7 @@ def mean_wrenches(vehicle: Vehicle, grid: Grid) -> Array:
         lag = np.array([thruster.time_constant for thruster in vehicle.thrusters])
         delay = vehicle.command_delay
     elif grid.wrench_t.size:
-        stamps, forces = np.array(grid.wrench_t), np.array(grid.wrench_values)
+        stamps, forces = np.array(grid.wrench_t), with_absent_zero(np.array(grid.wrench_values))
         shape, lag, delay = np.eye(6), np.zeros(6), vehicle.command_delay
     else:
         raise InputError(

@@ -23,7 +23,8 @@ from towtank.recording import Grid
 
 __all__ = ["Starts"]
 
-_WINDOW = 0.15  # s to either side, for a velocity taken from the pose
+_WINDOW = 0.2  # s to either side, for a velocity taken from the pose,
+_EDGE = 0.6  # s on the one side there is, at the start and the end of a recording
 _ATTITUDE = {"measured": ATTITUDE_MEASURED, "accelerometer": ATTITUDE_ACCELEROMETER, "gyro": ATTITUDE_GYRO}
 
 
@@ -88,12 +89,15 @@ class Starts:
     def _derived(self, row: int) -> Array:
         """Return the body velocity (6,) from a quadratic through the poses around a row."""
         grid = self.grid
-        near = np.flatnonzero(np.abs(grid.t - grid.t[row]) <= _WINDOW + 1e-9)
-        near = near[np.isfinite(grid.pose[near]).all(axis=1)]
+        measured = np.isfinite(grid.pose).all(axis=1)
+        for window in (_WINDOW, _EDGE):
+            near = np.flatnonzero((np.abs(grid.t - grid.t[row]) <= window + 1e-9) & measured)
+            s = grid.t[near] - grid.t[row]
+            if near.size and s[0] < -0.5 * window and s[-1] > 0.5 * window:
+                break
         out = np.zeros(6)
         if near.size < 3:
             return out
-        s = grid.t[near] - grid.t[row]
         rate = np.linalg.lstsq(np.column_stack([np.ones_like(s), s, s * s]), grid.pose[near], rcond=None)[0][1]
         phi, theta, psi = grid.pose[row, 3:]
         R = rotation_from_quaternion(np.array(quaternion_from_euler(float(phi), float(theta), float(psi))))

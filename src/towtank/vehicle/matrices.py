@@ -9,7 +9,15 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.vehicle.names import COLUMNS, ROWS, index
 
-__all__ = ["GRAVITY", "added_mass_matrix", "asymmetries", "constant_wrench", "damping_matrices", "effective", "singular_row"]
+__all__ = [
+    "GRAVITY",
+    "added_mass_matrix",
+    "asymmetries",
+    "constant_wrench",
+    "damping_matrices",
+    "effective",
+    "singular_row",
+]
 
 GRAVITY = 9.81
 """Acceleration of gravity [m/s^2] in W = m g."""

@@ -7,6 +7,7 @@ import math
 __all__ = ["measured", "percent", "short", "signed_list"]
 
 _DIGITS = 6
+_DIVERGES = -999.0
 
 
 def short(value: float | None, digits: int = 4) -> str:
@@ -29,7 +30,7 @@ def measured(value: float, std: float | None) -> tuple[str, str]:
     ('-0.771', '0.052')
     """
     if std is None or not math.isfinite(std) or not math.isfinite(value):
-        return short(value, 5), ""
+        return short(value, _DIGITS), ""
     if std <= 0.0:
         return short(value, _DIGITS), "0"
     places = 1 - math.floor(math.log10(std))
@@ -43,8 +44,10 @@ def measured(value: float, std: float | None) -> tuple[str, str]:
 
 
 def percent(value: float | None) -> str:
-    """Return a fit in percent; "-" where there is none."""
-    return "-" if value is None else f"{value:.1f}"
+    """Return a fit in percent; "-" where there is none, "diverges" for the worst that is told."""
+    if value is None:
+        return "-"
+    return "diverges" if value <= _DIVERGES else f"{value:.1f}"
 
 
 def signed_list(values: tuple[float, ...]) -> str:

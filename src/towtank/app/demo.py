@@ -1,0 +1,146 @@
+"""`towtank demo`: a simulated tank session, learned sample by sample, judged on a session never seen.
+
+It is what live data will do: `Learner.update` with every pose and its commands, an estimate to be read at any time, and
+at the end a vehicle file.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.text import Text
+
+from towtank.app.demo_files import write_demo
+from towtank.app.demo_progress import Course, quantities
+from towtank.app.demo_session import DELAY, DURATION, FREE, SEED, Session, tank_session, unseen_session
+from towtank.app.demo_stream import Moment, stream
+from towtank.app.demo_table import Screen
+from towtank.app.demo_warmup import warm_up
+from towtank.app.demo_words import commands, fit_text, plan, verdict
+from towtank.errors import InputError
+from towtank.identification import Estimate, Learner
+from towtank.outputs import write_text
+from towtank.validation import Validation, validate
+
+__all__ = ["run_demo"]
+
+_SHORTEST, _LONGEST = 2.0, 3600.0  # s
+_TITLE = "towtank demo: a small ROV in a simulated tank, learned while it moves"
+
+
+def run_demo(
+    output: Path,
+    *,
+    seconds: float | None = None,
+    fast: bool = False,
+    browser: bool = False,
+    console: Console,
+    json_output: bool = False,
+) -> dict[str, Any]:
+    """Run the demo and return its JSON document.
+
+    Args:
+        output: folder for model, recordings, figures and page; made where it does not exist.
+        seconds: length of the session, default 180. fast: do not wait for the clock.
+        browser: open the page at the end, where standard output is a terminal.
+        console: takes table, progress and messages. json_output: standard output belongs to the document alone.
+
+    Raises:
+        InputError: the folder cannot be made, or the length is out of range.
+    """
+    duration = DURATION if seconds is None else float(seconds)
+    if not _SHORTEST <= duration <= _LONGEST:
+        raise InputError(f"--seconds: found {duration:g}, expected {_SHORTEST:g} to {_LONGEST:g}")
+    _make_folder(output)
+    _say(console, _TITLE, "bold")
+    warm_up(lambda: _say(console, "compiling kernels (first run only)", "yellow"))
+    session = tank_session(duration)
+    _say(console, plan(duration, fast))
+    console.print()
+
+    learner = Learner(session.known, free=FREE)
+    course = Course(quantities(session.truth))
+    screen = Screen(console, session)
+    with screen.showing() as show:
+        last = stream(session, learner, course, paced=not fast, show=show)
+
+    estimate, model = learner.estimate, learner.model()
+    unseen = unseen_session()
+    judged = validate(model, [unseen.recording])
+    files = write_demo(output, session, unseen, model, judged, course)
+    console.print()
+    _say(console, verdict(course), "bold")
+    _say(console, fit_text(judged))
+    console.print()
+    _say(console, f"written to {output}: {', '.join(path.name for path in files)}")
+    _say(console, "next, with a log of your own vehicle:")
+    console.print(Text(f"  {commands(output)[0][1]}"), soft_wrap=True)
+    if browser and not json_output and sys.stdout.isatty():
+        import webbrowser
+
+        webbrowser.open(files[0].resolve().as_uri())
+    return _document(session, estimate, course, judged, files, last)
+
+
+def _say(console: Console, text: str, style: str = "") -> None:
+    console.print(Text(text, style=style))
+
+
+def _make_folder(output: Path) -> None:
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise InputError(f"--output {output}: found a file, expected a folder; choose another place") from error
+    except OSError as error:
+        why = error.strerror
+        raise InputError(f"--output {output}: cannot make this folder ({why}); choose another place") from error
+    trial = output / ".trial"
+    write_text(trial, "")
+    trial.unlink()
+
+
+def _document(
+    session: Session, estimate: Estimate, course: Course, judged: Validation, files: list[Path], last: Moment
+) -> dict[str, Any]:
+    coefficients: dict[str, Any] = {}
+    for each in estimate.coefficients:
+        truth = session.truth.coefficient(each.name)
+        entry = {"value": each.value, "std": each.std, "unit": each.unit, "identified": each.identified}
+        errors = _errors(truth, each.value, each.std)
+        coefficients[each.name] = {"truth": truth, **entry, "reason": each.reason, **errors}
+    sums = {
+        quantity.name: {
+            "truth": quantity.truth,
+            "value": value,
+            "std": std,
+            "unit": quantity.unit,
+            "identified": value == value,
+            **_errors(quantity.truth, value, std),
+        }
+        for quantity, value, std in course.latest()
+        if quantity.kind == "inertia"
+    }
+    return {
+        "vehicle": session.truth.name,
+        "seconds": session.recording.duration,
+        "samples": last.samples,
+        "seed": SEED,
+        "delay_s": DELAY,
+        "coefficients": coefficients,
+        "sums": sums,
+        "fit": judged.fit,
+        "files": files,
+        "latency_ms": last.latency_ms,
+        "samples_per_second": last.rate,
+    }
+
+
+def _errors(truth: float, value: float, std: float) -> dict[str, float | None]:
+    """Return the error in percent of the truth and in deviations; None where it is not identified."""
+    if not std > 0.0:
+        return {"error_percent": None, "error_in_std": None}
+    share = 100.0 * (value / truth - 1.0) if truth else None
+    return {"error_percent": share, "error_in_std": (value - truth) / std}
