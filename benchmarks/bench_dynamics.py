@@ -177,7 +177,8 @@ def prove_parity() -> None:
     n = 1_000
     plain, quaternions = start()
     for coupled in (False, True):
-        references = [vehicle(kind, coupled).simulate(plain, thrust(n), DT) for kind in (PlainVehicle, EconomicalVehicle)]
+        kinds = (PlainVehicle, EconomicalVehicle)
+        references = [vehicle(kind, coupled).simulate(plain, thrust(n), DT) for kind in kinds]
         p = vehicle(PlainVehicle, coupled).parameters
         single = simulate_run(p, quaternions, thrust(n)[:, None], DT, STILL)[-1]
         batch = simulate_final(np.stack([p, p]), np.stack([quaternions] * 2), thrust(n)[None], DT, STILL)

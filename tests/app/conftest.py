@@ -1,0 +1,30 @@
+"""Files that the tests of the command line work on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from .commands import command
+
+BENCH = "pwm,force_N\n" + "".join(
+    f"{pwm},{0.0 if abs(pwm - 1500) < 25 else 4e-4 * (pwm - 1500) * abs(pwm - 1500):.6g}\n"
+    for pwm in range(1100, 1901, 20)
+)
+
+
+SENSED = ("--sensors", "ins", "--disturbance", 0.3, "--seed", 1)
+
+
+@pytest.fixture(scope="session")
+def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with simulated logs: `surge.csv`, `yaw.csv`, a learned model, a bench test."""
+    folder = tmp_path_factory.mktemp("workshop")
+    for name in ("surge", "yaw"):
+        ran = command("simulate", "vlbv300", f"{name}-square", "-o", folder / f"{name}.csv", "--duration", 30, *SENSED)
+        assert ran.code == 0, ran
+    ran = command("learn", folder / "yaw.csv", "--vehicle", "vlbv300", "-o", folder / "learned.toml", "--delay", 0)
+    assert ran.code == 0, ran
+    (folder / "bench.csv").write_text(BENCH)
+    return folder

@@ -1,0 +1,212 @@
+"""The demo: what it says, writes and returns, and how well it learns."""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from towtank.app.demo import run_demo
+from towtank.app.demo_progress import SETTLED, SETTLING, WAITING, Course, quantities, readings
+from towtank.app.demo_session import FREE, tank_session, unseen_session
+from towtank.app.demo_stream import pose_and_commands, stream
+from towtank.app.demo_table import coefficient_table
+from towtank.app.document import json_text
+from towtank.errors import InputError
+from towtank.identification import Learner
+from towtank.recording import read_parquet
+from towtank.vehicle import load_vehicle
+
+FILES = {
+    "demo.html",
+    "vlbv300_learned.toml",
+    "tank_session.parquet",
+    "unseen_session.parquet",
+    "convergence.png",
+    "prediction.png",
+}
+
+
+@dataclass(frozen=True)
+class Ran:
+    folder: Path
+    text: str
+    document: dict[str, Any]
+
+
+def console(*, terminal: bool = False) -> Console:
+    return Console(file=io.StringIO(), width=80, highlight=False, force_terminal=terminal, color_system=None)
+
+
+def text_of(shown: Console) -> str:
+    assert isinstance(shown.file, io.StringIO)
+    return shown.file.getvalue()
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
+    folder = tmp_path_factory.mktemp("demo") / "new" / "folder"
+    shown = console()
+    document = run_demo(folder, seconds=20.0, fast=True, browser=True, console=shown)
+    return Ran(folder, text_of(shown), json.loads(json_text(document)))
+
+
+def test_it_writes_all_files_and_nothing_else(ran: Ran) -> None:
+    assert {path.name for path in ran.folder.iterdir()} == FILES
+    assert {Path(file).name for file in ran.document["files"]} == FILES
+    assert all((ran.folder / name).stat().st_size > 1000 for name in FILES)
+
+
+def test_the_document_has_what_scripts_rely_on(ran: Ran) -> None:
+    document = ran.document
+    assert (document["vehicle"], document["seconds"], document["samples"]) == ("vlbv300", 20.0, 2000)
+    assert set(document["coefficients"]) == set(FREE)
+    entry = document["coefficients"]["Y_vdot"]
+    assert set(entry) == {"truth", "value", "std", "unit", "identified", "reason", "error_percent", "error_in_std"}
+    assert entry["identified"]
+    assert entry["error_in_std"] == pytest.approx((entry["value"] - entry["truth"]) / entry["std"])
+    assert document["sums"]["m - Y_vdot"]["truth"] == pytest.approx(37.65)
+    assert set(document["latency_ms"]) == {"median", "p99", "max"}
+    assert document["fit"]["theta"] > 50.0
+
+
+def test_piped_output_is_plain_lines(ran: Ran) -> None:
+    assert "\x1b" not in ran.text
+    assert "\r" not in ran.text
+    told = [line.split()[2] for line in ran.text.splitlines() if " s  " in line and "±" in line]
+    assert told == ["surge", "sway", "heave", "roll", "yaw", "pitch"]
+    assert "towtank learn YOUR_LOG --vehicle" in ran.text
+
+
+def test_the_page_stands_alone(ran: Ran) -> None:
+    page = (ran.folder / "demo.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") == 2
+    assert "://" not in page
+    assert str(ran.folder) not in page
+    assert "m - X_udot" in page
+
+
+def test_the_model_and_the_logs_can_be_read_again(ran: Ran) -> None:
+    model = load_vehicle(ran.folder / "vlbv300_learned.toml")
+    assert model.command_delay == 0.05
+    assert model.hydrodynamics["Y_vv"].std is not None
+    assert model.hydrodynamics["Y_vv"].value == pytest.approx(ran.document["coefficients"]["Y_vv"]["value"])
+    log = read_parquet(ran.folder / "tank_session.parquet")
+    assert {"x", "psi", "cmd_aft_port"} <= set(log.names)
+    assert read_parquet(ran.folder / "unseen_session.parquet").duration == 30.0
+
+
+def test_a_terminal_gets_a_live_table(tmp_path: Path) -> None:
+    shown = console(terminal=True)
+    run_demo(tmp_path, seconds=3.0, fast=True, browser=False, console=shown)
+    assert "\x1b[" in text_of(shown)
+    assert "3 of 3 s, 0 s to go: finished" in text_of(shown)
+    last = text_of(shown).rsplit("Coefficient", 1)[1]
+    assert "m - X_udot" in last
+    assert max(len(line) for line in last.splitlines() if "\x1b" not in line and "towtank" not in line) <= 80
+
+
+def test_the_table_fits_an_old_terminal() -> None:
+    truth = tank_session(2.0).truth
+    shown = Console(file=io.StringIO(), width=80, highlight=False)
+    shown.print(coefficient_table(Course(quantities(truth)), "surge", ascii_only=True))
+    text = text_of(shown)
+    assert text.isascii()
+    assert "…" not in text
+    assert len(text.splitlines()) <= 16
+
+
+@pytest.mark.parametrize("seconds", [0.5, 1e5, float("nan")])
+def test_a_session_too_short_or_too_long_is_refused(tmp_path: Path, seconds: float) -> None:
+    with pytest.raises(InputError, match=r"--seconds: found .*, expected 2 to 3600"):
+        run_demo(tmp_path / "out", seconds=seconds, fast=True, browser=False, console=console())
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_in_place_of_the_folder_is_refused_at_once(tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("mine")
+    with pytest.raises(InputError, match="found a file, expected a folder"):
+        run_demo(tmp_path / "taken", seconds=2.0, fast=True, browser=False, console=console())
+    assert (tmp_path / "taken").read_text() == "mine"
+
+
+def test_a_short_session_says_what_it_could_not_learn(tmp_path: Path) -> None:
+    shown = console()
+    document = run_demo(tmp_path, seconds=2.0, fast=True, browser=False, console=shown)
+    missing = [entry for entry in document["coefficients"].values() if not entry["identified"]]
+    assert all(entry["reason"] and entry["error_percent"] is None for entry in missing)
+    assert {path.name for path in tmp_path.iterdir()} == FILES
+
+
+def test_real_time_takes_the_time_of_the_session() -> None:
+    session = tank_session(2.0)
+    moments: list[float] = []
+    began = time.perf_counter()
+    course = Course(quantities(session.truth))
+    stream(session, Learner(session.known, free=FREE), course, paced=True, show=lambda moment: moments.append(moment.t))
+    assert 1.95 <= time.perf_counter() - began < 4.0
+    assert len(moments) >= 5
+    assert moments[-1] == 2.0
+
+
+def test_the_session_is_the_same_every_time_and_stays_in_the_tank() -> None:
+    times, poses, commands = pose_and_commands(tank_session())
+    again = pose_and_commands(tank_session())
+    assert np.array_equal(poses, again[1])
+    assert np.array_equal(commands, again[2])
+    assert not np.array_equal(poses, pose_and_commands(tank_session(seed=2))[1])
+    assert times[-1] == pytest.approx(179.99)
+    assert np.abs(commands).max() < 60.0  # within the range of the thrusters' bench fit
+    extent = np.ptp(poses[:, :3], axis=0)
+    assert (extent < 4.0).all()
+    assert (poses[:, 2] > 0.0).all()
+
+
+def test_every_axis_has_its_turn_and_rests_lie_between() -> None:
+    session = tank_session(60.0)
+    assert [session.axis_at(t) for t in (5.0, 15.0, 25.0, 35.0, 45.0, 55.0)] == [
+        "surge", "sway", "heave", "roll", "yaw", "pitch"
+    ]  # fmt: skip
+    assert session.axis_at(10.0) == ""
+    assert unseen_session().turns == ()
+
+
+def test_the_learner_is_told_no_coefficient() -> None:
+    session = tank_session(2.0)
+    assert not session.known.hydrodynamics
+    assert session.known.coefficient("BG_z") == 0.0
+    assert session.known.rigid_body == session.truth.rigid_body
+
+
+def test_the_states_of_a_course() -> None:
+    truth = tank_session(2.0).truth
+    course = Course(quantities(truth)[:1])
+    assert course.states == (WAITING,)
+    for t in range(12):
+        course.t.append(float(t))
+        course.values.append(np.array([np.nan if t < 2 else 40.0 + (3.0 if t < 5 else 0.0)]))
+        course.std.append(np.array([0.5]))
+    assert course.states == (SETTLED,)
+    assert Course(course.learned, course.t[:9], course.values[:9], course.std[:9]).states == (SETTLING,)
+    assert Course(course.learned, course.t[:2], course.values[:2], course.std[:2]).states == (WAITING,)
+
+
+def test_the_session_teaches_what_the_demo_promises() -> None:
+    session = tank_session()
+    learner = Learner(session.known, free=FREE)
+    for t, pose, commands in zip(*pose_and_commands(session), strict=True):
+        learner.update(t, pose=pose, commands=commands)
+    learned = quantities(session.truth)
+    values, std = readings(learner.estimate, learned)
+    for quantity, value, deviation in zip(learned, values, std, strict=True):
+        limit = 10.0 if quantity.axis in ("roll", "pitch") else 3.0 if quantity.kind == "inertia" else 8.0
+        error = 100.0 * abs(value / quantity.truth - 1.0)
+        assert error <= limit, f"{quantity.name}: {error:.2f} % off, promised {limit:g} %"
+        assert abs(value - quantity.truth) <= 3.0 * deviation, quantity.name

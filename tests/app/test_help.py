@@ -1,0 +1,81 @@
+"""Help is quick, complete, and its examples run."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from .commands import command
+
+COMMANDS = [
+    ["demo"],
+    ["vehicle", "list"],
+    ["vehicle", "show"],
+    ["vehicle", "check"],
+    ["vehicle", "fit-thruster"],
+    ["manoeuvre", "list"],
+    ["simulate"],
+    ["inspect"],
+    ["learn"],
+    ["validate"],
+]
+HEAVY = {"matplotlib", "numba", "numpy", "pyarrow", "pydantic", "rich", "scipy", "tomlkit"}
+
+
+def examples(words: list[str]) -> list[str]:
+    """Return the example lines of a command's help."""
+    return re.findall(r"^ +(towtank .+)$", command(*words, "--help").out.split("Options:")[0], re.MULTILINE)
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_every_command_has_help_with_an_example_and_json(words: list[str]) -> None:
+    ran = command(*words, "--help")
+    assert ran.code == 0
+    assert examples(words)
+    assert all(example.startswith(f"towtank {' '.join(words)}") for example in examples(words))
+    assert "--json" in ran.out
+    assert "{" not in ran.out
+
+
+def test_the_list_of_commands_is_whole() -> None:
+    listed = re.findall(r"^  ([a-z]+)  ", command("--help").out, re.MULTILINE)
+    assert listed == ["demo", "vehicle", "manoeuvre", "simulate", "inspect", "learn", "validate"]
+
+
+@pytest.mark.parametrize("words", [words for words in COMMANDS if words != ["demo"]], ids=" ".join)
+def test_examples_run(words: list[str], workshop: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("surge.csv", "learned.toml", "bench.csv"):
+        shutil.copy(workshop / name, tmp_path / name)
+    shutil.copy(workshop / "learned.toml", tmp_path / "mine.toml")
+    monkeypatch.chdir(tmp_path)
+    for example in examples(words):
+        ran = command(*shlex.split(example)[1:])
+        assert ran.code == 0, ran
+
+
+def test_the_first_example_is_a_whole_story(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert command("simulate", "vlbv300", "all-multisine", "-o", "another.csv", "--duration", 20).code == 0
+    story = re.findall(r"^ +(towtank .+)$", command("--help").out, re.MULTILINE)
+    assert len(story) == 3
+    for line in story:
+        ran = command(*shlex.split(line)[1:])
+        assert ran.code == 0, ran
+
+
+@pytest.mark.parametrize("words", [["--help"], ["learn", "--help"], ["--version"], ["vehicle", "--help"]], ids=" ".join)
+def test_help_loads_nothing_heavy(words: list[str]) -> None:
+    code = (
+        "import sys\nfrom towtank.app.cli import main\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        "print(*sorted({name.partition('.')[0] for name in sys.modules}), file=sys.stderr)"
+    )
+    run = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=True, timeout=60)
+    typers_own = {"pydantic"} if len(words) == 2 else set()
+    assert (HEAVY - typers_own).isdisjoint(run.stderr.split())

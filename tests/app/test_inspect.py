@@ -1,0 +1,113 @@
+"""`towtank inspect`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import towtank as tt
+
+from .commands import command, document
+
+
+@pytest.fixture(scope="module")
+def delayed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All axes of the vlbv300 under motion capture, 80 ms late."""
+    path = tmp_path_factory.mktemp("inspect") / "tank.csv"
+    ran = command("simulate", "vlbv300", "tank-session", "-o", path, "--sensors", "mocap", "--delay", 0.08, "--seed", 5)
+    assert ran.code == 0, ran
+    return path
+
+
+def test_channels(workshop: Path) -> None:
+    found = document("inspect", workshop / "yaw.csv")
+    channels = {entry["name"]: entry for entry in found["channels"]}
+    assert channels["r"]["unit"] == "rad/s"
+    assert channels["r"]["frame"] == "FRD"
+    assert channels["r"]["rate_hz"] == pytest.approx(100.0)
+    assert channels["r"]["missing"] == 0
+    assert channels["cmd_aft_port"]["changes"] > 3
+    assert found["duration_s"] == pytest.approx(30.0)
+    assert found["repairs"]["lines"] == []
+
+
+def test_delay_and_axes_without_a_vehicle(delayed: Path) -> None:
+    found = document("inspect", delayed)
+    assert found["delay_from"] == "correlation"
+    assert found["delay_s"] == pytest.approx(0.08, abs=0.02)
+    assert all(verdict["identifiable"] for verdict in found["axes"].values())
+    assert found["axes"]["surge"]["source"] == "derived"
+    assert found["axes"]["yaw"]["explained"] > 0.8
+
+
+def test_delay_and_axes_with_the_vehicle(delayed: Path) -> None:
+    found = document("inspect", delayed, "--vehicle", "vlbv300")
+    assert found["delay_from"] == "vehicle"
+    assert found["delay_s"] == pytest.approx(0.08, abs=0.01)
+    assert found["axes"]["yaw"]["identifiable"] is True
+    assert found["axes"]["yaw"]["coefficients"]["N_rdot"] is None
+
+
+def test_an_axis_that_was_not_moved(workshop: Path) -> None:
+    axes = document("inspect", workshop / "yaw.csv", "--vehicle", "vlbv300")["axes"]
+    assert axes["yaw"]["identifiable"] is True
+    assert axes["surge"]["identifiable"] is False
+    assert "not excited" in axes["surge"]["reason"]
+    axes = document("inspect", workshop / "yaw.csv")["axes"]
+    assert axes["yaw"]["identifiable"] is True
+    assert axes["heave"]["identifiable"] is False
+
+
+def test_a_speed_that_was_not_measured(tmp_path: Path, workshop: Path) -> None:
+    run = tt.read(workshop / "yaw.csv")
+    log = tmp_path / "gyro.csv"
+    run.without("x", "y", "z", "phi", "theta", "psi", "u", "v", "w").write(log)
+    axes = document("inspect", log)["axes"]
+    assert axes["surge"]["source"] == "absent"
+    assert "not measured" in axes["surge"]["reason"]
+    assert axes["yaw"]["source"] == "measured"
+
+
+def test_a_log_without_inputs(tmp_path: Path) -> None:
+    log = tmp_path / "drift.csv"
+    t = np.arange(200) / 50.0
+    tt.Recording.from_table(t, {"r": np.sin(t)}).write(log)
+    for words in ([], ["--vehicle", "seamor"]):
+        found = document("inspect", log, *words)
+        assert found["delay_s"] is None
+        assert not any(verdict["identifiable"] for verdict in found["axes"].values())
+        assert "no inputs" in found["axes"]["yaw"]["reason"]
+
+
+def test_holes_and_a_troubled_clock(tmp_path: Path) -> None:
+    t = np.arange(400) / 50.0
+    rows = [f"{x:.3f},{np.sin(x):.6f},5" for x in t if not 3.0 < x < 4.0]
+    rows[10], rows[11] = rows[11], rows[10]
+    rows.append(rows[-1])
+    log = tmp_path / "log.csv"
+    log.write_text("t,r,N\n" + "\n".join(rows) + "\n")
+    found = document("inspect", log)
+    channel = found["channels"][0]
+    assert channel["gaps"] == 1
+    assert channel["missing"] == 49
+    assert channel["longest_gap_s"] == pytest.approx(1.0)
+    assert found["repairs"]["disorder"] >= 1
+    assert found["repairs"]["duplicates"] == 1
+    out = command("inspect", log).out
+    assert "out of order" in out
+    assert "gap" in out
+
+
+def test_window(workshop: Path) -> None:
+    assert document("inspect", workshop / "yaw.csv", "--window", "5,")["start_s"] == pytest.approx(5.0)
+
+
+def test_output_is_readable(workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    for words in ([], ["--vehicle", "vlbv300"]):
+        ran = command("inspect", workshop / "yaw.csv", *words)
+        assert ran.code == 0
+        assert "What can be identified" in ran.out
+        assert max(map(len, ran.out.splitlines()[1:])) <= 80

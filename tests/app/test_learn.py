@@ -1,0 +1,121 @@
+"""`towtank learn` and `towtank validate` on simulated logs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from towtank.vehicle import load_vehicle
+
+from .commands import command, document, refused
+
+CONTRACT = {"vehicle", "logs", "method", "duration_s", "samples", "delay_s", "coefficients", "fit", "warnings"}
+CHANNELS = {"u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi"}
+
+
+@pytest.fixture(scope="module")
+def learned(workshop: Path) -> dict:
+    return document("learn", workshop / "yaw.csv", "--vehicle", "vlbv300")
+
+
+def test_document_is_the_contract(learned: dict, workshop: Path) -> None:
+    assert learned.keys() >= CONTRACT
+    assert learned["vehicle"] == "vlbv300"
+    assert learned["logs"] == [str(workshop / "yaw.csv")]
+    assert learned["method"] == "paper"
+    assert learned["duration_s"] == pytest.approx(30.0, abs=0.1)
+    assert learned["fit"].keys() >= {"u", "v", "w", "p", "q", "r"}
+    for entry in learned["coefficients"].values():
+        assert entry.keys() == {"value", "std", "unit", "identified", "reason"}
+        assert entry["identified"] is (entry["reason"] is None)
+        assert (entry["std"] is not None) is entry["identified"]
+
+
+def test_what_was_moved_is_learned(learned: dict) -> None:
+    truth = load_vehicle("vlbv300")
+    assert learned["coefficients"]["N_rdot"]["value"] == pytest.approx(truth.coefficient("N_rdot"), rel=0.02)
+    assert learned["coefficients"]["N_rr"]["value"] == pytest.approx(truth.coefficient("N_rr"), rel=0.05)
+    assert learned["delay_s"] == pytest.approx(0.0, abs=0.005)
+    assert learned["fit"]["r"] > 98.0
+    assert learned["coefficients"]["X_uu"]["identified"] is False
+    total = learned["sums"]["I_z - N_rdot"]
+    assert total["value"] == pytest.approx(0.9 + 0.9061, rel=0.02)
+
+
+def test_table_names_what_was_learned_and_why_the_rest_was_not(workshop: Path) -> None:
+    ran = command("learn", workshop / "yaw.csv", "--vehicle", "vlbv300")
+    assert ran.code == 0
+    assert "N_rdot" in ran.out
+    assert "Not identified" in ran.out
+    assert "not excited" in ran.out.replace("\n", " ")
+    assert "Next:" in ran.out
+    assert "Repairs(" not in ran.out
+
+
+def test_only_what_is_free_is_learned(workshop: Path) -> None:
+    found = document("learn", workshop / "yaw.csv", "--vehicle", "vlbv300", "--free", "N_rdot, N_rr", "--delay", 0)
+    assert set(found["coefficients"]) == {"N_rdot", "N_rr"}
+    assert found["delay_s"] == 0.0
+    assert found["delay_std_s"] is None
+
+
+def test_window_and_several_logs(workshop: Path) -> None:
+    logs = [workshop / "yaw.csv", workshop / "surge.csv"]
+    found = document("learn", *logs, "--vehicle", "vlbv300", "--window", "5,20", "--delay", 0)
+    assert found["duration_s"] == pytest.approx(30.0, abs=0.2)
+    assert found["coefficients"]["X_uu"]["identified"]
+    assert found["coefficients"]["N_rr"]["identified"]
+
+
+def test_model_file_is_a_vehicle_with_provenance(workshop: Path) -> None:
+    model = load_vehicle(str(workshop / "learned.toml"))
+    assert model.coefficient("N_rr") == pytest.approx(load_vehicle("vlbv300").coefficient("N_rr"), rel=0.05)
+    assert any("learned from yaw.csv" in note for note in model.provenance.notes)
+    assert str(workshop) not in (workshop / "learned.toml").read_text()
+
+
+def test_validate(workshop: Path) -> None:
+    found = document("validate", workshop / "learned.toml", workshop / "yaw.csv")
+    assert found.keys() >= {"model", "logs", "fit", "rmse", "window"}
+    assert found["fit"].keys() == CHANNELS
+    assert found["rmse"].keys() == CHANNELS
+    assert found["fit"]["r"] > 98.0
+    assert found["window"] == pytest.approx([0.0, 30.0], abs=0.02)
+    ran = command("validate", workshop / "learned.toml", workshop / "yaw.csv", "--horizon", 5)
+    assert ran.code == 0
+    assert "RMS error" in ran.out
+
+
+def test_validate_in_windows(workshop: Path) -> None:
+    words = ["validate", "vlbv300", workshop / "yaw.csv", workshop / "surge.csv"]
+    assert document(*words, "--window", "10,20")["window"] == pytest.approx([10.0, 20.0], abs=0.02)
+    assert document(*words, "--window", "-10,")["window"] == pytest.approx([20.0, 30.0], abs=0.02)
+
+
+@pytest.mark.parametrize(
+    "words, expected",
+    [
+        (["--method", "joint"], 'this version offers "paper" only'),
+        (["--method", "output-error"], 'this version offers "paper" only'),
+        (["--method", "papers"], 'did you mean "paper"?'),
+        (["--prior", "seamor"], 'this version offers "paper" only'),
+        (["--report", "r.html"], "this version writes no HTML report"),
+        (["--free", "X_zz"], "X_zz"),
+        (["--free", ","], "expected names of coefficients"),
+        (["--window", "5"], "expected START,END"),
+        (["--window", "500,600"], "no sample in it"),
+        (["--delay", "-1"], "--delay: found -1"),
+        (["-o", "model.txt"], ".toml"),
+        (["--map", "nothing.toml"], "nothing.toml"),
+        (["--vehicle", "seamo"], 'did you mean "seamor"?'),
+    ],
+)
+def test_wrong_options(words: list[str], expected: str, workshop: Path) -> None:
+    start = [] if "--vehicle" in words else ["--vehicle", "vlbv300"]
+    assert expected in refused("learn", workshop / "yaw.csv", *start, *words)
+
+
+def test_validate_refuses_a_report_and_a_horizon_of_nothing(workshop: Path) -> None:
+    assert "no HTML report" in refused("validate", "vlbv300", workshop / "yaw.csv", "--report", "r.html")
+    assert "--horizon: found 0" in refused("validate", "vlbv300", workshop / "yaw.csv", "--horizon", 0)

@@ -1,0 +1,85 @@
+"""A real ROV in a pool: learned on one run, judged on another; thrusters as PWM, rotation by gyros alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from .commands import document
+
+MAPPING = """
+thrusters = ["pwm1", "pwm2", "pwm3", "pwm4", "pwm5", "pwm6"]
+[columns]
+p = "gyro_p"
+q = "gyro_q"
+r = "gyro_r"
+"""
+
+
+class Pool:
+    """The runs of the pool, and models learned from them."""
+
+    def __init__(self, data: Path, folder: Path) -> None:
+        self.data, self.folder = data / "bluerov_pool_2016", folder
+        self.mapping = folder / "map.toml"
+        self.mapping.write_text(MAPPING)
+
+    def log(self, name: str) -> Path:
+        found = sorted(self.data.glob(f"{name}_2016*.csv"))
+        if not found:
+            pytest.skip(f"no run {name} in {self.data}")
+        return found[0]
+
+    def learn(self, *names: str) -> tuple[dict, Path]:
+        model = self.folder / f"{'_'.join(names)}.toml"
+        logs = [self.log(name) for name in names]
+        return document("learn", *logs, "--vehicle", "bluerov_2016", "--map", self.mapping, "-o", model), model
+
+    def fit(self, model: Path, name: str, *words: object) -> dict:
+        return document("validate", model, self.log(name), "--map", self.mapping, *words)["fit"]
+
+
+@pytest.fixture(scope="module")
+def pool(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Pool:
+    return Pool(data, tmp_path_factory.mktemp("pool"))
+
+
+def test_yaw(pool: Pool) -> None:
+    found, model = pool.learn("yaw_1")
+    assert 0.7 <= found["sums"]["I_z - N_rdot"]["value"] <= 1.25
+    assert 0.0 <= found["delay_s"] <= 0.06
+    quadratic = found["coefficients"]["N_rr"]
+    assert quadratic["identified"] is False
+    assert "cannot be told apart" in quadratic["reason"]
+    assert pool.fit(model, "yaw_2")["r"] >= 72.0
+
+
+def test_yaw_of_two_runs(pool: Pool) -> None:
+    found, model = pool.learn("yaw_1", "yaw_2")
+    assert 0.7 <= found["sums"]["I_z - N_rdot"]["value"] <= 1.25
+    assert 0.0 <= found["delay_s"] <= 0.06
+    assert pool.fit(model, "yaw_3")["r"] >= 53.0
+
+
+def test_pitch_and_roll_with_restarts(pool: Pool) -> None:
+    found, model = pool.learn("pitch_roll_1")
+    assert 0.0 <= found["delay_s"] <= 0.06
+    fit = pool.fit(model, "pitch_roll_2", "--horizon", 5)
+    assert fit["p"] >= 55.0
+    assert fit["q"] >= 55.0
+
+
+def test_what_was_not_measured_is_said(pool: Pool) -> None:
+    found, _ = pool.learn("yaw_1")
+    assert found["coefficients"]["X_uu"]["identified"] is False
+    assert "not measured" in found["coefficients"]["X_uu"]["reason"]
+    assert found["fit"]["u"] is None
+
+
+def test_inspect_agrees_with_learn_about_the_delay(pool: Pool) -> None:
+    words = ["inspect", pool.log("yaw_1"), "--map", pool.mapping]
+    assert document(*words)["delay_s"] == pytest.approx(0.035, abs=0.02)
+    axes = document(*words, "--vehicle", "bluerov_2016")["axes"]
+    assert axes["yaw"]["identifiable"] is True
+    assert axes["surge"]["identifiable"] is False

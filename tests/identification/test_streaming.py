@@ -1,0 +1,169 @@
+"""One sample at a time, or a whole recording: the same numbers; and memory that stays what it is."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+from towtank.errors import InputError
+from towtank.identification import Learner
+from towtank.recording import Recording
+from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
+from towtank.vehicle import Vehicle, load_vehicle
+
+from .runs import POSE, TRUTH, VELOCITY, box, fly, follow, table, unknown, waves
+
+SENSORS = {"perfect": "perfect", "mocap": Mocap()}
+
+
+def rows_of(log: Recording, vehicle: Vehicle, learner: Learner) -> Learner:
+    """Every row of a recording on one clock, one after the other."""
+    pose, velocity = (table(log, names) if names[0] in log else None for names in (POSE, VELOCITY))
+    commands = np.column_stack([log[f"cmd_{thruster.name}"].values for thruster in vehicle.thrusters])
+    for k, t in enumerate(log["x"].t):
+        learner.update(
+            t,
+            pose=None if pose is None else pose[k],
+            velocity=None if velocity is None else velocity[k],
+            commands=commands[k] if k < len(commands) else None,
+        )
+    return learner
+
+
+def same(a: Learner, b: Learner, tolerance: float) -> None:
+    one, two = a.estimate, b.estimate
+    assert one.samples == two.samples
+    assert one.identified == two.identified
+    assert any(one.identified)
+    assert np.allclose(one.values, two.values, rtol=tolerance, atol=1e-12)
+    assert np.allclose(one.std, two.std, rtol=1e3 * tolerance, atol=1e-9, equal_nan=True)
+
+
+@pytest.mark.parametrize("sensors", SENSORS.values(), ids=SENSORS.keys())
+def test_row_by_row_equals_run(sensors: str | Mocap) -> None:
+    vehicle = load_vehicle("vlbv300")
+    commands = manoeuvre("all-telegraph", vehicle, duration=25.0).commands
+    log = simulate(vehicle, commands=commands, sensors=sensors, disturbance=OrnsteinUhlenbeck(), seed=4)
+    whole = Learner(vehicle)
+    whole.run(log)
+    same(whole, rows_of(log, vehicle, Learner(vehicle)), 1e-9)
+
+
+def test_the_order_of_restarts_and_runs_does_not_matter() -> None:
+    vehicle = load_vehicle("vlbv300")
+    logs = [
+        simulate(vehicle, commands=manoeuvre(name, vehicle, duration=20.0).commands, sensors=Mocap(), seed=k)
+        for k, name in enumerate(("surge-square", "yaw-square"))
+    ]
+    a, b = Learner(vehicle), Learner(vehicle)
+    for log in logs:
+        a.run(log)
+        b.restart()
+        rows_of(log, vehicle, b)
+    same(a, b, 1e-9)
+    c = Learner(vehicle)
+    for log in reversed(logs):
+        c.run(log)
+    assert np.allclose(a.estimate["N_rr"].value, c.estimate["N_rr"].value, rtol=0.02)
+
+
+def test_the_estimate_can_be_read_at_any_time_and_reading_changes_nothing() -> None:
+    run = fly(box(), waves(1500, 0.01, (0, 30.0, 0.8), square=True))
+    read, unread = Learner(box()), Learner(box())
+    for k in range(run.t.size):
+        read.update(run.t[k], velocity=run.velocity[k], pose=run.pose[k], wrench=run.wrench[k])
+        if k % 25 == 0:
+            assert set(read.estimate.names) == set(unread.estimate.names)
+            read.model()
+    follow(unread, run)
+    assert np.array_equal(read.estimate.values, unread.estimate.values)
+
+
+def test_the_callers_arrays_stay_the_callers() -> None:
+    run = fly(box(), waves(800, 0.01, (0, 30.0, 0.8)))
+    a, b = follow(Learner(box()), run), Learner(box())
+    pose, velocity, wrench = np.empty(6), np.empty(6), np.empty(6)
+    for k in range(run.t.size):
+        pose[:], velocity[:], wrench[:] = run.pose[k], run.velocity[k], run.wrench[k]
+        kept = velocity.copy()
+        b.update(run.t[k], pose=pose, velocity=velocity, wrench=wrench)
+        assert np.array_equal(velocity, kept)
+        pose[:], velocity[:], wrench[:] = 1e9, 1e9, 1e9
+    assert np.array_equal(a.estimate.values, b.estimate.values)
+    found = b.estimate
+    found.values[:] = 7.0
+    assert np.array_equal(a.estimate.values, b.estimate.values)
+
+
+def test_a_pickled_learner_goes_on() -> None:
+    run = fly(box(), waves(1000, 0.01, (0, 30.0, 0.8)))
+    a = Learner(box())
+    for k in range(1001):
+        if k == 500:
+            b = pickle.loads(pickle.dumps(a))
+        for learner in (a, b) if k >= 500 else (a,):
+            learner.update(run.t[k], pose=run.pose[k], velocity=run.velocity[k], wrench=run.wrench[k])
+    assert np.array_equal(a.estimate.values, b.estimate.values)
+
+
+def test_memory_is_bounded_and_blocks_keep_every_row() -> None:
+    dt, n = 0.05, 200_000
+    push = waves(n, dt, (0, 30.0, 0.8), square=True)
+    log = simulate(box(), wrench=push, dt=dt, disturbance=OrnsteinUhlenbeck(std=(0.5, 0, 0, 0, 0, 0)), seed=1)
+    learner = Learner(box(), free=("X_udot", "X_uu"))
+    small = Learner(box(), free=("X_udot", "X_uu"))
+    small.run(log.window(0.0, 10.0))
+    learner.run(log)
+
+    def size(one: Learner) -> int:
+        chain = one._chain
+        assert chain is not None
+        return sum(array.nbytes for part in (chain.state, chain.motion, chain.held) for array in part)
+
+    assert size(learner) == size(small)
+    chain = learner._chain
+    assert chain is not None
+    information = chain.information(0)
+    assert len(information.blocks) <= 256
+    assert information.rows == n
+    R = information.triangle
+    assert np.allclose(information.blocks.sum(axis=0), R.T @ R, rtol=1e-9, atol=1e-9 * np.abs(R).max() ** 2)
+    found = learner.estimate["X_udot"]
+    assert abs(found.value - TRUTH["X_udot"]) < 4.0 * found.std
+    assert found.std < 0.02 * 30.0
+
+
+@pytest.mark.parametrize("row", [(0, 30.0, 0.8), (5, 4.0, 1.1)])
+def test_gradient_approaches_least_squares(row: tuple[int, float, float]) -> None:
+    vehicle = box()
+    free = ("X_udot", "X_uu") if row[0] == 0 else ("N_rdot", "N_rr")
+    run = fly(vehicle, waves(20_000, 0.02, row, square=True), dt=0.02)
+    learner = follow(Learner(unknown(vehicle), free=free, estimator="gradient"), run)
+    found = learner.gradient_estimate
+    rigid = 20.0 if row[0] == 0 else 1.5
+    assert found[free[1]] == pytest.approx(TRUTH[free[1]], rel=0.01)
+    assert rigid - found[free[0]] == pytest.approx(rigid - TRUTH[free[0]], rel=0.01)
+    assert Learner(vehicle).gradient_estimate == {}
+
+
+def test_recordings_of_one_kind_at_a_time() -> None:
+    vehicle = box()
+    push = waves(500, 0.01, (0, 30.0, 0.8))
+    learner = Learner(vehicle)
+    learner.run(simulate(vehicle, wrench=push))
+    with pytest.raises(InputError, match="one kind at a time"):
+        learner.run(simulate(vehicle, wrench=push, sensors=Mocap()))
+
+
+def test_forgetting_follows_a_change() -> None:
+    light, heavy = box(), box(hydrodynamics={**TRUTH, "X_udot": -25.0, "X_uu": -60.0})
+    push = waves(6000, 0.01, (0, 30.0, 0.8), square=True)
+    learner = Learner(box(), free=("X_udot", "X_uu"), forgetting=0.998)
+    follow(learner, fly(light, push))
+    assert learner.estimate["X_uu"].value == pytest.approx(-30.0, rel=1e-3)
+    learner.restart()
+    follow(learner, fly(heavy, push))
+    assert learner.estimate["X_uu"].value == pytest.approx(-60.0, rel=1e-3)
+    assert learner.estimate["X_udot"].value == pytest.approx(-25.0, rel=1e-3)

@@ -1,0 +1,5 @@
+"""Proofs of free-running prediction and of its scores."""
+
+from __future__ import annotations
+
+__all__: list[str] = []
