@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from towtank.identification import learn_recordings
-from towtank.identification.delay import scan_delay
+from towtank.identification.delay import DelayCost, scan_delay
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle
 
 from .runs import box
 
 TANK = OrnsteinUhlenbeck(std=(0.5, 0.5, 0.5, 0.05, 0.05, 0.05))
+
+
+def scan(cost: Callable[[float], float], longest: float) -> DelayScan:
+    return scan_delay(lambda delay: DelayCost(cost(delay)), longest)
 
 
 def test_the_scan_finds_the_bottom_between_its_steps() -> None:
@@ -22,23 +28,30 @@ def test_the_scan_finds_the_bottom_between_its_steps() -> None:
         tried.append(delay)
         return 4000.0 * (delay - 0.1234) ** 2
 
-    scan = scan_delay(cost, 0.4, spread=5.0)
-    assert scan.delay == pytest.approx(0.1234, abs=1e-6)
-    assert scan.std == pytest.approx(np.sqrt(2.0 * 5.0 / 8000.0), rel=1e-6)
-    assert not scan.at_limit
+    found = scan(cost, 0.4)
+    assert found.delay == pytest.approx(0.1234, abs=1e-6)
+    assert not found.at_limit
     assert len(tried) == len(set(tried)) < 40
-    assert (np.diff(scan.delays) > 0).all()
+    assert (np.diff(found.delays) > 0).all()
+
+
+def test_its_deviation_is_that_of_a_mean_over_blocks_that_differ() -> None:
+    """Every block of time has its own best delay; the whole has their mean, and that mean's deviation."""
+    best = 0.2 + 0.02 * np.random.default_rng(1).standard_normal(200)
+    found = scan_delay(lambda d: DelayCost(float(np.sum(50 * (d - best) ** 2)), [50 * (d - best) ** 2]), 0.4)
+    assert found.delay == pytest.approx(best.mean(), abs=1e-6)
+    assert found.std == pytest.approx(0.02 / np.sqrt(200), rel=0.4)
 
 
 def test_the_ends_of_the_range() -> None:
-    assert scan_delay(lambda d: d, 0.4).delay == 0.0
-    far = scan_delay(lambda d: -d, 0.4)
+    assert scan(lambda d: d, 0.4).delay == 0.0
+    far = scan(lambda d: -d, 0.4)
     assert far.delay == pytest.approx(0.4)
     assert far.at_limit
     assert np.isnan(far.std)
-    assert scan_delay(lambda d: 0.0, 0.4).delay == 0.0
-    assert scan_delay(lambda d: (d - 0.013) ** 2, 0.03).delay == pytest.approx(0.013, abs=1e-6)
-    assert scan_delay(lambda d: d, 0.0).delay == 0.0
+    assert scan(lambda d: 0.0, 0.4).delay == 0.0
+    assert scan(lambda d: (d - 0.013) ** 2, 0.03).delay == pytest.approx(0.013, abs=1e-6)
+    assert scan(lambda d: d, 0.0).delay == 0.0
 
 
 def vessel(lag: float = 0.0) -> Vehicle:
@@ -106,8 +119,8 @@ def test_a_poor_run_does_not_claim_a_sharp_delay() -> None:
     for seed in (1, 3):
         push = np.zeros((4000, 6))
         push[:, 0] = 20 * np.sin(0.8 * np.arange(4000) * 0.01)
-        scan = learn_recordings(
+        found = learn_recordings(
             box(), [simulate(box(), wrench=push, disturbance=TANK, seed=seed)], instruments=False
         ).delay_scan
-        assert scan is not None
-        assert scan.delay < max(0.010, 4.0 * scan.std)
+        assert found is not None
+        assert found.delay < max(0.010, 4.0 * found.std)

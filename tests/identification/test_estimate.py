@@ -1,4 +1,4 @@
-"""What an estimate says: deviations that hold, sums that are known, BG_z from two axes, a vehicle with it all put in."""
+"""What an estimate says: deviations that hold, sums that are known, BG_z from two axes, a vehicle with all put in."""
 
 from __future__ import annotations
 
@@ -81,7 +81,9 @@ def test_deviations_do_not_depend_on_what_a_recording_is_learned_beside() -> Non
     rng = np.random.default_rng(3)
     push = np.zeros((60_000, 6))
     push[:, 0] = 30 * np.sign(np.sin(0.8 * np.arange(60_000) * 0.01))
-    long, short = (simulate(box(), wrench=push[:n], disturbance=TANK, seed=int(rng.integers(99))) for n in (60_000, 6000))
+    long, short = (
+        simulate(box(), wrench=push[:n], disturbance=TANK, seed=int(rng.integers(99))) for n in (60_000, 6000)
+    )
 
     def std(first: object, second: object) -> float:
         learner = learn_recordings(box(), [first, second], delay=0.0, instruments=False)  # type: ignore[list-item]
@@ -137,7 +139,8 @@ def trial(seed: int) -> list[Recording]:
     """Surge and yaw in a tank: mocap noise, jumps, a slow disturbance."""
     pushes = [waves(2000, 0.01, row, square=True) for row in ((0, 25.0, 1.25), (5, 3.0, 1.25))]
     return [
-        simulate(box(), wrench=push, sensors=Mocap(), disturbance=TANK, seed=2 * seed + k) for k, push in enumerate(pushes)
+        simulate(box(), wrench=push, sensors=Mocap(), disturbance=TANK, seed=2 * seed + k)
+        for k, push in enumerate(pushes)
     ]
 
 

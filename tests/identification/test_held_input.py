@@ -7,7 +7,6 @@ import pytest
 
 from towtank.identification.held_input import held_integral_into, held_push, new_held_input
 
-
 FINE = 1e-4  # s
 
 

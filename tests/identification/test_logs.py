@@ -34,9 +34,11 @@ def test_several_recordings_of_different_lengths() -> None:
 
 def test_one_recording_cut_in_two_says_about_the_same() -> None:
     log = run((0, 25.0, 1.2), 60.0)
-    whole = learn_recordings(box(), [log], delay=0.0).estimate["X_udot"]
-    halves = learn_recordings(box(), [log.window(0.0, 30.0), log.window(30.0, 60.0)], delay=0.0).estimate["X_udot"]
-    assert halves.value == pytest.approx(whole.value, abs=whole.std)
+    parts = [log], [log.window(0.0, 30.0), log.window(30.0, 60.0)]
+    whole, halves = (
+        learn_recordings(box(), logs, free=("X_udot", "X_uu"), delay=0.0).estimate["X_udot"] for logs in parts
+    )
+    assert halves.value == pytest.approx(whole.value, abs=2.0 * whole.std)
     assert halves.std == pytest.approx(whole.std, rel=0.5)
 
 
@@ -52,7 +54,7 @@ def test_a_window_learns_from_that_part_alone() -> None:
 def test_instruments_take_the_bias_of_a_slow_disturbance_away() -> None:
     strong = OrnsteinUhlenbeck(std=(2.0, 0, 0, 0, 0, 0))
     found = {True: [], False: []}  # type: ignore[var-annotated]
-    for seed in range(8):
+    for seed in range(5):
         log = run((0, 12.0, 0.6), 60.0, seed, disturbance=strong)
         for flag, values in found.items():
             values.append(learn_recordings(box(), [log], delay=0.0, instruments=flag).estimate["X_udot"].value)
@@ -71,9 +73,8 @@ def test_progress_is_told_and_does_not_go_back() -> None:
 def test_recordings_and_vehicle_stay_as_they_are() -> None:
     log, vehicle = run((0, 25.0, 1.2), 10.0), box()
     kept = {name: channel.values.copy() for name, channel in log.channels.items()}
-    before = vehicle.model_dump_json()
     learn_recordings(vehicle, [log])
-    assert vehicle.model_dump_json() == before
+    assert vehicle == box()
     assert all(np.array_equal(log[name].values, values, equal_nan=True) for name, values in kept.items())
 
 
@@ -89,7 +90,8 @@ def test_gyros_alone_learn_yaw() -> None:
 
 
 def test_inertial_sensors_with_dvl_and_depth_learn_surge() -> None:
-    estimate = learn_recordings(box(), [run((0, 25.0, 0.6), 60.0, sensors=Ins())], delay=0.0).estimate
+    log = run((0, 25.0, 0.6), 60.0, sensors=Ins())
+    estimate = learn_recordings(box(), [log], free=("X_udot", "X_uu"), delay=0.0).estimate
     assert estimate["X_uu"].identified
     assert estimate["X_uu"].value == pytest.approx(-30.0, rel=0.06)
     assert 20.0 - estimate["X_udot"].value == pytest.approx(30.0, rel=0.12)  # the dvl is slow
@@ -118,7 +120,14 @@ def test_nothing_to_learn_from_is_refused() -> None:
 
 @pytest.mark.parametrize(
     "settings",
-    [{"delay": -0.1}, {"delay": np.nan}, {"longest_delay": -1.0}, {"longest_delay": np.nan}, {"a": 0.0}, {"lowpass": -1.0}],
+    [
+        {"delay": -0.1},
+        {"delay": np.nan},
+        {"longest_delay": -1.0},
+        {"longest_delay": np.nan},
+        {"a": 0.0},
+        {"lowpass": -1.0},
+    ],
     ids=str,
 )
 def test_settings_out_of_range_are_refused(settings: dict[str, float]) -> None:
@@ -232,5 +241,5 @@ def test_a_channel_without_any_value_is_as_if_it_were_not_there() -> None:
     log = run((0, 25.0, 1.2), 10.0, sensors="perfect", disturbance=None)
     blank = log.replace([type(log["v"])("v", log["v"].t, np.full(1001, np.nan), "m/s", "FRD")])
     estimate = learn_recordings(box(), [blank], delay=0.0).estimate
-    assert estimate["X_udot"].value == pytest.approx(-10.0, rel=1e-5)
+    assert estimate["X_udot"].value == pytest.approx(-10.0, rel=0.01)  # sway is derived, so all is low-passed
     assert set(VELOCITY) <= set(blank.names)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -188,7 +189,7 @@ def test_gradient_converges_while_excited(gamma: float) -> None:
         estimator.run(Phi[part], Phi[part] @ TRUTH)
         distance.append(np.linalg.norm(estimator.theta - TRUTH))
     assert distance[-1] < 1e-9 * distance[0]
-    assert all(after <= before + 1e-12 for before, after in zip(distance, distance[1:], strict=False))
+    assert all(after <= before + 1e-12 for before, after in pairwise(distance))
 
 
 def test_gradient_never_grows_without_excitation() -> None:

@@ -88,11 +88,28 @@ def test_an_axis_that_rests_under_disturbance_is_not_identified() -> None:
     for sensors in ("perfect", Mocap()):
         vehicle = load_vehicle("vlbv300")
         commands = manoeuvre("surge-square", vehicle, duration=30.0).commands
-        estimate = learn_recordings(vehicle, [simulate(vehicle, commands=commands, sensors=sensors)], delay=0.0).estimate
+        log = simulate(vehicle, commands=commands, sensors=sensors)
+        estimate = learn_recordings(vehicle, [log], delay=0.0).estimate
         consistent(estimate)
         assert estimate["X_udot"].identified
         assert not estimate["Y_vdot"].identified
         assert "sway was not" in str(estimate["Y_vdot"].reason)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_axes_that_only_a_disturbance_moves_do_not_drag_the_others_along(seed: int) -> None:
+    """Without a command nothing anchors the scale of an axis: it may not be learned, nor used to learn others."""
+    log = simulate(
+        box(), wrench=waves(6000, 0.01, (0, 25.0, 0.6), square=True), sensors=Mocap(), disturbance=TANK, seed=seed
+    )
+    estimate = learn_recordings(box(), [log], delay=0.0).estimate
+    truth = {**TRUTH, "BG_z": 0.02 * 20 * 9.81}
+    wrong = {
+        c.name: (c.value, c.std)
+        for c in estimate.coefficients
+        if c.identified and abs(c.value - truth.get(c.name, 0.0)) > 5.0 * c.std
+    }
+    assert not wrong
 
 
 def test_without_any_command_nothing_is_found() -> None:
@@ -105,7 +122,8 @@ def test_without_any_command_nothing_is_found() -> None:
 
 def test_speeds_that_are_not_measured() -> None:
     vehicle = box()
-    log = simulate(vehicle, wrench=waves(2000, 0.01, (5, 4.0, 1.0), square=True)).without(*"xyzuvw", "phi", "theta", "psi")
+    log = simulate(vehicle, wrench=waves(2000, 0.01, (5, 4.0, 1.0), square=True))
+    log = log.without(*"xyzuvw", "phi", "theta", "psi")
     estimate = learn_recordings(vehicle, [log], delay=0.0).estimate
     consistent(estimate)
     assert estimate["N_rr"].identified

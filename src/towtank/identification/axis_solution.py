@@ -17,7 +17,7 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.identification.axes import C_FORCE, C_LHS, N_COLUMNS
 
-__all__ = ["AxisInformation", "AxisSolution", "merge_information", "solve_axis"]
+__all__ = ["AxisInformation", "AxisSolution", "long_run", "merge_information", "solve_axis"]
 
 _MASS = 4
 _SPAN = 2.0  # s, least span over which residuals are taken to be alike
@@ -66,6 +66,7 @@ class AxisSolution:
         condition: condition number of the regressors, each scaled to unit size.
         excitation: smallest eigenvalue of their mean outer product: 0 not excited, 1/n.. perfectly.
         correlation: (5, 5) of the estimates.
+        block_residuals: sums of squared residuals (b,) over the blocks of time, for least squares.
         explained: share of the filtered left-hand side's square that the regression explains.
     """
 
@@ -78,6 +79,7 @@ class AxisSolution:
     condition: float
     excitation: float
     correlation: Array
+    block_residuals: Array
     explained: float
 
     @property
@@ -148,6 +150,7 @@ def solve_axis(
         condition=float(singular[0] / singular[-1]),
         excitation=float(singular[-1] ** 2 / len(theta)),
         correlation=covariance / np.outer(safe, safe),
+        block_residuals=np.einsum("i,bij,j->b", error, information.blocks, error),
         explained=1.0 - residual_sum / max(float(np.sum((information.triangle @ target) ** 2)), 1e-300),
     )
 
@@ -177,14 +180,14 @@ def _covariance(
     ) @ inverse.T
     if count < 2 * unknowns + 2:
         return plain
-    S = _long_run(scores, round(max(_SPAN, 2.0 / information.a) / information.block_length))
-    long_run = inverse @ S @ inverse.T * count / (count - unknowns)
-    variance, least = np.diag(long_run).copy(), np.diag(plain)
+    S = long_run(scores, round(max(_SPAN, 2.0 / information.a) / information.block_length))
+    honest = inverse @ S @ inverse.T * count / (count - unknowns)
+    variance, least = np.diag(honest).copy(), np.diag(plain)
     grow = np.sqrt(np.maximum(1.0, least / np.where(variance > 0.0, variance, np.inf)))
-    return np.where(variance.min() > 0.0, long_run * np.outer(grow, grow), plain)
+    return np.where(variance.min() > 0.0, honest * np.outer(grow, grow), plain)
 
 
-def _long_run(scores: Array, lags: int) -> Array:
+def long_run(scores: Array, lags: int) -> Array:
     """Return the long-run covariance (n, n), times the number of blocks, of scores (b, n) that are alike in time.
 
     A first-order recursion takes the slow part out first (Andrews and Monahan, 1992): a Bartlett sum alone would miss

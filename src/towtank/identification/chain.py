@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.errors import InputError
 from towtank.identification.axis_solution import AxisInformation
 from towtank.identification.held_input import HeldInput, new_held_input
 from towtank.identification.motion_state import (
@@ -40,6 +41,9 @@ class Settings:
         forgetting: factor per sample, 1 never forgets.
         gain: step of the normalised gradient estimator that runs beside, 0 for none.
         smooth: inputs are samples of a smooth function, not held commands.
+
+    Raises:
+        InputError: a setting is out of range.
     """
 
     a: float = 3.0
@@ -49,6 +53,16 @@ class Settings:
     forgetting: float = 1.0
     gain: float = 0.0
     smooth: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("a", "lowpass", "gap"):
+            value = getattr(self, name)
+            if not 0.0 < value < np.inf:
+                raise InputError(f"{name}: found {value}, expected a positive number")
+        if not 0.0 <= self.delay < np.inf:
+            raise InputError(f"delay: found {self.delay}, expected a number of seconds, 0 or more")
+        if not 0.0 < self.forgetting <= 1.0:
+            raise InputError(f"forgetting: found {self.forgetting}, expected a factor in (0, 1]")
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,8 @@ def held_push(held: HeldInput, t: float, value: Array) -> None:
     ring = held.times.shape[0]
     pushed = int(held.counters[0])
     due = t + held.delay[0]
+    if not math.isfinite(due):
+        return
     for j in range(value.shape[0]):
         if not math.isfinite(value[j]):
             return
@@ -71,7 +73,7 @@ def held_push(held: HeldInput, t: float, value: Array) -> None:
 
 @kernel
 def held_integral_into(held: HeldInput, end: float, out: Array) -> bool:
-    """Write int force dt (m,) from the clock to `end` into `out` and advance the clock.
+    """Write int force dt (m,) from the clock to `end` into `out` and advance the clock; it never goes back.
 
     Before the first command the first command is taken as held. False where no command has come yet: nothing is known.
     """
@@ -81,6 +83,8 @@ def held_integral_into(held: HeldInput, end: float, out: Array) -> bool:
         out[j] = 0.0
     pushed = int(held.counters[0])
     now = held.clock[0]
+    if end <= now:
+        return pushed > 0
     held.clock[0] = end
     if pushed == 0:
         return False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -32,7 +33,8 @@ class Learner:
         free: names of the coefficients to learn; by default every inertia, the damping terms that the vehicle has
             (both where it has none), righting moments and net weight.
         estimator: "rls" (square-root recursive least squares) or "gradient" (normalised gradient, no deviations).
-        delay: from command to thruster [s]; the vehicle's own where omitted.
+        delay: from input to force [s]. Where omitted, commands have the vehicle's own and a wrench, which is what
+            acted, none.
         a: filter constant of both sides [1/s].
         lowpass: corner [Hz] where velocity has to be derived from the pose; the thrust passes the same filter.
         forgetting: factor per sample; 1 never forgets.
@@ -67,23 +69,19 @@ class Learner:
             raise InputError(f'estimator: found "{estimator}", expected "rls" or "gradient"')
         if inputs not in ("held", "smooth"):
             raise InputError(f'inputs: found "{inputs}", expected "held" or "smooth"')
-        for name, value in (("a", a), ("lowpass", lowpass), ("gap", gap)):
-            if not 0.0 < value < np.inf:
-                raise InputError(f"{name}: found {value}, expected a positive number")
-        if not 0.0 < forgetting <= 1.0:
-            raise InputError(f"forgetting: found {forgetting}, expected a factor in (0, 1]")
         self.vehicle = vehicle
         self.method = method
         self.estimator = estimator
         self.settings = Settings(
             a=a,
             lowpass=lowpass,
-            delay=vehicle.command_delay if delay is None else float(delay),
+            delay=0.0 if delay is None else float(delay),
             gap=gap,
             forgetting=forgetting,
             gain=0.05 if estimator == "gradient" else 0.0,
             smooth=inputs == "smooth",
         )
+        self._own_delay = delay is None
         self.candidates = candidates(vehicle, free)
         self._chain: PaperChain | None = None
 
@@ -198,7 +196,10 @@ class Learner:
     def model(self) -> Vehicle:
         """Return the vehicle with everything identified so far put in."""
         learned = self.estimate.model(self.vehicle, f"learned by towtank, method {self.method}")
-        return learned.model_copy(update={"command_delay": self.settings.delay})
+        commands = self._chain is not None and self._chain.commands
+        if commands:
+            learned = learned.model_copy(update={"command_delay": self.settings.delay})
+        return learned
 
     # -- inside
 
@@ -209,6 +210,8 @@ class Learner:
     def _start(self, sources: Sources, *, commands: bool) -> PaperChain:
         free = np.array([candidate.wanted for candidate in self.candidates], dtype=np.float64)
         known = np.array([candidate.known for candidate in self.candidates])
+        if self._own_delay and commands:
+            self.settings = replace(self.settings, delay=self.vehicle.command_delay)
         self._chain = PaperChain(self.vehicle, sources, self.settings, free, known, commands=commands)
         return self._chain
 

@@ -13,6 +13,8 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from towtank.errors import InputError
 from towtank.identification.axes import AXES
 from towtank.identification.chain import Settings, Sources
@@ -25,7 +27,8 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["LogLearning", "learn_recordings"]
 
-_ROUNDS = 2  # the second with the couplings of what the first learned
+_ROUNDS = 12  # at most; each with the couplings of what the last one learned
+_SETTLED = 0.1  # deviations, or a thousandth of its value, that nothing may move any more
 
 
 @dataclass(frozen=True)
@@ -64,7 +67,7 @@ def learn_recordings(
 
     Args:
         free: names of the coefficients to learn, see `Learner`.
-        delay: from command to thruster [s]; found by scanning up to `longest_delay` where omitted.
+        delay: from command (or recorded wrench) to force [s]; found by scanning up to `longest_delay` where omitted.
         a, lowpass: see `Learner`.
         instruments: remove the bias of least squares with command-driven instruments.
         progress: called with a text and the share done, 0 .. 1.
@@ -74,6 +77,8 @@ def learn_recordings(
     """
     if not recordings:
         raise InputError("no recording given, expected at least one")
+    if not 0.0 <= longest_delay < 10.0:
+        raise InputError(f"longest_delay: found {longest_delay}, expected seconds between 0 and 10")
     told = progress or (lambda text, share: None)
     told("aligning", 0.0)
     names = [thruster.name for thruster in vehicle.thrusters]
@@ -85,18 +90,34 @@ def learn_recordings(
         scan = passes.find_delay(longest_delay, told)
         passes = Passes(vehicle, grids, replace(passes.settings, delay=scan.delay), passes.candidates)
     told("least squares", 0.4)
-    findings = passes.least_squares()
-    if instruments:
-        for round_ in range(_ROUNDS):
-            told("instruments", 0.5 + 0.4 * round_ / _ROUNDS)
-            model = passes.assemble(findings).model(vehicle)
-            findings = passes.with_instruments(model)
-    estimate = passes.assemble(findings)
+    estimate = passes.least_squares()
+    for _ in range(_ROUNDS):
+        last = estimate
+        estimate = passes.least_squares(last.model(vehicle))
+        if _settled(last, estimate):
+            break
+    for round_ in range(_ROUNDS if instruments else 0):
+        told("instruments", 0.5 + 0.4 * round_ / _ROUNDS)
+        last = estimate
+        estimate = passes.with_instruments(last.model(vehicle))
+        if _settled(last, estimate):
+            break
     told("done", 1.0)
     found = passes.settings.delay
-    model = estimate.model(vehicle, "learned by towtank, method paper").model_copy(update={"command_delay": found})
+    model = estimate.model(vehicle, "learned by towtank, method paper")
+    if any(passes.commands):
+        model = model.model_copy(update={"command_delay": found})
     warnings = _warnings(vehicle, estimate, scan, longest_delay, passes)
     return LogLearning(vehicle, estimate, model, found, scan, grids, tuple(passes.sources), warnings)
+
+
+def _settled(last: Estimate, new: Estimate) -> bool:
+    """Whether nothing moved any more from one round to the next."""
+    if last.identified != new.identified:
+        return False
+    known = np.array(new.identified, dtype=np.bool_)
+    step = np.abs(new.values - last.values)[known]
+    return bool(np.all(step <= np.maximum(_SETTLED * new.std[known], 1e-3 * np.abs(new.values[known]))))
 
 
 def _warnings(

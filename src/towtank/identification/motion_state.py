@@ -160,7 +160,10 @@ def motion_step(m: Motion, t: float, pose: Array, velocity: Array, acceleration:
         return -1.0
     if derive:
         for i in range(6):
-            if m.source[i] == DERIVED and not math.isfinite(pose[i]):
+            needed = m.source[0] == DERIVED or m.source[1] == DERIVED or m.source[2] == DERIVED
+            if i > 2:
+                needed = needed or m.source[3] == DERIVED or m.source[4] == DERIVED or m.source[5] == DERIVED
+            if needed and not math.isfinite(pose[i]):
                 return -1.0
     h: float = t - m.last[0]
     if h <= 0.0:

@@ -153,6 +153,17 @@ def _smooth_input(state: PaperState, command: Array, h: float) -> None:
         state.pending[i] = cubic_increment(recent[0, i], recent[1, i], recent[2, i], recent[3, i], h)
 
 
+@inlined_kernel
+def _clear_filters(state: PaperState, velocity: Array) -> None:
+    """Begin a new stretch: the filters from zero, the instruments from the measured velocity."""
+    for axis in range(6):
+        for i in range(N_COLUMNS):
+            state.filtered[axis, i] = 0.0
+        state.instrument[axis, 0] = velocity[axis] if math.isfinite(velocity[axis]) else 0.0
+        state.instrument[axis, 1] = 0.0
+        state.instrument[axis, 2] = 0.0
+
+
 @kernel
 def paper_step(
     state: PaperState,
@@ -173,43 +184,39 @@ def paper_step(
     Returns:
         Length [s] of the interval that was learned from, 0 where none was.
     """
+    if not math.isfinite(t):
+        return 0.0
     m = held.force.shape[0]
     forces = state.work[20 : 20 + (m + 5) // 6].reshape(-1)[:m]
     known = held_integral_into(held, t, forces)
     held_push(held, t, command)
-    for i in range(6):
-        for j in range(m):
-            state.pending[i] += state.shape[i, j] * forces[j]
+    smooth, derived = state.settings[5] > 0.0, motion.settings[1] > 0.0
+    if smooth:
+        since = t - motion.last[0]
+        _smooth_input(state, command, since if since > 0.0 else 1.0)
+    else:
+        for i in range(6):
+            for j in range(m):
+                state.pending[i] += state.shape[i, j] * forces[j]
     h = motion_step(motion, t, pose, velocity, acceleration, state.pending)
     if h < 0.0:
         return 0.0
+    if smooth:
+        for i in range(6):
+            known = known and math.isfinite(state.pending[i])
+        if not known:
+            motion.counts[0] = 0.0
+        known = known and motion.counts[0] > 2.0
     if h == 0.0 or not known:
         for i in range(6):
             state.pending[i] = 0.0
         if motion.counts[0] == 0.0:
-            if state.settings[5] > 0.0:
-                _smooth_input(state, command, 1.0)
-                for i in range(6):
-                    state.pending[i] = 0.0
-            for axis in range(6):
-                for i in range(N_COLUMNS):
-                    state.filtered[axis, i] = 0.0
-                state.instrument[axis, 0] = velocity[axis] if math.isfinite(velocity[axis]) else 0.0
-                state.instrument[axis, 1] = 0.0
-                state.instrument[axis, 2] = 0.0
+            _clear_filters(state, velocity)
         return 0.0
-    if state.settings[5] > 0.0:
-        _smooth_input(state, command, h)
-        for i in range(6):
-            if not math.isfinite(state.pending[i]):
-                motion.counts[0] = 0.0
-        if motion.counts[0] < 3.0:
-            for i in range(6):
-                state.pending[i] = 0.0
-            return 0.0
-    elif motion.settings[1] > 0.0:
+    if derived:
         for i in range(6):
             state.pending[i] = 0.5 * h * (motion.wrench[0, i] + motion.wrench[1, i])
+            state.recent[4, i] = 0.0
     learn_interval(state, motion, state.pending, h)
     for i in range(6):
         state.pending[i] = 0.0

@@ -12,7 +12,7 @@ from towtank.errors import InputError
 from towtank.identification.axes import AXES
 from towtank.identification.axis_solution import AxisInformation, AxisSolution, merge_information, solve_axis
 from towtank.identification.chain import PaperChain, Settings, Sources, uses_commands
-from towtank.identification.delay import DelayScan, scan_delay
+from towtank.identification.delay import DelayCost, DelayScan, scan_delay
 from towtank.identification.estimate import Estimate, estimate_of
 from towtank.identification.structure import AxisFindings, Candidates, absent, select
 from towtank.recording import Grid
@@ -22,7 +22,7 @@ __all__ = ["Passes", "Progress"]
 
 _Family = tuple[bool, bool]  # linear, quadratic damping free
 _FAMILIES: tuple[_Family, ...] = ((True, True), (True, False), (False, True))
-_ITERATIONS = 4
+_ITERATIONS = 2
 _ACTIVE = 0.1  # of the liveliest recording's command, for a recording to count on an axis
 _QUADRATIC_MUST_GAIN = 0.9
 _SCAN_FILTER = 40.0  # 1/s
@@ -91,12 +91,13 @@ class Passes:
         cut = [_head(grid, _SCAN_SECONDS) for grid in self.grids]
         tried = 0
 
-        def cost(delay: float) -> float:
+        def cost(delay: float) -> DelayCost:
             nonlocal tried
             tried += 1
             told("delay", 0.05 + 0.35 * min(1.0, tried / 30.0))
             informations = self._informations(self.vehicle, replace(fast, delay=delay), known, free, grids=cut)
             total = 0.0
+            blocks: list[Array] = []
             for axis in AXES:
                 information = informations[axis.index]
                 if information is None:
@@ -107,7 +108,8 @@ class Passes:
                     solution = solve_axis(information, (*flags[:2], False, False, True), known[axis.index])
                 if solution is not None and solution.residual_sum > 0.0:
                     total += solution.rows * np.log(solution.residual_sum)
-            return total
+                    blocks.append(solution.rows / solution.residual_sum * solution.block_residuals)
+            return DelayCost(total, blocks)
 
         return scan_delay(cost, longest)
 
@@ -143,16 +145,11 @@ class Passes:
                 errors[i] = sum(float(chain.state.instrument[i, 3]) for chain in used)
         return out
 
-    def least_squares(self) -> list[AxisFindings]:
-        """Learn by least squares: a pass that learns the couplings, a second that uses them."""
+    def least_squares(self, model: Vehicle | None = None) -> Estimate:
+        """Learn by least squares with the couplings of `model`; where omitted they are learned along the way."""
         known, free = self._structure(None)
-        findings: list[AxisFindings] = []
-        vehicle = self.vehicle
-        for learn in (True, False):
-            informations = self._informations(vehicle, self.settings, known, free, learn=learn)
-            findings = [self._by_least_squares(c, informations[c.axis.index]) for c in self.candidates]
-            vehicle = self.assemble(findings).model(self.vehicle)
-        return findings
+        informations = self._informations(model or self.vehicle, self.settings, known, free, learn=model is None)
+        return self._assemble([self._by_least_squares(c, informations[c.axis.index]) for c in self.candidates])
 
     def _by_least_squares(self, candidate: Candidates, information: AxisInformation | None) -> AxisFindings:
         if information is None:
@@ -164,7 +161,7 @@ class Passes:
             commanded=information.commanded_share,
         )
 
-    def with_instruments(self, model: Vehicle) -> list[AxisFindings]:
+    def with_instruments(self, model: Vehicle) -> Estimate:
         """Learn with command-driven instruments, every family of damping terms with its own."""
         families: dict[_Family, list[AxisInformation | None]] = {}
         errors: dict[_Family, Array] = {}
@@ -180,7 +177,7 @@ class Passes:
                 )
                 driven = self._driven(informations, known, free, instruments=True)
             families[family], errors[family] = informations, misfit
-        return [self._by_instruments(candidate, families, errors) for candidate in self.candidates]
+        return self._assemble([self._by_instruments(candidate, families, errors) for candidate in self.candidates])
 
     def _driven(
         self, informations: Sequence[AxisInformation | None], known: Array, free: Array, *, instruments: bool = False
@@ -229,8 +226,7 @@ class Passes:
 
         return select(candidate, solve, cost, commanded=first.commanded_share)
 
-    def assemble(self, findings: Sequence[AxisFindings]) -> Estimate:
-        """Return the estimate of these findings."""
+    def _assemble(self, findings: Sequence[AxisFindings]) -> Estimate:
         return estimate_of(self.vehicle, findings, self.duration, self.rows)
 
 

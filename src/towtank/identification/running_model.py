@@ -14,7 +14,8 @@ from towtank.identification.paper_state import PaperState
 
 __all__ = ["refresh_model", "running_estimate_into"]
 
-_TRUSTED = 0.1  # relative deviation of 1/M below which a learned axis enters the model
+_TRUSTED = 0.1  # relative deviation of 1/M below which a learned axis enters the model,
+_LEAST = 1.0  # s of data that it needs at least
 
 
 @kernel
@@ -25,7 +26,7 @@ def running_estimate_into(state: PaperState, axis: int, out: Array) -> bool:
     for c in range(4):
         if free[c] > 0.0:
             columns += 1
-    if free[4] <= 0.0:
+    if free[4] <= 0.0 or state.clock[4] < _LEAST:
         return False
     # Rows of R with held coefficients folded into the force column, rotated into a triangle of the free columns.
     m = columns + 1
@@ -56,7 +57,9 @@ def running_estimate_into(state: PaperState, axis: int, out: Array) -> bool:
     inverse_mass = theta[columns - 1]
     if not inverse_mass > 0.0:
         return False
-    residual = small[columns * m + columns] / math.sqrt(max(1.0, state.clock[5]))
+    # The filter makes neighbouring residuals alike: 2/(a h) samples count as one.
+    alike = 1.0 + 2.0 * state.clock[5] / (state.settings[0] * state.clock[4])
+    residual = small[columns * m + columns] * math.sqrt(alike / state.clock[5])
     if not residual < _TRUSTED * inverse_mass * math.fabs(small[(columns - 1) * m + columns - 1]):
         return False
     j = 0

@@ -26,7 +26,7 @@ _BOTH = 5.0  # deviations that each damping term needs where both are kept
 _KEPT = 2.0  # deviations that any other term needs
 _INERTIA = 4.0  # deviations that an inertia needs to be called identified
 _COMMANDED = 0.1  # share of the force that must be commanded, or else
-_EXPLAINED = 0.5  # the share of the motion that the couplings alone must explain
+_EXPLAINED = 0.999  # the share of the motion that the couplings alone must explain
 
 Solve = Callable[[tuple[bool, ...], Array], AxisSolution | None]
 Cost = Callable[[AxisSolution], float]
@@ -108,7 +108,7 @@ def select(candidate: Candidates, solve: Solve, cost: Cost, *, commanded: float 
     reasons: list[str | None] = [None] * 5
     zeroed = [False] * 5
     free = list(candidate.wanted)
-    if not any(free[:C_CONSTANT]) and not free[_MASS]:
+    if not any(free):
         return AxisFindings(axis, None, (False,) * 5, (None,) * 5, (False,) * 5)
     whole = solve(tuple(free), known)
     if whole is None:
@@ -124,35 +124,44 @@ def select(candidate: Candidates, solve: Solve, cost: Cost, *, commanded: float 
             if c not in kept:
                 free[c], known[c], reasons[c], zeroed[c] = False, 0.0, reason, True
     solution = solve(tuple(free), known)
-    while solution is not None:
-        weak = [c for c in (C_RESTORING, C_CONSTANT) if free[c] and _strength(solution, c) < _KEPT]
-        if not weak:
-            break
-        c = min(weak, key=lambda c, solved=solution: _strength(solved, c))  # type: ignore[misc]
+    while solution is not None and (unfit := _unfit(axis, solution)) is not None:
+        c, reasons[c] = unfit
         free[c] = False
-        reasons[c] = _weak(axis, c, solution)
         if c == C_CONSTANT:
             known[c], zeroed[c] = 0.0, True
-        solution = solve(tuple(free), known)
-    if solution is not None and free[_MASS] and _strength(solution, _MASS) < _INERTIA:
-        share = 100.0 * solution.std[_MASS] / abs(solution.values[_MASS])
-        reasons[_MASS] = (
+        solution = solve(tuple(free), known) if any(free) else None
+    solved = solution.free if solution is not None else (False,) * 5
+    for c, other in ((C_LINEAR, C_QUADRATIC), (C_QUADRATIC, C_LINEAR)):
+        if zeroed[c] and not solved[other]:
+            zeroed[c], reasons[c] = False, _neither(axis)
+    for c in range(5):
+        if candidate.wanted[c] and not solved[c] and reasons[c] is None:
+            reasons[c] = _unexcited(axis, commanded)
+    return AxisFindings(axis, solution, candidate.wanted, tuple(reasons), tuple(zeroed))
+
+
+def _unfit(axis: Axis, solution: AxisSolution) -> tuple[int, str] | None:
+    """Return the next coefficient to give up, and why; None where all are sound."""
+    free, values = solution.free, solution.values
+    weak = [c for c in (C_RESTORING, C_CONSTANT) if free[c] and _strength(solution, c) < _KEPT]
+    if weak:
+        c = min(weak, key=lambda c: _strength(solution, c))
+        return c, f"{axis.columns[c]} is {values[c]:.3g} +- {solution.std[c]:.2g} here, not different from 0"
+    if free[_MASS] and not values[_MASS] > 0.0:
+        return _MASS, (
+            f"{axis.sum_name} came out negative in this run: {axis.wrench} does not explain {axis.velocity}; "
+            "held at the vehicle's value"
+        )
+    if free[_MASS] and _strength(solution, _MASS) < _INERTIA:
+        share = 100.0 * solution.std[_MASS] / values[_MASS]
+        return _MASS, (
             f"{axis.sum_name} is known to +-{share:.0f} % only in this run: too little acceleration in {axis.name}; "
             "held at the vehicle's value"
         )
-        free[_MASS] = False
-        solution = solve(tuple(free), known) if any(free[:_MASS]) else None
     for c in (C_LINEAR, C_QUADRATIC):
-        if solution is None or not free[c]:
-            continue
-        if solution.values[c] > 0.0 or _strength(solution, c) < _KEPT:
-            reasons[c] = _undamped(axis, c, solution)
-            free[c] = False
-            solution = solve(tuple(free), known) if any(free) else None
-    if solution is None:
-        unexcited = _unexcited(axis, commanded)
-        reasons = [r or (unexcited if w else None) for r, w in zip(reasons, candidate.wanted, strict=True)]
-    return AxisFindings(axis, solution, candidate.wanted, tuple(reasons), tuple(zeroed))
+        if free[c] and (values[c] > 0.0 or _strength(solution, c) < _KEPT):
+            return c, _undamped(axis, c, solution)
+    return None
 
 
 def _strength(solution: AxisSolution, c: int) -> float:
@@ -212,8 +221,8 @@ def _inseparable(axis: Axis, whole: AxisSolution, kept: int) -> str:
     )
 
 
-def _weak(axis: Axis, c: int, solution: AxisSolution) -> str:
-    return f"{axis.columns[c]} is {solution.values[c]:.3g} +- {solution.std[c]:.2g} here, not different from 0"
+def _neither(axis: Axis) -> str:
+    return f"neither {axis.linear} nor {axis.quadratic} can be determined in this run; held at the vehicle's values"
 
 
 def _undamped(axis: Axis, c: int, solution: AxisSolution) -> str:

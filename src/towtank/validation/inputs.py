@@ -33,8 +33,12 @@ def _means(held: HeldInput, shape: Array, t: Array, stamps: Array, forces: Array
     return out
 
 
-def mean_wrenches(vehicle: Vehicle, grid: Grid) -> Array:
+def mean_wrenches(vehicle: Vehicle, grid: Grid, delay: float | None = None) -> Array:
     """Return the mean wrench [N, N m] (n - 1, 6) over each step of the grid, body FRD; before the first command, it.
+
+    Args:
+        delay: from input to force [s]; where omitted the vehicle's for commands and none for a recorded wrench, which
+            is what acted.
 
     Raises:
         InputError: the grid has neither this vehicle's commands nor a wrench.
@@ -45,10 +49,10 @@ def mean_wrenches(vehicle: Vehicle, grid: Grid) -> Array:
         forces = np.ascontiguousarray(thruster_forces(vehicle, grid.command_values, voltage))
         shape = configuration_matrix(vehicle)
         lag = np.array([thruster.time_constant for thruster in vehicle.thrusters])
-        delay = vehicle.command_delay
+        delay = vehicle.command_delay if delay is None else delay
     elif grid.wrench_t.size:
         stamps, forces = np.array(grid.wrench_t), with_absent_zero(np.array(grid.wrench_values))
-        shape, lag, delay = np.eye(6), np.zeros(6), vehicle.command_delay
+        shape, lag, delay = np.eye(6), np.zeros(6), 0.0 if delay is None else delay
     else:
         raise InputError(
             f"{grid.source or 'recording'}: neither thruster commands nor a wrench is recorded, so nothing can be "

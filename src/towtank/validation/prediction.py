@@ -43,18 +43,23 @@ class Prediction:
     source: str = ""
 
 
-def predict(vehicle: Vehicle, grid: Grid, *, horizon: float | None = None) -> Prediction:
+def predict(
+    vehicle: Vehicle, grid: Grid, *, horizon: float | None = None, delay: float | None = None
+) -> Prediction:
     """Predict a recording from its commands (or wrenches) alone.
 
     Args:
         horizon: seconds after which the prediction is set back to the measured state; never where omitted.
+        delay: from input to force [s]; where omitted the vehicle's for commands, none for a wrench.
 
     Raises:
         InputError: no commands or wrench, no row in which the motion is known, or a horizon that is not positive.
     """
     if horizon is not None and not horizon > 0.0:
         raise InputError(f"horizon: found {horizon}, expected a number of seconds above 0")
-    wrenches = mean_wrenches(vehicle, grid)
+    if horizon == np.inf:
+        horizon = None
+    wrenches = mean_wrenches(vehicle, grid, delay)
     starts = Starts.of(grid)
     n = len(grid)
     first = next((i for i in range(n - 1) if starts.known(i)), None)
@@ -69,8 +74,11 @@ def predict(vehicle: Vehicle, grid: Grid, *, horizon: float | None = None) -> Pr
         reached = starts.state(row, reached)
         restarts.append(float(grid.t[row]))
         end = _next_start(grid, starts, row, horizon)
-        states[row : end + 1] = _run(vehicle, reached, wrenches[row:end], grid.dt)
-        reached = states[end].copy()
+        run = _run(vehicle, reached, wrenches[row:end], grid.dt)
+        if row == first:
+            states[row] = run[0]
+        states[row + 1 : end + 1] = run[1:]  # the row of a restart is judged by the prediction that ends there
+        reached = run[-1].copy()
         if not np.isfinite(reached).all():
             reached = np.where(np.isfinite(reached), reached, 0.0)
             reached[3:7] = (1.0, 0.0, 0.0, 0.0)

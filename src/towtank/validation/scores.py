@@ -16,6 +16,7 @@ from towtank.vehicle import Vehicle
 __all__ = ["CHANNELS", "Validation", "fit_percent", "validate"]
 
 _WORST = -999.0
+_RESTING = 1e-12  # a channel that varies less than this, relatively, is still: its spread is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +40,15 @@ class Validation:
 def fit_percent(measured: Array, predicted: Array) -> float:
     """Return 100 (1 - |y - yhat| / |y - mean y|) over the samples where y is finite; -999 where it diverged."""
     known = np.isfinite(measured)
+    if not known.any():
+        return _WORST
     y, yhat = measured[known], predicted[known]
     spread = float(np.linalg.norm(y - y.mean()))
-    if not np.isfinite(yhat).all() or spread == 0.0:
-        return 100.0 if spread == 0.0 and np.array_equal(y, yhat) else _WORST
+    if not np.isfinite(yhat).all():
+        return _WORST
+    least = _RESTING * (1.0 + float(np.abs(y).max())) * float(np.sqrt(y.size))
+    if spread <= least:
+        return 100.0 if float(np.linalg.norm(y - yhat)) <= 1e3 * least else _WORST
     return max(_WORST, 100.0 * (1.0 - float(np.linalg.norm(y - yhat)) / spread))
 
 
@@ -52,12 +58,14 @@ def validate(
     *,
     window: tuple[float, float] | None = None,
     horizon: float | None = None,
+    delay: float | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> Validation:
     """Predict recordings with a model, from their commands alone, and compare with what was measured.
 
     Args:
         window: start and end [s] in the recordings' own time; all of them where omitted.
+        delay: from input to force [s]; where omitted the model's for commands, none for a recorded wrench.
         horizon: set the prediction back to the measured state every so many seconds; never where omitted.
         progress: called with a text and the share done, 0 .. 1.
 
@@ -72,7 +80,7 @@ def validate(
         if progress is not None:
             progress("predicting", k / len(recordings))
         part = recording if window is None else recording.window(*window)
-        predictions.append(predict(model, align(bind_thrusters(part, names)), horizon=horizon))
+        predictions.append(predict(model, align(bind_thrusters(part, names)), horizon=horizon, delay=delay))
     fit: dict[str, float | None] = {}
     rmse: dict[str, float | None] = {}
     for name in CHANNELS:
@@ -84,7 +92,8 @@ def validate(
         y = np.concatenate([pair[0][mask] for pair, mask in zip(pairs, started, strict=True)])
         yhat = np.concatenate([pair[1][mask] for pair, mask in zip(pairs, started, strict=True)])
         fit[name] = fit_percent(y, yhat)
-        error = float(np.sqrt(np.mean((y - yhat) ** 2))) if y.size else float("nan")
+        with np.errstate(over="ignore", invalid="ignore"):
+            error = float(np.sqrt(np.mean((y - yhat) ** 2))) if y.size else float("nan")
         rmse[name] = error if np.isfinite(error) else None
     if progress is not None:
         progress("done", 1.0)
