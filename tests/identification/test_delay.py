@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from towtank.identification import learn_recordings
-from towtank.identification.delay import DelayCost, scan_delay
+from towtank.identification.delay import DelayCost, DelayScan, scan_delay
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle
 

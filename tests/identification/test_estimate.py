@@ -127,7 +127,7 @@ def test_the_model_is_the_vehicle_with_what_was_found() -> None:
     assert model.coefficient("X_uu") == pytest.approx(learner.estimate["X_uu"].value)
     assert model.hydrodynamics["X_uu"].std == pytest.approx(learner.estimate["X_uu"].std)
     assert model.coefficient("Y_vv") == -7.0
-    assert model.command_delay == 0.02
+    assert model.command_delay == 0.0  # the delay of a wrench is none of the thrusters'
     assert start.coefficient("X_uu") == 0.0
     with pytest.raises(InputError, match="did you mean"):
         learner.estimate["X_udott"]

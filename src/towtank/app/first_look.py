@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from towtank.app.speeds import DERIVED_CORNER, filled, lowpass, speeds
 from towtank.core.arrays import Array
 from towtank.identification.chain import Sources
-from towtank.identification.delay import scan_delay
+from towtank.identification.delay import DelayCost, scan_delay
 from towtank.recording import Grid
 
 __all__ = ["DRIVEN", "FirstLook", "first_look"]
@@ -54,7 +54,7 @@ def first_look(grid: Grid) -> FirstLook:
     if not driven:
         return FirstLook(None, tuple(at_once), sources)
     quick = _Motion(grid, nu, _QUICK, passes)
-    scan = scan_delay(lambda delay: quick.misfit(delay, driven), _LONGEST)
+    scan = scan_delay(lambda delay: DelayCost(quick.misfit(delay, driven)), _LONGEST)
     return FirstLook(float(scan.delay), tuple(slow.explained(scan.delay)), sources)
 
 

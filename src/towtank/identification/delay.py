@@ -85,6 +85,8 @@ def scan_delay(cost: Callable[[float], DelayCost], longest: float) -> DelayScan:
 
 def _deviation(before: Sequence[Array], after: Sequence[Array], curvature: float) -> float:
     """Return the deviation [s] of the delay from the slopes' long-run variance and the criterion's curvature."""
+    if not before:
+        return float("nan")
     variance = 0.0
     for low, high in zip(before, after, strict=True):
         slope = (high - low) / (2.0 * _FINE)
