@@ -1,6 +1,6 @@
 """Accuracy of the demo's session over many seeds: noise, marker jumps and random forces differ, nothing else.
 
-    python benchmarks/bench_demo.py [--seeds 30] [--seconds 180]
+    python benchmarks/bench_demo.py [--seeds 30] [--seconds 180] [--streaming]
 
 For every coefficient: mean, root mean square and largest error in percent of the truth, the same in the estimate's own
 standard deviations, how many of the runs lie within three of them, and how many within the figure promised for it. The
@@ -18,7 +18,7 @@ import numpy as np
 from towtank.app.demo_progress import Quantity, quantities, readings
 from towtank.app.demo_session import DURATION, FREE, tank_session
 from towtank.app.demo_stream import pose_and_commands
-from towtank.identification import Learner
+from towtank.identification import Learner, learn_recordings
 
 TRANSLATION_AND_YAW = ("surge", "sway", "heave", "yaw")
 
@@ -30,14 +30,19 @@ def promised(quantity: Quantity) -> float:
     return 3.0 if quantity.kind == "inertia" else 8.0
 
 
-def errors(seed: int, seconds: float) -> tuple[np.ndarray, np.ndarray]:
+def errors(seed: int, seconds: float, streaming: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return the errors [%] and the errors in deviations of one run, (n,) each, NaN where not identified."""
     session = tank_session(seconds, seed)
-    learner = Learner(session.known, free=FREE)
-    for t, pose, commands in zip(*pose_and_commands(session), strict=True):
-        learner.update(t, pose=pose, commands=commands)
+    if streaming:
+        learner = Learner(session.known, free=FREE)
+        for t, pose, commands in zip(*pose_and_commands(session), strict=True):
+            learner.update(t, pose=pose, commands=commands)
+        estimate = learner.estimate
+    else:
+        delay = session.known.command_delay
+        estimate = learn_recordings(session.known, [session.recording], free=FREE, delay=delay).estimate
     learned = quantities(session.truth)
-    values, std = readings(learner.estimate, learned)
+    values, std = readings(estimate, learned)
     truth = np.array([quantity.truth for quantity in learned])
     return 100.0 * (values - truth) / truth, (values - truth) / std
 
@@ -46,8 +51,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description="Accuracy of the demo's session over many seeds.")
     parser.add_argument("--seeds", type=int, default=30)
     parser.add_argument("--seconds", type=float, default=DURATION)
+    parser.add_argument("--streaming", action="store_true", help="before the second pass over the recording")
     chosen = parser.parse_args(arguments)
-    runs = [errors(seed, chosen.seconds) for seed in range(1, chosen.seeds + 1)]
+    runs = [errors(seed, chosen.seconds, chosen.streaming) for seed in range(1, chosen.seeds + 1)]
     share, deviations = (np.array(part) for part in zip(*runs, strict=True))
     learned = quantities(tank_session(2.0).truth)
     write = sys.stdout.write

@@ -20,7 +20,7 @@ from towtank.app.demo_stream import pose_and_commands, stream
 from towtank.app.demo_table import coefficient_table
 from towtank.app.document import json_text
 from towtank.errors import InputError
-from towtank.identification import Learner
+from towtank.identification import Learner, learn_recordings
 from towtank.recording import read_parquet
 from towtank.vehicle import load_vehicle
 
@@ -200,11 +200,10 @@ def test_the_states_of_a_course() -> None:
 
 def test_the_session_teaches_what_the_demo_promises() -> None:
     session = tank_session()
-    learner = Learner(session.known, free=FREE)
-    for t, pose, commands in zip(*pose_and_commands(session), strict=True):
-        learner.update(t, pose=pose, commands=commands)
+    delay = session.known.command_delay
+    estimate = learn_recordings(session.known, [session.recording], free=FREE, delay=delay).estimate
     learned = quantities(session.truth)
-    values, std = readings(learner.estimate, learned)
+    values, std = readings(estimate, learned)
     for quantity, value, deviation in zip(learned, values, std, strict=True):
         limit = 10.0 if quantity.axis in ("roll", "pitch") else 3.0 if quantity.kind == "inertia" else 8.0
         error = 100.0 * abs(value / quantity.truth - 1.0)

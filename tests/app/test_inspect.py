@@ -54,7 +54,7 @@ def test_an_axis_that_was_not_moved(workshop: Path) -> None:
     axes = document("inspect", workshop / "yaw.csv", "--vehicle", "vlbv300")["axes"]
     assert axes["yaw"]["identifiable"] is True
     assert axes["surge"]["identifiable"] is False
-    assert "not excited" in axes["surge"]["reason"]
+    assert "not commanded" in axes["surge"]["reason"]
     axes = document("inspect", workshop / "yaw.csv")["axes"]
     assert axes["yaw"]["identifiable"] is True
     assert axes["heave"]["identifiable"] is False

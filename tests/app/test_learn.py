@@ -48,7 +48,7 @@ def test_table_names_what_was_learned_and_why_the_rest_was_not(workshop: Path) -
     assert ran.code == 0
     assert "N_rdot" in ran.out
     assert "Not identified" in ran.out
-    assert "not excited" in ran.out.replace("\n", " ")
+    assert "not commanded" in ran.out.replace("\n", " ")
     assert "Next:" in ran.out
     assert "Repairs(" not in ran.out
 

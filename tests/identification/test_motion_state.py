@@ -88,7 +88,7 @@ def test_the_low_passes_are_two_first_order_ones_on_motion_gravity_and_wrench_al
             low[1] += gain * (low[0] - low[1])
         assert np.allclose([m.nu[1, 0], m.wrench[1, 0], m.wrench[1, 5]], low[1], atol=1e-12)
         assert np.allclose(m.k[1], [0, 0, 1])
-        assert (used > 0.0) == (k >= 2 + 6 / (corner * h))
+        assert (used > 0.0) == (k >= 2 + 10 / (corner * h))
 
 
 def test_measured_velocity_is_taken_as_it_is_and_used_at_once() -> None:
@@ -139,6 +139,19 @@ def test_a_row_that_lacks_something_is_passed_over_and_the_next_interval_is_long
     assert step(m, 0.0, flat, still) == -1.0  # the same time again
     assert step(m, -1.0, flat, still) == -1.0  # an earlier one
     assert step(m, 0.2, flat, still) == pytest.approx(0.2)
+
+
+def test_a_sensor_that_dies_silences_its_own_axis_alone() -> None:
+    m = new_motion(ALL_MEASURED, ATTITUDE_MEASURED, 25.0, 0.5)
+    flat, dead = np.zeros(6), np.array([0, np.nan, 0, 0, 0, 0])
+    used = [step(m, 0.1 * k, flat, np.zeros(6) if k < 20 or k >= 40 else dead) for k in range(60)]
+    assert min(used[1:20]) > 0.0
+    assert used[20:24] == [-1.0] * 4  # waited for
+    assert min(u for k, u in enumerate(used) if k > 25 and k != 25) > 0.0
+    assert m.valid[1, 1] == 1.0
+    m.valid[:] = 0.0
+    step(m, 7.0, flat, dead)
+    assert m.valid[1].tolist() == [1.0, 0.0, 1.0, 1.0, 1.0, 1.0]
 
 
 def test_marker_jumps_are_cut_and_counted_and_quick_motion_is_not() -> None:

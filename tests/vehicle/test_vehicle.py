@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from towtank.core.layout import I_MASS_INVERSE, I_MOMENT, I_WEIGHT, N_PARAMETERS
+from towtank.core.layout import I_CONSTANT, I_MASS_INVERSE, I_MOMENT, I_WEIGHT, N_PARAMETERS
 from towtank.errors import InputError
 from towtank.vehicle import (
     COEFFICIENTS,
@@ -66,7 +66,7 @@ def test_parameters_hold_the_matrices():
     assert p[72] == -74.82
     assert p[108 + 35] == -523.27
     assert p[I_WEIGHT] == vehicle.weight_minus_buoyancy < 0.0
-    np.testing.assert_array_equal(p[I_MOMENT:], vehicle.restoring_moment)
+    np.testing.assert_array_equal(p[I_MOMENT:I_CONSTANT], vehicle.restoring_moment)
     assert vehicle.mass_matrix[2, 5] == pytest.approx(10.7745)
     assert vehicle.rigid_body_matrix[3, 4] == -1.44  # FLU product of inertia, turned
     assert vehicle.rigid_body_matrix[4, 5] == 2.6

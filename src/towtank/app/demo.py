@@ -21,9 +21,10 @@ from towtank.app.demo_table import Screen
 from towtank.app.demo_warmup import warm_up
 from towtank.app.demo_words import commands, fit_text, plan, verdict
 from towtank.errors import InputError
-from towtank.identification import Estimate, Learner
+from towtank.identification import Estimate, Learner, learn_recordings
 from towtank.outputs import write_text
 from towtank.validation import Validation, validate
+from towtank.vehicle import Vehicle
 
 __all__ = ["run_demo"]
 
@@ -67,7 +68,7 @@ def run_demo(
     with screen.showing() as show:
         last = stream(session, learner, course, paced=not fast, show=show)
 
-    estimate, model = learner.estimate, learner.model()
+    estimate, model = _second_pass(console, session, course)
     unseen = unseen_session()
     judged = validate(model, [unseen.recording])
     files = write_demo(output, session, unseen, model, judged, course)
@@ -83,6 +84,14 @@ def run_demo(
 
         webbrowser.open(files[0].resolve().as_uri())
     return _document(session, estimate, course, judged, files, last)
+
+
+def _second_pass(console: Console, session: Session, course: Course) -> tuple[Estimate, Vehicle]:
+    """Learn once more from the whole recording, as `towtank learn` does, and add the result to the course."""
+    _say(console, "second pass over the recording, as `towtank learn` takes a log")
+    learning = learn_recordings(session.known, [session.recording], free=FREE, delay=session.known.command_delay)
+    course.read(session.recording.duration, learning.estimate)
+    return learning.estimate, learning.model
 
 
 def _say(console: Console, text: str, style: str = "") -> None:

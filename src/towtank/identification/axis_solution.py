@@ -33,7 +33,8 @@ class AxisInformation:
         triangle: square root of the information (6, 6), R^T R = sum z z^T, z = [4 columns, force, left-hand side].
         blocks: sums of instrument x row over blocks of time (b, 6, 6).
         block_length: length of a block [s].
-        rows: number of samples absorbed.
+        rows: number of samples absorbed, those forgotten discounted.
+        systematic: relative error that no averaging removes (low-passes take the mean of the square for its square).
         a: filter constant [1/s].
         commanded, forced: integrals of the squared commanded and whole force.
     """
@@ -45,6 +46,7 @@ class AxisInformation:
     a: float
     commanded: float = 0.0
     forced: float = 0.0
+    systematic: float = 0.0
 
     @property
     def commanded_share(self) -> float:
@@ -99,6 +101,7 @@ def merge_information(parts: Sequence[AxisInformation]) -> AxisInformation:
         a=parts[0].a,
         commanded=sum(part.commanded for part in parts),
         forced=sum(part.forced for part in parts),
+        systematic=max(part.systematic for part in parts),
     )
 
 
@@ -128,7 +131,10 @@ def solve_axis(
     summed = information.blocks.sum(axis=0)
     if instruments:
         A = T.T @ summed @ T
-        theta = np.linalg.solve(A, T.T @ summed @ target)
+        try:
+            theta = np.linalg.solve(A, T.T @ summed @ target)
+        except np.linalg.LinAlgError:
+            return None
     else:
         A = T.T @ information.triangle.T @ information.triangle @ T
         theta = np.linalg.lstsq(R / scale, information.triangle @ target, rcond=None)[0]
@@ -138,6 +144,7 @@ def solve_axis(
     theta = theta / scale
     covariance = covariance / np.outer(scale, scale)
     values, covariance = _physical(theta, covariance, free, known)
+    covariance += np.diag((information.systematic * values) ** 2 * np.asarray(free, dtype=np.float64))
     std = np.sqrt(np.diag(covariance))
     safe = np.where(std > 0.0, std, 1.0)
     return AxisSolution(

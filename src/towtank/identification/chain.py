@@ -97,7 +97,7 @@ class Sources:
 
 _VELOCITY = {"absent": ABSENT, "measured": MEASURED, "derived": DERIVED}
 _ATTITUDE = {"measured": ATTITUDE_MEASURED, "accelerometer": ATTITUDE_ACCELEROMETER, "gyro": ATTITUDE_GYRO}
-_NOTHING = np.full(6, np.nan)
+_LOWPASSED = 0.003  # relative error left by low-passing the motion before squaring it
 
 
 def uses_commands(vehicle: Vehicle, grid: Grid) -> bool:
@@ -148,6 +148,7 @@ class PaperChain:
     def restart(self) -> None:
         """Begin a new stretch whose times owe nothing to the last one's; what was learned stays."""
         self.motion.last[0] = np.nan
+        self.motion.seen[:] = np.nan
         self.held.clock[0] = np.nan
         self.held.counters[:] = 0.0
         self.state.pending[:] = 0.0
@@ -194,10 +195,11 @@ class PaperChain:
             triangle=np.triu(self.state.triangle[axis].reshape(6, 6)),
             blocks=self.state.blocks[axis, :filled].reshape(filled, 6, 6).copy(),
             block_length=float(self.state.clock[2]),
-            rows=float(self.state.clock[5]),
+            rows=float(self.state.clock[6]),
             a=self.settings.a,
             commanded=float(self.state.energy[axis, 0]),
             forced=float(self.state.energy[axis, 1]),
+            systematic=_LOWPASSED if "derived" in self.sources.velocity else 0.0,
         )
 
     @property

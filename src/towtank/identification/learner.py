@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
@@ -15,7 +15,8 @@ from towtank.identification.axes import AXES
 from towtank.identification.axis_solution import AxisInformation, AxisSolution, solve_axis
 from towtank.identification.chain import PaperChain, Settings, Sources, uses_commands, with_absent_zero
 from towtank.identification.estimate import Estimate, estimate_of
-from towtank.identification.structure import absent, candidates, select
+from towtank.identification.held_input import held_push
+from towtank.identification.structure import absent, by_gradient, candidates, select
 from towtank.recording import Recording, align, bind_thrusters
 from towtank.vehicle import Vehicle, thruster_forces
 
@@ -32,7 +33,8 @@ class Learner:
         method: "paper": filtered regressors, one axis at a time, recursive least squares.
         free: names of the coefficients to learn; by default every inertia, the damping terms that the vehicle has
             (both where it has none), righting moments and net weight.
-        estimator: "rls" (square-root recursive least squares) or "gradient" (normalised gradient, no deviations).
+        estimator: "rls" (square-root recursive least squares) or "gradient" (normalised gradient for the values; the
+            deviations stay those of least squares).
         delay: from input to force [s]. Where omitted, commands have the vehicle's own and a wrench, which is what
             acted, none.
         a: filter constant of both sides [1/s].
@@ -84,6 +86,9 @@ class Learner:
         self._own_delay = delay is None
         self.candidates = candidates(vehicle, free)
         self._chain: PaperChain | None = None
+        self._commands: bool | None = None  # inputs are commands; None until the first one
+        self._seen: list[NDArray[np.bool_]] | None = None
+        self._last_input: tuple[float, Array] | None = None
 
     # -- data in
 
@@ -107,19 +112,14 @@ class Learner:
             voltage: of the supply, where the thrusters' curves depend on it.
         """
         p, v, s = _vector(pose, 6, "pose"), _vector(velocity, 6, "velocity"), _vector(acceleration, 3, "acceleration")
-        chain = self._chain
-        if chain is None:
-            if not (np.isfinite(p).any() or np.isfinite(v).any()):
-                return False
-            sources = Sources.of(p[None], v[None], s[None])
-            chain = self._start(sources, commands=commands is not None or (wrench is None and self._has_thrusters))
-        forces: Array | None = None
-        if chain.commands and commands is not None:
-            c = _vector(commands, len(self.vehicle.thrusters), "commands")
-            forces = np.ascontiguousarray(thruster_forces(self.vehicle, c, voltage))
-        elif not chain.commands and wrench is not None:
-            forces = np.ascontiguousarray(with_absent_zero(_vector(wrench, 6, "wrench")[None])[0])
-        return chain.step(float(t), p, v, s, forces) > 0.0
+        forces = self._forces(commands, wrench, voltage)
+        if self._chain is None or self._chain.rows == 0:
+            self._prepare(p, v, s)
+        if self._chain is None:
+            if forces is not None:
+                self._last_input = (float(t), forces)
+            return False
+        return self._chain.step(float(t), p, v, s, forces) > 0.0
 
     def run(self, recording: Recording) -> int:
         """Take a whole recording, aligned to a common grid; return how many intervals were learned from.
@@ -174,24 +174,11 @@ class Learner:
                     commanded=information.commanded_share,
                 )
             )
-        rows = chain.rows if chain is not None else 0
-        return estimate_of(self.vehicle, findings, chain.duration if chain is not None else 0.0, rows)
-
-    @property
-    def gradient_estimate(self) -> dict[str, float]:
-        """Coefficients by the normalised gradient estimator (estimator="gradient"), where it has an inertia yet."""
-        out: dict[str, float] = {}
-        if self._chain is None or self.estimator != "gradient":
-            return out
-        for candidate, theta in zip(self.candidates, self._chain.state.gradient, strict=True):
-            if not theta[4] > 0.0:
-                continue
-            axis = candidate.axis
-            out[axis.added_mass] = float(self.vehicle.rigid_body_matrix[axis.index, axis.index] - 1.0 / theta[4])
-            for c, name in enumerate(axis.columns):
-                if name and candidate.wanted[c]:
-                    out[name] = float(theta[c] / theta[4])
-        return out
+        if chain is None:
+            return estimate_of(self.vehicle, findings, 0.0, 0)
+        if self.estimator == "gradient":
+            findings = [by_gradient(f, theta) for f, theta in zip(findings, chain.state.gradient, strict=True)]
+        return estimate_of(self.vehicle, findings, chain.duration, chain.rows)
 
     def model(self) -> Vehicle:
         """Return the vehicle with everything identified so far put in."""
@@ -203,9 +190,31 @@ class Learner:
 
     # -- inside
 
-    @property
-    def _has_thrusters(self) -> bool:
-        return bool(self.vehicle.thrusters)
+    def _forces(self, commands: ArrayLike | None, wrench: ArrayLike | None, voltage: float | None) -> Array | None:
+        """Return the held forces that this sample asks for; the first input decides of which kind they are."""
+        if self._commands is None and (commands is not None or wrench is not None):
+            self._commands = commands is not None
+        if self._commands and commands is not None:
+            c = _vector(commands, len(self.vehicle.thrusters), "commands")
+            return np.ascontiguousarray(thruster_forces(self.vehicle, c, voltage))
+        if self._commands is False and wrench is not None:
+            return np.ascontiguousarray(with_absent_zero(_vector(wrench, 6, "wrench")[None])[0])
+        return None
+
+    def _prepare(self, pose: Array, velocity: Array, acceleration: Array) -> None:
+        """Choose the sources by all that was seen before the first interval was learned from."""
+        found = [np.isfinite(values) for values in (pose, velocity, acceleration)]
+        self._seen = found if self._seen is None else [a | b for a, b in zip(self._seen, found, strict=True)]
+        if not (self._seen[0].any() or self._seen[1].any()):
+            return
+        sources = Sources.of(*(np.where(flags, 0.0, np.nan)[None] for flags in self._seen))
+        commands = bool(self.vehicle.thrusters) if self._commands is None else self._commands
+        chain = self._chain
+        if chain is not None and chain.sources == sources and chain.commands == commands:
+            return
+        chain = self._start(sources, commands=commands)
+        if self._last_input is not None and len(self._last_input[1]) == chain.held.force.shape[0]:
+            held_push(chain.held, *self._last_input)
 
     def _start(self, sources: Sources, *, commands: bool) -> PaperChain:
         free = np.array([candidate.wanted for candidate in self.candidates], dtype=np.float64)

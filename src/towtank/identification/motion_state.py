@@ -38,6 +38,7 @@ ATTITUDE_MEASURED, ATTITUDE_ACCELEROMETER, ATTITUDE_GYRO = 0.0, 1.0, 2.0
 
 _SMOOTHED = 15  # velocity 6, gravity direction 3, wrench 6
 _CUT = 4.5  # jumps beyond this many deviations are cut,
+_SETTLED = 10.0  # time constants of the low-passes that pass before they are believed
 _LEAST_CUT = (0.3, 0.5)  # but no change of velocity smaller than this [m/s, rad/s] within one interval
 _CORRECTION = (0.0, 0.2, 0.05)  # 1/s, towards nothing, the accelerometer, level
 
@@ -46,12 +47,14 @@ class Motion(NamedTuple):
     """State of the front end; arrays are changed in place."""
 
     source: Array  # (6,) ABSENT, MEASURED or DERIVED for u v w p q r
-    settings: Array  # attitude source, low-pass corner [rad/s] (0: none), longest gap [s]
+    settings: Array  # attitude source, low-pass corner [rad/s] (0: none), longest gap [s], length of the last step [s]
     last: Array  # t, pose 3 + quaternion 4, velocity 6, gravity 3 (17,); t is NaN before the start
     low: Array  # (2, 15) the two low-passes
     scatter: Array  # (6,) running standard deviation of the raw derived velocity about the smoothed one
     counts: Array  # (4,) samples since restart, restarts, jumps cut, rows used
+    seen: Array  # (6,) time of the last measurement of each velocity
     nu: Array  # (2, 6) velocity at the start and the end of the interval
+    valid: Array  # (2, 6) 1 where it was measured or derived there, 0 where the last one stands in
     k: Array  # (2, 3) gravity direction there
     wrench: Array  # (2, 6) low-passed wrench there
 
@@ -61,12 +64,14 @@ def new_motion(source: Array, attitude: float, corner: float, gap: float) -> Mot
     derived = bool((source == DERIVED).any())
     return Motion(
         source=np.ascontiguousarray(source, dtype=np.float64),
-        settings=np.array([attitude, corner if derived else 0.0, gap]),
+        settings=np.array([attitude, corner if derived else 0.0, gap, 0.0]),
         last=np.full(17, np.nan),
         low=np.zeros((2, _SMOOTHED)),
         scatter=np.zeros(6),
         counts=np.zeros(4),
+        seen=np.full(6, np.nan),
         nu=np.zeros((2, 6)),
+        valid=np.zeros((2, 6)),
         k=np.zeros((2, 3)),
         wrench=np.zeros((2, 6)),
     )
@@ -153,9 +158,17 @@ def motion_step(m: Motion, t: float, pose: Array, velocity: Array, acceleration:
     """
     attitude, corner, gap = m.settings[0], m.settings[1], m.settings[2]
     derive = corner > 0.0
+    present, wanted, waiting = 0, 0, False
     for i in range(6):
-        if m.source[i] == MEASURED and not math.isfinite(velocity[i]):
-            return -1.0
+        if m.source[i] == MEASURED:
+            wanted += 1
+            if math.isfinite(velocity[i]):
+                present += 1
+                m.seen[i] = t
+            elif t - m.seen[i] <= gap:
+                waiting = True  # a slow sensor, or one sample lost; after a gap it counts as dead
+    if waiting or (present < wanted and (derive or present == 0)):
+        return -1.0
     if attitude == ATTITUDE_MEASURED and not (math.isfinite(pose[3]) and math.isfinite(pose[4])):
         return -1.0
     if derive:
@@ -181,6 +194,9 @@ def motion_step(m: Motion, t: float, pose: Array, velocity: Array, acceleration:
         k[2] = math.cos(pose[4]) * math.cos(pose[3])
     else:
         towards = np.zeros(3)
+        gain = _CORRECTION[int(attitude)]
+        if not math.isfinite(acceleration[0] + acceleration[1] + acceleration[2]):
+            gain = 0.0 if attitude == ATTITUDE_ACCELEROMETER else gain
         _unit_or_level(acceleration, towards)
         if start:
             for i in range(3):
@@ -190,9 +206,11 @@ def motion_step(m: Motion, t: float, pose: Array, velocity: Array, acceleration:
             for i in range(3):
                 k[i] = m.last[14 + i]
                 rate[i] = 0.5 * (velocity[3 + i] + m.last[11 + i]) if m.source[3 + i] == MEASURED else 0.0
+                if not math.isfinite(rate[i]):
+                    rate[i] = m.nu[1, 3 + i]
             if attitude == ATTITUDE_GYRO:
                 towards[0], towards[1], towards[2] = 0.0, 0.0, 1.0
-            _gravity_observer(k, rate, towards, _CORRECTION[int(attitude)], h)
+            _gravity_observer(k, rate, towards, gain, h)
 
     if start:
         m.counts[0] = 0.0
@@ -201,6 +219,7 @@ def motion_step(m: Motion, t: float, pose: Array, velocity: Array, acceleration:
         m.counts[0] += 1.0
         for i in range(6):
             m.nu[0, i] = m.nu[1, i]
+            m.valid[0, i] = m.valid[1, i]
             m.wrench[0, i] = m.wrench[1, i]
         for i in range(3):
             m.k[0, i] = m.k[1, i]
@@ -208,7 +227,10 @@ def motion_step(m: Motion, t: float, pose: Array, velocity: Array, acceleration:
             _smooth(m, pose, q, velocity, k, wrench, h, corner)
     if not derive:
         for i in range(6):
-            m.nu[1, i] = velocity[i] if m.source[i] == MEASURED else 0.0
+            known = m.source[i] == MEASURED and math.isfinite(velocity[i])
+            m.valid[1, i] = 1.0 if known else 0.0
+            if known or start or m.source[i] == ABSENT:
+                m.nu[1, i] = velocity[i] if known else 0.0
         for i in range(3):
             m.k[1, i] = k[i]
     m.last[0] = t
@@ -218,12 +240,14 @@ def motion_step(m: Motion, t: float, pose: Array, velocity: Array, acceleration:
     for i in range(4):
         m.last[4 + i] = q[i]
     for i in range(6):
-        m.last[8 + i] = velocity[i]
-    settled = 2.0 + (6.0 / (corner * h) if derive and not start else 0.0)
+        m.last[8 + i] = velocity[i] if math.isfinite(velocity[i]) else m.nu[1, i]
+    settled = 2.0 + (_SETTLED / (corner * h) if derive and not start else 0.0)
+    span = 0.5 * (h + m.settings[3]) if derive else h  # low-passed means stand for the middle of their steps
+    m.settings[3] = 0.0 if start else h
     if start or (derive and m.counts[0] < settled):
         return 0.0
     m.counts[3] += 1.0
-    return h
+    return span
 
 
 @inlined_kernel
@@ -254,6 +278,7 @@ def _smooth(
         mean[9 + i] = wrench[i] / h
     lowpass_step(m.low, mean, -math.expm1(-corner * h), first)
     for i in range(6):
+        m.valid[1, i] = 1.0 if m.source[i] != ABSENT else 0.0
         m.nu[1, i] = m.low[1, i]
         m.wrench[1, i] = m.low[1, 9 + i]
     for i in range(3):

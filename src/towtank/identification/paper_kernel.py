@@ -24,6 +24,7 @@ from towtank.identification.running_model import refresh_model
 
 __all__ = ["learn_interval", "paper_events", "paper_step"]
 
+_ROUNDING = 1e-6  # s, so that times that are equal but for rounding give equal blocks
 _REFRESH = 0.25  # s between updates of the model that the couplings and the end corrections use
 
 
@@ -73,6 +74,9 @@ def learn_interval(state: PaperState, motion: Motion, wrench: Array, h: float) -
     for axis in range(6):
         if motion.source[axis] == ABSENT:
             continue
+        if motion.valid[0, axis] == 0.0 or motion.valid[1, axis] == 0.0:
+            _clear_axis(state, axis, motion.nu[1, axis])
+            continue
         accumulate_into(state.filtered[axis], rows[axis], decay, N_COLUMNS)
         state.energy[axis, 0] += wrench[axis] ** 2 / h
         state.energy[axis, 1] += rows[axis, C_FORCE] ** 2 / h
@@ -103,14 +107,24 @@ def learn_interval(state: PaperState, motion: Motion, wrench: Array, h: float) -
     state.clock[3] += h
     state.clock[4] += h
     state.clock[5] += 1.0
-    if state.clock[1] >= state.clock[2]:
+    state.clock[6] = forgetting * state.clock[6] + 1.0
+    if state.clock[1] >= state.clock[2] - _ROUNDING:
         state.clock[1] = 0.0
         state.clock[0] += 1.0
         if state.clock[0] >= N_BLOCKS:
             _merge_blocks(state)
-    if state.clock[3] >= _REFRESH and state.settings[2] > 0.0:
+    if state.clock[3] >= _REFRESH - _ROUNDING and state.settings[2] > 0.0:
         state.clock[3] = 0.0
         refresh_model(state)
+
+
+@inlined_kernel
+def _column_size(state: PaperState, axis: int, column: int) -> float:
+    """Root mean square of one filtered column so far: the norm of the triangle's column over the count."""
+    total = 1e-12
+    for i in range(column + 1):
+        total += state.triangle[axis, i * N_COLUMNS + column] ** 2
+    return math.sqrt(total / (state.clock[6] + 1.0))
 
 
 @inlined_kernel
@@ -127,7 +141,7 @@ def _gradient_step(state: PaperState, axis: int, z: Array) -> None:
         if c < 4 and free[c] <= 0.0:
             continue
         value = force if c == 4 else z[c]
-        size = math.sqrt(state.triangle[axis, c * N_COLUMNS + c] ** 2 + 1e-12) / math.sqrt(state.clock[5] + 1.0)
+        size = _column_size(state, axis, c)
         norm += (value / size) ** 2
         if c < 4:
             error -= theta[c] * value
@@ -136,7 +150,7 @@ def _gradient_step(state: PaperState, axis: int, z: Array) -> None:
         if c < 4 and free[c] <= 0.0:
             continue
         value = force if c == 4 else z[c]
-        size = math.sqrt(state.triangle[axis, c * N_COLUMNS + c] ** 2 + 1e-12) / math.sqrt(state.clock[5] + 1.0)
+        size = _column_size(state, axis, c)
         theta[c] += gain * error * value / (size * size)
 
 
@@ -154,14 +168,20 @@ def _smooth_input(state: PaperState, command: Array, h: float) -> None:
 
 
 @inlined_kernel
+def _clear_axis(state: PaperState, axis: int, velocity: float) -> None:
+    """Begin a new stretch of one axis: the filters from zero, the instruments from the measured velocity."""
+    for i in range(N_COLUMNS):
+        state.filtered[axis, i] = 0.0
+    state.instrument[axis, 0] = velocity
+    state.instrument[axis, 1] = 0.0
+    state.instrument[axis, 2] = 0.0
+
+
+@inlined_kernel
 def _clear_filters(state: PaperState, velocity: Array) -> None:
-    """Begin a new stretch: the filters from zero, the instruments from the measured velocity."""
+    """Begin a new stretch of all axes."""
     for axis in range(6):
-        for i in range(N_COLUMNS):
-            state.filtered[axis, i] = 0.0
-        state.instrument[axis, 0] = velocity[axis] if math.isfinite(velocity[axis]) else 0.0
-        state.instrument[axis, 1] = 0.0
-        state.instrument[axis, 2] = 0.0
+        _clear_axis(state, axis, velocity[axis] if math.isfinite(velocity[axis]) else 0.0)
 
 
 @kernel

@@ -26,7 +26,8 @@ class PaperState(NamedTuple):
     filtered: Array  # (6, 6) filtered columns and left-hand side
     triangle: Array  # (6, 36) square root of the information
     blocks: Array  # (6, 256, 36) sums over one block of time of instrument x row
-    clock: Array  # blocks filled, time in this block, block length, time since refresh, time learned, rows
+    clock: Array  # (7,) blocks filled, time in this block, its length, time since refresh, time learned, rows,
+    #               rows less those forgotten
     pending: Array  # (6,) wrench integral since the last sample taken
     driven: Array  # (6, 5) coefficients of the simulated instruments
     instrument: Array  # (6, 4) simulated velocity, its filtered linear and quadratic columns, its squared error x time
@@ -49,7 +50,7 @@ def new_paper_state(
         filtered=np.zeros((6, N_COLUMNS)),
         triangle=np.zeros((6, N_COLUMNS * N_COLUMNS)),
         blocks=np.zeros((6, N_BLOCKS, N_COLUMNS * N_COLUMNS)),
-        clock=np.array([0.0, 0.0, FIRST_BLOCK, 0.0, 0.0, 0.0]),
+        clock=np.array([0.0, 0.0, FIRST_BLOCK, 0.0, 0.0, 0.0, 0.0]),
         pending=np.zeros(6),
         driven=np.zeros((6, 5)),
         instrument=np.zeros((6, 4)),

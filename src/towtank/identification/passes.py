@@ -25,7 +25,8 @@ _FAMILIES: tuple[_Family, ...] = ((True, True), (True, False), (False, True))
 _ITERATIONS = 2
 _ACTIVE = 0.1  # of the liveliest recording's command, for a recording to count on an axis
 _QUADRATIC_MUST_GAIN = 0.9
-_SCAN_FILTER = 40.0  # 1/s
+_SCAN_FILTER = 40.0  # 1/s, where velocities are measured;
+_SCAN_DERIVED = 10.0  # 1/s, where they are low-passed: above the corner there is noise alone
 _SCAN_SECONDS = 600.0
 
 Progress = Callable[[str, float], None]
@@ -87,7 +88,8 @@ class Passes:
         """Scan the delay by least squares with a fast filter."""
         known, free = self._structure(None)
         free[:, :4] = [[1.0, 1.0, float(bool(axis.restoring)), float(axis.index != 2)] for axis in AXES]
-        fast = replace(self.settings, a=_SCAN_FILTER)
+        derived = any("derived" in sources.velocity for sources in self.sources)
+        fast = replace(self.settings, a=_SCAN_DERIVED if derived else _SCAN_FILTER)
         cut = [_head(grid, _SCAN_SECONDS) for grid in self.grids]
         tried = 0
 

@@ -26,7 +26,7 @@ def running_estimate_into(state: PaperState, axis: int, out: Array) -> bool:
     for c in range(4):
         if free[c] > 0.0:
             columns += 1
-    if free[4] <= 0.0 or state.clock[4] < _LEAST:
+    if free[4] <= 0.0 or state.clock[4] < _LEAST - 1e-6:
         return False
     # Rows of R with held coefficients folded into the force column, rotated into a triangle of the free columns.
     m = columns + 1

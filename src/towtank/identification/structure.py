@@ -9,7 +9,7 @@ is held at the vehicle's value, never reported as found.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from towtank.identification.axes import AXES, C_CONSTANT, C_LINEAR, C_QUADRATIC,
 from towtank.identification.axis_solution import AxisSolution
 from towtank.vehicle import Vehicle
 
-__all__ = ["AxisFindings", "Candidates", "absent", "candidates", "paper_names", "select"]
+__all__ = ["AxisFindings", "Candidates", "absent", "by_gradient", "candidates", "paper_names", "select"]
 
 _MASS = 4
 _BOTH = 5.0  # deviations that each damping term needs where both are kept
@@ -114,7 +114,7 @@ def select(candidate: Candidates, solve: Solve, cost: Cost, *, commanded: float 
     if whole is None:
         free = list(_without_idle_columns(tuple(free), known, solve))
         whole = solve(tuple(free), known) if any(free) else None
-    if whole is not None and commanded < _COMMANDED and whole.explained < _EXPLAINED:
+    if whole is not None and not candidate.asked and commanded < _COMMANDED and whole.explained < _EXPLAINED:
         whole = None
     if whole is None or (free[_MASS] and not whole.values[_MASS] > 0.0 and not _rescued(free, known, solve)):
         return absent(candidate, _unexcited(axis, commanded))
@@ -138,6 +138,22 @@ def select(candidate: Candidates, solve: Solve, cost: Cost, *, commanded: float 
         if candidate.wanted[c] and not solved[c] and reasons[c] is None:
             reasons[c] = _unexcited(axis, commanded)
     return AxisFindings(axis, solution, candidate.wanted, tuple(reasons), tuple(zeroed))
+
+
+def by_gradient(findings: AxisFindings, theta: Array) -> AxisFindings:
+    """Return the findings with the values of the normalised gradient estimator (5,) in place of least squares'.
+
+    The gradient has no deviations of its own; which coefficients are identified is least squares' judgement.
+    """
+    solution = findings.solution
+    if solution is None or not solution.free[_MASS] or not theta[_MASS] > 0.0:
+        return findings
+    values = solution.values.copy()
+    for c in range(_MASS):
+        if solution.free[c]:
+            values[c] = theta[c] / theta[_MASS]
+    values[_MASS] = 1.0 / theta[_MASS]
+    return replace(findings, solution=replace(solution, values=values))
 
 
 def _unfit(axis: Axis, solution: AxisSolution) -> tuple[int, str] | None:
