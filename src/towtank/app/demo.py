@@ -17,7 +17,7 @@ from towtank.app.demo_files import write_demo
 from towtank.app.demo_progress import Course, quantities
 from towtank.app.demo_session import DELAY, DURATION, FREE, SEED, Session, tank_session, unseen_session
 from towtank.app.demo_stream import Moment, stream
-from towtank.app.demo_table import Screen
+from towtank.app.demo_table import Screen, coefficient_table
 from towtank.app.demo_warmup import warm_up
 from towtank.app.demo_words import commands, fit_text, plan, verdict
 from towtank.errors import InputError
@@ -72,6 +72,8 @@ def run_demo(
     unseen = unseen_session()
     judged = validate(model, [unseen.recording])
     files = write_demo(output, session, unseen, model, judged, course)
+    console.print()
+    console.print(coefficient_table(course, ascii_only=screen.ascii_only))
     console.print()
     _say(console, verdict(course), "bold")
     _say(console, fit_text(judged))
