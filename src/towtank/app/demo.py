@@ -73,7 +73,7 @@ def run_demo(
     judged = validate(model, [unseen.recording])
     files = write_demo(output, session, unseen, model, judged, course)
     console.print()
-    console.print(coefficient_table(course, ascii_only=screen.ascii_only))
+    console.print(coefficient_table(course, ascii_only=screen.ascii_only, final=True))
     console.print()
     _say(console, verdict(course), "bold")
     _say(console, fit_text(judged))

@@ -30,8 +30,8 @@ def estimate_text(value: float, std: float, ascii_only: bool = False) -> str:
     return f"{number} {'+-' if ascii_only else '±'} {spread}"
 
 
-def coefficient_table(course: Course, axis: str = "", *, ascii_only: bool = False) -> Table:
-    """Return the table of coefficients; the rows of `axis` are marked as being excited."""
+def coefficient_table(course: Course, axis: str = "", *, ascii_only: bool = False, final: bool = False) -> Table:
+    """Return the table of coefficients; the rows of `axis` are marked as being excited. `final`: without states."""
     box = None if ascii_only else SIMPLE_HEAD
     table = Table(box=box, pad_edge=False, padding=(0, int(ascii_only), 0, 0), show_edge=False, header_style="bold")
     table.add_column("", width=1)
@@ -41,7 +41,8 @@ def coefficient_table(course: Course, axis: str = "", *, ascii_only: bool = Fals
     table.add_column("Estimate +- std" if ascii_only else "Estimate ± std", justify="right", no_wrap=True, min_width=15)
     table.add_column("Error %", justify="right", no_wrap=True, min_width=7)
     table.add_column("in std", justify="right", no_wrap=True, min_width=6)
-    table.add_column("State", no_wrap=True, min_width=8)
+    if not final:
+        table.add_column("State", no_wrap=True, min_width=8)
     for (quantity, value, std), state in zip(course.latest(), course.states, strict=True):
         known = value == value
         style = _STYLES[state]
@@ -54,7 +55,7 @@ def coefficient_table(course: Course, axis: str = "", *, ascii_only: bool = Fals
             Text(estimate_text(value, std, ascii_only), style=style if known else "dim"),
             f"{100.0 * (value / quantity.truth - 1.0):+.2f}" if known else "",
             f"{abs(value - quantity.truth) / std:.1f}" if known else "",
-            Text(state, style=style),
+            *([] if final else [Text(state, style=style)]),
         )
     return table
 
