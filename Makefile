@@ -2,6 +2,7 @@
 PYTHON  ?= python3
 WORKERS ?= 2
 DEMO    ?=
+KERNEL_TESTS := $(addprefix tests/identification/test_, axis_rows.py held_input.py motion_state.py)
 
 BIN   := .venv/bin
 READY := .venv/.ready
@@ -56,7 +57,7 @@ tests: $(READY)
 
 kernels: $(READY)
 	@echo 'tests of the kernels, as plain Python'
-	@NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q -n $(WORKERS) tests/core
+	@NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q -n $(WORKERS) tests/core $(KERNEL_TESTS)
 
 docs: $(READY)
 	$(call quietly,documentation (sphinx),$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs docs/_build/html)
