@@ -124,3 +124,17 @@ def test_a_poor_run_does_not_claim_a_sharp_delay() -> None:
         ).delay_scan
         assert found is not None
         assert found.delay < max(0.010, 4.0 * found.std)
+
+
+def test_a_delay_that_had_to_be_found_widens_what_depends_on_it() -> None:
+    vehicle = vessel()
+    log = simulate(vehicle, commands=orders(vehicle, 1, seconds=40.0), delay=0.06, sensors=Mocap(), seed=2)
+    given = learn_recordings(vehicle, [log], delay=0.06).estimate
+    found = learn_recordings(vehicle, [log])
+    assert found.delay_scan is not None
+    assert found.delay_scan.std >= 0.0025
+    for name in ("X_udot", "N_rdot", "N_rr"):
+        assert found.estimate[name].std > 0.9 * given[name].std
+    assert any(found.estimate[name].std > 1.1 * given[name].std for name in given.names if given[name].identified)
+    masses = {each.name: each.std for each in found.estimate.sums}
+    assert masses["I_z - N_rdot"] == pytest.approx(found.estimate["N_rdot"].std)

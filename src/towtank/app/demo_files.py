@@ -21,8 +21,8 @@ __all__ = ["write_demo"]
 
 _CONVERGENCE, _PREDICTION, _PAGE = "convergence.png", "prediction.png", "demo.html"
 _SETTLED = (
-    "Shaded: the axis' own turn. The band is twice the estimate's own standard deviation, the dashed line the truth in "
-    "the simulator."
+    "One sample at a time. Shaded: the axis' own turn. The band is twice the estimate's own standard deviation, the "
+    "dashed line the truth in the simulator. The second pass, at the right edge, gives the values of the table."
 )
 _PREDICTED = (
     "All axes at once, other noise and other random forces. The model starts from one measured state and is then "

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from towtank.app.demo_progress import Course
 from towtank.app.demo_session import DELAY, DISTURBANCE, MOCAP, SEED
+from towtank.app.digits import short
 from towtank.validation import Validation
 
 __all__ = ["LOG", "MODEL", "UNSEEN", "commands", "fit_text", "plan", "setting", "verdict"]
@@ -33,8 +34,9 @@ def setting(duration: float) -> str:
         f"Vehicle vlbv300, {duration:g} s of motion capture at {MOCAP.rate:g} Hz, seed {SEED}. Noise "
         f"{MOCAP.noise_mm:g} mm and {MOCAP.noise_mrad:g} mrad, markers hidden {100.0 * MOCAP.jump_fraction:g} % of the "
         f"time (jumps of {jumps}), random forces of {force:g} N and moments of {moment:g} N m, {1e3 * DELAY:g} ms from "
-        "command to thrust. The learner was told the rigid body, the thrusters and the delay, and took one sample at a "
-        "time."
+        "command to thrust. The learner was told the rigid body, the thrusters and the delay. It took one sample at a "
+        "time, as live data come (the curves); the table and the model are those of a second pass over the recording, "
+        "which is what towtank learn does with a log."
     )
 
 
@@ -51,7 +53,7 @@ def verdict(course: Course) -> str:
     if not identified:
         return "Nothing could be identified: the session is too short"
     names = {"inertia": "inertias", "drag": "drags", "moment": "righting moment"}
-    parts = [f"{names[kind]} within {error:.1f} %" for kind, error in worst.items()]
+    parts = [f"{names[kind]} within {short(error, 2)} %" for kind, error in worst.items()]
     return (
         f"{identified} of {len(course.learned)} coefficients learned: {', '.join(parts)} of the truth, none further "
         f"from it than {furthest:.1f} of its own standard deviations"

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
-from towtank.identification.axes import Axis
+from towtank.identification.axes import AXES, Axis
 from towtank.identification.structure import AxisFindings
 from towtank.vehicle import Coefficient, Provenance, Vehicle
 from towtank.vehicle import unit as unit_of
 
-__all__ = ["AxisReport", "Estimate", "Learned", "SumOfInertias", "estimate_of"]
+__all__ = ["AxisReport", "Estimate", "Learned", "SumOfInertias", "estimate_of", "with_shift"]
 
 _MASS = 4
 
@@ -108,6 +108,25 @@ class Estimate:
         kept = vehicle.provenance.notes
         notes = (*(kept if isinstance(kept, tuple) else (kept,) if kept else ()), *notes)
         return vehicle.with_coefficients(changes, provenance=Provenance(source=source, notes=notes))
+
+
+def with_shift(estimate: Estimate, shifted: Estimate) -> Estimate:
+    """Return the estimate with the deviations that a common cause adds, such as a delay that is not known exactly.
+
+    Args:
+        shifted: the estimate where that cause is one deviation off.
+    """
+    shift = np.array(
+        [
+            shifted[name].value - value if known and name in shifted and shifted[name].identified else 0.0
+            for name, value, known in zip(estimate.names, estimate.values, estimate.identified, strict=True)
+        ]
+    )
+    covariance = estimate.covariance + np.outer(shift, shift)
+    std = np.sqrt(np.diag(covariance))
+    added = {axis.sum_name: axis.added_mass for axis in AXES}
+    sums = tuple(replace(each, std=float(std[estimate.names.index(added[each.name])])) for each in estimate.sums)
+    return replace(estimate, covariance=covariance, std=std, sums=sums)
 
 
 def estimate_of(vehicle: Vehicle, findings: Sequence[AxisFindings], duration: float, samples: int) -> Estimate:

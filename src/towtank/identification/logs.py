@@ -19,7 +19,7 @@ from towtank.errors import InputError
 from towtank.identification.axes import AXES
 from towtank.identification.chain import Settings, Sources
 from towtank.identification.delay import DelayScan
-from towtank.identification.estimate import Estimate
+from towtank.identification.estimate import Estimate, with_shift
 from towtank.identification.passes import Passes, Progress
 from towtank.identification.structure import candidates
 from towtank.recording import Grid, Recording, align, bind_thrusters
@@ -102,6 +102,10 @@ def learn_recordings(
         estimate = passes.with_instruments(last.model(vehicle))
         if _settled(last, estimate):
             break
+    if instruments and scan is not None and np.isfinite(scan.std):
+        told("deviations", 0.95)
+        late = Passes(vehicle, grids, replace(passes.settings, delay=scan.delay + scan.std), passes.candidates)
+        estimate = with_shift(estimate, late.with_instruments(estimate.model(vehicle)))
     told("done", 1.0)
     found = passes.settings.delay
     model = estimate.model(vehicle, "learned by towtank, method paper")
