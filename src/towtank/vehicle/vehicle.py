@@ -175,6 +175,19 @@ class Vehicle(Record):
             return self.restoring_moment[axis]
         return matrices.effective(self._values, name)
 
+    def deviation(self, name: str) -> float | None:
+        """Return the standard deviation that the file gives a coefficient, None where it gives none.
+
+        Raises:
+            InputError: an unknown name.
+        """
+        index(name)
+        if name in RESTORING:
+            given = getattr(self.restoring, name)
+        else:
+            given = self.hydrodynamics.get(name) or self.hydrodynamics.get(mirror(name))
+        return None if given is None else given.std
+
     def with_coefficients(
         self, changes: Mapping[str, Coefficient | float], *, provenance: Provenance | None = None
     ) -> Vehicle:

@@ -1,0 +1,110 @@
+"""Fisher information of several coefficients: what is left of it for one, for a pair, along a direction.
+
+All functions take a symmetric matrix A (n, n) in relative coordinates (1 is 100 % of a coefficient), singular or not.
+Which directions are null is judged on A scaled to a unit diagonal, so that no choice of units matters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from towtank.core.arrays import Array
+
+__all__ = ["alone", "along", "correlations", "deviations", "pair", "relative", "weakest"]
+
+_NULL = 1e-12  # eigenvalue, per row, of the matrix with unit diagonal
+_DARK = 1e-12  # information of a deviation of a million times the value: rounding, no more
+_TOUCHED = 1e-6  # square of the component that a null direction must have for a coefficient to be lost in it
+
+
+def relative(information: Array, size: Array, prior: Array | None = None) -> Array:
+    """Return information (n, n), with that of a prior, in units of `size` (n,); what is not finite counts as none."""
+    total = _finite(information) if prior is None else _finite(information) + _finite(prior)
+    scaled = total * np.outer(size, size)
+    scaled = 0.5 * (scaled + scaled.T)
+    dark = ~(np.diag(scaled) > _DARK)
+    scaled[dark] = 0.0
+    scaled[:, dark] = 0.0
+    return np.asarray(scaled)
+
+
+def _finite(matrix: Array) -> Array:
+    out = np.array(matrix, dtype=np.float64)
+    bad = ~np.isfinite(np.diag(out)) | (~np.isfinite(out)).all(axis=1)
+    out[bad] = 0.0
+    out[:, bad] = 0.0
+    return np.where(np.isfinite(out), out, 0.0)
+
+
+def alone(A: Array) -> Array:
+    """Return the deviation (n,) of each coefficient if all others were known; inf where there is no information."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(1.0 / np.sqrt(np.diag(A)))
+
+
+def deviations(A: Array) -> Array:
+    """Return the deviation (n,) of each coefficient with all others unknown; inf where nothing fixes it."""
+    known = np.flatnonzero(np.diag(A) > 0.0)
+    out = np.full(A.shape[0], np.inf)
+    if not known.size:
+        return out
+    scale, values, vectors = _spectrum(A[np.ix_(known, known)])
+    null = values <= _NULL * known.size
+    variance = (vectors**2 / np.maximum(values, _NULL * known.size)).sum(axis=1) / scale**2
+    lost = (vectors[:, null] ** 2).sum(axis=1) > _TOUCHED
+    out[known] = np.where(lost, np.inf, np.sqrt(variance))
+    return out
+
+
+def _spectrum(A: Array) -> tuple[Array, Array, Array]:
+    """Return the roots of the diagonal, and eigenvalues and eigenvectors of A scaled to a unit diagonal."""
+    scale = np.sqrt(np.diag(A))
+    values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
+    return scale, values, vectors
+
+
+def correlations(A: Array) -> Array:
+    """Return the correlations (n, n) of the estimates; where A is singular, those in the limit of a tiny prior."""
+    known = np.flatnonzero(np.diag(A) > 0.0)
+    out = np.zeros(A.shape)
+    if known.size:
+        _, values, vectors = _spectrum(A[np.ix_(known, known)])
+        C = (vectors / np.maximum(values, _NULL * known.size)) @ vectors.T
+        size = np.sqrt(np.diag(C))
+        out[np.ix_(known, known)] = C / np.outer(size, size)
+    return out
+
+
+def pair(A: Array, i: int, j: int) -> Array:
+    """Return the information (2, 2) on two coefficients that is left with all others unknown."""
+    both = [i, j]
+    rest = [k for k in range(A.shape[0]) if k not in both and A[k, k] > 0.0]
+    inner = A[np.ix_(both, both)]
+    if not rest:
+        return inner
+    scale, values, vectors = _spectrum(A[np.ix_(rest, rest)])
+    used = values > _NULL * len(rest)
+    half = (A[np.ix_(both, rest)] / scale) @ (vectors[:, used] / np.sqrt(values[used]))
+    left = inner - half @ half.T
+    # what rounding leaves of a difference of equal numbers is nothing
+    size = np.maximum(np.diag(left), 0.0)
+    size[size <= _NULL * len(rest) * np.diag(inner)] = 0.0
+    limit = np.sqrt(size[0] * size[1])
+    cross = float(np.clip(left[0, 1], -limit, limit))
+    return np.array([[size[0], cross], [cross, size[1]]])
+
+
+def along(A: Array, direction: Array) -> float:
+    """Return the deviation of a common change along a direction (n,), all else known; inf where none is told."""
+    told = float(direction @ A @ direction)
+    least = _NULL * float((direction**2) @ np.diag(A)) * A.shape[0]
+    return 1.0 / np.sqrt(told) if told > least else float("inf")
+
+
+def weakest(A: Array, among: Sequence[int], share: float = 0.3) -> list[int]:
+    """Return those of `among` that take part in the direction that is known least, in order."""
+    _, _, vectors = _spectrum(A[np.ix_(among, among)])
+    size = np.abs(vectors[:, 0])
+    return [k for k, part in zip(among, size, strict=True) if part >= share * size.max()]

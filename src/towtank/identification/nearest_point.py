@@ -1,0 +1,92 @@
+"""The likeliest point that keeps linear bounds: minimise (x - x0)^T C^-1 (x - x0) subject to G x >= h.
+
+With C = S S^T and x = x0 + S y this is least-distance programming, min |y| subject to G S y >= h - G x0, solved by
+non-negative least squares (Lawson and Hanson, Solving Least Squares Problems, 1974, chapter 23). C may be singular:
+what has no variance does not move.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from towtank.core.arrays import Array
+
+__all__ = ["NearestPoint", "conditional_covariance", "nearest_point", "square_root"]
+
+_NULL = 1e-13
+_UNREACHABLE = 1e-9
+
+
+@dataclass(frozen=True)
+class NearestPoint:
+    """x (n,), the multipliers (m,) of the bounds (0 where a bound does not press), and whether all bounds can be kept.
+
+    x - x0 = C G^T multipliers. Where the bounds cannot be kept, x is x0.
+    """
+
+    x: Array
+    multipliers: Array
+    reachable: bool
+
+    @property
+    def pressing(self) -> NDArray[np.intp]:
+        """Indices of the bounds that press."""
+        return np.flatnonzero(self.multipliers > 0.0)
+
+
+def square_root(covariance: Array) -> Array:
+    """Return S (n, n) with S S^T = C for a positive semidefinite C, by its eigenvalues at unit diagonal."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    safe = np.where(scale > 0.0, scale, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(safe, safe))
+    values = np.where(values > _NULL * max(values.size, 1), values, 0.0)
+    return np.asarray(scale[:, None] * vectors * np.sqrt(values))
+
+
+def nearest_point(x0: Array, root: Array, G: Array, h: Array) -> NearestPoint:
+    """Return the likeliest x (n,) with G x >= h.
+
+    Args:
+        x0: (n,). root: S (n, n) of the covariance. G: (m, n). h: (m,).
+    """
+    none = np.zeros(h.size)
+    lack = h - G @ x0
+    if not (lack > 0.0).any():
+        return NearestPoint(x0.copy(), none, True)
+    A = G @ root
+    size = np.linalg.norm(A, axis=1)
+    still = size <= _NULL * np.linalg.norm(G, axis=1) * max(float(np.linalg.norm(root)), 1e-300)
+    if (still & (lack > 0.0)).any():
+        return NearestPoint(x0.copy(), none, False)
+    use = np.flatnonzero(~still)
+    rows, need = A[use] / size[use, None], lack[use] / size[use]
+    unit = float(np.abs(need).max())
+    E = np.vstack([rows.T, need / unit])
+    target = np.zeros(E.shape[0])
+    target[-1] = 1.0
+    try:
+        u, misfit = nnls(E, target, maxiter=50 * E.shape[1] + 100)
+    except RuntimeError:  # no convergence
+        misfit = 0.0
+    if misfit < _UNREACHABLE:
+        return NearestPoint(x0.copy(), none, False)
+    left = target - E @ u
+    multipliers = none.copy()
+    multipliers[use] = unit * u / left[-1] / size[use]
+    return NearestPoint(x0 + root @ (A.T @ multipliers), multipliers, True)
+
+
+def conditional_covariance(covariance: Array, G: Array) -> Array:
+    """Return the covariance (n, n) that is left where G x (m,) is known exactly."""
+    if not G.size:
+        return covariance
+    both = G @ covariance
+    inner = both @ G.T
+    scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+    inverse = np.linalg.pinv(inner / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
+    left = covariance - both.T @ inverse @ both
+    return np.asarray(0.5 * (left + left.T))
