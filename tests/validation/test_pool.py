@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from towtank.identification import LogLearning, learn_recordings
+from towtank.identification import LogLearning, learn_paper
 from towtank.recording import Recording, load_mapping, read_csv
 from towtank.validation import validate
 from towtank.vehicle import Vehicle, load_vehicle
@@ -41,7 +41,7 @@ class Pool:
         return read_csv(found[0], load_mapping(self.mapping))
 
     def _learn(self, *names: str) -> LogLearning:
-        return learn_recordings(self.vehicle, [self.read(name) for name in names])
+        return learn_paper(self.vehicle, [self.read(name) for name in names])
 
     def fit(self, learned: tuple[str, ...], judged: str, horizon: float | None = None) -> dict[str, float | None]:
         return validate(self.learn(*learned).model, [self.read(judged)], horizon=horizon).fit

@@ -1,6 +1,27 @@
-"""Judging a model by free-running prediction against the measurement."""
+"""Judging models by free-running prediction: how good, what the errors are, which is better, how they generalise."""
 
+from towtank.validation.comparison import ChannelComparison, Comparison, Contest, compare
+from towtank.validation.cross_validation import CrossValidation, Fold, FoldedCoefficient, cross_validate
 from towtank.validation.prediction import Prediction, predict
-from towtank.validation.scores import CHANNELS, Validation, fit_percent, validate
+from towtank.validation.residuals import Residual, residuals
+from towtank.validation.scores import CHANNELS, Validation, fit_percent, score, validate
 
-__all__ = ["CHANNELS", "Prediction", "Validation", "fit_percent", "predict", "validate"]
+__all__ = [
+    "CHANNELS",
+    "ChannelComparison",
+    "Comparison",
+    "Contest",
+    "CrossValidation",
+    "Fold",
+    "FoldedCoefficient",
+    "Prediction",
+    "Residual",
+    "Validation",
+    "compare",
+    "cross_validate",
+    "fit_percent",
+    "predict",
+    "residuals",
+    "score",
+    "validate",
+]

@@ -6,12 +6,12 @@ import numpy as np
 
 from towtank.core.arrays import Array, kernel
 from towtank.errors import InputError
-from towtank.identification.chain import with_absent_zero
 from towtank.identification.held_input import HeldInput, held_integral_into, held_push, new_held_input
+from towtank.identification.samples import with_absent_zero
 from towtank.recording import Grid
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
 
-__all__ = ["mean_wrenches"]
+__all__ = ["inputs_known_from", "mean_wrenches"]
 
 
 @kernel
@@ -63,3 +63,18 @@ def mean_wrenches(vehicle: Vehicle, grid: Grid, delay: float | None = None) -> A
     if not stamps.size:
         raise InputError(f"{grid.source or 'recording'}: no row has a command for every thruster")
     return _means(new_held_input(shape.shape[1], lag, delay), np.ascontiguousarray(shape), grid.t, stamps, forces)
+
+
+def inputs_known_from(vehicle: Vehicle, grid: Grid, delay: float | None = None) -> float:
+    """Return the time [s] from which on the recorded inputs act: before it nobody knows what the thrusters did.
+
+    Args as `mean_wrenches`.
+    """
+    if vehicle.thrusters and grid.command_t.size and grid.command_values.shape[1] == len(vehicle.thrusters):
+        values, stamps = grid.command_values, grid.command_t
+        delay = vehicle.command_delay if delay is None else delay
+    else:
+        values, stamps = with_absent_zero(np.array(grid.wrench_values)), grid.wrench_t
+        delay = 0.0 if delay is None else delay
+    known = stamps[np.isfinite(values).all(axis=1)]
+    return float(known[0]) + delay - 1e-9 if known.size else float(grid.t[0])

@@ -7,7 +7,7 @@ that tumbles: small errors of attitude grow without bound and say little about c
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from towtank.core.attitude import eulers_from_quaternions
 from towtank.core.rk4 import simulate_run
 from towtank.errors import InputError
 from towtank.recording import Grid
-from towtank.validation.inputs import mean_wrenches
+from towtank.validation.inputs import inputs_known_from, mean_wrenches
 from towtank.validation.starts import Starts
 from towtank.vehicle import Vehicle
 
@@ -35,17 +35,19 @@ class Prediction:
     Attributes:
         t: times (n,) [s]. channels: name -> (measured (n,), predicted (n,)); measured is NaN where there was no
             sample. restarts: times at which the prediction was set to the measured state. source: of the recording.
+        wrench: mean wrench [N, N m] (n, 6) over the step that ends at each time, body FRD.
+        states: predicted states (n, 13) [x y z, quaternion, nu], NaN before the first restart.
     """
 
     t: Array
     channels: Mapping[str, tuple[Array, Array]]
     restarts: tuple[float, ...]
     source: str = ""
+    wrench: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    states: Array = field(default_factory=lambda: np.zeros((0, 13)))
 
 
-def predict(
-    vehicle: Vehicle, grid: Grid, *, horizon: float | None = None, delay: float | None = None
-) -> Prediction:
+def predict(vehicle: Vehicle, grid: Grid, *, horizon: float | None = None, delay: float | None = None) -> Prediction:
     """Predict a recording from its commands (or wrenches) alone.
 
     Args:
@@ -62,7 +64,8 @@ def predict(
     wrenches = mean_wrenches(vehicle, grid, delay)
     starts = Starts.of(grid)
     n = len(grid)
-    first = next((i for i in range(n - 1) if starts.known(i)), None)
+    begin = inputs_known_from(vehicle, grid, delay)
+    first = next((i for i in range(n - 1) if grid.t[i] >= begin and starts.known(i)), None)
     if first is None:
         raise InputError(f"{grid.source or 'recording'}: there is no instant at which all that is measured is known")
     states = np.full((n, 13), np.nan)
@@ -83,7 +86,8 @@ def predict(
             reached = np.where(np.isfinite(reached), reached, 0.0)
             reached[3:7] = (1.0, 0.0, 0.0, 0.0)
         row = end
-    return Prediction(grid.t, _channels(grid, states), tuple(restarts), grid.source)
+    acted = np.vstack([wrenches[:1], wrenches])
+    return Prediction(grid.t, _channels(grid, states), tuple(restarts), grid.source, acted, states)
 
 
 def _next_start(grid: Grid, starts: Starts, row: int, horizon: float | None) -> int:

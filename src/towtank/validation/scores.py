@@ -13,7 +13,7 @@ from towtank.recording import Recording, align, bind_thrusters
 from towtank.validation.prediction import CHANNELS, Prediction, predict
 from towtank.vehicle import Vehicle
 
-__all__ = ["CHANNELS", "Validation", "fit_percent", "validate"]
+__all__ = ["CHANNELS", "Validation", "fit_percent", "score", "validate"]
 
 _WORST = -999.0
 _RESTING = 1e-12  # a channel that varies less than this, relatively, is still: its spread is rounding
@@ -81,6 +81,13 @@ def validate(
             progress("predicting", k / len(recordings))
         part = recording if window is None else recording.window(*window)
         predictions.append(predict(model, align(bind_thrusters(part, names)), horizon=horizon, delay=delay))
+    if progress is not None:
+        progress("done", 1.0)
+    return score(predictions, horizon=horizon)
+
+
+def score(predictions: Sequence[Prediction], *, horizon: float | None = None) -> Validation:
+    """Return fit and error of predictions, all taken together. `horizon` is only noted."""
     fit: dict[str, float | None] = {}
     rmse: dict[str, float | None] = {}
     for name in CHANNELS:
@@ -95,8 +102,6 @@ def validate(
         with np.errstate(over="ignore", invalid="ignore"):
             error = float(np.sqrt(np.mean((y - yhat) ** 2))) if y.size else float("nan")
         rmse[name] = error if np.isfinite(error) else None
-    if progress is not None:
-        progress("done", 1.0)
     start = min(float(prediction.t[0]) for prediction in predictions)
     end = max(float(prediction.t[-1]) for prediction in predictions)
     return Validation(fit, rmse, (start, end), horizon, tuple(predictions))

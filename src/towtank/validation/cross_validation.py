@@ -1,0 +1,189 @@
+"""Cross-validation over windows: learned on all but one, judged on that one, in turn.
+
+The values learned without each window also say how sure they are: the delete-a-group jackknife,
+
+    std^2 = (K - 1) / K sum_k (theta_k - mean theta)^2,
+
+assumes nothing about noise and disturbances but that one window is like another. Beside the deviation that the learning
+claims for the whole, it is a check of that claim; (K - 1) std^2 / claimed^2 is about chi-squared with K - 1 degrees of
+freedom.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.stats import chi2
+
+from towtank.core.arrays import Array
+from towtank.errors import InputError
+from towtank.identification import Estimate, learn_recordings
+from towtank.recording import Recording
+from towtank.validation.folds import Split, split
+from towtank.validation.prediction import Prediction
+from towtank.validation.scores import CHANNELS, Validation, score, validate
+from towtank.vehicle import Vehicle
+
+__all__ = ["CrossValidation", "Fold", "FoldedCoefficient", "Learn", "Learning", "cross_validate"]
+
+_CHANCE = 0.01
+
+
+class Learning(Protocol):
+    """What learning returns: coefficients, and the vehicle with them put in."""
+
+    @property
+    def estimate(self) -> Estimate:
+        """The coefficients."""
+        ...
+
+    @property
+    def model(self) -> Vehicle:
+        """The vehicle with them put in."""
+        ...
+
+
+Learn = Callable[[Vehicle, Sequence[Recording]], Learning]
+
+
+@dataclass(frozen=True)
+class Fold:
+    """One window left out.
+
+    Attributes:
+        windows: what was left out, as (number of the recording, start [s], end [s]).
+        model: learned on the rest. fit, rmse: on the window, per channel, None where it is not measured.
+        note: why the window could not be predicted; empty where it could.
+    """
+
+    windows: tuple[tuple[int, float, float], ...]
+    model: Vehicle
+    fit: dict[str, float | None]
+    rmse: dict[str, float | None]
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class FoldedCoefficient:
+    """One coefficient over the folds.
+
+    Attributes:
+        value, claimed: learned on everything, with the deviation that the learning claims.
+        values: learned without each window (K,), NaN where it was not identified then.
+        spread: deviation of `value` by the jackknife; NaN where fewer than three folds know it.
+        p: probability of so much spread if the claimed deviation holds; NaN likewise.
+    """
+
+    name: str
+    unit: str
+    value: float
+    claimed: float
+    values: Array
+    spread: float
+    p: float
+
+    @property
+    def overconfident(self) -> bool:
+        """Whether the folds spread more than the claimed deviation allows (1 %)."""
+        return self.p < _CHANCE
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """A vehicle learned and judged in turn.
+
+    Attributes:
+        folds: one per window. whole: learned on everything.
+        scores: of all windows together, each predicted by the model that has not seen it.
+        seen: of the same windows, predicted by the model learned on everything.
+        coefficients: those identified on everything.
+    """
+
+    folds: tuple[Fold, ...]
+    whole: Learning
+    scores: Validation
+    seen: Validation
+    coefficients: tuple[FoldedCoefficient, ...]
+
+
+def cross_validate(
+    vehicle: Vehicle,
+    recordings: Sequence[Recording],
+    *,
+    windows: int = 5,
+    learn: Learn = learn_recordings,
+    horizon: float | None = None,
+    delay: float | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> CrossValidation:
+    """Learn a vehicle on all windows but one and predict that one, for each in turn.
+
+    Args:
+        vehicle: to start from. windows: how many, equally long, one after the other over all recordings.
+        learn: takes the vehicle and recordings, returns what `learn_recordings` does.
+        horizon, delay: of the predictions, see `validate`; a `learn` of your own decides itself about its delay.
+
+    Raises:
+        InputError: fewer than 2 windows or too short ones; nothing can be learned or predicted.
+    """
+    told = progress or (lambda text, share: None)
+    splits = split(recordings, windows)
+    total = windows + 1
+    told("learning on everything", 0.0)
+    whole = learn(vehicle, recordings)
+    folds: list[Fold] = []
+    estimates: list[Estimate] = []
+    unseen: list[Prediction] = []
+    seen: list[Prediction] = []
+    for k, each in enumerate(splits):
+        told(f"learning without window {k + 1} of {windows}", (k + 1) / total)
+        try:
+            learning = learn(vehicle, each.kept)
+        except InputError as error:
+            raise InputError(f"without window {k + 1} of {windows} ({_where(each)}): {error}") from None
+        estimates.append(learning.estimate)
+        try:
+            judged = validate(learning.model, each.left_out, horizon=horizon, delay=delay)
+        except InputError as error:
+            nothing: dict[str, float | None] = dict.fromkeys(CHANNELS)
+            folds.append(Fold(each.windows, learning.model, nothing, dict(nothing), str(error)))
+            continue
+        folds.append(Fold(each.windows, learning.model, judged.fit, judged.rmse))
+        unseen += judged.predictions
+        seen += validate(whole.model, each.left_out, horizon=horizon, delay=delay).predictions
+    if not unseen:
+        raise InputError(f"none of the {windows} windows could be predicted: {folds[0].note}")
+    told("done", 1.0)
+    return CrossValidation(
+        tuple(folds),
+        whole,
+        score(unseen, horizon=horizon),
+        score(seen, horizon=horizon),
+        tuple(_coefficients(whole.estimate, estimates)),
+    )
+
+
+def _where(each: Split) -> str:
+    return ", ".join(f"{start:.5g} to {end:.5g} s" for _, start, end in each.windows)
+
+
+def _coefficients(whole: Estimate, estimates: Sequence[Estimate]) -> list[FoldedCoefficient]:
+    out = []
+    for learned in whole.coefficients:
+        if not learned.identified:
+            continue
+        name = learned.name
+        values = np.array([e[name].value if name in e and e[name].identified else np.nan for e in estimates])
+        known = values[np.isfinite(values)]
+        n = known.size
+        spread = float(np.sqrt((n - 1) / n * np.sum((known - known.mean()) ** 2))) if n >= 3 else float("nan")
+        p = (
+            float(chi2.sf((n - 1) * (spread / learned.std) ** 2, n - 1))
+            if n >= 3 and learned.std > 0.0
+            else float("nan")
+        )
+        out.append(FoldedCoefficient(name, learned.unit, learned.value, learned.std, values, spread, p))
+    return out
