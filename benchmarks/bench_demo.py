@@ -18,7 +18,7 @@ import numpy as np
 from towtank.app.demo_progress import Quantity, quantities, readings
 from towtank.app.demo_session import DURATION, FREE, tank_session
 from towtank.app.demo_stream import pose_and_commands
-from towtank.identification import Learner, learn_recordings
+from towtank.identification import PaperLearner, learn_paper
 
 TRANSLATION_AND_YAW = ("surge", "sway", "heave", "yaw")
 
@@ -34,13 +34,13 @@ def errors(seed: int, seconds: float, streaming: bool) -> tuple[np.ndarray, np.n
     """Return the errors [%] and the errors in deviations of one run, (n,) each, NaN where not identified."""
     session = tank_session(seconds, seed)
     if streaming:
-        learner = Learner(session.known, free=FREE)
+        learner = PaperLearner(session.known, free=FREE)
         for t, pose, commands in zip(*pose_and_commands(session), strict=True):
             learner.update(t, pose=pose, commands=commands)
         estimate = learner.estimate
     else:
         delay = session.known.command_delay
-        estimate = learn_recordings(session.known, [session.recording], free=FREE, delay=delay).estimate
+        estimate = learn_paper(session.known, [session.recording], free=FREE, delay=delay).estimate
     learned = quantities(session.truth)
     values, std = readings(estimate, learned)
     truth = np.array([quantity.truth for quantity in learned])

@@ -162,9 +162,7 @@ def vehicle(kind: type[EconomicalVehicle], coupled: bool) -> EconomicalVehicle:
 
 def thrust(n: int) -> np.ndarray:
     t = DT * np.arange(n)[:, None]
-    return np.array([20.0, 15.0, 10.0, 0.5, 0.5, 2.0]) * np.sin(
-        t * [0.9, 0.7, 1.1, 1.3, 0.8, 0.6] + np.arange(6)
-    )
+    return np.array([20.0, 15.0, 10.0, 0.5, 0.5, 2.0]) * np.sin(t * [0.9, 0.7, 1.1, 1.3, 0.8, 0.6] + np.arange(6))
 
 
 def start() -> tuple[np.ndarray, np.ndarray]:

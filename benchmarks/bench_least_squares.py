@@ -69,9 +69,7 @@ def prove_parity(n: int) -> None:
     for name, theta in found.items():
         worst = float(np.abs(theta - batch).max())
         if worst > 1e-8:
-            raise SystemExit(
-                f"no parity, nothing timed: {name} differs from batch least squares by {worst:.1e}"
-            )
+            raise SystemExit(f"no parity, nothing timed: {name} differs from batch least squares by {worst:.1e}")
 
 
 def updates(n: int) -> list[Figure]:
@@ -106,10 +104,7 @@ def runs() -> list[Figure]:
     tasks["numpy"] = lambda: numpy_loop(Phi[:part], y[:part])
     seconds = interleaved(tasks, repeats=7)
     loop = seconds["numpy"] * MILLION / part
-    return [
-        Figure(f"run_{form}_n2_1e6", seconds[form], "s", 0.05, note=f"NumPy loop {loop:.1f} s")
-        for form in FORMS
-    ]
+    return [Figure(f"run_{form}_n2_1e6", seconds[form], "s", 0.05, note=f"NumPy loop {loop:.1f} s") for form in FORMS]
 
 
 def measure() -> list[Figure]:

@@ -1,6 +1,6 @@
 """The picture of the README: the figures of the demo, side by side.
 
-    python examples/readme_picture.py [--output docs/images/readme.png]
+python examples/readme_picture.py [--output docs/images/readme.png]
 """
 
 from __future__ import annotations

@@ -32,8 +32,8 @@ from tank import (
     without_coefficients,
 )
 
-from towtank import Learner, Vehicle, load_vehicle
-from towtank.identification.logs import learn_recordings
+from towtank import Vehicle, load_vehicle
+from towtank.identification import PaperLearner, learn_paper
 from towtank.simulation import Mocap
 
 RUNS = 20
@@ -58,7 +58,7 @@ AS_IS = by(EXACT)
 
 def by_stream(found: TankRun, vehicle: Vehicle) -> tuple[float, float]:
     """Estimate with towtank's learner in one pass, the delay known."""
-    learner = Learner(without_coefficients(vehicle, "surge"), free=("X_udot", "X_uu"), delay=DELAY)
+    learner = PaperLearner(without_coefficients(vehicle, "surge"), free=("X_udot", "X_uu"), delay=DELAY)
     learner.run(found.recording)
     return true_values(learner.model(), "surge")
 
@@ -66,7 +66,7 @@ def by_stream(found: TankRun, vehicle: Vehicle) -> tuple[float, float]:
 def by_log(found: TankRun, vehicle: Vehicle) -> tuple[float, float]:
     """Estimate as `towtank learn` does, the delay found from the run."""
     unknown = without_coefficients(vehicle, "surge")
-    return true_values(learn_recordings(unknown, [found.recording], free=("X_udot", "X_uu")).model, "surge")
+    return true_values(learn_paper(unknown, [found.recording], free=("X_udot", "X_uu")).model, "surge")
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ CASES = (
     Case("occlusion jumps, low-pass on both", by(BOTH_SIDES), Conditions(Mocap(noise_mm=0.0))),
     Case("disturbance force 0.5 N, exact velocity", conditions=Conditions(disturbance=PUSH)),
     Case("all of the real chain, the paper's way", by(ONE_SIDED), REAL),
-    Case("all, Learner, delay known", by_stream, REAL),
+    Case("all, PaperLearner, delay known", by_stream, REAL),
     Case("all, towtank learn, delay found", by_log, REAL),
 )
 

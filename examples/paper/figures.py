@@ -40,8 +40,8 @@ from tank import (
     without_coefficients,
 )
 
-from towtank import Learner, Vehicle, simulate
-from towtank.identification.logs import learn_recordings
+from towtank import Vehicle, simulate
+from towtank.identification import PaperLearner, learn_paper
 from towtank.vehicle import curve_force
 
 PAPER_WAY = Chain(lowpass=2.0)
@@ -94,7 +94,7 @@ def thruster_curve() -> Figure:
 def simulator_convergence(seconds: float = 10.0) -> Figure:
     """Return figure 5: surge of the Seamor, perfect sensors, sine."""
     found = perform(truth(), replace(EXPERIMENTS[0], duration=seconds), "smooth")
-    learner = Learner(rigid_body_only(), a=2.0, inputs="smooth", free=("X_udot", "X_uu"))
+    learner = PaperLearner(rigid_body_only(), a=2.0, inputs="smooth", free=("X_udot", "X_uu"))
     times, values = [], []
     samples = zip(found.t, found.pose, found.velocity, found.wrench, strict=True)
     for k, (t, pose, velocity, wrench) in enumerate(samples):
@@ -139,7 +139,7 @@ def surge_convergence(seed: int = 0) -> Figure:
 
 def _mended_history(found: TankRun, vehicle: Vehicle) -> tuple[Array, Array]:
     """Return times (k,) and M, D (k, 2) of towtank's learner."""
-    learner = Learner(without_coefficients(vehicle, "surge"), free=("X_udot", "X_uu"), delay=DELAY)
+    learner = PaperLearner(without_coefficients(vehicle, "surge"), free=("X_udot", "X_uu"), delay=DELAY)
     pose = np.column_stack([found.recording[name].values for name in ("x", "y", "z", "phi", "theta", "psi")])
     commands = found.asked.commands
     assert commands is not None
@@ -164,7 +164,7 @@ def models(axis: str, seed: int = 5) -> tuple[Vehicle, Vehicle]:
     conditions = replace(REAL, disturbance=CALM_YAW if axis == "yaw" else CALM)
     found = run(vehicle, axis, TRAINING[axis], conditions, seed, duration=SECONDS[axis])
     M, D = PAPER_WAY.learn(found.t, found.velocity(PAPER_WAY), found.force)
-    learned = learn_recordings(without_coefficients(vehicle, axis), [found.recording], free=AXES[axis][3:])
+    learned = learn_paper(without_coefficients(vehicle, axis), [found.recording], free=AXES[axis][3:])
     return with_values(vehicle, axis, M, D), learned.model
 
 

@@ -13,7 +13,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from towtank import Learner, Vehicle, load_vehicle, simulate
+from towtank import Vehicle, load_vehicle, simulate
+from towtank.identification import PaperLearner
 from towtank.vehicle import Buoyancy
 
 Array = NDArray[np.float64]
@@ -102,7 +103,7 @@ def perform(vehicle: Vehicle, experiment: Experiment, inputs: Inputs) -> Run:
     return Run(t, pose, velocity, experiment.wrench(t))
 
 
-def learn(vehicle: Vehicle, runs: Sequence[Run], *, inputs: Inputs, a: float, free: Sequence[str]) -> Learner:
+def learn(vehicle: Vehicle, runs: Sequence[Run], *, inputs: Inputs, a: float, free: Sequence[str]) -> PaperLearner:
     """Return a learner that has seen the runs, one sample after the other.
 
     Args:
@@ -110,7 +111,7 @@ def learn(vehicle: Vehicle, runs: Sequence[Run], *, inputs: Inputs, a: float, fr
         a: filter constant [1/s].
         free: names of the coefficients to learn.
     """
-    learner = Learner(vehicle, a=a, inputs=inputs, free=free)
+    learner = PaperLearner(vehicle, a=a, inputs=inputs, free=free)
     for run in runs:
         learner.restart()
         for t, pose, velocity, wrench in zip(run.t, run.pose, run.velocity, run.wrench, strict=True):

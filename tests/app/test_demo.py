@@ -20,7 +20,7 @@ from towtank.app.demo_stream import pose_and_commands, stream
 from towtank.app.demo_table import coefficient_table
 from towtank.app.document import json_text
 from towtank.errors import InputError
-from towtank.identification import Learner, learn_recordings
+from towtank.identification import PaperLearner, learn_paper
 from towtank.recording import read_parquet
 from towtank.vehicle import load_vehicle
 
@@ -150,7 +150,13 @@ def test_real_time_takes_the_time_of_the_session() -> None:
     moments: list[float] = []
     began = time.perf_counter()
     course = Course(quantities(session.truth))
-    stream(session, Learner(session.known, free=FREE), course, paced=True, show=lambda moment: moments.append(moment.t))
+    stream(
+        session,
+        PaperLearner(session.known, free=FREE),
+        course,
+        paced=True,
+        show=lambda moment: moments.append(moment.t),
+    )
     assert 1.95 <= time.perf_counter() - began < 4.0
     assert len(moments) >= 5
     assert moments[-1] == 2.0
@@ -201,7 +207,7 @@ def test_the_states_of_a_course() -> None:
 def test_the_session_teaches_what_the_demo_promises() -> None:
     session = tank_session()
     delay = session.known.command_delay
-    estimate = learn_recordings(session.known, [session.recording], free=FREE, delay=delay).estimate
+    estimate = learn_paper(session.known, [session.recording], free=FREE, delay=delay).estimate
     learned = quantities(session.truth)
     values, std = readings(estimate, learned)
     for quantity, value, deviation in zip(learned, values, std, strict=True):

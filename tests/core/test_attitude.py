@@ -44,9 +44,7 @@ def test_rotation_of_a_quaternion_is_in_so3(q: np.ndarray) -> None:
 
 @proof
 @given(units, units, vectors(3))
-def test_product_of_quaternions_is_the_product_of_rotations(
-    a: np.ndarray, b: np.ndarray, v: np.ndarray
-) -> None:
+def test_product_of_quaternions_is_the_product_of_rotations(a: np.ndarray, b: np.ndarray, v: np.ndarray) -> None:
     ab = quaternion_product(a, b)
     together = rotation_from_quaternion(ab) @ v
     one_by_one = rotation_from_quaternion(a) @ (rotation_from_quaternion(b) @ v)
@@ -85,9 +83,7 @@ def test_euler_angles_survive_the_way_through_quaternions(euler: np.ndarray) -> 
 
 @proof
 @given(numbers(np.pi), st.sampled_from([-1.0, 1.0]), st.floats(0.0, 12.0), numbers(np.pi))
-def test_near_straight_up_and_down_the_rotation_survives(
-    phi: float, sign: float, digits: float, psi: float
-) -> None:
+def test_near_straight_up_and_down_the_rotation_survives(phi: float, sign: float, digits: float, psi: float) -> None:
     """At theta = +-pi/2 roll and yaw are not unique, but the attitude that they describe must stay the same."""
     theta = sign * (0.5 * np.pi - 10.0**-digits)
     back = euler_from_quaternion(*quaternion_from_euler(phi, theta, psi))
@@ -96,9 +92,7 @@ def test_near_straight_up_and_down_the_rotation_survives(
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
-@pytest.mark.parametrize(
-    "gap", [0.0, 1e-16, 1e-12, 3e-10, 9e-10, 1.1e-9, 2e-9, 5e-9, 1e-8, 1e-7, 1e-6, 1e-4, 1e-2]
-)
+@pytest.mark.parametrize("gap", [0.0, 1e-16, 1e-12, 3e-10, 9e-10, 1.1e-9, 2e-9, 5e-9, 1e-8, 1e-7, 1e-6, 1e-4, 1e-2])
 def test_straight_up_and_down_over_all_headings(sign: float, gap: float) -> None:
     angles = np.linspace(-3.0, 3.0, 13)
     euler = np.array([[phi, sign * (0.5 * np.pi - gap), psi] for phi in angles for psi in angles])

@@ -16,9 +16,7 @@ from .proof import eulers, proof, seeds, sized, vectors
 
 @proof
 @given(eulers, vectors(3), vectors(3, 3.0))
-def test_current_as_the_turning_body_sees_it(
-    euler: np.ndarray, omega: np.ndarray, current: np.ndarray
-) -> None:
+def test_current_as_the_turning_body_sees_it(euler: np.ndarray, omega: np.ndarray, current: np.ndarray) -> None:
     q = np.array(quaternion(euler))
     R = rotation(euler)
     seen = current_in_body(q, current)

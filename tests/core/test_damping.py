@@ -30,9 +30,7 @@ def test_opposite_motion_gives_opposite_force(L: np.ndarray, Q: np.ndarray, nu: 
 
 @proof
 @given(drags, drags, matrices, vectors(6))
-def test_negative_derivatives_dissipate(
-    lin: np.ndarray, quad: np.ndarray, A: np.ndarray, nu: np.ndarray
-) -> None:
+def test_negative_derivatives_dissipate(lin: np.ndarray, quad: np.ndarray, A: np.ndarray, nu: np.ndarray) -> None:
     none = np.zeros((6, 6))
     assert nu @ damping_force(np.diag(-lin), np.diag(-quad), nu) <= 0.0
     assert nu @ damping_force(-A @ A.T, none, nu) <= 1e-12 * np.abs(A).max() ** 2 * (nu @ nu)

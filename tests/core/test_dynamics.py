@@ -50,9 +50,7 @@ def test_rows_are_independent_and_one_vehicle_may_be_shared() -> None:
     nu, tau = rng.normal(size=(n, 6)), rng.normal(size=(n, 6))
     inputs = [a.copy() for a in (p, q, nu, tau)]
     for kernel in (forward_dynamics, inverse_dynamics):
-        each = np.array(
-            [kernel(p[i : i + 1], q[i : i + 1], nu[i : i + 1], tau[i : i + 1])[0] for i in range(n)]
-        )
+        each = np.array([kernel(p[i : i + 1], q[i : i + 1], nu[i : i + 1], tau[i : i + 1])[0] for i in range(n)])
         assert np.abs(kernel(p, q, nu, tau) - each).max() < 1e-12
         shared = kernel(p[:1], q, nu, tau)
         repeated = kernel(np.repeat(p[:1], n, axis=0), q, nu, tau)

@@ -61,9 +61,7 @@ def test_least_squares_on_filtered_rows_finds_the_truth_from_any_start() -> None
     h, x, theta = 0.05, [1.7], np.array([-0.8, 0.3])
     u = np.repeat(rng.normal(size=40), 5)
     phi = []
-    for (
-        held
-    ) in u:  # x_dot = theta0 x + theta1 u, solved exactly over each hold; int x from the equation itself
+    for held in u:  # x_dot = theta0 x + theta1 u, solved exactly over each hold; int x from the equation itself
         x.append(np.exp(theta[0] * h) * x[-1] + (np.exp(theta[0] * h) - 1.0) / theta[0] * theta[1] * held)
         phi.append([(x[-1] - x[-2] - theta[1] * held * h) / theta[0], held * h])
     for a in (0.1, 1.0, 10.0):

@@ -16,9 +16,7 @@ TRUTH = np.array([1.0, -2.0, 0.5])
 
 @proof
 @given(vectors(3), vectors(3), st.floats(0.001, 1.999), st.floats(1e-6, 10.0))
-def test_no_step_leads_away_from_the_truth(
-    start: np.ndarray, phi: np.ndarray, gamma: float, alpha: float
-) -> None:
+def test_no_step_leads_away_from_the_truth(start: np.ndarray, phi: np.ndarray, gamma: float, alpha: float) -> None:
     theta = start.copy()
     assert gradient_update(theta, phi, float(phi @ TRUTH), gamma, alpha)
     assert np.linalg.norm(theta - TRUTH) <= np.linalg.norm(start - TRUTH) * (1.0 + 1e-12)
@@ -93,9 +91,5 @@ def test_run_is_a_loop_of_update() -> None:
     Phi[7, 1], y[20] = np.nan, np.inf
     together, one_by_one = np.zeros(3), np.zeros(3)
     used = gradient_run(together, Phi, y, 0.7, 0.1)
-    assert (
-        used
-        == sum(gradient_update(one_by_one, phi, v, 0.7, 0.1) for phi, v in zip(Phi, y, strict=True))
-        == 48
-    )
+    assert used == sum(gradient_update(one_by_one, phi, v, 0.7, 0.1) for phi, v in zip(Phi, y, strict=True)) == 48
     assert np.array_equal(together, one_by_one)

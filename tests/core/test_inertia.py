@@ -43,9 +43,7 @@ def test_skew_is_the_cross_product(a: np.ndarray, b: np.ndarray) -> None:
 
 @proof
 @given(seeds, vectors(6))
-def test_mass_matrix_holds_the_kinetic_energy_and_the_momenta_of_point_masses(
-    seed: int, nu: np.ndarray
-) -> None:
+def test_mass_matrix_holds_the_kinetic_energy_and_the_momenta_of_point_masses(seed: int, nu: np.ndarray) -> None:
     masses, places = point_masses(np.random.default_rng(seed))
     M = rigid_body_mass(*moments(masses, places))
     speeds = nu[:3] + np.cross(nu[3:], places)
@@ -93,9 +91,7 @@ def test_coriolis_force_is_what_momentum_conservation_demands(
 
 @proof
 @given(seeds, vectors(3, 1.2), vectors(6, 2.0), vectors(6, 2.0))
-def test_coriolis_force_by_lagrange(
-    seed: int, euler: np.ndarray, rates: np.ndarray, speedup: np.ndarray
-) -> None:
+def test_coriolis_force_by_lagrange(seed: int, euler: np.ndarray, rates: np.ndarray, speedup: np.ndarray) -> None:
     """d/dt dT/d(eta_dot) - dT/d(eta) = Q with T = nu^T M nu / 2, Q . eta_dot = tau . nu: energy alone, no frames."""
     M = body(seed).M
     eta = np.concatenate([np.zeros(3), euler])

@@ -16,9 +16,7 @@ from .proof import eulers, proof, seeds, vectors
 
 @proof
 @given(seeds, eulers, vectors(6, 3.0), vectors(6, 3.0))
-def test_times_unknowns_is_inverse_dynamics(
-    seed: int, euler: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray
-) -> None:
+def test_times_unknowns_is_inverse_dynamics(seed: int, euler: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray) -> None:
     b, q = body(seed), quaternion(euler)
     by_columns = regressor(q, nu, nu_dot) @ unknowns_from_parameters(b.p)
     tau = inverse_dynamics(b.p[None], q[None], nu[None], nu_dot[None])[0]
@@ -43,9 +41,7 @@ def newton(M: np.ndarray, b, euler: np.ndarray, nu: np.ndarray, nu_dot: np.ndarr
 
 @proof
 @given(st.integers(0, N_UNKNOWNS - 1), eulers, vectors(6, 3.0), vectors(6, 3.0))
-def test_each_column_is_one_unknown(
-    column: int, euler: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray
-) -> None:
+def test_each_column_is_one_unknown(column: int, euler: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray) -> None:
     theta = np.zeros(N_UNKNOWNS)
     theta[column] = 1.0
     p = np.zeros(N_PARAMETERS)
@@ -62,8 +58,5 @@ def test_each_column_is_one_unknown(
 def test_random_motion_shows_every_unknown() -> None:
     """Stacked over a random motion the regressor has full rank: no two unknowns are the same thing twice."""
     rng = np.random.default_rng(0)
-    rows = [
-        regressor(quaternion(rng.uniform(-1.5, 1.5, 3)), rng.normal(size=6), rng.normal(size=6))
-        for _ in range(60)
-    ]
+    rows = [regressor(quaternion(rng.uniform(-1.5, 1.5, 3)), rng.normal(size=6), rng.normal(size=6)) for _ in range(60)]
     assert np.linalg.matrix_rank(np.vstack(rows)) == N_UNKNOWNS

@@ -46,9 +46,7 @@ def test_gradient_of_the_potential_energy(
 
 @proof
 @given(weights, weights, centres, centres, eulers)
-def test_forces_and_lever_arms(
-    W: float, B: float, r_G: np.ndarray, r_B: np.ndarray, euler: np.ndarray
-) -> None:
+def test_forces_and_lever_arms(W: float, B: float, r_G: np.ndarray, r_B: np.ndarray, euler: np.ndarray) -> None:
     g = wrench(W, B, r_G, r_B, euler)
     assert np.abs(g + body(W, B, r_G, r_B).gravity(rotation(euler))).max() < 1e-13 * (1.0 + W + B)
 

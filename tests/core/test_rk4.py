@@ -69,9 +69,7 @@ def test_a_wrench_constant_within_the_step_is_a_held_one() -> None:
 def test_shape_start_and_unit_quaternions() -> None:
     n = 40
     start = state(ETA0, NU0)
-    run = simulate_run(
-        body(2).p, start, smooth(0.05 * np.arange(n))[:, None], 0.05, np.array([0.1, 0.2, 0.3])
-    )
+    run = simulate_run(body(2).p, start, smooth(0.05 * np.arange(n))[:, None], 0.05, np.array([0.1, 0.2, 0.3]))
     assert run.shape == (n + 1, N_STATES)
     assert np.array_equal(run[0], start)
     assert np.abs((run[:, 3:7] ** 2).sum(axis=1) - 1.0).max() < 1e-15 * 4
@@ -131,9 +129,7 @@ def test_each_lane_of_a_step_is_its_own_vehicle() -> None:
     p = np.ascontiguousarray(np.array([b.p for b in bodies]).T)
     starts = [state(ETA0 + 0.1 * i, NU0 - 0.2 * i) for i in range(lanes)]
     x = np.ascontiguousarray(np.array(starts).T)
-    tau = np.ascontiguousarray(
-        np.stack([smooth(np.array([0.0, 0.5, 1.0]) + i) for i in range(lanes)], axis=2)
-    )
+    tau = np.ascontiguousarray(np.stack([smooth(np.array([0.0, 0.5, 1.0]) + i) for i in range(lanes)], axis=2))
     step_into(p, x, tau, STILL, dt, np.empty((3, N_STATES, lanes)), True)
     for i in range(lanes):
         single = simulate_run(bodies[i].p, starts[i], tau[None, :, :, i].copy(), dt, STILL)[-1]

@@ -52,10 +52,7 @@ def corrected_31(euler: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray, BG: floa
             + (I_X - I_Z + N_rdot - K_pdot) * r * p
             - M_qq * abs(q) * q
             + F_BM,
-            (I_Z - N_rdot) * rd
-            + (X_udot - Y_vdot) * u * v
-            + (I_Y - I_X + K_pdot - M_qdot) * p * q
-            - N_rr * abs(r) * r,
+            (I_Z - N_rdot) * rd + (X_udot - Y_vdot) * u * v + (I_Y - I_X + K_pdot - M_qdot) * p * q - N_rr * abs(r) * r,
         ]
     )
 
@@ -70,9 +67,7 @@ def z_G_terms(nu: np.ndarray, nu_dot: np.ndarray, z_G: float) -> np.ndarray:
 
 @proof
 @given(eulers, vectors(6, 2.0), vectors(6, 2.0), st.floats(-0.1, 0.1))
-def test_corrected_31_is_the_full_model(
-    euler: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray, z_B: float
-) -> None:
+def test_corrected_31_is_the_full_model(euler: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray, z_B: float) -> None:
     tau = inverse_dynamics(parameters(0.0, z_B)[None], quaternion(euler)[None], nu[None], nu_dot[None])[0]
     scalar = corrected_31(euler, nu, nu_dot, -B * z_B)
     scale = 1.0 + np.abs(scalar).max()
@@ -98,12 +93,8 @@ def acceleration(euler: list[float], nu: list[float]) -> np.ndarray:
 
 def test_roll_and_pitch_return_like_a_pendulum() -> None:
     BG = 0.05 * B
-    assert acceleration([0.1, 0.0, 0.0], [0.0] * 6)[3] == pytest.approx(
-        -BG * np.sin(0.1) / (I_X - K_pdot), rel=1e-13
-    )
-    assert acceleration([0.0, 0.1, 0.0], [0.0] * 6)[4] == pytest.approx(
-        -BG * np.sin(0.1) / (I_Y - M_qdot), rel=1e-13
-    )
+    assert acceleration([0.1, 0.0, 0.0], [0.0] * 6)[3] == pytest.approx(-BG * np.sin(0.1) / (I_X - K_pdot), rel=1e-13)
+    assert acceleration([0.0, 0.1, 0.0], [0.0] * 6)[4] == pytest.approx(-BG * np.sin(0.1) / (I_Y - M_qdot), rel=1e-13)
 
 
 def test_munk_moment_of_the_whole_vehicle() -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from towtank.identification import learn_recordings
+from towtank.identification import learn_paper
 from towtank.identification.delay import DelayCost, DelayScan, scan_delay
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle
@@ -72,7 +72,7 @@ def orders(vehicle: Vehicle, hold: int, seconds: float = 30.0) -> np.ndarray:
 def test_the_delay_is_found(delay: float, hold: int, sensors: str | Mocap) -> None:
     vehicle = vessel()
     log = simulate(vehicle, commands=orders(vehicle, hold), delay=delay, sensors=sensors, disturbance=TANK, seed=2)
-    learning = learn_recordings(vehicle, [log], instruments=False)
+    learning = learn_paper(vehicle, [log], instruments=False)
     assert learning.delay == pytest.approx(delay, abs=0.010)
     assert learning.model.command_delay == learning.delay
     assert learning.delay_scan is not None
@@ -82,7 +82,7 @@ def test_the_delay_is_found(delay: float, hold: int, sensors: str | Mocap) -> No
 def test_a_known_lag_is_not_taken_for_delay() -> None:
     truth = vessel(lag=0.1)
     log = simulate(truth, commands=orders(truth, 10), delay=0.05, sensors=Mocap(), seed=5)
-    knowing, ignorant = (learn_recordings(v, [log], instruments=False) for v in (truth, vessel()))
+    knowing, ignorant = (learn_paper(v, [log], instruments=False) for v in (truth, vessel()))
     assert knowing.delay == pytest.approx(0.05, abs=0.012)
     assert ignorant.delay > 0.10  # the lag answers for delay where it is not modelled
     total = truth.mass_matrix[0, 0]
@@ -98,8 +98,8 @@ def _total(learning: object, truth: Vehicle) -> float:
 def test_a_given_delay_is_honoured_and_none_scanned() -> None:
     vehicle = vessel()
     log = simulate(vehicle, commands=orders(vehicle, 1), delay=0.1)
-    right = learn_recordings(vehicle, [log], delay=0.1, instruments=False)
-    wrong = learn_recordings(vehicle, [log], delay=0.0, instruments=False)
+    right = learn_paper(vehicle, [log], delay=0.1, instruments=False)
+    wrong = learn_paper(vehicle, [log], delay=0.0, instruments=False)
     assert right.delay_scan is None
     assert right.delay == 0.1
     total = vehicle.mass_matrix[5, 5] - vehicle.rigid_body_matrix[5, 5]
@@ -110,7 +110,7 @@ def test_a_given_delay_is_honoured_and_none_scanned() -> None:
 def test_a_delay_beyond_the_range_is_told() -> None:
     vehicle = vessel()
     log = simulate(vehicle, commands=orders(vehicle, 1), delay=0.3)
-    learning = learn_recordings(vehicle, [log], longest_delay=0.1, instruments=False)
+    learning = learn_paper(vehicle, [log], longest_delay=0.1, instruments=False)
     assert any("end of the range" in text for text in learning.warnings)
 
 
@@ -119,7 +119,7 @@ def test_a_poor_run_does_not_claim_a_sharp_delay() -> None:
     for seed in (1, 3):
         push = np.zeros((4000, 6))
         push[:, 0] = 20 * np.sin(0.8 * np.arange(4000) * 0.01)
-        found = learn_recordings(
+        found = learn_paper(
             box(), [simulate(box(), wrench=push, disturbance=TANK, seed=seed)], instruments=False
         ).delay_scan
         assert found is not None
@@ -129,8 +129,8 @@ def test_a_poor_run_does_not_claim_a_sharp_delay() -> None:
 def test_a_delay_that_had_to_be_found_widens_what_depends_on_it() -> None:
     vehicle = vessel()
     log = simulate(vehicle, commands=orders(vehicle, 1, seconds=40.0), delay=0.06, sensors=Mocap(), seed=2)
-    given = learn_recordings(vehicle, [log], delay=0.06).estimate
-    found = learn_recordings(vehicle, [log])
+    given = learn_paper(vehicle, [log], delay=0.06).estimate
+    found = learn_paper(vehicle, [log])
     assert found.delay_scan is not None
     assert found.delay_scan.std >= 0.0025
     for name in ("X_udot", "N_rdot", "N_rr"):

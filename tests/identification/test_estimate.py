@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from towtank.errors import InputError
-from towtank.identification import Estimate, Learner, learn_recordings
+from towtank.identification import Estimate, PaperLearner, learn_paper
 from towtank.identification.axis_solution import AxisInformation, merge_information, solve_axis
 from towtank.recording import Recording
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate
@@ -86,17 +86,17 @@ def test_deviations_do_not_depend_on_what_a_recording_is_learned_beside() -> Non
     )
 
     def std(first: object, second: object) -> float:
-        learner = learn_recordings(box(), [first, second], delay=0.0, instruments=False)  # type: ignore[list-item]
+        learner = learn_paper(box(), [first, second], delay=0.0, instruments=False)  # type: ignore[list-item]
         return learner.estimate["X_uu"].std
 
-    alone = learn_recordings(box(), [long], delay=0.0, instruments=False).estimate["X_uu"].std
+    alone = learn_paper(box(), [long], delay=0.0, instruments=False).estimate["X_uu"].std
     assert 0.7 < std(long, short) / alone < 1.2
 
 
 def test_sums_are_what_is_known_and_shares_need_the_rigid_body() -> None:
     run = fly(box(), waves(3000, 0.01, (5, 4.0, 0.9), square=True))
     light = box(rigid_body={"mass": 20.0, "inertia": (1.0, 1.2, 0.5)}, hydrodynamics={**TRUTH, "N_rdot": -1.8})
-    a, b = (follow(Learner(vehicle, free=("N_rdot", "N_rr")), run).estimate for vehicle in (box(), light))
+    a, b = (follow(PaperLearner(vehicle, free=("N_rdot", "N_rr")), run).estimate for vehicle in (box(), light))
     assert a.sums[0].name == "I_z - N_rdot"
     assert a.sums[0].value == pytest.approx(2.3, rel=1e-6)
     assert b.sums[0].value == pytest.approx(a.sums[0].value, rel=1e-9)
@@ -108,7 +108,7 @@ def test_the_righting_moment_of_roll_and_pitch_is_their_weighted_mean() -> None:
     push = waves(4000, 0.01, (3, 2.0, 1.3), (4, 3.0, 0.9), square=True)
     log = simulate(box(), wrench=push, disturbance=OrnsteinUhlenbeck(std=(0, 0, 0, 0.1, 0.3, 0)), seed=3)
     names = ("K_pdot", "K_pp", "M_qdot", "M_qq", "BG_z")
-    both = learn_recordings(box(), [log], free=names, delay=0.0, instruments=False).estimate
+    both = learn_paper(box(), [log], free=names, delay=0.0, instruments=False).estimate
     assert both.names.count("BG_z") == 1
     assert both["BG_z"].identified
     assert abs(both["BG_z"].value - 3.924) < 4 * both["BG_z"].std
@@ -122,7 +122,7 @@ def test_the_righting_moment_of_roll_and_pitch_is_their_weighted_mean() -> None:
 def test_the_model_is_the_vehicle_with_what_was_found() -> None:
     run = fly(box(), waves(3000, 0.01, (0, 30.0, 0.8), square=True))
     start = unknown(box(), Y_vv=-7.0)
-    learner = follow(Learner(start, delay=0.02), run)
+    learner = follow(PaperLearner(start, delay=0.02), run)
     model = learner.model()
     assert model.coefficient("X_uu") == pytest.approx(learner.estimate["X_uu"].value)
     assert model.hydrodynamics["X_uu"].std == pytest.approx(learner.estimate["X_uu"].std)
@@ -153,7 +153,7 @@ def streamed() -> tuple[np.ndarray, np.ndarray]:
     """Values and deviations (seeds, 4) by recursive least squares."""
     found = []
     for seed in range(SEEDS):
-        learner = Learner(box(), free=WATCHED)
+        learner = PaperLearner(box(), free=WATCHED)
         for log in trial(seed):
             learner.run(log)
         found.append(outcome(learner.estimate))
@@ -164,7 +164,7 @@ def streamed() -> tuple[np.ndarray, np.ndarray]:
 @pytest.fixture(scope="module")
 def instrumented() -> tuple[np.ndarray, np.ndarray]:
     """Values and deviations (20, 4) by command-driven instruments."""
-    found = [outcome(learn_recordings(box(), trial(seed), free=WATCHED, delay=0.0).estimate) for seed in range(20)]
+    found = [outcome(learn_paper(box(), trial(seed), free=WATCHED, delay=0.0).estimate) for seed in range(20)]
     values, stds = zip(*found, strict=True)
     return np.array(values), np.array(stds)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from towtank.identification import Learner, learn_recordings
+from towtank.identification import PaperLearner, learn_paper
 from towtank.simulation import simulate
 from towtank.vehicle import Vehicle
 
@@ -14,8 +14,8 @@ from .runs import POSE, TRUTH, VELOCITY, Run, box, errors, fly, follow, table, u
 ONE_BY_ONE = [(0, 40.0, 0.8), (1, 60.0, 0.8), (2, 40.0, 0.8), (3, 3.0, 0.9), (4, 4.0, 1.1), (5, 4.0, 0.8)]
 
 
-def one_after_the_other(vehicle: Vehicle, **settings: float) -> Learner:
-    learner = Learner(unknown(vehicle), free=(*TRUTH, "BG_z"), **settings)  # type: ignore[arg-type]
+def one_after_the_other(vehicle: Vehicle, **settings: float) -> PaperLearner:
+    learner = PaperLearner(unknown(vehicle), free=(*TRUTH, "BG_z"), **settings)  # type: ignore[arg-type]
     for row in ONE_BY_ONE:
         learner.restart()
         follow(learner, fly(vehicle, waves(3000, 0.01, row)))
@@ -39,7 +39,7 @@ def test_smooth_inputs() -> None:
 
     log = simulate(vehicle, wrench=push, dt=0.01, duration=40.0)
     run = Run(log["u"].t, table(log, POSE), table(log, VELOCITY), push(log["u"].t))
-    learner = follow(Learner(unknown(vehicle), free=tuple(truth), inputs="smooth"), run)
+    learner = follow(PaperLearner(unknown(vehicle), free=tuple(truth), inputs="smooth"), run)
     assert max(errors(learner, truth).values()) < 1e-6
 
 
@@ -49,7 +49,7 @@ RICH = {**TRUTH, "X_u": -6.0, "Y_v": -9.0, "Z_w": -8.0, "K_p": -0.8, "M_q": -0.9
 
 def test_both_damping_terms_constants_and_net_weight() -> None:
     vehicle = box(hydrodynamics=RICH, buoyancy={"force": 194.0, "centre": (0.0, 0.0, -0.02)})
-    learner = Learner(vehicle.with_coefficients({"X_u": -1.0, "X_uu": -90.0, "Z_w": -80.0, "X_0": 0.0}))
+    learner = PaperLearner(vehicle.with_coefficients({"X_u": -1.0, "X_uu": -90.0, "Z_w": -80.0, "X_0": 0.0}))
     for row in ONE_BY_ONE:
         learner.restart()
         follow(learner, fly(vehicle, waves(3000, 0.01, row)))
@@ -66,7 +66,7 @@ def test_all_axes_at_once_from_a_recording(truth: dict[str, float]) -> None:
     """Perfect sensors, nothing known of the hydrodynamics: every axis' coupling has to be learned beside it."""
     vehicle = box(hydrodynamics=truth)
     log = simulate(vehicle, wrench=waves(6000, 0.01, *ALL_AT_ONCE))
-    estimate = learn_recordings(unknown(vehicle), [log], delay=0.0).estimate
+    estimate = learn_paper(unknown(vehicle), [log], delay=0.0).estimate
     for axis, rigid in zip(("X_udot", "Y_vdot", "Z_wdot", "N_rdot"), (20.0, 20.0, 20.0, 1.5), strict=True):
         assert estimate[axis].identified
         assert rigid - estimate[axis].value == pytest.approx(rigid - truth[axis], rel=0.03)
@@ -74,7 +74,7 @@ def test_all_axes_at_once_from_a_recording(truth: dict[str, float]) -> None:
 
 def test_the_model_of_the_couplings_never_runs_away() -> None:
     vehicle = box()
-    learner = Learner(unknown(vehicle))
+    learner = PaperLearner(unknown(vehicle))
     run = fly(vehicle, waves(3000, 0.01, *ALL_AT_ONCE))
     true = np.diag(vehicle.mass_matrix)
     for k in range(run.t.size):
@@ -90,13 +90,13 @@ def test_known_couplings_are_honoured() -> None:
     vehicle = box(hydrodynamics={**TRUTH, **coupling})
     run = fly(vehicle, waves(6000, 0.01, (0, 40.0, 0.5), (1, 60.0, 0.7), (5, 4.0, 0.9)))
     truth = {name: TRUTH[name] for name in ("X_uu", "Y_vdot", "Y_vv", "N_rr")}
-    knowing = follow(Learner(vehicle, free=tuple(truth)), run)
+    knowing = follow(PaperLearner(vehicle, free=tuple(truth)), run)
     assert max(errors(knowing, truth).values()) < 1e-5
-    ignorant = follow(Learner(box(), free=tuple(truth)), run)
+    ignorant = follow(PaperLearner(box(), free=tuple(truth)), run)
     assert max(errors(ignorant, truth).values()) > 0.02
 
 
-def thinned(run: Run, keep: np.ndarray, learner: Learner, *, velocity: bool = True) -> Learner:
+def thinned(run: Run, keep: np.ndarray, learner: PaperLearner, *, velocity: bool = True) -> PaperLearner:
     """Commands at every time, motion only where `keep` (n,) says so."""
     for k in range(run.t.size):
         learner.update(
@@ -129,7 +129,7 @@ def holes(kind: str) -> np.ndarray:
 
 def both_runs(kind: str, *, velocity: bool) -> dict[str, float]:
     """Relative errors of the total inertias and drags of surge and yaw."""
-    learner = Learner(unknown(box()), free=tuple(SHORT))
+    learner = PaperLearner(unknown(box()), free=tuple(SHORT))
     for push in PUSHES:
         learner.restart()
         thinned(fly(box(), push), holes(kind), learner, velocity=velocity)
@@ -156,7 +156,7 @@ def test_dropouts_shorter_than_a_gap_hardly_bias_derived_velocity() -> None:
 
 
 def test_a_recording_gives_the_same_truth() -> None:
-    learner = Learner(unknown(box()), free=tuple(SHORT))
+    learner = PaperLearner(unknown(box()), free=tuple(SHORT))
     assert [learner.run(simulate(box(), wrench=push, dt=0.01)) for push in PUSHES] == [4000, 4000]
     assert max(errors(learner, SHORT).values()) < 1e-6
 
@@ -164,7 +164,7 @@ def test_a_recording_gives_the_same_truth() -> None:
 def test_a_vehicle_with_a_delay_is_learned_from_its_wrenches() -> None:
     """`simulate` applies a vehicle's command delay to commands, never to a wrench; so does the learner."""
     vehicle = box(command_delay=0.15)
-    learner = Learner(vehicle, free=tuple(SHORT))
+    learner = PaperLearner(vehicle, free=tuple(SHORT))
     for push in PUSHES:
         learner.run(simulate(vehicle, wrench=push, dt=0.01))
     assert max(errors(learner, SHORT).values()) < 1e-6

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from towtank.errors import InputError
-from towtank.identification import Learner
+from towtank.identification import PaperLearner
 from towtank.recording import Recording
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle
@@ -18,7 +18,7 @@ from .runs import POSE, TRUTH, VELOCITY, box, fly, follow, table, unknown, waves
 SENSORS = {"perfect": "perfect", "mocap": Mocap()}
 
 
-def rows_of(log: Recording, vehicle: Vehicle, learner: Learner) -> Learner:
+def rows_of(log: Recording, vehicle: Vehicle, learner: PaperLearner) -> PaperLearner:
     """Every row of a recording on one clock, one after the other."""
     pose, velocity = (table(log, names) if names[0] in log else None for names in (POSE, VELOCITY))
     commands = np.column_stack([log[f"cmd_{thruster.name}"].values for thruster in vehicle.thrusters])
@@ -32,7 +32,7 @@ def rows_of(log: Recording, vehicle: Vehicle, learner: Learner) -> Learner:
     return learner
 
 
-def same(a: Learner, b: Learner, tolerance: float) -> None:
+def same(a: PaperLearner, b: PaperLearner, tolerance: float) -> None:
     one, two = a.estimate, b.estimate
     assert one.samples == two.samples
     assert one.identified == two.identified
@@ -46,9 +46,9 @@ def test_row_by_row_equals_run(sensors: str | Mocap) -> None:
     vehicle = load_vehicle("vlbv300")
     commands = manoeuvre("all-telegraph", vehicle, duration=25.0).commands
     log = simulate(vehicle, commands=commands, sensors=sensors, disturbance=OrnsteinUhlenbeck(), seed=4)
-    whole = Learner(vehicle)
+    whole = PaperLearner(vehicle)
     whole.run(log)
-    same(whole, rows_of(log, vehicle, Learner(vehicle)), 1e-9)
+    same(whole, rows_of(log, vehicle, PaperLearner(vehicle)), 1e-9)
 
 
 def test_the_order_of_restarts_and_runs_does_not_matter() -> None:
@@ -57,13 +57,13 @@ def test_the_order_of_restarts_and_runs_does_not_matter() -> None:
         simulate(vehicle, commands=manoeuvre(name, vehicle, duration=20.0).commands, sensors=Mocap(), seed=k)
         for k, name in enumerate(("surge-square", "yaw-square"))
     ]
-    a, b = Learner(vehicle), Learner(vehicle)
+    a, b = PaperLearner(vehicle), PaperLearner(vehicle)
     for log in logs:
         a.run(log)
         b.restart()
         rows_of(log, vehicle, b)
     same(a, b, 1e-9)
-    c = Learner(vehicle)
+    c = PaperLearner(vehicle)
     for log in reversed(logs):
         c.run(log)
     assert np.allclose(a.estimate["N_rr"].value, c.estimate["N_rr"].value, rtol=0.02)
@@ -71,7 +71,7 @@ def test_the_order_of_restarts_and_runs_does_not_matter() -> None:
 
 def test_the_estimate_can_be_read_at_any_time_and_reading_changes_nothing() -> None:
     run = fly(box(), waves(1500, 0.01, (0, 30.0, 0.8), square=True))
-    read, unread = Learner(box()), Learner(box())
+    read, unread = PaperLearner(box()), PaperLearner(box())
     for k in range(run.t.size):
         read.update(run.t[k], velocity=run.velocity[k], pose=run.pose[k], wrench=run.wrench[k])
         if k % 25 == 0:
@@ -83,7 +83,7 @@ def test_the_estimate_can_be_read_at_any_time_and_reading_changes_nothing() -> N
 
 def test_the_callers_arrays_stay_the_callers() -> None:
     run = fly(box(), waves(800, 0.01, (0, 30.0, 0.8)))
-    a, b = follow(Learner(box()), run), Learner(box())
+    a, b = follow(PaperLearner(box()), run), PaperLearner(box())
     pose, velocity, wrench = np.empty(6), np.empty(6), np.empty(6)
     for k in range(run.t.size):
         pose[:], velocity[:], wrench[:] = run.pose[k], run.velocity[k], run.wrench[k]
@@ -99,7 +99,7 @@ def test_the_callers_arrays_stay_the_callers() -> None:
 
 def test_a_pickled_learner_goes_on() -> None:
     run = fly(box(), waves(1000, 0.01, (0, 30.0, 0.8)))
-    a = Learner(box())
+    a = PaperLearner(box())
     for k in range(1001):
         if k == 500:
             b = pickle.loads(pickle.dumps(a))
@@ -112,12 +112,12 @@ def test_memory_is_bounded_and_blocks_keep_every_row() -> None:
     dt, n = 0.05, 200_000
     push = waves(n, dt, (0, 30.0, 0.8), square=True)
     log = simulate(box(), wrench=push, dt=dt, disturbance=OrnsteinUhlenbeck(std=(0.5, 0, 0, 0, 0, 0)), seed=1)
-    learner = Learner(box(), free=("X_udot", "X_uu"))
-    small = Learner(box(), free=("X_udot", "X_uu"))
+    learner = PaperLearner(box(), free=("X_udot", "X_uu"))
+    small = PaperLearner(box(), free=("X_udot", "X_uu"))
     small.run(log.window(0.0, 10.0))
     learner.run(log)
 
-    def size(one: Learner) -> int:
+    def size(one: PaperLearner) -> int:
         chain = one._chain
         assert chain is not None
         return sum(array.nbytes for part in (chain.state, chain.motion, chain.held) for array in part)
@@ -140,7 +140,7 @@ def test_gradient_approaches_least_squares(row: tuple[int, float, float]) -> Non
     vehicle = box()
     free = ("X_udot", "X_uu") if row[0] == 0 else ("N_rdot", "N_rr")
     run = fly(vehicle, waves(20_000, 0.02, row, square=True), dt=0.02)
-    learner = follow(Learner(unknown(vehicle), free=free, estimator="gradient"), run)
+    learner = follow(PaperLearner(unknown(vehicle), free=free, estimator="gradient"), run)
     found = {c.name: c.value for c in learner.estimate.coefficients}
     rigid = 20.0 if row[0] == 0 else 1.5
     assert found[free[1]] == pytest.approx(TRUTH[free[1]], rel=0.01)
@@ -151,7 +151,7 @@ def test_gradient_approaches_least_squares(row: tuple[int, float, float]) -> Non
 def test_recordings_of_one_kind_at_a_time() -> None:
     vehicle = box()
     push = waves(500, 0.01, (0, 30.0, 0.8))
-    learner = Learner(vehicle)
+    learner = PaperLearner(vehicle)
     learner.run(simulate(vehicle, wrench=push))
     with pytest.raises(InputError, match="one kind at a time"):
         learner.run(simulate(vehicle, wrench=push, sensors=Mocap()))
@@ -160,7 +160,7 @@ def test_recordings_of_one_kind_at_a_time() -> None:
 def test_forgetting_follows_a_change() -> None:
     light, heavy = box(), box(hydrodynamics={**TRUTH, "X_udot": -25.0, "X_uu": -60.0})
     push = waves(6000, 0.01, (0, 30.0, 0.8), square=True)
-    learner = Learner(box(), free=("X_udot", "X_uu"), forgetting=0.998)
+    learner = PaperLearner(box(), free=("X_udot", "X_uu"), forgetting=0.998)
     follow(learner, fly(light, push))
     assert learner.estimate["X_uu"].value == pytest.approx(-30.0, rel=1e-3)
     learner.restart()

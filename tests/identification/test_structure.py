@@ -7,7 +7,7 @@ import pytest
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
-from towtank.identification import Estimate, Learner, learn_recordings
+from towtank.identification import Estimate, PaperLearner, learn_paper
 from towtank.identification.axes import AXES
 from towtank.identification.axis_solution import AxisInformation, AxisSolution, solve_axis
 from towtank.identification.structure import AxisFindings, candidates, paper_names, select
@@ -27,7 +27,7 @@ def surge(amplitude: float, *, seed: int = 0, seconds: float = 60.0, **drag: flo
 
 
 def learned(log: Recording) -> Estimate:
-    return learn_recordings(box(hydrodynamics={}), [log], delay=0.0).estimate
+    return learn_paper(box(hydrodynamics={}), [log], delay=0.0).estimate
 
 
 def consistent(estimate: Estimate) -> None:
@@ -89,7 +89,7 @@ def test_an_axis_that_rests_under_disturbance_is_not_identified() -> None:
         vehicle = load_vehicle("vlbv300")
         commands = manoeuvre("surge-square", vehicle, duration=30.0).commands
         log = simulate(vehicle, commands=commands, sensors=sensors)
-        estimate = learn_recordings(vehicle, [log], delay=0.0).estimate
+        estimate = learn_paper(vehicle, [log], delay=0.0).estimate
         consistent(estimate)
         assert estimate["X_udot"].identified
         assert not estimate["Y_vdot"].identified
@@ -102,7 +102,7 @@ def test_axes_that_only_a_disturbance_moves_do_not_drag_the_others_along(seed: i
     log = simulate(
         box(), wrench=waves(6000, 0.01, (0, 25.0, 0.6), square=True), sensors=Mocap(), disturbance=TANK, seed=seed
     )
-    estimate = learn_recordings(box(), [log], delay=0.0).estimate
+    estimate = learn_paper(box(), [log], delay=0.0).estimate
     truth = {**TRUTH, "BG_z": 0.02 * 20 * 9.81}
     wrong = {
         c.name: (c.value, c.std)
@@ -114,7 +114,7 @@ def test_axes_that_only_a_disturbance_moves_do_not_drag_the_others_along(seed: i
 
 def test_without_any_command_nothing_is_found() -> None:
     log = simulate(box(), wrench=np.zeros((4000, 6)), disturbance=TANK, sensors=Mocap())
-    learning = learn_recordings(box(), [log])
+    learning = learn_paper(box(), [log])
     consistent(learning.estimate)
     assert not any(learning.estimate.identified)
     assert any("nothing could be identified" in text for text in learning.warnings)
@@ -124,11 +124,11 @@ def test_speeds_that_are_not_measured() -> None:
     vehicle = box()
     log = simulate(vehicle, wrench=waves(2000, 0.01, (5, 4.0, 1.0), square=True))
     log = log.without(*"xyzuvw", "phi", "theta", "psi")
-    estimate = learn_recordings(vehicle, [log], delay=0.0).estimate
+    estimate = learn_paper(vehicle, [log], delay=0.0).estimate
     consistent(estimate)
     assert estimate["N_rr"].identified
     assert estimate["X_udot"].reason == "surge speed u is not measured in these recordings"
-    learner = Learner(vehicle)
+    learner = PaperLearner(vehicle)
     assert learner.estimate["X_udot"].reason == "no motion has been seen yet"
     learner.run(log)
     assert learner.estimate["Y_vv"].reason == "sway speed v is not measured"
@@ -137,7 +137,7 @@ def test_speeds_that_are_not_measured() -> None:
 
 def test_reversed_thrust_is_not_called_rest() -> None:
     run = fly(box(), waves(3000, 0.01, (0, 30.0, 0.8), square=True))
-    learner = Learner(box(), free=("X_udot", "X_uu"))
+    learner = PaperLearner(box(), free=("X_udot", "X_uu"))
     for k in range(run.t.size):
         learner.update(run.t[k], velocity=run.velocity[k], pose=run.pose[k], wrench=-run.wrench[k])
     found = learner.estimate["X_udot"]
@@ -150,8 +150,8 @@ def test_reversed_thrust_is_not_called_rest() -> None:
 
 def test_free_takes_exactly_those_names() -> None:
     run = fly(box(), waves(2000, 0.01, (0, 30.0, 0.8), square=True))
-    assert set(follow(Learner(box(), free=("X_uu",)), run).estimate.names) == {"X_uu"}
-    fitted = follow(Learner(box(), free=["X_udot", "X_u"]), run).estimate
+    assert set(follow(PaperLearner(box(), free=("X_uu",)), run).estimate.names) == {"X_uu"}
+    fitted = follow(PaperLearner(box(), free=["X_udot", "X_u"]), run).estimate
     assert set(fitted.names) == {"X_udot", "X_u"}
     assert fitted["X_u"].value == pytest.approx(0.0, abs=1e-3)  # X_uu is held at its true value
 
@@ -159,7 +159,7 @@ def test_free_takes_exactly_those_names() -> None:
 @pytest.mark.parametrize("name", paper_names())
 def test_every_name_that_is_asked_for_is_answered(name: str) -> None:
     run = fly(box(), waves(300, 0.01, (0, 30.0, 0.8), (3, 1.0, 1.0), (5, 4.0, 1.0), square=True))
-    estimate = follow(Learner(box(), free=(name,)), run).estimate
+    estimate = follow(PaperLearner(box(), free=(name,)), run).estimate
     assert estimate.names == (name,)
     consistent(estimate)
 
@@ -167,7 +167,7 @@ def test_every_name_that_is_asked_for_is_answered(name: str) -> None:
 @pytest.mark.parametrize("name, hint", [("X_uuu", 'did you mean "X_uu"'), ("Y_rdot", "off-diagonal"), ("", "expected")])
 def test_unknown_names_are_refused(name: str, hint: str) -> None:
     with pytest.raises(InputError, match="found") as caught:
-        Learner(box(), free=(name,))
+        PaperLearner(box(), free=(name,))
     assert hint in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -49,9 +49,7 @@ def vessel(*, lags: Sequence[float] = (0.0,) * 6, delay: float = 0.0, **more: An
     return Vehicle(**{**fields, **more})
 
 
-def reference(
-    vehicle: Vehicle, wrench: Callable[[float], np.ndarray], times: Any, start: np.ndarray
-) -> np.ndarray:
+def reference(vehicle: Vehicle, wrench: Callable[[float], np.ndarray], times: Any, start: np.ndarray) -> np.ndarray:
     """Pose and velocity (len(times), 12) by DOP853 in Euler angles, restarted at every one of `times`."""
 
     def rate(t: float, s: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 """`towtank demo`: a simulated tank session, learned sample by sample, judged on a session never seen.
 
-It is what live data will do: `Learner.update` with every pose and its commands, an estimate to be read at any time, and
-at the end a vehicle file.
+It is what live data will do: `PaperLearner.update` with every pose and its commands, an estimate to be read at any
+time, and at the end a vehicle file.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from towtank.app.demo_table import Screen, coefficient_table
 from towtank.app.demo_warmup import warm_up
 from towtank.app.demo_words import commands, fit_text, plan, verdict
 from towtank.errors import InputError
-from towtank.identification import Estimate, Learner, learn_recordings
+from towtank.identification import Estimate, PaperLearner, learn_paper
 from towtank.outputs import write_text
 from towtank.validation import Validation, validate
 from towtank.vehicle import Vehicle
@@ -62,7 +62,7 @@ def run_demo(
     _say(console, plan(duration, fast))
     console.print()
 
-    learner = Learner(session.known, free=FREE)
+    learner = PaperLearner(session.known, free=FREE)
     course = Course(quantities(session.truth))
     screen = Screen(console, session)
     with screen.showing() as show:
@@ -91,7 +91,7 @@ def run_demo(
 def _second_pass(console: Console, session: Session, course: Course) -> tuple[Estimate, Vehicle]:
     """Learn once more from the whole recording, as `towtank learn` does, and add the result to the course."""
     _say(console, "second pass over the recording, as `towtank learn` takes a log")
-    learning = learn_recordings(session.known, [session.recording], free=FREE, delay=session.known.command_delay)
+    learning = learn_paper(session.known, [session.recording], free=FREE, delay=session.known.command_delay)
     course.read(session.recording.duration, learning.estimate)
     return learning.estimate, learning.model
 

@@ -88,9 +88,7 @@ class Screen:
         done, rest = ("#", ".") if self.ascii_only else ("━", "─")
         doing = "finished" if moment.t >= moment.end else f"exciting {axis}" if axis else "back to the middle"
         left = f"{moment.t:.0f} of {moment.end:.0f} s, {moment.end - moment.t:.0f} s to go"
-        return Text.assemble(
-            (done * full, "green"), (rest * (_BAR - full), "dim"), f" {left}: ", (doing, "bold")
-        )
+        return Text.assemble((done * full, "green"), (rest * (_BAR - full), "dim"), f" {left}: ", (doing, "bold"))
 
     def _speed(self, moment: Moment) -> Text:
         latency = moment.latency_ms

@@ -10,9 +10,9 @@ from towtank.app.channel_facts import ChannelFacts, channel_facts
 from towtank.app.first_look import DRIVEN, first_look
 from towtank.app.output import Teller
 from towtank.app.repairs_text import learning_warnings
+from towtank.identification import LogLearning, learn_paper
 from towtank.identification.axes import AXES
 from towtank.identification.chain import Sources, uses_commands
-from towtank.identification.logs import LogLearning, learn_recordings
 from towtank.recording import Grid, Recording, align, bind_thrusters
 from towtank.vehicle import Vehicle
 
@@ -93,7 +93,7 @@ def inspect_recording(log: str, recording: Recording, vehicle: Vehicle | None, t
         }
         origin = None if look.delay is None else "correlation"
         return Inspection(log, recording, grid, facts, look.delay, None, origin, axes, [])
-    learning = learn_recordings(vehicle, [recording], progress=tell)
+    learning = learn_paper(vehicle, [recording], progress=tell)
     std = None if learning.delay_scan is None else learning.delay_scan.std
     axes = {axis.name: _by_learning(axis, kind, learning) for axis, kind in _axes(sources)}
     warnings = learning_warnings(learning, [recording], repairs=False)

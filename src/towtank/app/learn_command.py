@@ -84,7 +84,12 @@ def learn(
         known = read_vehicle(vehicle, output)
         recordings = cut(read_logs(logs, mapping, tell), stretch)
         learning = learn_recordings(
-            known, recordings, free=wanted, delay=delay, progress=lambda text, share: tell(text, 0.9 * share)
+            known,
+            recordings,
+            method=method,
+            free=wanted,
+            delay=delay,
+            progress=lambda text, share: tell(text, 0.9 * share),
         )
         model = _with_provenance(learning.model, logs, method, learning.delay, learning.estimate.duration)
         tell("predicting", 0.9)

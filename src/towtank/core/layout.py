@@ -1,12 +1,12 @@
 """The kernel's view of a vehicle: one vector of 154 numbers.
 
-    p[0:36]     M    total mass matrix M_RB + M_A, row-major 6x6, symmetric        [kg, kg m, kg m^2]
-    p[36:72]    its inverse
-    p[72:108]   L    linear SNAME derivatives, force_i += L_ij nu_j                 (negative dissipates)
-    p[108:144]  Q    quadratic SNAME derivatives, force_i += Q_ij |nu_j| nu_j       (negative dissipates)
-    p[144]      W - B                                                               [N]
-    p[145:148]  b = r_G W - r_B B (BG_x, BG_y, BG_z)                                [N m]
-    p[148:154]  constant wrench (X_0 .. N_0), fixed in the body: thrusters that differ, a tether   [N, N m]
+p[0:36]     M    total mass matrix M_RB + M_A, row-major 6x6, symmetric        [kg, kg m, kg m^2]
+p[36:72]    its inverse
+p[72:108]   L    linear SNAME derivatives, force_i += L_ij nu_j                 (negative dissipates)
+p[108:144]  Q    quadratic SNAME derivatives, force_i += Q_ij |nu_j| nu_j       (negative dissipates)
+p[144]      W - B                                                               [N]
+p[145:148]  b = r_G W - r_B B (BG_x, BG_y, BG_z)                                [N m]
+p[148:154]  constant wrench (X_0 .. N_0), fixed in the body: thrusters that differ, a tether   [N, N m]
 """
 
 from __future__ import annotations

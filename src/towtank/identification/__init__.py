@@ -2,7 +2,10 @@
 
 from towtank.identification.estimate import AxisReport, Estimate, Learned, SumOfInertias
 from towtank.identification.learner import Learner
-from towtank.identification.logs import LogLearning, learn_recordings
+from towtank.identification.log_learning import LogLearning
+from towtank.identification.logs import learn_recordings
+from towtank.identification.paper_learner import PaperLearner
+from towtank.identification.paper_logs import learn_paper
 from towtank.identification.regression import (
     BatchLeastSquares,
     NormalizedGradient,
@@ -18,8 +21,10 @@ __all__ = [
     "Learner",
     "LogLearning",
     "NormalizedGradient",
+    "PaperLearner",
     "RecursiveLeastSquares",
     "RegressionEstimator",
     "SumOfInertias",
+    "learn_paper",
     "learn_recordings",
 ]

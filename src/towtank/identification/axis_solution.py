@@ -182,9 +182,13 @@ def _covariance(
     scores = filled @ error @ T  # (b, n)
     count = len(scores)
     inverse = np.linalg.inv(A)
-    plain = residual_sum / max(information.rows - unknowns, 1.0) * inverse @ (
-        T.T @ information.triangle.T @ information.triangle @ T
-    ) @ inverse.T
+    plain = (
+        residual_sum
+        / max(information.rows - unknowns, 1.0)
+        * inverse
+        @ (T.T @ information.triangle.T @ information.triangle @ T)
+        @ inverse.T
+    )
     if count < 2 * unknowns + 2:
         return plain
     S = long_run(scores, round(max(_SPAN, 2.0 / information.a) / information.block_length))

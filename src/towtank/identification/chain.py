@@ -22,10 +22,11 @@ from towtank.identification.motion_state import (
 )
 from towtank.identification.paper_kernel import paper_events, paper_step
 from towtank.identification.paper_state import PaperState, new_paper_state
+from towtank.identification.samples import with_absent_zero
 from towtank.recording import Grid
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
 
-__all__ = ["PaperChain", "Settings", "Sources", "uses_commands", "with_absent_zero"]
+__all__ = ["PaperChain", "Settings", "Sources", "uses_commands"]
 
 
 @dataclass(frozen=True)
@@ -103,12 +104,6 @@ _LOWPASSED = 0.003  # relative error left by low-passing the motion before squar
 def uses_commands(vehicle: Vehicle, grid: Grid) -> bool:
     """Whether the wrench comes from the thrusters' commands; else it was recorded itself."""
     return bool(vehicle.thrusters) and grid.commands.shape[1] == len(vehicle.thrusters) and grid.command_t.size > 0
-
-
-def with_absent_zero(wrench: Array) -> Array:
-    """Return a wrench (n, 6) with the components that are nowhere recorded set to zero; all NaN stays as it is."""
-    absent = ~np.isfinite(wrench).any(axis=tuple(range(wrench.ndim - 1)))
-    return wrench if absent.all() else np.where(absent, 0.0, wrench)
 
 
 class PaperChain:

@@ -5,6 +5,9 @@ thruster is then a sum of exponentials, integrated here in closed form:
 
     int_0^h f dt = F h + (f0 - F) T (1 - exp(-h/T)),   f(h) = F + (f0 - F) exp(-h/T)
 
+The mean force over an interval of length h answers to the delay by -(f1 - f0)/h, and, since T f' = F - f, to the time
+constant by -(f1 - f0 + T (s1 - s0))/h, where s = df/dT.
+
 The ring of past commands is bounded; memory does not grow with the log.
 """
 
@@ -17,7 +20,7 @@ import numpy as np
 
 from towtank.core.arrays import Array, kernel
 
-__all__ = ["HeldInput", "held_integral_into", "held_push", "new_held_input"]
+__all__ = ["HeldInput", "held_integral_into", "held_means_into", "held_push", "new_held_input"]
 
 _RING = 1024
 
@@ -29,6 +32,7 @@ class HeldInput(NamedTuple):
     values: Array  # (ring, m) steady force that each command asks for
     counters: Array  # (2,) commands pushed, index of the command in force
     force: Array  # (m,) force now
+    slope: Array  # (m,) d force now / d time constant [N/s]
     lag: Array  # (m,) time constants [s]
     clock: Array  # (1,) time up to which `force` has been advanced; NaN before the start
     delay: Array  # (1,) command delay [s]
@@ -41,6 +45,7 @@ def new_held_input(m: int, lag: Array, delay: float) -> HeldInput:
         values=np.zeros((_RING, m)),
         counters=np.zeros(2),
         force=np.zeros(m),
+        slope=np.zeros(m),
         lag=np.ascontiguousarray(lag, dtype=np.float64),
         clock=np.full(1, np.nan),
         delay=np.array([float(delay)]),
@@ -107,6 +112,7 @@ def held_integral_into(held: HeldInput, end: float, out: Array) -> bool:
                 gone = -math.expm1(-h / T)
                 away = held.force[j] - target
                 out[j] += target * h + away * T * gone
+                held.slope[j] = (held.slope[j] + away * h / (T * T)) * (1.0 - gone)
                 held.force[j] -= away * gone
             else:
                 out[j] += target * h
@@ -114,3 +120,30 @@ def held_integral_into(held: HeldInput, end: float, out: Array) -> bool:
         now = until
     held.counters[1] = float(active)
     return True
+
+
+@kernel
+def held_means_into(held: HeldInput, end: float, out: Array) -> bool:
+    """Write over the time from the clock to `end`: mean force, d mean / d delay, d mean / d ln T, into `out` (3, m).
+
+    The clock advances, as with `held_integral_into`; False where no command has come yet.
+    """
+    m = held.force.shape[0]
+    h = end - held.clock[0]
+    for j in range(m):
+        out[1, j] = held.force[j]
+        out[2, j] = held.slope[j]
+    known = held_integral_into(held, end, out[0])
+    if not h > 0.0:  # the clock had not been started
+        for j in range(m):
+            out[0, j] = held.force[j]
+            out[1, j] = 0.0
+            out[2, j] = 0.0
+        return known
+    for j in range(m):
+        out[0, j] /= h
+        rise = held.force[j] - out[1, j]
+        T = held.lag[j]
+        out[1, j] = -rise / h
+        out[2, j] = -T * (rise + T * (held.slope[j] - out[2, j])) / h
+    return known

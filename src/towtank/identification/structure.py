@@ -262,4 +262,3 @@ def absent(candidate: Candidates, reason: str) -> AxisFindings:
     """Return the findings of an axis that cannot be learned at all, for one reason."""
     reasons = tuple(reason if wanted else None for wanted in candidate.wanted)
     return AxisFindings(candidate.axis, None, candidate.wanted, reasons, (False,) * 5)
-

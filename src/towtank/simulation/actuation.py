@@ -106,8 +106,7 @@ class FunctionDrive:
         wrench = np.asarray(self._function(t), dtype=np.float64)
         if wrench.shape != (*t.shape, 6):
             raise InputError(
-                f"wrench: for times of shape {t.shape} the function gave shape {wrench.shape}, "
-                f"expected {(*t.shape, 6)}"
+                f"wrench: for times of shape {t.shape} the function gave shape {wrench.shape}, expected {(*t.shape, 6)}"
             )
         if not np.isfinite(wrench).all():
             raise InputError("wrench: the function gave a number that is not finite")

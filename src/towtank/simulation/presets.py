@@ -23,7 +23,5 @@ def sensors_named(sensors: str | Sensors | None) -> Sensors:
     if not isinstance(sensors, str):
         return sensors
     if sensors not in SENSORS:
-        raise InputError(
-            f'unknown sensors "{sensors}"{nearest(sensors, SENSORS)}; there are {", ".join(SENSORS)}'
-        )
+        raise InputError(f'unknown sensors "{sensors}"{nearest(sensors, SENSORS)}; there are {", ".join(SENSORS)}')
     return SENSORS[sensors]

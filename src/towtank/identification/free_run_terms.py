@@ -1,0 +1,50 @@
+"""Terms that a model may lack, in the order in which free runs try them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from towtank.identification.parameters import LAG
+from towtank.identification.samples import Samples
+from towtank.vehicle import Vehicle
+from towtank.vehicle.names import COLUMNS, ROWS
+
+__all__ = ["groups_of_terms"]
+
+_COUPLED = {3: (4, 5), 4: (3, 5), 5: (3, 4), 1: (5,), 2: (4,)}  # rows, and the speeds that may act on them
+
+
+def groups_of_terms(
+    vehicle: Vehicle, names: Sequence[str], samples: Sequence[Samples], *, find_lag: bool
+) -> tuple[tuple[str, ...], ...]:
+    """Return groups of names: constant forces and moments, lag, the other damping terms, couplings by speed.
+
+    Args:
+        names: what is free already; an axis is modelled where its inertia is or its damping.
+    """
+    axes = [i for i in range(6) if any(name in names for name in _own(i))]
+    measured = np.any([each.measured for each in samples], axis=0)
+    fed = [i for i in range(6) if measured[6 + i] or measured[i]]
+    constants = [f"{ROWS[i]}_0" for i in axes]
+    if "BG_z" in names:
+        constants += ["BG_x", "BG_y"]
+    damping = []
+    for i in axes:
+        linear, quadratic = f"{ROWS[i]}_{COLUMNS[i]}", f"{ROWS[i]}_{COLUMNS[i] * 2}"
+        known = [name for name in (linear, quadratic) if vehicle.coefficient(name) != 0.0]
+        damping += known or [linear, quadratic]
+    couplings = [f"{ROWS[i]}_{COLUMNS[j]}" for i in axes for j in _coupled(i) if j in axes and j in fed and i in fed]
+    return (tuple(constants), (LAG,) if find_lag else (), tuple(damping), tuple(couplings))
+
+
+def _coupled(i: int) -> tuple[int, ...]:
+    both = list(_COUPLED.get(i, ()))
+    both += [j for j, others in _COUPLED.items() if i in others and j not in both]
+    return tuple(sorted(both))
+
+
+def _own(i: int) -> tuple[str, ...]:
+    row, column = ROWS[i], COLUMNS[i]
+    return f"{row}_{column}dot", f"{row}_{column}", f"{row}_{column}{column}"

@@ -1,0 +1,270 @@
+"""The joint estimator over whole recordings: passes of the filter until coefficients and noise levels agree.
+
+A pass starts from wide deviations about the last pass's coefficients, so that what is found owes nothing to them but
+the point of linearisation. Between passes the levels follow the data: the noise of each sensor from the innovations,
+E[nu^2] = H P H^T + R, and the disturbance force of each axis from E[d^2] = d_hat^2 + P_dd. The likelihood of the
+innovations keeps the best pass, should one not converge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.identification.held_input import HeldInput, new_held_input
+from towtank.identification.joint_kernel import joint_events
+from towtank.identification.joint_state import C_DURATION, C_LIKELIHOOD, C_ROWS, JointState, Tuning, new_joint_state
+from towtank.identification.log_learning import Levels
+from towtank.identification.parameters import DELAY, IN_DELAY, IN_LAG, LAG, MASS, PLAIN, FreeParameters
+from towtank.identification.samples import N_MEASURED, Samples
+from towtank.identification.transition import N_FIXED
+
+__all__ = ["JointFit", "bounded", "followed", "held_of", "joint_passes", "one_pass", "prior_deviation", "uses_biases"]
+
+_CHUNK = 4096  # rows between two reports of progress
+_WIDE = 0.5  # deviation of a logarithm at the start of a pass
+_DELAY_WIDE = 0.03  # s
+_PASSES = 8
+_WORSE = 1.0  # of the logarithm of the likelihood
+_TRIES = 2
+_SETTLED = 0.1  # deviations
+_LEVELS_SETTLED = 0.05  # of a level
+_USUAL_FOR = 2.0  # time constants of data that the usual level counts for
+_SWING = 5.0  # by which a level may change from one pass to the next
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class JointFit:
+    """What the passes found.
+
+    Attributes:
+        free: the coefficients. theta, covariance: of their coordinates, see `parameters`.
+        levels: as the data show them. likelihood: of the last pass's innovations. passes: how many were run.
+        duration, rows: learned from. refused: share of each column's samples that lay beyond the gate (15,).
+        whiteness: mean of innovation^2 / S per column (15,), 1 where noise and model are right.
+    """
+
+    free: FreeParameters
+    theta: Array
+    covariance: Array
+    levels: Levels
+    likelihood: float
+    passes: int
+    duration: float
+    rows: int
+    refused: Array
+    whiteness: Array
+
+    @property
+    def std(self) -> Array:
+        """Deviations of theta (n,)."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+
+def uses_biases(samples: Sequence[Samples]) -> bool:
+    """Whether there is an inertial sensor whose biases can be told: rates beside an attitude, or specific force."""
+    measured = np.any([each.measured for each in samples], axis=0)
+    return bool(measured[9:12].any() or measured[12:15].any())
+
+
+def prior_deviation(free: FreeParameters, scale: Array) -> Array:
+    """Return the deviations (n,) that a pass starts from; `scale` (n,) is the size of what is no logarithm."""
+    out = np.empty(len(free))
+    for k in range(len(free)):
+        kind, transform = free.codes[k, 0], free.codes[k, 3]
+        if kind == IN_DELAY:
+            out[k] = _DELAY_WIDE
+        elif transform == PLAIN:
+            out[k] = scale[k]
+        else:
+            out[k] = _WIDE
+    return out
+
+
+def held_of(samples: Samples, free: FreeParameters, theta: Array, delay: float) -> HeldInput:
+    """Return the inputs of a recording with the delay and lag of theta."""
+    lag = samples.lag
+    for k in range(len(free)):
+        if free.codes[k, 0] == IN_DELAY:
+            delay = max(0.0, float(theta[k]))
+        elif free.codes[k, 0] == IN_LAG:
+            lag = np.full(samples.lag.size, np.exp(theta[k]))
+    return new_held_input(samples.shape.shape[1], lag, delay)
+
+
+def one_pass(
+    samples: Sequence[Samples],
+    p: Array,
+    free: FreeParameters,
+    theta: Array,
+    deviation: Array,
+    levels: Levels,
+    tuning: Tuning,
+    *,
+    delay: float = 0.0,
+    prior: tuple[Array, Array] | None = None,
+    told: Progress | None = None,
+) -> tuple[JointState, HeldInput]:
+    """Run the filter once over all recordings; return its state and the inputs' at the end.
+
+    Args:
+        p: kernel parameters (154,) for all that is held. theta: what to linearise about (n,).
+        deviation: how wide the pass starts about theta (n,).
+        delay: of the inputs [s] where it is not free.
+        prior: mean (n,) and information (n, n) known beforehand.
+    """
+    start, covariance = theta, np.diag(deviation**2)
+    if prior is not None:
+        mean, information = prior
+        precision = np.diag(deviation**-2.0)
+        covariance = np.asarray(np.linalg.inv(precision + information), dtype=np.float64)
+        start = covariance @ (precision @ theta + information @ mean)
+    state: JointState | None = None
+    total = max(sum(len(each) for each in samples), 1)
+    done = 0
+    biases = uses_biases(samples)
+    for each in samples:
+        if state is None:
+            state = new_joint_state(
+                p, free, start, covariance, each.shape, levels.noise, levels.sigma, tuning, biases=biases, anchor=theta
+            )
+        else:
+            state = state._replace(shape=each.shape, pushed=np.zeros((3, each.shape.shape[1])))
+            state.clock[1] = 0.0
+        held = held_of(each, free, theta, delay)
+        pushed = 0
+        for first in range(0, len(each), _CHUNK):
+            last = min(first + _CHUNK, len(each))
+            pushed = joint_events(
+                state, held, each.t, each.values, each.input_t, each.input_force, True, first, last, pushed
+            )
+            if told is not None:
+                told((done + last) / total)
+        done += len(each)
+    assert state is not None
+    return state, held
+
+
+def joint_passes(
+    samples: Sequence[Samples],
+    p: Array,
+    free: FreeParameters,
+    theta: Array,
+    levels: Levels,
+    tuning: Tuning,
+    *,
+    scale: Array,
+    delay: float = 0.0,
+    prior: tuple[Array, Array] | None = None,
+    most: int = _PASSES,
+    told: Progress | None = None,
+) -> JointFit:
+    """Run passes from theta (n,) until nothing moves any more.
+
+    Args:
+        scale: size (n,) of coordinates that are no logarithms.
+        most: passes at most. Others as `one_pass`.
+    """
+    deviation = prior_deviation(free, scale)
+    best: JointFit | None = None
+    anchor = np.array(theta, dtype=np.float64)
+    worse = 0
+    for k in range(most):
+        share = (lambda s, k=k: told((k + s) / most)) if told is not None else None
+        way = replace(tuning, follow=k == 0)
+        state, _ = one_pass(samples, p, free, anchor, deviation, levels, way, delay=delay, prior=prior, told=share)
+        fit = _fit(free, state, levels, k + 1)
+        sound = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.std).all() and np.isfinite(fit.likelihood))
+        if not sound or (best is not None and k > 1 and fit.likelihood < best.likelihood - _WORSE):
+            worse += 1
+            if best is None:
+                deviation = 0.3 * deviation
+            elif worse > _TRIES:
+                break
+            else:
+                anchor = bounded(free, best.theta, best.theta)
+                levels = Levels(np.sqrt(levels.noise * best.levels.noise), np.sqrt(levels.sigma * best.levels.sigma))
+            continue
+        following = followed(state, levels, tuning)
+        still = k > 0 and bool(np.all(np.abs(fit.theta - anchor) <= _SETTLED * fit.std + 1e-6))
+        best = fit
+        if still and _alike(following, levels):
+            break
+        anchor, levels = bounded(free, fit.theta, anchor, linear=k > 0), following
+    return best if best is not None else replace(fit, theta=anchor)
+
+
+def _fit(free: FreeParameters, state: JointState, levels: Levels, passes: int) -> JointFit:
+    n = len(free)
+    block = state.P[N_FIXED : N_FIXED + n, N_FIXED : N_FIXED + n].copy()
+    counted = state.stats[:, 0]
+    asked = counted + state.stats[:, 3]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        refused = np.where(asked > 0.0, state.stats[:, 3] / asked, 0.0)
+        whiteness = np.where(counted > 0.0, state.stats[:, 2] / counted, np.nan)
+    return JointFit(
+        free=free,
+        theta=state.theta.copy(),
+        covariance=block,
+        levels=levels,
+        likelihood=float(state.clock[C_LIKELIHOOD]),
+        passes=passes,
+        duration=float(state.clock[C_DURATION]),
+        rows=int(state.clock[C_ROWS]),
+        refused=refused,
+        whiteness=whiteness,
+    )
+
+
+def followed(state: JointState, levels: Levels, tuning: Tuning) -> Levels:
+    """Return the levels that the pass's own innovations and disturbances speak for."""
+    noise = levels.noise.copy()
+    for j in range(N_MEASURED):
+        if state.stats[j, 0] > 50.0:
+            shown = state.stats[j, 1] / state.stats[j, 0]
+            noise[j] = np.sqrt(np.clip(shown, noise[j] ** 2 / 4.0, noise[j] ** 2 * 4.0))
+    sigma = levels.sigma.copy()
+    floors = np.array([tuning.floor_force] * 3 + [tuning.floor_moment] * 3)
+    usual = np.array(tuning.usual)
+    for i in range(6):
+        time, square, variance = state.level[i]
+        expected = sigma[i] ** 2 * time - variance  # what d_hat^2 should have added up to
+        if time > 0.0 and expected > 1e-3 * sigma[i] ** 2 * time:
+            ratio = float(np.clip(square / expected, 1.0 / _SWING, _SWING))
+            sigma[i] *= np.sqrt(ratio)
+        if usual[i] > 0.0:
+            weight = time / (time + _USUAL_FOR * tuning.time_constant)
+            sigma[i] = np.sqrt(weight * sigma[i] ** 2 + (1.0 - weight) * usual[i] ** 2)
+    return Levels(noise, np.maximum(sigma, floors))
+
+
+def _alike(new: Levels, old: Levels) -> bool:
+    return bool(
+        np.all(np.abs(new.sigma - old.sigma) <= _LEVELS_SETTLED * old.sigma)
+        and np.all(np.abs(new.noise - old.noise) <= _LEVELS_SETTLED * old.noise)
+    )
+
+
+def bounded(free: FreeParameters, theta: Array, anchor: Array, *, linear: bool = False) -> Array:
+    """Return the next point to linearise about: logarithms move by 1 at most, a delay is never negative.
+
+    After a `linear` pass the way of a logarithm is bent as in `joint_anchor`: an inertia acts by its inverse.
+    """
+    out = np.array(theta)
+    for k, name in enumerate(free.names):
+        if free.codes[k, 3] != PLAIN:
+            way = float(theta[k] - anchor[k])
+            inertia = free.codes[k, 0] == MASS
+            if linear and (way < 0.0) == inertia:
+                way = float(np.copysign(np.log1p(abs(way)), way))
+            out[k] = anchor[k] + np.clip(way, -1.0, 1.0)
+        if name == DELAY:
+            out[k] = max(0.0, out[k])
+        if name == LAG:
+            out[k] = np.clip(out[k], np.log(5e-3), np.log(2.0))
+    return out

@@ -1,0 +1,252 @@
+"""Learning from recordings by the joint estimator: least squares to begin with, passes of the filter, what is known."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.identification.estimate import Estimate
+from towtank.identification.free_run_learning import learn_free_runs
+from towtank.identification.joint import JointFit, joint_passes, prior_deviation
+from towtank.identification.joint_estimate import assemble, judge
+from towtank.identification.joint_start import size_of, start_levels, start_theta, tuning_for
+from towtank.identification.log_learning import Levels, LogLearning
+from towtank.identification.paper_logs import learn_paper
+from towtank.identification.parameters import DELAY, GAIN_PREFIX, LAG, FreeParameters, free_parameters
+from towtank.identification.passes import Progress
+from towtank.identification.samples import Samples, samples_of
+from towtank.identification.structure import paper_names
+from towtank.recording import Recording
+from towtank.vehicle import Vehicle
+
+__all__ = ["learn_joint"]
+
+_ROUNDS = 3  # of holding what is not determined
+
+
+def learn_joint(
+    vehicle: Vehicle,
+    recordings: Sequence[Recording],
+    *,
+    free: Collection[str] | None = None,
+    delay: float | None = None,
+    longest_delay: float = 0.4,
+    prior: Vehicle | None = None,
+    refine: str = "where better",
+    progress: Progress | None = None,
+) -> LogLearning:
+    """Learn a vehicle's coefficients from recordings; see `learn_recordings`."""
+    told = progress or (lambda text, share: None)
+    asked = tuple(free) if free is not None else None
+    paper = set(paper_names())
+    for_paper = [name for name in asked if name in paper] if asked is not None else None
+    first = learn_paper(
+        vehicle,
+        recordings,
+        free=for_paper or None,
+        delay=delay,
+        longest_delay=longest_delay,
+        progress=lambda text, share: told(text, 0.3 * share),
+    )
+    samples = [samples_of(recording, vehicle) for recording in recordings]
+    wanted, held = _wanted(vehicle, asked, first)
+    if delay is None and any(each.commands for each in samples):
+        wanted = (*wanted, DELAY)
+    parameters = free_parameters(vehicle, wanted)
+    base = first.model if asked is None else vehicle
+    known = _known_start(vehicle, first)
+    lag = float(np.mean(samples[0].lag)) if samples[0].lag.size and samples[0].lag.any() else 0.05
+    found_delay = first.delay
+    if LAG in wanted:
+        found_delay = max(0.0, found_delay - lag)
+    theta = start_theta(vehicle, known, parameters, delay=found_delay, lag=lag)
+    levels = _levels(recordings, vehicle)
+    tuning = tuning_for(vehicle)
+    unidentified: dict[str, str] = dict(held)
+    zeroed = [name for name in held if base.coefficient(name) == 0.0]
+    kernel = np.array(base.parameters)
+    for _ in range(_ROUNDS):
+        scale = size_of(vehicle, parameters)
+        information = _prior(prior, parameters)
+        fit = joint_passes(
+            samples,
+            kernel,
+            parameters,
+            theta,
+            levels,
+            tuning,
+            scale=scale,
+            delay=found_delay,
+            prior=information,
+            told=lambda share: told("joint filter", 0.3 + 0.6 * share),
+        )
+        findings = judge(
+            parameters,
+            fit.theta,
+            fit.covariance,
+            prior_deviation(parameters, scale),
+            scale,
+            prior=None if information is None else information[1],
+            speeds=_speeds(first),
+        )
+        held_now = {name: hold for name, hold in findings.held.items() if name not in (DELAY, LAG)}
+        if asked is not None or not held_now:
+            break
+        for name, hold in held_now.items():
+            unidentified[name] = findings.reasons.get(name, "not determined")
+            if hold == "zero":
+                zeroed.append(name)
+                base = base.with_coefficients({name: 0.0})
+        kernel = np.array(base.parameters)
+        keep = [name for name in parameters.names if name not in held_now]
+        theta = np.array([value for name, value in zip(parameters.names, fit.theta, strict=True) if name in keep])
+        parameters = parameters.subset(keep)
+        levels = fit.levels
+    told("free runs", 0.92)
+    method, remarks = "joint", []
+    second = learn_free_runs(
+        vehicle,
+        base,
+        samples,
+        parameters,
+        _starts(parameters, fit.theta, known, found_delay),
+        fit.levels.noise,
+        delay=found_delay,
+        prior=lambda chosen: _prior(prior, chosen),
+        terms=asked is None,
+        find_lag=asked is None and delay is None and _may_lag(samples),
+        always=refine == "always",
+        speeds=_speeds(first),
+    )
+    if second is not None:
+        remarks.append(second.said)
+    if second is not None and (second.first.better or refine == "always"):
+        method, found_delay, parameters = "output-error", second.refined.delay, second.refined.free
+        fit = replace(fit, free=parameters, theta=second.refined.theta, covariance=second.refined.covariance)
+        unidentified = {name: why for name, why in unidentified.items() if name not in second.refined.added}
+        unidentified.update(second.reasons)
+        wanted = (*wanted, *(name for name in second.refined.added if name not in wanted))
+        zeroed = [name for name in (*zeroed, *second.zeroed) if name not in parameters.names]
+    else:
+        unidentified = {**{n: why for n, why in findings.reasons.items() if n not in (DELAY, LAG)}, **unidentified}
+    told("what is known", 0.95)
+    assembled = assemble(
+        vehicle,
+        parameters,
+        fit.theta,
+        fit.covariance,
+        [name for name in wanted if name not in (DELAY, LAG)] + [name for name in held if name not in wanted],
+        unidentified,
+        zeroed,
+        first.estimate.axes,
+        fit.duration,
+        fit.rows,
+    )
+    learned = _learned(vehicle, first, assembled.estimate, assembled.remarks, parameters, fit, found_delay, method)
+    return replace(learned, remarks=(*learned.remarks, *remarks))
+
+
+def _starts(free: FreeParameters, theta: Array, least_squares: Vehicle, delay: float) -> list[Array]:
+    """Return where free runs may begin: the joint filter's coefficients, and those of least squares."""
+    return [theta, start_theta(least_squares, least_squares, free, delay=delay, lag=0.05)]
+
+
+def _may_lag(samples: Sequence[Samples]) -> bool:
+    """Whether thrusters are told what to do, and nobody says how fast they answer."""
+    return all(each.commands and not each.lag.any() for each in samples)
+
+
+def _wanted(
+    vehicle: Vehicle, asked: tuple[str, ...] | None, first: LogLearning
+) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Return the names to free and, for those that least squares could not find, why."""
+    if asked is not None:
+        return asked, {}
+    estimate = first.estimate
+    names = tuple(name for name, ok in zip(estimate.names, estimate.identified, strict=True) if ok)
+    held = {
+        name: reason or ""
+        for name, ok, reason in zip(estimate.names, estimate.identified, estimate.reasons, strict=True)
+        if not ok
+    }
+    return names, held
+
+
+def _known_start(vehicle: Vehicle, first: LogLearning) -> Vehicle:
+    """Return the vehicle with what least squares found, however unsure, where it is physical."""
+    changes = {}
+    for learned in first.estimate.coefficients:
+        if learned.identified:
+            changes[learned.name] = learned.value
+    return vehicle.with_coefficients(changes) if changes else vehicle
+
+
+def _levels(recordings: Sequence[Recording], vehicle: Vehicle) -> Levels:
+    each = [start_levels(recording, vehicle) for recording in recordings]
+    return Levels(np.median([level.noise for level in each], axis=0), each[0].sigma)
+
+
+def _prior(prior: Vehicle | None, free: FreeParameters) -> tuple[Array, Array] | None:
+    """Return mean and information (n,), (n, n) of a vehicle whose coefficients bear deviations."""
+    if prior is None:
+        return None
+    mean = free.theta(prior, delay=prior.command_delay, lag=0.05)
+    slopes = free.slopes(mean)
+    information = np.zeros((len(free), len(free)))
+    for k, name in enumerate(free.names):
+        if name in (DELAY, LAG) or name.startswith(GAIN_PREFIX):
+            continue
+        std = prior.deviation(name)
+        if std is not None and std > 0.0:
+            information[k, k] = (slopes[k] / std) ** 2
+    return mean, information
+
+
+def _speeds(first: LogLearning) -> Array:
+    out = np.zeros((6, 2))
+    for i in range(6):
+        columns = [grid.velocity[:, i] for grid in first.grids]
+        values = np.concatenate([column[np.isfinite(column)] for column in columns])
+        if values.size:
+            out[i] = np.sqrt(np.mean(values**2)), np.abs(values).max()
+    return out
+
+
+def _learned(
+    vehicle: Vehicle,
+    first: LogLearning,
+    estimate: Estimate,
+    remarks: tuple[str, ...],
+    free: FreeParameters,
+    fit: JointFit,
+    delay: float,
+    method: str,
+) -> LogLearning:
+    lag = None
+    for k, name in enumerate(free.names):
+        if name == DELAY:
+            delay = float(fit.theta[k])
+        elif name == LAG:
+            lag = float(np.exp(fit.theta[k]))
+    model = estimate.model(vehicle, f"learned by towtank, method {method}")
+    if vehicle.thrusters:
+        model = model.model_copy(update={"command_delay": max(0.0, delay)})
+        if lag is not None:
+            thrusters = tuple(t.model_copy(update={"time_constant": lag}) for t in vehicle.thrusters)
+            model = model.model_copy(update={"thrusters": thrusters})
+    stds = dict(zip(free.names, fit.std, strict=True))
+    return replace(
+        first,
+        estimate=estimate,
+        model=model,
+        delay=delay,
+        delay_std=float(stds.get(DELAY, np.nan)),
+        lag=float("nan") if lag is None else lag,
+        lag_std=float(stds[LAG]) * lag if lag is not None else float("nan"),
+        levels=fit.levels,
+        method=method,
+        warnings=(*first.warnings, *remarks),
+    )

@@ -1,0 +1,192 @@
+"""The joint filter's state: motion, disturbance, current, coefficients and biases, with their common covariance.
+
+Errors stand in this order: position 3 (NED), attitude 3 (body), velocity 6 (relative to the water), disturbance 6
+(body), current 3 (NED), free coefficients n, and, where an IMU is there, gyro bias 3 and accelerometer bias 3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.identification.parameters import Codes, FreeParameters, put_parameters
+from towtank.identification.samples import N_MEASURED
+from towtank.identification.transition import N_FIXED, transition_scratch
+
+__all__ = ["JointState", "Tuning", "new_joint_state"]
+
+(
+    O_TIME_CONSTANT,
+    O_GATE,
+    O_HUBER,
+    O_REACQUIRE,
+    O_GAP,
+    O_STEP,
+    O_CURRENT_WALK,
+    O_BIAS_WALK,
+    O_ADAPT,
+    O_FLOOR_FORCE,
+    O_FLOOR_MOMENT,
+    O_BIASES,
+    O_CURRENT,
+    O_FOLLOW,
+) = range(14)
+
+# clock: time, started, log likelihood, rows taken, time learned from, resets
+C_TIME, C_STARTED, C_LIKELIHOOD, C_ROWS, C_DURATION, C_RESETS = range(6)
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """What a normal user never touches.
+
+    Attributes:
+        time_constant: of the disturbance force [s].
+        gate: an innovation beyond this many deviations is not believed; huber: beyond this many it counts less.
+        reacquire: after this long without a believed sample [s] a sensor that still speaks is taken at its word.
+        gap: after a pause longer than this [s] the motion begins anew.
+        step: longest integration step [s].
+        adapt: time over which the disturbance's level is followed [s], 0 for a fixed level.
+        floor_force, floor_moment: least level of the disturbance [N], [N m].
+        usual: level of it [N, N m] that short data are supplemented with, 0 for none.
+        follow: the point of linearisation follows coefficients that are known; else it stays, and the filter is linear.
+        current: water current (3) estimated. current_walk, bias_walk: random walks [m/s, rad/s or m/s^2 per sqrt(s)].
+    """
+
+    time_constant: float = 2.0
+    gate: float = 4.5
+    huber: float = 2.0
+    reacquire: float = 0.7
+    gap: float = 2.0
+    step: float = 0.02
+    adapt: float = 0.0
+    floor_force: float = 0.02
+    floor_moment: float = 0.002
+    usual: tuple[float, ...] = (0.0,) * 6
+    follow: bool = True
+    current: bool = False
+    current_walk: float = 1e-3
+    bias_walk: float = 1e-5
+
+
+class JointState(NamedTuple):
+    """Arrays of the filter, changed in place."""
+
+    x: Array  # (13,) position, quaternion, velocity relative to the water
+    force: Array  # (6,) disturbance [N, N m]
+    current: Array  # (3,) [m/s] NED
+    theta: Array  # (n,) free coefficients
+    bias: Array  # (6,) gyro [rad/s], accelerometer [m/s^2]
+    P: Array  # (N, N)
+    p: Array  # (154,) kernel parameters, the anchor put in
+    codes: Codes  # (n, 4)
+    anchor: Array  # (n,) theta that the motion is linearised about; `p` and the held input have these values
+    walk: Array  # (n,) random walk of theta [variance per s]
+    shape: Array  # (6, m) wrench of each input
+    noise: Array  # (15,) deviations of the measured columns
+    sigma: Array  # (6,) levels of the disturbance [N, N m]
+    options: Array  # (14,) see O_*
+    clock: Array  # (6,) see C_*
+    heard: Array  # (5,) time of the last believed sample of each sensor: position, attitude, velocity, rates, force
+    hidden: Array  # (4, 4) per sensor: 1 while it is refused, and the offset that it then had
+    stats: Array  # (15, 4) per column: believed, sum of innovation^2 - H P H^T, sum of innovation^2 / S, refused
+    level: Array  # (6, 3) per axis: time, integrals of d^2 and of its variance
+    step: Array  # (21 + n, 12) F transposed
+    F: Array  # (12, 21 + n)
+    A: Array  # (12, 21 + n)
+    work: Array  # (5, 13, 1)
+    scratch: Array  # (12, 6)
+    W: Array  # (12, N)
+    g: Array  # (N,)
+    dx: Array  # (N,)
+    h: Array  # (N,)
+    pushed: Array  # (3, m)
+    small: Array  # (6, 6)
+    offset: Array  # (3,)
+    tau: Array  # (6,) mean wrench of the inputs over the last step
+
+
+def new_joint_state(
+    p: Array,
+    free: FreeParameters,
+    theta: Array,
+    deviation: Array,
+    shape: Array,
+    noise: Array,
+    sigma: Array,
+    tuning: Tuning,
+    *,
+    biases: bool,
+    walk: Array | None = None,
+    anchor: Array | None = None,
+) -> JointState:
+    """Return a filter that has seen nothing.
+
+    Args:
+        p: kernel parameters (154,) for all that is not free.
+        theta, deviation: start values and their deviations (n,), or a covariance (n, n) in place of the deviations.
+        shape: (6, m). noise: (15,). sigma: (6,). biases: an IMU's biases are estimated. walk: [variance per s] (n,).
+        anchor: what the motion is linearised about (n,), by default the start values.
+    """
+    n = len(free)
+    size = N_FIXED + n + (6 if biases else 0)
+    F, A, work, scratch = transition_scratch(n)
+    options = np.zeros(14)
+    options[O_TIME_CONSTANT], options[O_GATE], options[O_HUBER] = tuning.time_constant, tuning.gate, tuning.huber
+    options[O_REACQUIRE], options[O_GAP], options[O_STEP] = tuning.reacquire, tuning.gap, tuning.step
+    options[O_CURRENT_WALK] = tuning.current_walk**2 if tuning.current else 0.0
+    options[O_BIAS_WALK], options[O_ADAPT] = tuning.bias_walk**2, tuning.adapt
+    options[O_FLOOR_FORCE], options[O_FLOOR_MOMENT] = tuning.floor_force, tuning.floor_moment
+    options[O_BIASES], options[O_CURRENT] = float(biases), float(tuning.current)
+    options[O_FOLLOW] = float(tuning.follow)
+    P = np.zeros((size, size))
+    block = np.diag(deviation**2) if deviation.ndim == 1 else deviation
+    P[N_FIXED : N_FIXED + n, N_FIXED : N_FIXED + n] = block
+    if biases:
+        P[N_FIXED + n :, N_FIXED + n :] = np.diag([0.02**2] * 3 + [0.3**2] * 3)
+    if tuning.current:
+        P[18:21, 18:21] = 0.2**2 * np.eye(3)
+    kernel = np.array(p)
+    start = np.array(theta, dtype=np.float64)
+    about = start.copy() if anchor is None else np.array(anchor, dtype=np.float64)
+    put_parameters(kernel, free.codes, about, np.empty((6, 6)))
+    m = shape.shape[1]
+    x = np.zeros(13)
+    x[3] = 1.0
+    return JointState(
+        x=x,
+        force=np.zeros(6),
+        current=np.zeros(3),
+        theta=start,
+        bias=np.zeros(6),
+        P=P,
+        p=kernel,
+        codes=np.ascontiguousarray(free.codes),
+        anchor=about,
+        walk=np.zeros(n) if walk is None else np.array(walk, dtype=np.float64),
+        shape=np.ascontiguousarray(shape),
+        noise=np.array(noise, dtype=np.float64),
+        sigma=np.array(sigma, dtype=np.float64),
+        options=options,
+        clock=np.zeros(6),
+        heard=np.zeros(5),
+        hidden=np.zeros((4, 4)),
+        stats=np.zeros((N_MEASURED, 4)),
+        level=np.zeros((6, 3)),
+        step=np.zeros((N_FIXED + n, 12)),
+        F=F,
+        A=A,
+        work=work,
+        scratch=scratch,
+        W=np.zeros((12, size)),
+        g=np.zeros(size),
+        dx=np.zeros(size),
+        h=np.zeros(size),
+        pushed=np.zeros((3, m)),
+        small=np.zeros((6, 6)),
+        offset=np.zeros(3),
+        tau=np.zeros(6),
+    )

@@ -1,0 +1,51 @@
+"""The outcome of learning from recordings."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from towtank.core.arrays import Array
+from towtank.identification.chain import Sources
+from towtank.identification.delay import DelayScan
+from towtank.identification.estimate import Estimate
+from towtank.recording import Grid
+from towtank.vehicle import Vehicle
+
+__all__ = ["Levels", "LogLearning"]
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """Noise of the measured columns (15,) and levels of the disturbance (6,) [N, N m]."""
+
+    noise: Array
+    sigma: Array
+
+
+@dataclass(frozen=True)
+class LogLearning:
+    """What was learned from recordings.
+
+    Attributes:
+        estimate: coefficients. model: the vehicle with them put in. delay: found or given [s].
+        delay_scan: how the delay was found, None where it was given. grids: the recordings as they were used.
+        sources: where velocity and attitude came from, per recording. warnings: in plain words.
+        method: that the coefficients come from. delay_std: [s], NaN where given. lag, lag_std: time constant of the
+            thrusters, NaN where it was not free. remarks: how it was learned, in plain words.
+    """
+
+    vehicle: Vehicle
+    estimate: Estimate
+    model: Vehicle
+    delay: float
+    delay_scan: DelayScan | None
+    grids: tuple[Grid, ...]
+    sources: tuple[Sources, ...]
+    warnings: tuple[str, ...]
+    method: str = "paper"
+    delay_std: float = math.nan
+    lag: float = math.nan
+    lag_std: float = math.nan
+    levels: Levels | None = None
+    remarks: tuple[str, ...] = ()

@@ -1,0 +1,137 @@
+"""A recording as the nonlinear estimators take it: rows of measurements at their own times, and held inputs.
+
+No common grid: a row is an instant at which something was measured, NaN stands for what was not. Sensors of several
+rates, irregular times and gaps need nothing else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.core.attitude import eulers_from_quaternions
+from towtank.errors import InputError
+from towtank.recording import Recording, bind_thrusters
+from towtank.recording.held import stack_held
+from towtank.recording.standard import MOTION, QUATERNION, WRENCH, is_command
+from towtank.recording.synchrony import quaternion_samples
+from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
+
+__all__ = ["N_MEASURED", "Samples", "held_forces", "samples_of", "with_absent_zero"]
+
+N_MEASURED = 15
+_TOGETHER = 1e-6  # s: stamps closer than this are one instant
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Measurements and inputs of one recording.
+
+    Attributes:
+        t: times (n,) [s], increasing.
+        values: (n, 15) x y z phi theta psi u v w p q r ax ay az, NaN where not measured; psi and phi as recorded.
+        input_t: stamps (k,) [s] of the inputs. input_force: steady force that each asks for (k, m): of the thrusters,
+            or the wrench itself.
+        shape: wrench (6, m) of each unit of input. lag: time constants (m,) [s].
+        commands: whether the inputs are thruster commands. source: for messages.
+    """
+
+    t: Array
+    values: Array
+    input_t: Array
+    input_force: Array
+    shape: Array
+    lag: Array
+    commands: bool
+    source: str = ""
+
+    def __len__(self) -> int:
+        return int(self.t.size)
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last row [s]."""
+        return float(self.t[-1] - self.t[0]) if self.t.size else 0.0
+
+    @property
+    def measured(self) -> Array:
+        """Which of the 15 columns are measured anywhere (15,), bool."""
+        return np.asarray(np.isfinite(self.values).any(axis=0))
+
+
+def with_absent_zero(wrench: Array) -> Array:
+    """Return a wrench (n, 6) with the components that are nowhere recorded set to zero; all NaN stays as it is."""
+    absent = ~np.isfinite(wrench).any(axis=tuple(range(wrench.ndim - 1)))
+    return wrench if absent.all() else np.where(absent, 0.0, wrench)
+
+
+def samples_of(recording: Recording, vehicle: Vehicle) -> Samples:
+    """Return the rows and inputs of a recording.
+
+    Raises:
+        InputError: no motion in it, no commands and no wrench, or thrusters that the vehicle lacks.
+    """
+    bound = bind_thrusters(recording, [thruster.name for thruster in vehicle.thrusters])
+    prefix = f"{recording.source}: " if recording.source else ""
+    columns: list[tuple[int, Array, Array]] = []
+    whole = all(name in bound for name in QUATERNION)
+    if whole:
+        t, q = quaternion_samples(bound)
+        angles = eulers_from_quaternions(q)
+        columns += [(3 + j, t, angles[:, j]) for j in range(3)]
+    for j, name in enumerate(MOTION):
+        if name in bound and not (whole and 3 <= j < 6):
+            channel = bound[name].measured
+            columns.append((j, channel.t, channel.values))
+    columns = [column for column in columns if column[1].size]
+    if not columns:
+        raise InputError(f"{prefix}no motion in it (pose, velocity, rates or specific force)")
+    t, rows = _instants([column[1] for column in columns])
+    values = np.full((t.size, N_MEASURED), np.nan)
+    for (j, _, measured), row in zip(columns, rows, strict=True):
+        values[row, j] = measured
+    input_t, force, shape, lag, commands = _inputs(bound, vehicle, prefix)
+    return Samples(t, values, input_t, force, shape, lag, commands, recording.source)
+
+
+def held_forces(vehicle: Vehicle, commands: Array, voltage: Array | float | None) -> Array:
+    """Return the steady thruster forces (..., m) of commands (..., m); NaN commands stay NaN."""
+    return np.ascontiguousarray(thruster_forces(vehicle, commands, voltage))
+
+
+def _instants(stamps: list[Array]) -> tuple[Array, list[Array]]:
+    """Return the union (n,) of all stamps, those within a microsecond being one, and each one's rows."""
+    distinct = {id(t): t for t in stamps}
+    union = np.unique(np.concatenate(list(distinct.values()))) if len(distinct) > 1 else stamps[0]
+    if union.size > 1:
+        first = np.concatenate([[True], np.diff(union) > _TOGETHER])
+        union = union[first]
+    found = {
+        key: np.maximum(np.searchsorted(union, t + 0.5 * _TOGETHER, "right") - 1, 0) for key, t in distinct.items()
+    }
+    return np.ascontiguousarray(union), [found[id(t)] for t in stamps]
+
+
+def _inputs(recording: Recording, vehicle: Vehicle, prefix: str) -> tuple[Array, Array, Array, Array, bool]:
+    names = [name for name in recording.names if is_command(name)]
+    if vehicle.thrusters and names:
+        ordered = [recording[f"cmd_{thruster.name}"] for thruster in vehicle.thrusters]
+        t, values = stack_held(ordered)
+        if t.size:
+            voltage = None
+            if "voltage" in recording and len(known := recording["voltage"].measured):
+                voltage = np.interp(t, known.t, known.values)
+            lag = np.array([thruster.time_constant for thruster in vehicle.thrusters])
+            return t, held_forces(vehicle, np.array(values), voltage), configuration_matrix(vehicle), lag, True
+    present = [name for name in WRENCH if name in recording and len(recording[name].measured)]
+    t, known_values = stack_held([recording[name] for name in present])
+    if not t.size:
+        raise InputError(
+            f"{prefix}neither thruster commands nor a wrench is recorded, so there is nothing to learn from; "
+            "map the thrusters' columns (--map) or record X Y Z K M N"
+        )
+    wrench = np.zeros((t.size, 6))
+    wrench[:, [WRENCH.index(name) for name in present]] = known_values
+    return t, wrench, np.eye(6), np.zeros(6), False

@@ -1,0 +1,248 @@
+"""The joint filter against a plain reference, and its behaviour with what sensors do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from towtank.core.arrays import Array
+from towtank.core.attitude import quaternion_product
+from towtank.core.layout import N_PARAMETERS
+from towtank.identification.held_input import held_means_into, held_push, new_held_input
+from towtank.identification.joint_kernel import joint_events, joint_step
+from towtank.identification.joint_state import C_RESETS, C_ROWS, JointState, Tuning, new_joint_state
+from towtank.identification.joint_update import attitude_error
+from towtank.identification.parameters import free_parameters
+from towtank.identification.samples import Samples, samples_of
+from towtank.identification.transition import N_FIXED, step_and_linearise, transition_scratch
+from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
+from towtank.vehicle import Vehicle, load_vehicle
+
+NAMES = ("X_udot", "Y_vdot", "X_uu", "N_rr", "BG_z")
+NOISE = np.array([1e-3] * 6 + [5e-3] * 3 + [2e-3] * 3 + [0.05] * 3)
+SIGMA = np.array([0.5, 0.5, 0.5, 0.05, 0.05, 0.05])
+
+
+@pytest.fixture(scope="module")
+def vehicle() -> Vehicle:
+    return load_vehicle("vlbv300")
+
+
+def run_of(vehicle: Vehicle, sensors: Mocap | Ins, seconds: float = 8.0, seed: int = 4) -> Samples:
+    move = manoeuvre("all-telegraph", vehicle, duration=seconds, dt=0.01, seed=2)
+    force = OrnsteinUhlenbeck(std=tuple(SIGMA), time_constant=2.0)
+    run = simulate(vehicle, commands=move.commands, dt=0.01, sensors=sensors, disturbance=force, seed=seed)
+    return samples_of(run, vehicle)
+
+
+def filter_for(
+    vehicle: Vehicle,
+    names: tuple[str, ...] = NAMES,
+    *,
+    off: float = 0.2,
+    biases: bool = False,
+    tuning: Tuning | None = None,
+    shape: Array,
+) -> JointState:
+    free = free_parameters(vehicle, names)
+    theta = free.theta(vehicle, delay=0.0, lag=0.1)
+    wide = np.array([0.5 if code[3] else 0.3 for code in free.codes])
+    start = theta + np.where(free.codes[:, 3] > 0, off, 0.0)
+    return new_joint_state(
+        vehicle.parameters, free, start, wide, shape, NOISE, SIGMA, tuning or Tuning(), biases=biases
+    )
+
+
+def follow(state: JointState, samples: Samples, last: int | None = None) -> JointState:
+    held = new_held_input(samples.shape.shape[1], samples.lag, 0.0)
+    end = len(samples) if last is None else last
+    joint_events(state, held, samples.t, samples.values, samples.input_t, samples.input_force, True, 0, end, 0)
+    return state
+
+
+class Reference:
+    """The same filter in plain NumPy: dense matrices and Joseph's form, pose only, no gate, anchor at the start."""
+
+    def __init__(self, vehicle: Vehicle, state: JointState, samples: Samples) -> None:
+        self.samples, self.n = samples, state.theta.size
+        self.p, self.codes, self.anchor = state.p.copy(), state.codes, state.anchor.copy()
+        self.theta, self.P, self.x = state.theta.copy(), state.P.copy(), state.x.copy()
+        self.force = np.zeros(6)
+        self.held = new_held_input(samples.shape.shape[1], samples.lag, 0.0)
+        self.pushed = np.zeros((3, samples.shape.shape[1]))
+
+    def predict(self, t: float, h: float) -> None:
+        held_means_into(self.held, t, self.pushed)
+        F12, A, work, scratch = transition_scratch(self.n)
+        fade = np.exp(-h / 2.0)
+        mean = (1.0 - fade) * 2.0 / h
+        tau = self.samples.shape @ self.pushed[0] + mean * self.force
+        step_and_linearise(
+            self.p,
+            self.x,
+            tau,
+            np.zeros(3),
+            h,
+            0.5,
+            self.codes,
+            self.anchor,
+            self.samples.shape,
+            self.pushed,
+            True,
+            F12,
+            A,
+            work,
+            scratch,
+        )
+        F = np.eye(N_FIXED + self.n)
+        F[:12] = F12
+        F[12:18, 12:18] = fade * np.eye(6)
+        self.shift(F[:12, N_FIXED:] @ (self.theta - self.anchor))
+        Q = np.zeros_like(F)
+        Q[12:18, 12:18] = np.diag(SIGMA**2 * (1.0 - fade**2))
+        Q[6:12, 6:12] = 1e-8 * h * np.eye(6)
+        self.P = F @ self.P @ F.T + Q
+        self.force = fade * self.force
+
+    def shift(self, e: Array) -> None:
+        self.x[:3] += e[:3]
+        self.x[7:] += e[6:12]
+        angle = np.linalg.norm(e[3:6])
+        half = np.concatenate([[np.cos(0.5 * angle)], e[3:6] * (np.sin(0.5 * angle) / angle if angle > 0 else 0.5)])
+        self.x[3:7] = quaternion_product(self.x[3:7], half)
+        self.x[3:7] /= np.linalg.norm(self.x[3:7])
+
+    def update(self, z: Array) -> None:
+        e = attitude_error(self.x[3:7], z[3], z[4], z[5])
+        nu = np.concatenate([z[:3] - self.x[:3], e])
+        H = np.zeros((6, self.P.shape[0]))
+        H[:, :6] = np.eye(6)
+        R = np.diag(NOISE[:6] ** 2)
+        K = self.P @ H.T @ np.linalg.inv(H @ self.P @ H.T + R)
+        keep = np.eye(len(self.P)) - K @ H
+        self.P = keep @ self.P @ keep.T + K @ R @ K.T
+        dx = K @ nu
+        self.shift(dx[:12])
+        self.force += dx[12:18]
+        self.theta += dx[N_FIXED:]
+
+
+def test_the_filter_is_the_textbooks(vehicle: Vehicle) -> None:
+    samples = run_of(vehicle, Mocap(jump_fraction=0.0), 1.5)
+    never = Tuning(gate=1e9, huber=1e9)
+    state = filter_for(vehicle, shape=samples.shape, tuning=never)
+    reference = Reference(vehicle, state, samples)
+    held = new_held_input(samples.shape.shape[1], samples.lag, 0.0)
+    pushed = 0
+    for i in range(17):  # until the anchor moves
+        pushed = joint_events(
+            state, held, samples.t, samples.values, samples.input_t, samples.input_force, True, i, i + 1, pushed
+        )
+        while reference.held.counters[0] < held.counters[0]:
+            k = int(reference.held.counters[0])
+            held_push(reference.held, samples.input_t[k], samples.input_force[k])
+        if i == 0:
+            held_means_into(reference.held, samples.t[0], reference.pushed)
+            reference.x, reference.P = state.x.copy(), state.P.copy()
+            reference.force = state.force.copy()
+            reference.theta = state.theta.copy()
+            continue
+        reference.predict(samples.t[i], samples.t[i] - samples.t[i - 1])
+        reference.update(samples.values[i])
+        np.testing.assert_array_equal(state.anchor, reference.anchor)
+        np.testing.assert_allclose(state.x, reference.x, atol=1e-9)
+        np.testing.assert_allclose(state.theta, reference.theta, atol=1e-8)
+        scale = np.sqrt(np.outer(np.diag(reference.P), np.diag(reference.P))) + 1e-12
+        assert (np.abs(state.P - reference.P) / scale).max() < 1e-6
+
+
+def test_covariance_stays_symmetric_and_positive(vehicle: Vehicle) -> None:
+    samples = run_of(vehicle, Mocap())
+    state = follow(filter_for(vehicle, shape=samples.shape), samples)
+    np.testing.assert_array_equal(state.P, state.P.T)
+    active = np.diag(state.P) > 0.0
+    assert np.linalg.eigvalsh(state.P[np.ix_(active, active)]).min() > 0.0
+    assert state.clock[C_ROWS] == len(samples) - 1
+
+
+def test_one_by_one_is_as_all_at_once(vehicle: Vehicle) -> None:
+    samples = run_of(vehicle, Ins(), 4.0)
+    whole = follow(filter_for(vehicle, shape=samples.shape, biases=True), samples)
+    state = filter_for(vehicle, shape=samples.shape, biases=True)
+    held = new_held_input(samples.shape.shape[1], samples.lag, 0.0)
+    k = 0
+    for t, z in zip(samples.t, samples.values, strict=True):
+        while k < len(samples.input_t) and samples.input_t[k] <= t:
+            held_push(held, samples.input_t[k], samples.input_force[k])
+            k += 1
+        joint_step(state, held, t, z, True)
+    for a, b in zip(whole[:7], state[:7], strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("sensors", [Mocap(), Ins()])
+def test_errors_are_as_large_as_the_filter_says(vehicle: Vehicle, sensors: Mocap | Ins) -> None:
+    squares = []
+    for seed in range(6):
+        samples = run_of(vehicle, sensors, 12.0, seed=seed)
+        biases = isinstance(sensors, Ins)
+        state = follow(filter_for(vehicle, shape=samples.shape, biases=biases), samples)
+        free = free_parameters(vehicle, NAMES)
+        n = len(free)
+        error = state.theta - free.theta(vehicle, delay=0.0, lag=0.1)
+        block = state.P[N_FIXED : N_FIXED + n, N_FIXED : N_FIXED + n]
+        squares.append(error @ np.linalg.solve(block, error) / n)
+    # 6 runs of 5 coefficients: chi squared with 30 degrees of freedom, over 30
+    assert 0.3 < np.mean(squares) < 2.2
+
+
+def test_a_hidden_marker_is_refused_and_a_moved_origin_taken_up(vehicle: Vehicle) -> None:
+    samples = run_of(vehicle, Mocap(jump_fraction=0.0), 6.0)
+    values = samples.values.copy()
+    values[200:230, :3] += 0.04  # 0.3 s: a jump
+    values[400:, :3] += 0.3  # for good
+    moved = Samples(samples.t, values, samples.input_t, samples.input_force, samples.shape, samples.lag, True)
+    clean = follow(filter_for(vehicle, shape=samples.shape), samples)
+    state = follow(filter_for(vehicle, shape=samples.shape), moved)
+    assert 25 <= state.stats[0, 3] - clean.stats[0, 3] <= 30 + 75
+    assert state.clock[C_RESETS] == 1.0
+    std = np.sqrt(np.diag(clean.P)[N_FIXED:])
+    assert (np.abs(state.theta - clean.theta) < 1.0 * std + 1e-3).all()
+    np.testing.assert_allclose(state.x[:3] - clean.x[:3], 0.3, atol=0.01)
+
+
+def test_rows_out_of_order_and_without_numbers_change_nothing(vehicle: Vehicle) -> None:
+    samples = run_of(vehicle, Mocap(), 3.0)
+    state = filter_for(vehicle, shape=samples.shape)
+    held = new_held_input(samples.shape.shape[1], samples.lag, 0.0)
+    joint_events(state, held, samples.t, samples.values, samples.input_t, samples.input_force, True, 0, 100, 0)
+    before = state.theta.copy(), state.P.copy()
+    assert not joint_step(state, held, float(samples.t[50]), samples.values[50], True)
+    assert not joint_step(state, held, float("nan"), samples.values[50], True)
+    np.testing.assert_array_equal(state.theta, before[0])
+    np.testing.assert_array_equal(state.P, before[1])
+    nothing = np.full(15, np.nan)
+    assert joint_step(state, held, float(samples.t[100]), nothing, True)
+    assert np.isfinite(state.P).all()
+    assert np.isfinite(state.x).all()
+
+
+def test_after_a_long_gap_the_motion_begins_anew_and_coefficients_stay(vehicle: Vehicle) -> None:
+    samples = run_of(vehicle, Mocap(), 6.0)
+    state = follow(filter_for(vehicle, shape=samples.shape), samples, 300)
+    theta = state.theta.copy()
+    held = new_held_input(samples.shape.shape[1], samples.lag, 0.0)
+    held_push(held, samples.t[-1], samples.input_force[-1])
+    z = samples.values[-1] + 5.0
+    assert not joint_step(state, held, float(samples.t[-1] + 60.0), z, True)
+    np.testing.assert_allclose(state.theta, theta, atol=1e-12)
+    np.testing.assert_allclose(state.x[:3], z[:3], atol=1e-2)
+
+
+def test_the_kernel_vector_has_the_coefficients(vehicle: Vehicle) -> None:
+    samples = run_of(vehicle, Mocap(), 5.0)
+    state = follow(filter_for(vehicle, shape=samples.shape), samples)
+    assert state.p.size == N_PARAMETERS
+    free = free_parameters(vehicle, NAMES)
+    k = free.names.index("X_udot")
+    assert state.p[0] == pytest.approx(np.exp(state.anchor[k]))
