@@ -1,0 +1,107 @@
+"""Runs trials on several processes, with a line of progress, and writes what came of a study as JSON."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from trial import Outcome, Trial, perform
+
+from towtank.outputs import write_text
+
+__all__ = ["arguments", "plain", "run", "write_json"]
+
+_ONE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def arguments(description: str, runs: int, argv: Sequence[str] | None = None) -> argparse.Namespace:
+    """Read the options that all studies share: runs, seed, only, method, workers, output."""
+    parser = argparse.ArgumentParser(
+        description=description.strip(), formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--runs", type=int, default=runs, help=f"seeded runs (default {runs})")
+    parser.add_argument("--seed", type=int, default=1, help="of the first run; the others count up (default 1)")
+    parser.add_argument("--only", help="part of the names of the experiments, or patterns, separated by commas")
+    parser.add_argument("--method", default="joint", help="of the estimator (default joint)")
+    parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1), help="processes (default 2)")
+    parser.add_argument("--output", type=Path, help="JSON file to write")
+    options = parser.parse_args(argv)
+    if options.runs < 1 or options.seed < 0 or options.workers < 1:
+        parser.error("--runs and --workers: expected 1 or more; --seed: expected 0 or more")
+    return options
+
+
+def run(title: str, trials: Sequence[Trial], workers: int) -> list[Outcome]:
+    """Perform the trials and return their outcomes in the same order."""
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
+        TextColumn("{task.fields[failed]}"),
+    )  # fmt: skip
+    found: list[Outcome | None] = [None] * len(trials)
+    failures = 0
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(title, total=len(trials), failed="")
+
+        def done(i: int, outcome: Outcome) -> None:
+            nonlocal failures
+            found[i] = outcome
+            failures += outcome.failure is not None
+            progress.update(task, advance=1, failed=f"{failures} failed" if failures else "")
+
+        if workers == 1:
+            for i, trial in enumerate(trials):
+                done(i, perform(trial))
+        else:
+            _in_processes(trials, workers, done)
+    return [outcome for outcome in found if outcome is not None]
+
+
+def _in_processes(trials: Sequence[Trial], workers: int, done: Any) -> None:
+    before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # the processes that start below inherit it
+    try:
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+            waiting = {pool.submit(perform, trial): i for i, trial in enumerate(trials)}
+            try:
+                for future in as_completed(waiting):
+                    done(waiting[future], future.result())
+            except BaseException:
+                pool.shutdown(cancel_futures=True)
+                raise
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def write_json(path: Path | None, document: dict[str, Any]) -> None:
+    """Write the document of a study, if a path was asked for."""
+    if path is not None:
+        write_text(path, json.dumps(plain(document), indent=1, allow_nan=False) + "\n")
+
+
+def plain(value: Any) -> Any:
+    """Return the value as JSON has it: arrays as lists, numbers to six digits, what is not finite as null."""
+    if isinstance(value, dict):
+        return {str(key): plain(each) for key, each in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return float(f"{value:.6g}") if math.isfinite(value) else None
+    return value
