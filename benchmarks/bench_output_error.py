@@ -5,20 +5,29 @@
 First every fit must find the truth within four of its own deviations. One core; 60 s at 100 Hz, noise of 1 mm and
 1 mrad with marker jumps. Surge: inertia and drag of the vLBV300, from the position on one axis, and from the whole
 pose. Coupled: 13 coefficients of all axes, whole pose.
+
+Beside the single axis: `scipy.optimize.least_squares` (Huber's loss, finite differences) over the same unknowns, with
+towtank's compiled simulator of all six axes, and with `solve_ivp` on the one equation of surge; it must find the same.
+Neither takes marker jumps out, learns the noise or says how sure it is.
 """
 
 from __future__ import annotations
 
+import itertools
 import sys
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from figures import Figure, interleaved, report
+from scipy.integrate import solve_ivp
+from scipy.optimize import least_squares
 
 from towtank.core.arrays import Array
+from towtank.core.rk4 import simulate_run
 from towtank.identification.output_error import OutputErrorFit, fit_output_error
-from towtank.identification.parameters import FreeParameters, free_parameters
+from towtank.identification.parameters import FreeParameters, free_parameters, put_parameters
 from towtank.identification.samples import Samples, samples_of
 from towtank.simulation import Mocap, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle
@@ -75,6 +84,72 @@ def task(vehicle: Vehicle, names: tuple[str, ...], motion: str, columns: int) ->
     return fit
 
 
+class Plain:
+    """What one writes with scipy: residuals of a free run of surge in (x, u at the start, ln inertia, ln drag)."""
+
+    scale = np.array([1e-3, 1e-3, 0.1, 0.1])
+
+    def __init__(self, run: Callable[[Array], Array], samples: Samples, start: Array) -> None:
+        self.run, self.x, self.start = run, samples.values[:, 0], np.concatenate([[samples.values[0, 0], 0.0], start])
+
+    def unknowns(self, steps: Array) -> Array:
+        return np.asarray(self.start + self.scale * (steps - 1.0))
+
+    def residuals(self, steps: Array) -> Array:
+        return (self.run(self.unknowns(steps)) - self.x) / 1e-3
+
+    def __call__(self) -> Array:
+        found = least_squares(self.residuals, np.ones(4), diff_step=1e-2, loss="huber", f_scale=2.0)
+        return self.unknowns(found.x)[2:]
+
+
+def simulator(vehicle: Vehicle, free: FreeParameters, samples: Samples) -> Callable[[Array], Array]:
+    tau = (samples.input_force @ samples.shape.T)[: len(samples) - 1, None, :]
+
+    def run(unknowns: Array) -> Array:
+        p, state = vehicle.parameters.copy(), np.zeros(13)
+        put_parameters(p, free.codes, np.asarray(unknowns[2:]), np.empty((6, 6)))
+        state[0], state[3], state[7] = unknowns[0], 1.0, unknowns[1]
+        return np.asarray(simulate_run(p, state, tau, DT, np.zeros(3))[:, 0])
+
+    return run
+
+
+def integrator(samples: Samples) -> Callable[[Array], Array]:
+    """From one change of the held force to the next."""
+    force = (samples.input_force @ samples.shape.T)[:, 0]
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(force)) + 1, [len(samples) - 1]])
+
+    def run(unknowns: Array) -> Array:
+        inertia, drag = np.exp(unknowns[2:])
+        state, x = np.array(unknowns[:2]), np.empty(len(samples))
+        for a, b in itertools.pairwise(edges):
+            push = force[a]
+
+            def rate(_t: float, y: Array, push: float = push) -> tuple[float, float]:
+                return y[1], (push - drag * abs(y[1]) * y[1]) / inertia
+
+            t = samples.t[a : b + 1]
+            y = solve_ivp(rate, (t[0], t[-1]), state, t_eval=t, rtol=1e-8, atol=1e-10).y
+            x[a : b + 1], state = y[0], y[:, -1]
+        return x
+
+    return run
+
+
+def peers(fit: Callable[[], OutputErrorFit]) -> tuple[Plain, Plain]:
+    """Both forms of the plain fit, proved before they are timed."""
+    vehicle = surge_vehicle()
+    samples, free = measured(vehicle, "paper-square", 1), free_parameters(vehicle, SURGE)
+    start, found = off(free, free.theta(vehicle, delay=0.0, lag=0.0)), fit()
+    both = (Plain(simulator(vehicle, free, samples), samples, start), Plain(integrator(samples), samples, start))
+    for plain in both:
+        apart = np.abs(plain() - found.theta) / np.sqrt(np.diag(found.covariance))
+        if apart.max() > 4.0:  # marker jumps pull at it
+            raise SystemExit(f"the plain fit finds something else, {apart.max():.1f} std away: nothing timed")
+    return both
+
+
 def measure() -> list[Figure]:
     surge = surge_vehicle()
     tasks = {
@@ -83,8 +158,12 @@ def measure() -> list[Figure]:
         "coupled_pose": task(load_vehicle("vlbv300"), COUPLED, "all-multisine", 6),
     }
     runs = {name: fit().iterations for name, fit in tasks.items()}
-    seconds = interleaved(dict(tasks), repeats=9)
-    return [
+    compiled, python = peers(tasks["surge_position"])
+    seconds = interleaved({**tasks, "compiled": compiled}, repeats=9)
+    begin = time.perf_counter()
+    python()
+    seconds["python"] = time.perf_counter() - begin
+    figures = [
         Figure(
             f"output_error_{name}_6000",
             1e3 * seconds[name],
@@ -93,6 +172,12 @@ def measure() -> list[Figure]:
             note=f"{runs[name]} free runs",
         )
         for name in tasks
+    ]
+    own = seconds["surge_position"]
+    return [
+        *figures,
+        Figure("scipy_over_simulator", seconds["compiled"] / own, "x", note=f"{1e3 * seconds['compiled']:.0f} ms"),
+        Figure("scipy_over_solve_ivp", seconds["python"] / own, "x", note=f"{seconds['python']:.1f} s"),
     ]
 
 

@@ -48,6 +48,59 @@ def test_delay_and_axes_with_the_vehicle(delayed: Path) -> None:
     assert found["delay_s"] == pytest.approx(0.08, abs=0.01)
     assert found["axes"]["yaw"]["identifiable"] is True
     assert found["axes"]["yaw"]["coefficients"]["N_rdot"] is None
+    assert 0.0 < found["delay_std_s"] < 0.01
+
+
+def test_noise_of_every_channel(delayed: Path, workshop: Path) -> None:
+    noise = document("inspect", delayed)["noise"]
+    assert noise["x"]["std"] == pytest.approx(1e-3, rel=0.1)
+    assert noise["x"]["white"] is True
+    noise = document("inspect", workshop / "yaw.csv")["noise"]
+    assert noise["r"]["std"] == pytest.approx(2e-3, rel=0.1)
+    assert noise["az"]["std"] == pytest.approx(0.02, rel=0.1)
+    assert "x" not in noise
+
+
+def test_how_well_each_coefficient_will_be_known(delayed: Path) -> None:
+    found = document("inspect", delayed, "--vehicle", "vlbv300")
+    known = found["excitation"]["coefficients"]
+    assert 0.01 < known["X_udot"]["percent"] < 2.0
+    assert known["X_uu"]["text"].startswith("surge drag will be known to ")
+    assert found["axes"]["surge"]["prospects"]["X_uu"] == known["X_uu"]
+    assert found["excitation"]["whole"] is True
+    assert found["excitation"]["by"] == "joint filter"
+    out = " ".join(command("inspect", delayed, "--vehicle", "vlbv300").out.split())
+    assert "surge mass will be known to" in out
+    assert ", surge drag to" in out
+    assert "Disturbance" in out
+
+
+def test_level_of_the_disturbance(delayed: Path, workshop: Path) -> None:
+    found = document("inspect", workshop / "surge.csv", "--vehicle", "vlbv300")["disturbance"]
+    assert found["X"]["std"] == pytest.approx(0.3, rel=0.4)
+    assert found["X"]["unit"] == "N"
+    without = document("inspect", workshop / "surge.csv")
+    assert without["disturbance"] == {}
+    assert without["excitation"] == {}
+
+
+def test_a_quick_look_gives_the_delay_a_deviation(delayed: Path) -> None:
+    found = document("inspect", delayed)
+    assert 0.0 < found["delay_std_s"] < 0.01
+
+
+def test_velocity_in_the_world(tmp_path: Path, workshop: Path) -> None:
+    run = tt.read(workshop / "yaw.csv")
+    t, psi = run["psi"].t, run["psi"].values
+    world = {"vn": 0.1 * np.cos(psi), "ve": 0.1 * np.sin(psi), "vd": 0.0 * t}
+    log = tmp_path / "gps.csv"
+    run.without("u", "v", "w").replace(tt.Recording.from_table(t, world).channels).write(log)
+    found = document("inspect", log)
+    channels = {entry["name"]: entry for entry in found["channels"]}
+    assert channels["u"]["frame"] == "FRD"
+    assert channels["u"]["max"] == pytest.approx(0.1, abs=0.01)
+    assert any("turned into the body" in note for note in found["notes"])
+    assert found["axes"]["surge"]["source"] == "measured"
 
 
 def test_an_axis_that_was_not_moved(workshop: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from towtank.vehicle import load_vehicle
+from towtank.vehicle import Coefficient, load_vehicle, save_vehicle
 
 from .commands import command, document, refused
 
@@ -23,13 +23,19 @@ def test_document_is_the_contract(learned: dict, workshop: Path) -> None:
     assert learned.keys() >= CONTRACT
     assert learned["vehicle"] == "vlbv300"
     assert learned["logs"] == [str(workshop / "yaw.csv")]
-    assert learned["method"] == "paper"
+    assert learned["method"] in ("joint", "output-error")
+    assert learned["remarks"]
     assert learned["duration_s"] == pytest.approx(30.0, abs=0.1)
     assert learned["fit"].keys() >= {"u", "v", "w", "p", "q", "r"}
     for entry in learned["coefficients"].values():
-        assert entry.keys() == {"value", "std", "unit", "identified", "reason"}
+        assert entry.keys() == {"value", "std", "interval", "unit", "identified", "reason"}
         assert entry["identified"] is (entry["reason"] is None)
         assert (entry["std"] is not None) is entry["identified"]
+        assert (entry["interval"] is not None) is entry["identified"]
+        if entry["identified"]:
+            low, high = entry["interval"]
+            assert high - low == pytest.approx(3.92 * entry["std"], rel=1e-3)
+            assert (low + high) / 2.0 == pytest.approx(entry["value"])
 
 
 def test_what_was_moved_is_learned(learned: dict) -> None:
@@ -51,6 +57,64 @@ def test_table_names_what_was_learned_and_why_the_rest_was_not(workshop: Path) -
     assert "not commanded" in ran.out.replace("\n", " ")
     assert "Next:" in ran.out
     assert "Repairs(" not in ran.out
+
+
+def test_levels_of_noise_and_disturbance_are_told(learned: dict) -> None:
+    assert learned["noise"]["r"] == {"std": pytest.approx(0.002, rel=0.1), "unit": "rad/s"}
+    assert "x" not in learned["noise"]
+    assert set(learned["disturbance"]) == set("XYZKMN")
+    assert 0.1 < learned["disturbance"]["X"]["std"] < 1.0
+    assert learned["disturbance"]["N"]["unit"] == "N m"
+
+
+@pytest.mark.parametrize("method", ["joint", "output-error", "paper"])
+def test_every_method_says_what_it_used(method: str, workshop: Path) -> None:
+    words = ["learn", workshop / "yaw.csv", "--vehicle", "vlbv300", "--method", method, "--window", "0,15"]
+    found = document(*words, "--free", "N_rdot,N_rr", "--delay", 0)
+    assert found["method"] in (("joint", "output-error") if method == "joint" else (method,))
+    assert found["coefficients"]["N_rdot"]["value"] == pytest.approx(-0.9061, rel=0.05)
+    ran = command(*words, "--free", "N_rdot,N_rr", "--delay", 0)
+    assert ran.code == 0
+    assert "95 % interval" in ran.out
+    assert "How it was learned" in ran.out
+    assert ("disturbance" in ran.out) is (method != "paper")
+
+
+def test_a_prior_enters_as_information(tmp_path: Path, workshop: Path) -> None:
+    prior = tmp_path / "prior.toml"
+    known = load_vehicle("vlbv300").with_coefficients({"N_rr": Coefficient(value=-0.353, std=1e-4)})
+    save_vehicle(known, prior)
+    words = ["learn", workshop / "yaw.csv", "--vehicle", "vlbv300", "--free", "N_rdot,N_rr", "--delay", 0]
+    free, held = document(*words), document(*words, "--prior", prior)
+    assert held["coefficients"]["N_rr"]["value"] == pytest.approx(-0.353, abs=5e-4)
+    assert held["coefficients"]["N_rr"]["std"] < 0.5 * free["coefficients"]["N_rr"]["std"]
+    assert held["prior"] == str(prior)
+    model = tmp_path / "model.toml"
+    assert command(*words, "--prior", prior, "-o", model).code == 0
+    assert any("prior prior.toml" in note for note in load_vehicle(model).provenance.notes)
+
+
+def test_the_scale_of_thrust_is_within_every_deviation(tmp_path: Path, workshop: Path) -> None:
+    vehicle = tmp_path / "v.toml"
+    save_vehicle(load_vehicle("vlbv300").model_copy(update={"scale_std": 0.1}), vehicle)
+    words = ["learn", workshop / "yaw.csv", "--free", "N_rdot,N_rr", "--delay", 0, "--method", "paper"]
+    plain, unsure = document(*words, "--vehicle", "vlbv300"), document(*words, "--vehicle", vehicle)
+    one, two = (found["coefficients"]["N_rr"] for found in (plain, unsure))
+    assert two["value"] == pytest.approx(one["value"])
+    assert two["std"] ** 2 == pytest.approx(one["std"] ** 2 + (0.1 * one["value"]) ** 2, rel=1e-6)
+    assert unsure["sums"]["I_z - N_rdot"]["std"] > 0.099 * unsure["sums"]["I_z - N_rdot"]["value"]
+    assert "scale of thrust known to 10 %" in command(*words, "--vehicle", vehicle).out
+
+
+def test_a_scale_that_nothing_fixes_is_told(tmp_path: Path, workshop: Path) -> None:
+    vehicle = tmp_path / "v.toml"
+    curve = {"kind": "quadratic", "forward": 1.0}
+    known = load_vehicle("vlbv300")
+    thrusters = tuple({**thruster.model_dump(), "curve": curve} for thruster in known.thrusters)
+    save_vehicle(known.model_copy(update={"thrusters": thrusters}), vehicle)
+    words = ["learn", workshop / "yaw.csv", "--free", "N_rdot,N_rr", "--delay", 0, "--method", "paper"]
+    warned = document(*words, "--vehicle", vehicle)["warnings"]
+    assert any("only ratios of the coefficients are known" in text for text in warned)
 
 
 def test_only_what_is_free_is_learned(workshop: Path) -> None:
@@ -96,10 +160,10 @@ def test_validate_in_windows(workshop: Path) -> None:
 @pytest.mark.parametrize(
     "words, expected",
     [
-        (["--method", "joint"], 'this version offers "paper" only'),
-        (["--method", "output-error"], 'this version offers "paper" only'),
         (["--method", "papers"], 'did you mean "paper"?'),
-        (["--prior", "seamor"], 'this version offers "paper" only'),
+        (["--method", "paper", "--prior", "seamor"], "the method paper takes none"),
+        (["--prior", "seamor"], "--prior seamor: no coefficient bears a std"),
+        (["--prior", "nothing.toml"], "nothing.toml: no such file"),
         (["--report", "r.html"], "this version writes no HTML report"),
         (["--free", "X_zz"], "X_zz"),
         (["--free", ","], "expected names of coefficients"),

@@ -45,19 +45,27 @@ def pool(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Pool:
     return Pool(data, tmp_path_factory.mktemp("pool"))
 
 
+def plausible(total: dict) -> bool:
+    """Whether the interval of the yaw inertia meets 0.7 to 1.25 kg m^2, found with a delay and no lag.
+
+    A thruster that answers late takes a part of what a delay alone would leave to the inertia.
+    """
+    return total["value"] + 2.0 * total["std"] >= 0.7 and total["value"] - 2.0 * total["std"] <= 1.25
+
+
 def test_yaw(pool: Pool) -> None:
     found, model = pool.learn("yaw_1")
-    assert 0.7 <= found["sums"]["I_z - N_rdot"]["value"] <= 1.25
+    assert plausible(found["sums"]["I_z - N_rdot"])
     assert 0.0 <= found["delay_s"] <= 0.06
     quadratic = found["coefficients"]["N_rr"]
     assert quadratic["identified"] is False
     assert "cannot be told apart" in quadratic["reason"]
-    assert pool.fit(model, "yaw_2")["r"] >= 72.0
+    assert pool.fit(model, "yaw_2")["r"] >= 76.0
 
 
 def test_yaw_of_two_runs(pool: Pool) -> None:
     found, model = pool.learn("yaw_1", "yaw_2")
-    assert 0.7 <= found["sums"]["I_z - N_rdot"]["value"] <= 1.25
+    assert 0.45 <= found["sums"]["I_z - N_rdot"]["value"] <= 1.25  # the less, the more of the lateness is lag
     assert 0.0 <= found["delay_s"] <= 0.06
     assert pool.fit(model, "yaw_3")["r"] >= 53.0
 

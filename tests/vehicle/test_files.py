@@ -82,6 +82,10 @@ WRONG = {
     + "center_of_gravity = [0, 0, 0]": 'rigid_body.center_of_gravity: unknown key; did you mean "centre_of_gravity"',
     HEAD + "[buoyancy]\nforce = -1": "buoyancy.force: found -1, expected 0 or more",
     "command_delay = -1\n" + HEAD: "command_delay: found -1, expected 0 or more",
+    "scale_std = -0.1\n" + HEAD: "scale_std: found -0.1, expected a share of 0 or more and below 1",
+    "scale_std = 1\n" + HEAD: "scale_std: found 1, expected a share of 0 or more and below 1",
+    'scale_std = "5 %"\n' + HEAD: 'scale_std: found the text "5 %", expected a number',
+    "scale_sdt = 0.1\n" + HEAD: 'scale_sdt: unknown key; did you mean "scale_std"?',
     "thrusters = 3\n" + HEAD: "thrusters: found 3, expected a list of tables; write [[thrusters]]",
     thruster("[[thrusters]]", "[thrusters]"): "thrusters: found a table, expected a list of tables",
     HEAD + THRUSTER + THRUSTER: 'thrusters[1].name: "aft" is already the name of thrusters[0]',
@@ -237,6 +241,7 @@ def vehicles(draw):
         hydrodynamics={name: draw(coefficients()) for name in chosen},
         thrusters=thrusters,
         command_delay=draw(st.just(0.0) | positive),
+        scale_std=draw(st.none() | st.floats(0.0, 1.0, exclude_max=True)),
         provenance=Provenance(source=draw(text), notes=tuple(draw(st.lists(text, max_size=2)))),
     )
 

@@ -30,15 +30,21 @@ _LEAK = 0.1  # 1/s, of the integral of the speed that stands for the angle
 _LONGEST = 0.4  # s
 _MOST_ROWS = 60_000
 _FEW = 100
+_BLOCKS = 64  # of time, for the deviation of the delay
 _INDEPENDENT = 1e-9
 
 
 @dataclass(frozen=True)
 class FirstLook:
-    """Delay [s] (None without a driven axis), and per axis the share 0 .. 1 of its acceleration that inputs explain
-    (NaN where its speed is unknown)."""
+    """What a quick look shows.
+
+    Attributes:
+        delay, delay_std: [s]; None without a driven axis, the deviation NaN where it cannot be told.
+        explained: per axis the share 0 .. 1 of its acceleration that inputs explain, NaN where its speed is unknown.
+    """
 
     delay: float | None
+    delay_std: float | None
     explained: tuple[float, ...]
     sources: Sources
 
@@ -52,10 +58,10 @@ def first_look(grid: Grid) -> FirstLook:
     at_once = slow.explained(0.0)
     driven = {i for i in range(6) if at_once[i] > DRIVEN}
     if not driven:
-        return FirstLook(None, tuple(at_once), sources)
+        return FirstLook(None, None, tuple(at_once), sources)
     quick = _Motion(grid, nu, _QUICK, passes)
-    scan = scan_delay(lambda delay: DelayCost(quick.misfit(delay, driven)), _LONGEST)
-    return FirstLook(float(scan.delay), tuple(slow.explained(scan.delay)), sources)
+    scan = scan_delay(lambda delay: quick.misfit(delay, driven), _LONGEST)
+    return FirstLook(float(scan.delay), float(scan.std), tuple(slow.explained(scan.delay)), sources)
 
 
 class _Motion:
@@ -89,16 +95,20 @@ class _Motion:
                 found[i] = 1.0 - float(left / total) if total > 0.0 else 0.0
         return found
 
-    def misfit(self, delay: float, axes: Collection[int]) -> float:
-        """Return -2 ln L of these axes for a delay [s]."""
+    def misfit(self, delay: float, axes: Collection[int]) -> DelayCost:
+        """Return -2 ln L of these axes for a delay [s], and its parts over blocks of time."""
         inputs = self.inputs(delay)
         total = 0.0
+        blocks: list[Array] = []
         for group in self.groups:
             chosen = [axis in axes for axis in group.axes]
             if any(chosen):
-                left = group.left(inputs)[chosen]
-                total += group.open.shape[0] * float(np.log(np.maximum(left, 1e-300)).sum())
-        return total
+                squares = group.residual(inputs)[:, chosen] ** 2
+                n, left = squares.shape[0], np.maximum(squares.sum(axis=0), 1e-300)
+                total += n * float(np.log(left).sum())
+                edges = np.linspace(0, n, _BLOCKS + 1).astype(np.intp)[:-1]
+                blocks += list((n / left * np.add.reduceat(squares, edges, axis=0)).T)
+        return DelayCost(total, blocks)
 
     @cached_property
     def groups(self) -> list[_Group]:
@@ -147,7 +157,11 @@ class _Group:
 
     def left(self, inputs: Array) -> Array:
         """Return the sum of squares (axes,) that inputs (n-1, k) and motion together leave."""
+        return np.asarray((self.residual(inputs) ** 2).sum(axis=0))
+
+    def residual(self, inputs: Array) -> Array:
+        """Return what inputs (n-1, k) and motion together leave (m, axes)."""
         columns = inputs[self.known]
         columns = columns - self.basis @ (self.basis.T @ columns)
         theta = np.linalg.lstsq(columns.T @ columns, columns.T @ self.open, rcond=_INDEPENDENT)[0]
-        return np.asarray(((self.open - columns @ theta) ** 2).sum(axis=0))
+        return np.asarray(self.open - columns @ theta)

@@ -8,11 +8,16 @@ from typing import Any
 
 from towtank.app.channel_facts import ChannelFacts, channel_facts
 from towtank.app.first_look import DRIVEN, first_look
+from towtank.app.learn_report import delay_deviation
+from towtank.app.levels_tables import disturbance_document
 from towtank.app.output import Teller
 from towtank.app.repairs_text import learning_warnings
 from towtank.identification import LogLearning, learn_paper
 from towtank.identification.axes import AXES
 from towtank.identification.chain import Sources, uses_commands
+from towtank.identification.log_learning import Levels
+from towtank.identification.noise import NoiseLevel, noise_levels
+from towtank.identification.outlook import Outlook, Prospect, liveliest, outlook
 from towtank.recording import Grid, Recording, align, bind_thrusters
 from towtank.vehicle import Vehicle
 
@@ -26,6 +31,7 @@ class AxisVerdict:
     Attributes:
         source: "measured", "derived" (from the pose) or "absent". explained: share of the acceleration that the inputs
             explain, None where a vehicle was given. coefficients: name -> reason, None where it is identified.
+        prospects: name -> how well a learning will know it.
     """
 
     velocity: str
@@ -34,21 +40,40 @@ class AxisVerdict:
     reason: str | None
     explained: float | None
     coefficients: Mapping[str, str | None]
+    prospects: Mapping[str, Prospect]
 
 
 @dataclass(frozen=True)
 class Inspection:
-    """Everything about one log; `delay_from` is "vehicle", "correlation" or None."""
+    """Everything about one log.
+
+    Attributes:
+        noise: of each motion channel. delay_from: "vehicle", "correlation" or None. outlook: what a learning will know,
+            None without a vehicle or where nothing can be identified. windows: stretches [s] that this was read from.
+    """
 
     log: str
     recording: Recording
     grid: Grid
     channels: list[ChannelFacts]
+    noise: Mapping[str, NoiseLevel]
     delay: float | None
     delay_std: float | None
     delay_from: str | None
     axes: dict[str, AxisVerdict]
     warnings: list[str]
+    outlook: Outlook | None = None
+    windows: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def sources(self) -> Sources:
+        """Where speeds and attitude come from."""
+        return Sources.of(self.grid.pose, self.grid.velocity, self.grid.acceleration)
+
+    @property
+    def levels(self) -> Levels | None:
+        """Levels of noise and disturbance, where the filter that found them is believed."""
+        return self.outlook.levels if self.outlook is not None and self.outlook.agrees else None
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document."""
@@ -61,10 +86,13 @@ class Inspection:
             "channels": [asdict(facts) for facts in self.channels],
             "repairs": {**asdict(repairs), "lines": repairs.lines},
             "notes": self.recording.notes,
+            "noise": {name: asdict(level) for name, level in self.noise.items()},
             "delay_s": self.delay,
             "delay_std_s": self.delay_std,
             "delay_from": self.delay_from,
             "axes": {name: asdict(verdict) for name, verdict in self.axes.items()},
+            "disturbance": disturbance_document(self.levels, [self.sources]),
+            "excitation": _excitation(self),
             "warnings": self.warnings,
         }
 
@@ -75,7 +103,7 @@ def inspect_recording(log: str, recording: Recording, vehicle: Vehicle | None, t
     Raises:
         InputError: no motion, fewer than 4 samples, or thrusters that the vehicle lacks.
     """
-    facts = channel_facts(recording)
+    facts, noise = channel_facts(recording), noise_levels(recording)
     if vehicle is not None:
         recording = bind_thrusters(recording, [thruster.name for thruster in vehicle.thrusters])
     grid = align(recording)
@@ -84,7 +112,7 @@ def inspect_recording(log: str, recording: Recording, vehicle: Vehicle | None, t
     if not commanded and not grid.wrench_t.size:
         reason = "no inputs recorded: neither thruster commands (cmd_...) nor a wrench (X Y Z K M N)"
         axes = {axis.name: _no(axis.velocity, kind, reason) for axis, kind in _axes(sources)}
-        return Inspection(log, recording, grid, facts, None, None, None, axes, [])
+        return Inspection(log, recording, grid, facts, noise, None, None, None, axes, [])
     if vehicle is None:
         look = first_look(grid)
         axes = {
@@ -92,12 +120,28 @@ def inspect_recording(log: str, recording: Recording, vehicle: Vehicle | None, t
             for (axis, kind), share in zip(_axes(sources), look.explained, strict=True)
         }
         origin = None if look.delay is None else "correlation"
-        return Inspection(log, recording, grid, facts, look.delay, None, origin, axes, [])
-    learning = learn_paper(vehicle, [recording], progress=tell)
-    std = None if learning.delay_scan is None else learning.delay_scan.std
-    axes = {axis.name: _by_learning(axis, kind, learning) for axis, kind in _axes(sources)}
-    warnings = learning_warnings(learning, [recording], repairs=False)
-    return Inspection(log, recording, grid, facts, learning.delay, std, "vehicle", axes, warnings)
+        return Inspection(log, recording, grid, facts, noise, look.delay, look.delay_std, origin, axes, [])
+    windows = liveliest(grid, vehicle)
+    parts = [recording] if len(windows) == 1 else [recording.window(*window) for window in windows]
+    learning = learn_paper(vehicle, parts, progress=lambda text, share: tell(text, 0.6 * share))
+    ahead = outlook(vehicle, parts, learning, told=lambda share: tell("joint filter", 0.6 + 0.4 * share))
+    axes = {axis.name: _by_learning(axis, kind, learning, ahead) for axis, kind in _axes(sources)}
+    warnings = learning_warnings(learning, parts, repairs=False)
+    delay, std = (learning.delay, delay_deviation(learning)) if ahead is None else (ahead.delay, ahead.delay_std)
+    return Inspection(log, recording, grid, facts, noise, delay, std, "vehicle", axes, warnings, ahead, windows)
+
+
+def _excitation(found: Inspection) -> dict[str, Any]:
+    """Return what a learning will know, and from which stretches of the log that is told."""
+    ahead = found.outlook
+    if ahead is None:
+        return {}
+    return {
+        "windows": found.windows,
+        "whole": len(found.windows) == 1,
+        "by": "joint filter" if ahead.agrees else "least squares",
+        "coefficients": {name: asdict(prospect) for name, prospect in ahead.known.items()},
+    }
 
 
 def _axes(sources: Sources) -> list[tuple[Any, str]]:
@@ -105,7 +149,7 @@ def _axes(sources: Sources) -> list[tuple[Any, str]]:
 
 
 def _no(velocity: str, source: str, reason: str, explained: float | None = None) -> AxisVerdict:
-    return AxisVerdict(velocity, source, False, reason, explained, {})
+    return AxisVerdict(velocity, source, False, reason, explained, {}, {})
 
 
 def _by_explained(velocity: str, source: str, share: float) -> AxisVerdict:
@@ -113,13 +157,14 @@ def _by_explained(velocity: str, source: str, share: float) -> AxisVerdict:
         return _no(velocity, source, f"{velocity} is not measured and there is no pose to derive it from")
     if share < DRIVEN:
         return _no(velocity, source, f"hardly follows the inputs: they explain {share:.0%} of its acceleration", share)
-    return AxisVerdict(velocity, source, True, None, share, {})
+    return AxisVerdict(velocity, source, True, None, share, {}, {})
 
 
-def _by_learning(axis: Any, source: str, learning: LogLearning) -> AxisVerdict:
+def _by_learning(axis: Any, source: str, learning: LogLearning, ahead: Outlook | None) -> AxisVerdict:
     estimate = learning.estimate
     names = [name for name in (axis.added_mass, *axis.columns) if name and name in estimate]
     reasons = {name: estimate[name].reason for name in names}
     learned = [name for name in names if estimate[name].identified and name not in ("BG_z",)]
     why = next((reason for name, reason in reasons.items() if reason and name not in learned), None)
-    return AxisVerdict(axis.velocity, source, bool(learned), None if learned else why, None, reasons)
+    known = {} if ahead is None else {name: ahead.known[name] for name in names if name in ahead.known}
+    return AxisVerdict(axis.velocity, source, bool(learned), None if learned else why, None, reasons, known)

@@ -12,12 +12,13 @@ from towtank.app.arguments import Json, Map, Report, Window, WindowText, no_repo
 from towtank.errors import InputError, nearest
 
 if TYPE_CHECKING:
+    from towtank.identification import LogLearning
     from towtank.recording import Recording
     from towtank.vehicle import Vehicle
 
 __all__ = ["learn"]
 
-_METHODS = ("paper", "joint", "output-error")
+_METHODS = ("joint", "output-error", "paper")
 
 
 def learn(
@@ -33,10 +34,11 @@ def learn(
         typer.Option(
             "--method",
             metavar="METHOD",
-            help='"paper": recursive least squares on filtered regressors, one axis after the other. "joint" and '
-            '"output-error" are not in this version yet.',
+            help='"joint": one Kalman filter over motion, disturbance and all coefficients, refined by output error '
+            'where that is the better judge. "output-error": free runs in any case. "paper": least squares on '
+            "filtered regressors, one axis after the other.",
         ),
-    ] = "paper",
+    ] = "joint",
     free: Annotated[
         str | None,
         typer.Option("--free", metavar="NAME,...", help="Learn only these, as X_udot,X_uu; hold the rest."),
@@ -48,24 +50,32 @@ def learn(
     ] = None,
     delay: Annotated[
         float | None,
-        typer.Option("--delay", metavar="S", help="From command to thruster, in seconds; default: found by scanning."),
+        typer.Option(
+            "--delay", metavar="S", help="From command to thruster, in seconds; default: found from the logs."
+        ),
     ] = None,
     report: Report = None,
     prior: Annotated[
         str | None,
-        typer.Option("--prior", metavar="VEHICLE", help="Values to start from; not in this version yet."),
+        typer.Option(
+            "--prior",
+            metavar="VEHICLE",
+            help="What is known beforehand: a vehicle whose coefficients bear a std; it counts as a measurement.",
+        ),
     ] = None,
     json: Json = False,
 ) -> None:
     """Learn a model from one or several logs.
 
-    Each coefficient comes with its standard deviation, or with the reason why these logs cannot tell it.
+    Each coefficient comes with its standard deviation and the interval that holds it in 95 of 100 cases, or with the
+    reason why these logs cannot tell it.
 
     \b
-    Example:
+    Examples:
       towtank learn surge.csv --vehicle vlbv300 -o learned.toml
+      towtank learn surge.csv --vehicle vlbv300 --prior learned.toml
     """
-    _only_paper(method, prior)
+    _known_method(method, prior)
     no_report(report)
     stretch = Window.parse(window)
     output_place("--output", model_file, (".toml",))
@@ -75,13 +85,15 @@ def learn(
     from towtank.app.learn_report import learn_document, show_learning
     from towtank.app.output import Output
     from towtank.app.repairs_text import learning_warnings
-    from towtank.app.sources import cut, read_logs, read_vehicle
+    from towtank.app.sources import cut, read_logs, read_prior, read_vehicle
     from towtank.identification.logs import learn_recordings
+    from towtank.identification.thrust_scale import with_scale
     from towtank.vehicle import save_vehicle
 
     output = Output(json=json)
     with output.progress("learning") as tell:
         known = read_vehicle(vehicle, output)
+        beforehand = None if prior is None else read_prior(prior, output)
         recordings = cut(read_logs(logs, mapping, tell), stretch)
         learning = learn_recordings(
             known,
@@ -89,21 +101,23 @@ def learn(
             method=method,
             free=wanted,
             delay=delay,
+            prior=beforehand,
             progress=lambda text, share: tell(text, 0.9 * share),
         )
-        model = _with_provenance(learning.model, logs, method, learning.delay, learning.estimate.duration)
+        learning = with_scale(learning, wanted or ())
+        model = _with_provenance(learning, logs, prior)
         tell("predicting", 0.9)
         fit, unfit = _fit(model, recordings)
         if model_file is not None:
             save_vehicle(model, model_file)
     warnings = [*output.warnings, *learning_warnings(learning, recordings), *unfit]
-    show_learning(learning, fit, logs, warnings, output)
+    show_learning(learning, fit, logs, warnings, output, asked=method, prior=prior)
     output.line()
     if model_file is not None:
         output.line(f"model written to {model_file}")
     judge = f"towtank validate {model_file or 'MODEL.toml'} ANOTHER_LOG" + (f" --map {mapping}" if mapping else "")
     output.line(f"Next: {judge}" if model_file else f"Next: the same with -o MODEL.toml, then {judge}", "dim")
-    output.document({"vehicle": known.name, "logs": logs, "method": method, **learn_document(learning, fit, warnings)})
+    output.document({"vehicle": known.name, "logs": logs, "prior": prior, **learn_document(learning, fit, warnings)})
 
 
 def _fit(model: Vehicle, recordings: Sequence[Recording]) -> tuple[dict[str, float | None], list[str]]:
@@ -116,16 +130,13 @@ def _fit(model: Vehicle, recordings: Sequence[Recording]) -> tuple[dict[str, flo
         return {}, [f"no fit: {error}"]
 
 
-def _only_paper(method: str, prior: str | None) -> None:
-    """Raise InputError for what this version does not offer."""
+def _known_method(method: str, prior: str | None) -> None:
+    """Raise InputError for a method that is not there, or one that takes no prior."""
     if method not in _METHODS:
-        raise InputError(f'--method: found "{method}", expected "paper"{nearest(method, ["paper"])}')
-    if method != "paper":
-        raise InputError(f'--method {method}: this version offers "paper" only; use --method paper or leave it out')
-    if prior is not None:
-        raise InputError(
-            f'--prior {prior}: this version offers "paper" only, starting from --vehicle; leave --prior out'
-        )
+        expected = ", ".join(f'"{name}"' for name in _METHODS)
+        raise InputError(f'--method: found "{method}", expected one of {expected}{nearest(method, _METHODS)}')
+    if method == "paper" and prior is not None:
+        raise InputError(f"--prior {prior}: the method paper takes none; use joint or output-error, or leave it out")
 
 
 def _names(text: str | None) -> tuple[str, ...] | None:
@@ -137,11 +148,13 @@ def _names(text: str | None) -> tuple[str, ...] | None:
     return names
 
 
-def _with_provenance(model: Vehicle, logs: list[Path], method: str, delay: float, duration: float) -> Vehicle:
+def _with_provenance(learning: LogLearning, logs: list[Path], prior: str | None) -> Vehicle:
     """Return the model with the names of the logs it was learned from."""
     from towtank.vehicle import Provenance
 
     names = ", ".join(log.name for log in logs)
-    note = f"learned from {names} ({duration:.5g} s), method {method}, delay {1e3 * delay:.3g} ms"
-    kept = model.provenance
-    return model.model_copy(update={"provenance": Provenance(source=kept.source, notes=(*kept.notes, note))})
+    how = f"method {learning.method}, delay {1e3 * learning.delay:.3g} ms"
+    beside = "" if prior is None else f", prior {Path(prior).name}"
+    note = f"learned from {names} ({learning.estimate.duration:.5g} s), {how}{beside}"
+    kept = learning.model.provenance
+    return learning.model.model_copy(update={"provenance": Provenance(source=kept.source, notes=(*kept.notes, note))})

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from towtank.app.digits import measured, short
 from towtank.app.fits_table import show_fits
+from towtank.app.intervals import interval, interval_text
+from towtank.app.levels_tables import disturbance_document, noise_document, show_levels
 from towtank.app.output import Output
 from towtank.identification.logs import LogLearning
 
-__all__ = ["learn_document", "show_learning"]
+__all__ = ["delay_deviation", "learn_document", "show_learning"]
 
 _VELOCITIES = ("u", "v", "w", "p", "q", "r")
+_METHODS = {
+    "joint": "joint Kalman filter",
+    "output-error": "output error (free runs)",
+    "paper": "the paper's method (filtered regressors)",
+}
 
 
 def show_learning(
@@ -22,49 +30,102 @@ def show_learning(
     logs: Sequence[Path],
     warnings: Sequence[str],
     output: Output,
+    *,
+    asked: str,
+    prior: str | None = None,
 ) -> None:
-    """Print what was learned."""
+    """Print what was learned.
+
+    Args:
+        asked: the method asked for. prior: what was known beforehand, as it was named.
+    """
     estimate = learning.estimate
     names = ", ".join(log.name for log in logs)
     output.line(f"{learning.vehicle.name} from {names}", "bold")
-    output.line(f"{short(estimate.duration)} s, {estimate.samples} samples, method paper")
+    known = "" if prior is None else f", prior {prior}"
+    output.line(f"{short(estimate.duration)} s, {estimate.samples} samples, method {learning.method}{known}")
     _show_coefficients(learning, output)
     if estimate.sums:
         output.heading("Inertias as they move the vehicle (body and water together)")
-        table = output.table("Sum", ">Value", ">± std", "Unit")
+        table = output.table("Sum", ">Value", ">± std", ">95 % interval", "Unit")
         for total in estimate.sums:
-            table.add_row(total.name, *measured(total.value, total.std), total.unit)
+            row = (*measured(total.value, total.std), interval_text(total.value, total.std))
+            table.add_row(total.name, *row, total.unit)
         output.show(table)
-    output.heading("Delay from command to thruster")
-    scan = learning.delay_scan
-    spread = "" if scan is None or scan.std != scan.std else f" ± {1e3 * scan.std:.1f}"
-    output.line(f"{1e3 * learning.delay:.1f}{spread} ms ({'given' if scan is None else 'found by scanning'})")
+    _show_held(learning, output)
+    _show_input(learning, output)
+    whose = " as the joint filter sees them" if learning.method == "output-error" else ""
+    show_levels(learning.levels, learning.grids, learning.sources, output, whose=whose)
     output.heading("Fit of the free-running prediction on these very logs")
     speeds = {name: fit.get(name) for name in _VELOCITIES}
     show_fits(speeds if any(value is not None for value in speeds.values()) else fit, None, output)
+    output.heading(f"How it was learned: {_METHODS.get(learning.method, learning.method)}")
+    for text in (*learning.remarks, *_choice(learning, asked)):
+        output.item(text)
     if warnings:
         output.heading("Warnings")
         for text in warnings:
             output.item(text)
 
 
+def _choice(learning: LogLearning, asked: str) -> list[str]:
+    if learning.remarks:
+        return []
+    if asked == "joint":
+        return ["no free runs to compare with could be made of these logs"]
+    return ["as asked for (--method)"]
+
+
 def _show_coefficients(learning: LogLearning, output: Output) -> None:
     learned = [each for each in learning.estimate.coefficients if each.identified]
-    if learned:
-        output.line()
-        table = output.table("Coefficient", ">Value", ">± std", ">Before", "Unit")
-        for each in learned:
-            before = _before(learning, each.name)
-            table.add_row(each.name, *measured(each.value, each.std), short(before), each.unit)
-        output.show(table)
+    if not learned:
+        return
+    output.line()
+    table = output.table("Coefficient", ">Value", ">± std", ">95 % interval", ">Before", "Unit")
+    for each in learned:
+        before = short(_before(learning, each.name))
+        row = (*measured(each.value, each.std), interval_text(each.value, each.std), before)
+        table.add_row(each.name, *row, each.unit)
+    output.show(table)
+
+
+def _show_held(learning: LogLearning, output: Output) -> None:
+    """Print what was not learned, with the value that the model keeps, grouped by the reason."""
     reasons: dict[str, list[str]] = {}
     for each in learning.estimate.coefficients:
         if not each.identified:
-            reasons.setdefault(each.reason or "no reason given", []).append(each.name)
+            reasons.setdefault(each.reason or "no reason given", []).append(f"{each.name} = {short(each.value)}")
     if reasons:
-        output.heading("Not identified")
+        output.heading("Not identified: held in the model, and why")
         for reason, names in reasons.items():
-            output.item(f"{' '.join(names)}: {reason}")
+            output.item(f"{', '.join(names)}: {reason}")
+
+
+def _show_input(learning: LogLearning, output: Output) -> None:
+    output.heading("From command to thrust")
+    std = delay_deviation(learning)
+    spread = "" if std is None else f" ± {1e3 * std:.1f}"
+    found = "given" if learning.delay_scan is None else "found"
+    output.line(f"delay {1e3 * learning.delay:.1f}{spread} ms ({found})")
+    if math.isfinite(learning.lag):
+        value, spread = measured(1e3 * learning.lag, 1e3 * learning.lag_std)
+        output.line(f"lag {value}{f' ± {spread}' if spread else ''} ms, first order (found)")
+    else:
+        lags = sorted({thruster.time_constant for thruster in learning.vehicle.thrusters if thruster.time_constant})
+        if lags:
+            output.line(f"lag {', '.join(short(1e3 * lag) for lag in lags)} ms, first order (of the vehicle file)")
+    if learning.vehicle.scale_std and learning.vehicle.thrusters:
+        output.line(
+            f"scale of thrust known to {100.0 * learning.vehicle.scale_std:.3g} %, within every deviation above"
+        )
+
+
+def delay_deviation(learning: LogLearning) -> float | None:
+    """Return the deviation of the delay [s]; None where it was given or has none."""
+    if learning.delay_scan is None:
+        return None
+    std = learning.delay_std if math.isfinite(learning.delay_std) else learning.delay_scan.std
+    return std if math.isfinite(std) else None
 
 
 def _before(learning: LogLearning, name: str) -> float | None:
@@ -78,21 +139,37 @@ def learn_document(learning: LogLearning, fit: Mapping[str, float | None], warni
     """Return the part of the JSON document that learning fills."""
     estimate = learning.estimate
     return {
+        "method": learning.method,
+        "remarks": learning.remarks,
         "duration_s": estimate.duration,
         "samples": estimate.samples,
         "delay_s": learning.delay,
-        "delay_std_s": None if learning.delay_scan is None else learning.delay_scan.std,
+        "delay_std_s": delay_deviation(learning),
+        "lag_s": learning.lag,
+        "lag_std_s": learning.lag_std,
+        "scale_std": learning.vehicle.scale_std,
         "coefficients": {
             each.name: {
                 "value": each.value,
                 "std": each.std,
+                "interval": interval(each.value, each.std),
                 "unit": each.unit,
                 "identified": each.identified,
                 "reason": each.reason,
             }
             for each in estimate.coefficients
         },
-        "sums": {total.name: {"value": total.value, "std": total.std, "unit": total.unit} for total in estimate.sums},
+        "sums": {
+            total.name: {
+                "value": total.value,
+                "std": total.std,
+                "interval": interval(total.value, total.std),
+                "unit": total.unit,
+            }
+            for total in estimate.sums
+        },
+        "disturbance": disturbance_document(learning.levels, learning.sources),
+        "noise": noise_document(learning.levels, learning.grids),
         "fit": {**{name: fit.get(name) for name in _VELOCITIES}, **fit},
         "warnings": list(warnings),
     }

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 
 from towtank.app.arguments import Window
 from towtank.app.output import Output, Teller
+from towtank.errors import InputError
 
 if TYPE_CHECKING:
     from towtank.recording import Recording
     from towtank.vehicle import Vehicle
 
-__all__ = ["cut", "read_logs", "read_vehicle"]
+__all__ = ["cut", "read_logs", "read_prior", "read_vehicle"]
 
 
 def read_vehicle(name_or_file: str, output: Output, *, silent: bool = False) -> Vehicle:
@@ -32,16 +33,29 @@ def read_vehicle(name_or_file: str, output: Output, *, silent: bool = False) -> 
     return vehicle
 
 
+def read_prior(name_or_file: str, output: Output) -> Vehicle:
+    """Return a vehicle whose coefficients bear deviations. Raises InputError where none does."""
+    from towtank.vehicle import COEFFICIENTS
+
+    vehicle = read_vehicle(name_or_file, output)
+    if not any(vehicle.deviation(name) for name in COEFFICIENTS):
+        raise InputError(
+            f"--prior {name_or_file}: no coefficient bears a std, so that nothing is known beforehand; write "
+            "X_uu = { value = -40.0, std = 4.0 }, or give a model that learn wrote"
+        )
+    return vehicle
+
+
 def read_logs(logs: Sequence[Path], mapping: Path | None, tell: Teller) -> list[Recording]:
-    """Return the recordings of some logs, all with one mapping."""
+    """Return the recordings of some logs, all with one mapping; a velocity in the world is turned into the body."""
     from towtank.readers import read
-    from towtank.recording import load_mapping
+    from towtank.recording import load_mapping, with_body_velocity
 
     columns = None if mapping is None else load_mapping(mapping)
     recordings = []
     for k, log in enumerate(logs):
         tell(f"reading {log.name}", k / len(logs))
-        recordings.append(read(log, columns))
+        recordings.append(with_body_velocity(read(log, columns)))
     return recordings
 
 

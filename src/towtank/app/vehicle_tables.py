@@ -84,6 +84,8 @@ def _show_body(vehicle: Vehicle, output: Output) -> None:
         ("buoyancy B", short(vehicle.buoyant_force, 5), "N"),
         ("command delay", short(vehicle.command_delay), "s"),
     ]
+    if vehicle.scale_std is not None:
+        rows.append(("scale of thrust known to", f"{100.0 * vehicle.scale_std:.3g}", "%"))
     if any(products):
         rows.insert(2, ("products xy xz yz", signed_list(products), "kg m^2"))
     output.heading("Rigid body and buoyancy (about the body origin, x forward, y starboard, z down)")
@@ -174,6 +176,7 @@ def vehicle_document(vehicle: Vehicle) -> dict[str, Any]:
             for thruster in vehicle.thrusters
         ],
         "command_delay": vehicle.command_delay,
+        "scale_std": vehicle.scale_std,
         "provenance": vehicle.provenance,
         "warnings": vehicle.warnings,
     }

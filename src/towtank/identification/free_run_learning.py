@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.identification.free_run_gain import columns_of, gain
+from towtank.identification.free_run_terms import righting
+from towtank.identification.free_runs import FreeRuns
 from towtank.identification.joint_estimate import judge
-from towtank.identification.joint_refine import Prior, Refined, refine
+from towtank.identification.joint_refine import CHANGE, CHANGE_WORTH, Prior, Refined, refine, refit
 from towtank.identification.joint_start import size_of
-from towtank.identification.parameters import DELAY, LAG, FreeParameters
+from towtank.identification.parameters import CONSTANT, DELAY, LAG, FreeParameters
 from towtank.identification.samples import Samples
 from towtank.vehicle import Vehicle
 
 __all__ = ["FreeRunOutcome", "learn_free_runs"]
 
 _ROUNDS = 3
+_KEPT = 2.0  # deviations that a constant force needs
 _WIDE = 1e6  # deviation that free runs start from: none
 
 
@@ -29,6 +33,7 @@ class FreeRunOutcome:
         refined: coefficients. base: vehicle with all that is held.
         reasons: why a coefficient that the filter had free is not determined. zeroed: those that are taken as 0.
         first: the comparison with the joint filter. said: it, in plain words.
+        least_squares: whether the coefficients of least squares are nearer than those chosen.
     """
 
     refined: Refined
@@ -37,6 +42,7 @@ class FreeRunOutcome:
     zeroed: tuple[str, ...]
     first: Refined
     said: str
+    least_squares: bool
 
 
 def learn_free_runs(
@@ -44,8 +50,10 @@ def learn_free_runs(
     base: Vehicle,
     samples: Sequence[Samples],
     free: FreeParameters,
-    starts: Sequence[Array],
+    starts: Sequence[tuple[FreeParameters, Array]],
     noise: Array,
+    attitude: Sequence[Array],
+    plain: tuple[Vehicle, float],
     *,
     delay: float,
     prior: Prior,
@@ -53,19 +61,24 @@ def learn_free_runs(
     find_lag: bool,
     always: bool,
     speeds: Array,
+    told: Callable[[float], None] | None = None,
 ) -> FreeRunOutcome | None:
     """Fit free runs; None where none can be made. Arguments as `refine`.
 
     Args:
         always: go on even where the joint filter is the better judge.
-        speeds: see `joint_estimate.judge`.
+        attitude: see `FreeRuns`. plain: what least squares found, and its delay [s].
+        speeds: see `joint_estimate.judge`. told: gets the share done.
     """
-    first = refine(
-        vehicle, base, samples, free, starts, noise, delay=delay, prior=prior, terms=terms, find_lag=find_lag
-    )
+    names = (*(name for each, _ in starts for name in each.names), *(righting(free.names, samples) if terms else ()))
+    kernel = np.array(base.parameters)
+    runs = FreeRuns.over(vehicle, samples, noise, names, attitude)
+    silent = told or (lambda share: None)
+    first = refine(runs, base, free, starts, delay=delay, prior=prior, terms=terms, find_lag=find_lag, told=silent)
     if first is None:
         return None
-    said = _sentence(first, always)
+    begun = {name for each, _ in starts for name in each.names}
+    proved = tuple(name for name in first.added if name not in begun)  # by windows held out
     now, reasons, zeroed = first, dict[str, str](), []
     for _ in range(_ROUNDS if terms and (first.better or always) else 0):
         findings = judge(
@@ -76,7 +89,8 @@ def learn_free_runs(
             size_of(vehicle, now.free),
             speeds=speeds,
         )
-        held = {name: hold for name, hold in findings.held.items() if name not in (DELAY, LAG, *first.added)}
+        shown = (DELAY, LAG, *proved, *(name for name in now.free.names if _shows(now, name)))
+        held = {name: hold for name, hold in findings.held.items() if name not in shown}
         if not held or len(held) == len(now.free):
             break
         for name, hold in held.items():
@@ -86,38 +100,50 @@ def learn_free_runs(
                 base = base.with_coefficients({name: 0.0})
         keep = [k for k, name in enumerate(now.free.names) if name not in held]
         left = now.free.subset([now.free.names[k] for k in keep])
-        again = refine(
-            vehicle,
-            base,
-            samples,
-            left,
-            [now.theta[keep]],
-            noise,
-            delay=now.delay,
-            prior=prior,
-            terms=False,
-            find_lag=False,
-        )
+        again = refit(runs, base, left, now.theta[keep], now, prior)
         if again is None:
             break
-        now = replace(again, added=first.added)
-    return FreeRunOutcome(now, base, reasons, tuple(zeroed), first, said)
+        now = again
+    said, simple = _sentence(first, always, runs.thinned), False
+    if terms and not always and not first.white and runs.comparable:
+        if first.better:
+            chosen = runs.errors(np.array(base.parameters), now.free, now.theta, delay=now.delay)
+        else:
+            chosen = runs.errors(kernel, free, starts[0][1], delay=delay)
+        vehicle_, late = plain
+        theta = free.theta(vehicle_, delay=late, lag=0.0)
+        errors = runs.errors(np.array(vehicle_.parameters), free, theta, delay=late)
+        saved = gain(errors, chosen, columns_of(free.names))
+        simple = saved.beyond(CHANGE, CHANGE_WORTH)
+        if simple:
+            share = f"{100.0 * saved.mean:.0f} +- {100.0 * saved.std:.0f} % less square error"
+            said += f"; but free runs with the coefficients of least squares are nearer than either ({share})"
+    return FreeRunOutcome(now, base, reasons, tuple(zeroed), first, said, simple)
 
 
-def _sentence(found: Refined, always: bool) -> str:
-    gain = f"{100.0 * max(found.gain, 0.0):.0f} %"
+def _shows(found: Refined, name: str) -> bool:
+    """Whether a constant force stands out, however roughly its size is known: without it the rest is off."""
+    k = found.free.names.index(name)
+    return bool(found.free.codes[k, 0] == CONSTANT and abs(found.theta[k]) > _KEPT * np.sqrt(found.covariance[k, k]))
+
+
+def _sentence(found: Refined, always: bool, thinned: bool) -> str:
+    where = "windows spread over the recordings" if thinned else "windows of the recordings"
     if found.white:
         return (
             "free runs leave nothing but the sensors' noise (their residuals are white), so output error is the "
             "better judge"
         )
-    if found.better:
-        return (
-            f"free runs of output error come closer to the data than the joint filter's coefficients (square error "
-            f"{gain} less): the disturbance is not what the filter takes it for, and output error is the better judge"
-        )
-    text = (
-        "residuals of free runs are coloured and output error comes no closer than its freedom explains "
-        f"(square error {gain} less): the joint filter is the better judge"
-    )
+    if found.saved is None:
+        text = "the recordings are too short to compare free runs over windows held out, so the joint filter judges"
+    else:
+        shares = f"{100.0 * found.saved.mean:.0f} +- {100.0 * found.saved.std:.0f} % less square error"
+        if not np.isfinite(found.saved.mean):
+            shares = "the runs of the other one go nowhere"
+        elif np.isfinite(found.fit) and np.isfinite(found.joint_fit):
+            shares = f"{found.fit:.0f} % against {found.joint_fit:.0f} %, {shares}"
+        if found.better:
+            added = f" (with {', '.join(found.added)})" if found.added else ""
+            return f"output error{added} predicts {where} that it has not seen better than the joint filter: {shares}"
+        text = f"output error does not predict {where} that it has not seen better than the joint filter: {shares}"
     return text + "; output error was asked for" if always else text

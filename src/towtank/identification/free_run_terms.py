@@ -11,7 +11,9 @@ from towtank.identification.samples import Samples
 from towtank.vehicle import Vehicle
 from towtank.vehicle.names import COLUMNS, ROWS
 
-__all__ = ["groups_of_terms"]
+__all__ = ["RIGHTING", "groups_of_terms", "righting"]
+
+RIGHTING = "BG_z"
 
 _COUPLED = {3: (4, 5), 4: (3, 5), 5: (3, 4), 1: (5,), 2: (4,)}  # rows, and the speeds that may act on them
 
@@ -19,7 +21,7 @@ _COUPLED = {3: (4, 5), 4: (3, 5), 5: (3, 4), 1: (5,), 2: (4,)}  # rows, and the 
 def groups_of_terms(
     vehicle: Vehicle, names: Sequence[str], samples: Sequence[Samples], *, find_lag: bool
 ) -> tuple[tuple[str, ...], ...]:
-    """Return groups of names: constant forces and moments, lag, the other damping terms, couplings by speed.
+    """Return groups of names: constant forces, lag, other damping terms, couplings by speed.
 
     Args:
         names: what is free already; an axis is modelled where its inertia is or its damping.
@@ -37,6 +39,16 @@ def groups_of_terms(
         damping += known or [linear, quadratic]
     couplings = [f"{ROWS[i]}_{COLUMNS[j]}" for i in axes for j in _coupled(i) if j in axes and j in fed and i in fed]
     return (tuple(constants), (LAG,) if find_lag else (), tuple(damping), tuple(couplings))
+
+
+def righting(names: Sequence[str], samples: Sequence[Samples]) -> tuple[str, ...]:
+    """Return the name of the righting moment where it is not free and the attitude is measured, else nothing.
+
+    A vehicle stays level under its thrusters or tips: that alone tells of its righting moment, even where nothing else
+    of roll and pitch can be learned, and a free run that tips over is of no use to the other axes.
+    """
+    measured = np.any([each.measured for each in samples], axis=0)
+    return (RIGHTING,) if RIGHTING not in names and measured[3] and measured[4] else ()
 
 
 def _coupled(i: int) -> tuple[int, ...]:

@@ -22,7 +22,18 @@ from towtank.identification.parameters import DELAY, IN_DELAY, IN_LAG, LAG, MASS
 from towtank.identification.samples import N_MEASURED, Samples
 from towtank.identification.transition import N_FIXED
 
-__all__ = ["JointFit", "bounded", "followed", "held_of", "joint_passes", "one_pass", "prior_deviation", "uses_biases"]
+__all__ = [
+    "JointFit",
+    "alike",
+    "bounded",
+    "followed",
+    "held_of",
+    "joint_passes",
+    "level_merit",
+    "one_pass",
+    "prior_deviation",
+    "uses_biases",
+]
 
 _CHUNK = 4096  # rows between two reports of progress
 _WIDE = 0.5  # deviation of a logarithm at the start of a pass
@@ -32,7 +43,7 @@ _WORSE = 1.0  # of the logarithm of the likelihood
 _TRIES = 2
 _SETTLED = 0.1  # deviations
 _LEVELS_SETTLED = 0.05  # of a level
-_USUAL_FOR = 2.0  # time constants of data that the usual level counts for
+_USUAL_FOR = 2.0  # independent looks at the disturbance that the usual level counts for
 _SWING = 5.0  # by which a level may change from one pass to the next
 
 Progress = Callable[[float], None]
@@ -47,6 +58,9 @@ class JointFit:
         levels: as the data show them. likelihood: of the last pass's innovations. passes: how many were run.
         duration, rows: learned from. refused: share of each column's samples that lay beyond the gate (15,).
         whiteness: mean of innovation^2 / S per column (15,), 1 where noise and model are right.
+        looks: independent looks at the disturbance of each axis (6,).
+
+    The deviations are those at a disturbance 1.4 deviations above its estimate: how little is known of it is in them.
     """
 
     free: FreeParameters
@@ -59,6 +73,7 @@ class JointFit:
     rows: int
     refused: Array
     whiteness: Array
+    looks: Array
 
     @property
     def std(self) -> Array:
@@ -180,7 +195,7 @@ def joint_passes(
         state, _ = one_pass(samples, p, free, anchor, deviation, levels, way, delay=delay, prior=prior, told=share)
         fit = _fit(free, state, levels, k + 1)
         sound = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.std).all() and np.isfinite(fit.likelihood))
-        if not sound or (best is not None and k > 1 and fit.likelihood < best.likelihood - _WORSE):
+        if not sound or (best is not None and k > 1 and _merit(fit, tuning) < _merit(best, tuning) - _WORSE):
             worse += 1
             if best is None:
                 deviation = 0.3 * deviation
@@ -193,10 +208,23 @@ def joint_passes(
         following = followed(state, levels, tuning)
         still = k > 0 and bool(np.all(np.abs(fit.theta - anchor) <= _SETTLED * fit.std + 1e-6))
         best = fit
-        if still and _alike(following, levels):
+        if still and alike(following, levels):
             break
         anchor, levels = bounded(free, fit.theta, anchor, linear=k > 0), following
-    return best if best is not None else replace(fit, theta=anchor)
+    if best is None:
+        return replace(fit, theta=anchor)
+    cautious = replace(best.levels, sigma=best.levels.sigma * _caution(best.looks))
+    way = replace(tuning, follow=False)
+    about = bounded(free, best.theta, best.theta)
+    state, _ = one_pass(samples, p, free, about, deviation, cautious, way, delay=delay, prior=prior)
+    last = _fit(free, state, best.levels, best.passes + 1)
+    sound = bool(np.isfinite(last.std).all() and (last.std > 0.0).all())
+    return replace(best, covariance=last.covariance, passes=last.passes) if sound else best
+
+
+def _caution(looks: Array) -> Array:
+    """Return the factor (6,) to a level of the disturbance 1.4 deviations above its estimate, of so many looks at it."""
+    return np.asarray(np.exp(0.7 * np.sqrt(2.0 / (looks + _USUAL_FOR))))
 
 
 def _fit(free: FreeParameters, state: JointState, levels: Levels, passes: int) -> JointFit:
@@ -218,7 +246,19 @@ def _fit(free: FreeParameters, state: JointState, levels: Levels, passes: int) -
         rows=int(state.clock[C_ROWS]),
         refused=refused,
         whiteness=whiteness,
+        looks=state.level[:, 3].copy(),
     )
+
+
+def _merit(fit: JointFit, tuning: Tuning) -> float:
+    return fit.likelihood + level_merit(fit.levels, tuning)
+
+
+def level_merit(levels: Levels, tuning: Tuning) -> float:
+    """Return the logarithm of the prior likelihood of the disturbance's level, which is `usual` give or take."""
+    usual = np.array(tuning.usual)
+    away = np.log(levels.sigma[usual > 0.0] / usual[usual > 0.0])
+    return -_USUAL_FOR * float(np.sum(away**2))
 
 
 def followed(state: JointState, levels: Levels, tuning: Tuning) -> Levels:
@@ -232,18 +272,19 @@ def followed(state: JointState, levels: Levels, tuning: Tuning) -> Levels:
     floors = np.array([tuning.floor_force] * 3 + [tuning.floor_moment] * 3)
     usual = np.array(tuning.usual)
     for i in range(6):
-        time, square, variance = state.level[i]
+        time, square, variance, looks = state.level[i]
         expected = sigma[i] ** 2 * time - variance  # what d_hat^2 should have added up to
         if time > 0.0 and expected > 1e-3 * sigma[i] ** 2 * time:
             ratio = float(np.clip(square / expected, 1.0 / _SWING, _SWING))
             sigma[i] *= np.sqrt(ratio)
         if usual[i] > 0.0:
-            weight = time / (time + _USUAL_FOR * tuning.time_constant)
-            sigma[i] = np.sqrt(weight * sigma[i] ** 2 + (1.0 - weight) * usual[i] ** 2)
+            weight = looks / (looks + _USUAL_FOR)
+            sigma[i] = sigma[i] ** weight * usual[i] ** (1.0 - weight)
     return Levels(noise, np.maximum(sigma, floors))
 
 
-def _alike(new: Levels, old: Levels) -> bool:
+def alike(new: Levels, old: Levels) -> bool:
+    """Whether levels have settled."""
     return bool(
         np.all(np.abs(new.sigma - old.sigma) <= _LEVELS_SETTLED * old.sigma)
         and np.all(np.abs(new.noise - old.noise) <= _LEVELS_SETTLED * old.noise)

@@ -19,10 +19,11 @@ from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification.estimate import Estimate
 from towtank.identification.held_input import HeldInput, held_push
-from towtank.identification.joint import bounded, followed, held_of, one_pass, prior_deviation
+from towtank.identification.joint import bounded, held_of, prior_deviation
 from towtank.identification.joint_buffer import Buffer
 from towtank.identification.joint_estimate import assemble, judge
 from towtank.identification.joint_kernel import joint_events, joint_step
+from towtank.identification.joint_look import bank_of_delays, look, names_now
 from towtank.identification.joint_start import (
     prior_information,
     rows_noise,
@@ -31,26 +32,34 @@ from towtank.identification.joint_start import (
     tuning_for,
     usual_disturbance,
 )
-from towtank.identification.joint_state import C_DURATION, C_LIKELIHOOD, C_ROWS, C_STARTED, O_ADAPT, JointState
+from towtank.identification.joint_state import (
+    C_DURATION,
+    C_ROWS,
+    C_STARTED,
+    O_ADAPT,
+    O_FOLLOW,
+    JointState,
+)
 from towtank.identification.learner import Learner, sample_vector
 from towtank.identification.log_learning import Levels
 from towtank.identification.paper_learner import PaperLearner
 from towtank.identification.parameters import DELAY, GAIN_PREFIX, LAG, FreeParameters, free_parameters
 from towtank.identification.samples import N_MEASURED, held_forces, samples_of, with_absent_zero
-from towtank.identification.structure import candidates, paper_names
+from towtank.identification.structure import paper_names
 from towtank.identification.transition import N_FIXED
 from towtank.recording import Recording
 from towtank.vehicle import Vehicle, configuration_matrix
 
 __all__ = ["JointLearner"]
 
+_OFTEN = 0.25  # s between two looks at least
 _FIRST_LOOK = 0.5  # s of motion
-_LOOKS_GROW = 1.3
-_BOTH_STARTS = 12.0  # s: up to then least squares' coefficients are tried as well
+_EARLY, _GROWS_EARLY, _GROWS = 8.0, 1.15, 1.7  # s; from one look to the next, until then and later
+_BOTH_STARTS = 30.0  # s: up to then least squares' coefficients are tried as well
 _LAST_LOOK = 120.0  # s of samples kept,
 _MOST_ROWS = 40_000
-_BANK = (0.0, 0.04, 0.08, 0.12, 0.16, 0.2, 0.25, 0.3, 0.35, 0.4)  # s
-_BANK_UNTIL = 8.0  # s
+_BANK_UNTIL, _BANK_GROWS = 5.0, 1.5  # s; between two looks with the bank of delays
+_ROUNDS = 4  # passes more of an early look, with the levels that it shows
 _ADAPT = 10.0  # s over which the live filter follows the disturbance
 _LAG = 0.05  # s, to begin with
 
@@ -101,7 +110,7 @@ class JointLearner(Learner):
         self._buffer: Buffer | None = None
         self._early: list[tuple[float, Array]] = []
         self._looking = True
-        self._next_look = _FIRST_LOOK
+        self._next_look, self._next_bank = _FIRST_LOOK, _FIRST_LOOK
         self._seen = 0.0  # s of rows
         self._last_t = -np.inf
         self._levels = Levels(np.full(N_MEASURED, 1e-3), usual_disturbance(vehicle))
@@ -271,9 +280,12 @@ class JointLearner(Learner):
             learned = joint_step(self._state, self._held, t, z, True)
         if self._looking and self._seen >= self._next_look:
             self._look()
-            self._next_look = self._seen * _LOOKS_GROW if self._seen > 2.0 else self._seen + 0.25
-            if self._seen * _LOOKS_GROW > _LAST_LOOK or self._buffer.rows > _MOST_ROWS:
+            grows = _GROWS_EARLY if self._seen < _EARLY else _GROWS
+            self._next_look = max(self._seen + _OFTEN, self._seen * grows)
+            if self._next_look > _LAST_LOOK or self._buffer.rows > _MOST_ROWS:
                 self._looking = False
+                if self._state is not None:
+                    self._state.options[O_FOLLOW] = 1.0
                 self._buffer = Buffer(self._buffer.shape, self._buffer.lag, commands=self._buffer.commands)
         return learned
 
@@ -281,90 +293,55 @@ class JointLearner(Learner):
         """Go over everything once more from each start, and go on with the likeliest."""
         assert self._buffer is not None
         stretches = self._buffer.stretches
-        if not any(each.input_t.size for each in stretches):
+        found = None if self._paper is None else self._paper.estimate
+        names = names_now(self.vehicle, self._asked, found, with_delay=self._given_delay is None and self._commanded)
+        if not any(each.input_t.size for each in stretches) or not names:
             return
-        free = self._names_now()
-        if not len(free):
-            return
+        free = free_parameters(self.vehicle, names)
+        own, cold = self._starts(free, found)
         tail = np.concatenate([each.values for each in stretches])
         times = np.concatenate([each.t for each in stretches])
-        levels = Levels(rows_noise(times, tail), self._levels.sigma)
-        best: JointState | None = None
-        held: HeldInput | None = None
-        scale = size_of(self.vehicle, free)
-        deviation = prior_deviation(free, scale)
-        prior = None if self.prior is None else prior_information(self.prior, free)
-        for theta in self._starts(free):
-            state, inputs = one_pass(
-                stretches,
-                np.array(self.vehicle.parameters),
-                free,
-                theta,
-                deviation,
-                levels,
-                self._tuning,
-                delay=self._delay,
-                prior=prior,
-            )
-            sound = np.isfinite(state.theta).all() and np.isfinite(state.P).all() and (np.diag(state.P) >= 0.0).all()
-            if sound and (best is None or state.clock[C_LIKELIHOOD] > best.clock[C_LIKELIHOOD]):
-                best, held = state, inputs
-        if best is None:
+        starts = [cold] if self._seen < _BOTH_STARTS or own is None else []
+        if DELAY in free.names and self._next_bank <= self._seen < _BANK_UNTIL:
+            self._next_bank = self._seen * _BANK_GROWS
+            starts += bank_of_delays(free, cold if own is None else own)
+        seen = look(
+            stretches,
+            self.vehicle,
+            free,
+            own,
+            starts,
+            Levels(rows_noise(times, tail), self._levels.sigma),
+            self._tuning,
+            delay=self._delay,
+            prior=None if self.prior is None else prior_information(self.prior, free),
+            rounds=_ROUNDS if self._seen < _EARLY else 1,
+        )
+        if seen is None:
             return
-        self._levels = followed(best, levels, self._tuning)
-        self._free, self._state = free, best
-        best.options[O_ADAPT] = _ADAPT
-        best.sigma[:] = self._levels.sigma
-        self._held = held
+        self._free, self._state, self._held, self._levels = free, seen.state, seen.held, seen.levels
+        self._state.options[O_ADAPT] = _ADAPT
+        self._state.options[O_FOLLOW] = 0.0
+        self._state.sigma[:] = self._levels.sigma
 
-    def _starts(self, free: FreeParameters) -> list[Array]:
+    def _starts(self, free: FreeParameters, found: Estimate | None) -> tuple[Array | None, Array]:
+        """Return what the filter knows by now (n,), None before it knows anything, and what least squares says (n,)."""
         known = self.vehicle
-        if self._paper is not None:
-            found = self._paper.estimate
+        if found is not None:
             changes = {each.name: each.value for each in found.coefficients if each.identified}
             known = known.with_coefficients(changes) if changes else known
         cold = start_theta(self.vehicle, known, free, delay=self._delay, lag=_LAG)
-        starts = [cold]
-        if self._state is not None and self._free is not None:
-            own = cold.copy()
-            for k, name in enumerate(free.names):
-                if name in self._free.names:
-                    own[k] = self._state.theta[self._free.names.index(name)]
-            own = bounded(free, own, own)
-            starts = [own, cold] if self._seen < _BOTH_STARTS else [own]
-        if DELAY not in free.names or self._seen > _BANK_UNTIL:
-            return starts
-        k = free.names.index(DELAY)
-        bank = []
-        for delay in _BANK:
-            start = starts[0].copy()
-            start[k] = delay
-            bank.append(start)
-        return [*starts, *bank]
+        if self._state is None or self._free is None:
+            return None, cold
+        theta = dict(zip(self._free.names, self._state.theta, strict=True))
+        anchor = dict(zip(self._free.names, self._state.anchor, strict=True))
+        own = np.array([theta.get(name, cold[k]) for k, name in enumerate(free.names)])
+        about = np.array([anchor.get(name, own[k]) for k, name in enumerate(free.names)])
+        return bounded(free, own, about, linear=True), cold
 
-    def _names_now(self) -> FreeParameters:
-        """Return what is free: as asked, or what least squares has not put aside."""
-        assert self._buffer is not None
-        if self._asked is not None:
-            names: list[str] = list(self._asked)
-        else:
-            names = []
-            found = self._paper.estimate if self._paper is not None else None
-            for candidate in candidates(self.vehicle, None):
-                axis = candidate.axis
-                columns = (*axis.columns, axis.added_mass)
-                for c in (4, 0, 1, 2, 3):
-                    name = columns[c]
-                    if not candidate.wanted[c] or name in names:
-                        continue
-                    known = found is not None and name in found and found[name].identified
-                    put_aside = found is not None and name in found and not known and found[name].value == 0.0
-                    if (c == 3 and not known) or (c in (0, 1) and put_aside and _partner_known(found, columns, c)):
-                        continue
-                    names.append(name)
-        if self._given_delay is None and self._buffer.commands and DELAY not in names:
-            names.append(DELAY)
-        return free_parameters(self.vehicle, names)
+    @property
+    def _commanded(self) -> bool:
+        return self._buffer is not None and self._buffer.commands
 
     def _fresh_held(self) -> HeldInput:
         assert self._buffer is not None
@@ -394,11 +371,6 @@ class JointLearner(Learner):
 
 def _is_input(name: str) -> bool:
     return name in (DELAY, LAG) or name.startswith(GAIN_PREFIX)
-
-
-def _partner_known(found: Estimate | None, columns: tuple[str, ...], c: int) -> bool:
-    partner = columns[1 - c]
-    return found is not None and partner in found and found[partner].identified
 
 
 def _nothing(vehicle: Vehicle, names: Collection[str]) -> Estimate:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.identification.drifting_attitude import drifting_attitude
 from towtank.identification.estimate import Estimate
 from towtank.identification.free_run_learning import learn_free_runs
 from towtank.identification.joint import JointFit, joint_passes, prior_deviation
@@ -56,7 +57,6 @@ def learn_joint(
     if delay is None and any(each.commands for each in samples):
         wanted = (*wanted, DELAY)
     parameters = free_parameters(vehicle, wanted)
-    base = first.model if asked is None else vehicle
     known = _known_start(vehicle, first)
     lag = float(np.mean(samples[0].lag)) if samples[0].lag.size and samples[0].lag.any() else 0.05
     found_delay = first.delay
@@ -64,9 +64,11 @@ def learn_joint(
         found_delay = max(0.0, found_delay - lag)
     theta = start_theta(vehicle, known, parameters, delay=found_delay, lag=lag)
     levels = _levels(recordings, vehicle)
+    own_noise = levels.noise  # the filter's may hold what its model lacks
     tuning = tuning_for(vehicle)
     unidentified: dict[str, str] = dict(held)
-    zeroed = [name for name in held if base.coefficient(name) == 0.0]
+    zeroed = [name for name in held if first.model.coefficient(name) == 0.0]
+    base = vehicle.with_coefficients(dict.fromkeys(zeroed, 0.0))  # what is held is held where the result has it
     kernel = np.array(base.parameters)
     for _ in range(_ROUNDS):
         scale = size_of(vehicle, parameters)
@@ -81,7 +83,7 @@ def learn_joint(
             scale=scale,
             delay=found_delay,
             prior=information,
-            told=lambda share: told("joint filter", 0.3 + 0.6 * share),
+            told=lambda share: told("joint filter", 0.3 + 0.4 * share),
         )
         findings = judge(
             parameters,
@@ -105,24 +107,29 @@ def learn_joint(
         theta = np.array([value for name, value in zip(parameters.names, fit.theta, strict=True) if name in keep])
         parameters = parameters.subset(keep)
         levels = fit.levels
-    told("free runs", 0.92)
+    told("free runs", 0.7)
     method, remarks = "joint", []
     second = learn_free_runs(
         vehicle,
         base,
         samples,
         parameters,
-        _starts(parameters, fit.theta, known, found_delay),
-        fit.levels.noise,
+        _starts(vehicle, parameters, fit.theta, wanted if asked is None else parameters.names, known, found_delay),
+        own_noise,
+        [drifting_attitude(g, s, each.t) for g, s, each in zip(first.grids, first.sources, samples, strict=True)],
+        (first.model, first.delay),
         delay=found_delay,
         prior=lambda chosen: _prior(prior, chosen),
         terms=asked is None,
         find_lag=asked is None and delay is None and _may_lag(samples),
         always=refine == "always",
         speeds=_speeds(first),
+        told=lambda share: told("free runs", 0.7 + 0.25 * share),
     )
     if second is not None:
         remarks.append(second.said)
+    if second is not None and second.least_squares and refine != "always":
+        return replace(first, levels=fit.levels, remarks=(*first.remarks, *remarks))
     if second is not None and (second.first.better or refine == "always"):
         method, found_delay, parameters = "output-error", second.refined.delay, second.refined.free
         fit = replace(fit, free=parameters, theta=second.refined.theta, covariance=second.refined.covariance)
@@ -149,9 +156,17 @@ def learn_joint(
     return replace(learned, remarks=(*learned.remarks, *remarks))
 
 
-def _starts(free: FreeParameters, theta: Array, least_squares: Vehicle, delay: float) -> list[Array]:
-    """Return where free runs may begin: the joint filter's coefficients, and those of least squares."""
-    return [theta, start_theta(least_squares, least_squares, free, delay=delay, lag=0.05)]
+def _starts(
+    vehicle: Vehicle,
+    free: FreeParameters,
+    theta: Array,
+    wanted: Sequence[str],
+    least_squares: Vehicle,
+    delay: float,
+) -> list[tuple[FreeParameters, Array]]:
+    """Return where free runs may begin: the joint filter's coefficients, and all that least squares found."""
+    whole = free_parameters(vehicle, wanted)
+    return [(free, theta), (whole, start_theta(least_squares, least_squares, whole, delay=delay, lag=0.05))]
 
 
 def _may_lag(samples: Sequence[Samples]) -> bool:

@@ -25,6 +25,7 @@ from towtank.identification.transition import N_FIXED, N_MOVING, step_and_linear
 __all__ = ["input_wrench", "predict"]
 
 _DIST = 12
+_TINY = 1e-30
 _JITTER_LINEAR = 1e-4  # m/s^2 sqrt(s), rad/s^2 sqrt(s): what no model of forces tells
 
 
@@ -130,6 +131,9 @@ def _follow_level(state: JointState, h: float) -> None:
         state.level[i, 0] += h
         state.level[i, 1] += h * state.force[i] ** 2
         state.level[i, 2] += h * variance
+        left = 1.0 - variance / max(state.sigma[i] ** 2, _TINY)
+        if 0.0 < left < 1.0:  # what is old of it by tau has a variance of 1 - exp(-2 tau / T)
+            state.level[i, 3] += h / max(-0.5 * state.options[O_TIME_CONSTANT] * math.log(left), h)
         if adapt > 0.0:
             floor = state.options[O_FLOOR_FORCE] if i < 3 else state.options[O_FLOOR_MOMENT]
             now = state.sigma[i] ** 2

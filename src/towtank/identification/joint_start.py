@@ -27,8 +27,8 @@ __all__ = [
 ]
 
 _WATER = 1000.0  # kg/m^3
-_FORCE, _MOMENT = 0.02, 0.05  # m/s^2, rad/s^2: what a disturbance does to a vehicle, to begin with
-_FLOOR = 0.1  # of that
+_FORCE, _MOMENT = 0.006, 0.015  # m/s^2, rad/s^2: what a disturbance does to a vehicle, to begin with
+_FLOOR = 0.3  # of that
 _LATEST, _FEWEST = 2000, 30  # rows that tell the noise of a stream
 _ADDED = 0.6  # of the rigid body's inertia
 _LINEAR_SPEED = (0.3, 0.5)  # m/s, rad/s at which a guessed linear damping equals the quadratic one

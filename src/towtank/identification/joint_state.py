@@ -91,9 +91,9 @@ class JointState(NamedTuple):
     options: Array  # (14,) see O_*
     clock: Array  # (6,) see C_*
     heard: Array  # (5,) time of the last believed sample of each sensor: position, attitude, velocity, rates, force
-    hidden: Array  # (4, 4) per sensor: 1 while it is refused, and the offset that it then had
+    hidden: Array  # (4, 5) per sensor: samples refused in a row, their mean offset, evidence of its return
     stats: Array  # (15, 4) per column: believed, sum of innovation^2 - H P H^T, sum of innovation^2 / S, refused
-    level: Array  # (6, 3) per axis: time, integrals of d^2 and of its variance
+    level: Array  # (6, 4) per axis: time, integrals of d^2 and of its variance, independent looks at it
     step: Array  # (21 + n, 12) F transposed
     F: Array  # (12, 21 + n)
     A: Array  # (12, 21 + n)
@@ -173,9 +173,9 @@ def new_joint_state(
         options=options,
         clock=np.zeros(6),
         heard=np.zeros(5),
-        hidden=np.zeros((4, 4)),
+        hidden=np.zeros((4, 5)),
         stats=np.zeros((N_MEASURED, 4)),
-        level=np.zeros((6, 3)),
+        level=np.zeros((6, 4)),
         step=np.zeros((N_FIXED + n, 12)),
         F=F,
         A=A,

@@ -26,6 +26,8 @@ from towtank.identification.transition import N_FIXED, linearise_into, turn_by
 __all__ = ["GRAVITY", "attitude_error", "inject", "update_row"]
 
 GRAVITY = 9.81  # m/s^2, as in `towtank.vehicle`
+_RETURNED = 8.0  # log likelihood ratio for a sensor that has come back, against one that is still off
+_OFFSET_FOLLOWS = 0.1  # least weight of a sample in the mean offset of a sensor that is refused
 _LOOSE = (1.0, 0.1, 0.5, 0.5, 0.0)  # deviation of a state that is taken from its sensor anew
 
 
@@ -215,13 +217,14 @@ def _upright(state: JointState) -> bool:
 def _believed(state: JointState, z: Array, sensor: int, whole: bool) -> bool:
     """Whether all numbers of a sensor lie within the gate, and, after a refusal, have come back.
 
-    While a sensor is refused the gate widens; an offset that stays would slip in. So after a refusal it is believed
-    again only when it is nearer to what is expected than to the offset that it was refused for.
+    While a sensor is refused the gate widens; an offset that stays would slip in, one lucky sample at first. So after a
+    refusal it is believed again only when its samples speak for what is expected, and against the offset that it was
+    refused for, by a log likelihood ratio summed as in Page's test.
     """
-    gate = state.options[O_GATE]
+    gate, cap = state.options[O_GATE], state.options[O_HUBER]
     hidden = state.hidden[sensor]
     within = True
-    near, far = 0.0, 0.0
+    ratio, cost = 0.0, 0.0
     for k in range(3):
         if math.isfinite(z[3 * sensor + k]):
             residual = _residual(state, z, sensor, k, whole)
@@ -233,19 +236,26 @@ def _believed(state: JointState, z: Array, sensor: int, whole: bool) -> bool:
                     state.h[j] = 0.0
             if residual * residual > gate * gate * S:
                 within = False
-            near += residual * residual
-            far += (residual - hidden[1 + k]) ** 2
-            if hidden[0] == 0.0:
-                state.offset[k] = residual
-        elif hidden[0] == 0.0:
-            state.offset[k] = 0.0
-    if within and (hidden[0] == 0.0 or near <= far):
+            ratio += ((residual - hidden[1 + k]) ** 2 - residual * residual) / (2.0 * S)
+            cost += math.log(S) + cap * (2.0 * gate - cap)
+            state.offset[k] = residual
+        else:
+            state.offset[k] = hidden[1 + k]
+    if hidden[0] == 0.0:
+        hidden[4] = 0.0
+        for k in range(3):
+            hidden[1 + k] = 0.0
+    else:
+        hidden[4] = max(0.0, hidden[4] + ratio)
+    if within and (hidden[0] == 0.0 or hidden[4] > _RETURNED):
         hidden[0] = 0.0
         return True
-    if hidden[0] == 0.0:
-        hidden[0] = 1.0
+    if ratio < 0.0 or hidden[0] == 0.0:
+        hidden[0] += 1.0
+        share = max(1.0 / hidden[0], _OFFSET_FOLLOWS)
         for k in range(3):
-            hidden[1 + k] = state.offset[k]
+            hidden[1 + k] += (state.offset[k] - hidden[1 + k]) * share
+    state.clock[C_LIKELIHOOD] -= 0.5 * cost
     return False
 
 

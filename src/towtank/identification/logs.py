@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 from towtank.errors import InputError, nearest
 from towtank.identification.joint_logs import learn_joint
 from towtank.identification.log_learning import LogLearning
 from towtank.identification.paper_logs import learn_paper
 from towtank.identification.passes import Progress
+from towtank.identification.samples import samples_of
+from towtank.identification.sign_check import mirrored, reversals
 from towtank.recording import Recording
 from towtank.vehicle import Vehicle
 
@@ -30,6 +33,9 @@ def learn_recordings(
 ) -> LogLearning:
     """Learn a vehicle's coefficients from one or several recordings.
 
+    Where a commanded force plainly acts with the opposite sign, thrusters are taken to be on the other side, and the
+    warnings say so; the model that is learned has them there.
+
     Args:
         method: "joint": the Kalman filter over motion, disturbance and coefficients, refined by output error where its
             residuals say that it is the better judge. "output-error": that refinement in any case. "paper": filtered
@@ -44,17 +50,43 @@ def learn_recordings(
     """
     if method not in METHODS:
         raise InputError(f'method: found "{method}", expected one of {", ".join(METHODS)}{nearest(method, METHODS)}')
+    if method == "paper" and prior is not None:
+        raise InputError("prior: the paper's method takes none; use method joint or output-error")
+    vehicle, said = _right_way_round(vehicle, recordings)
     if method == "paper":
-        if prior is not None:
-            raise InputError("prior: the paper's method takes none; use method joint or output-error")
-        return learn_paper(vehicle, recordings, free=free, delay=delay, longest_delay=longest_delay, progress=progress)
-    return learn_joint(
-        vehicle,
-        recordings,
-        free=free,
-        delay=delay,
-        longest_delay=longest_delay,
-        prior=prior,
-        refine="always" if method == "output-error" else "where better",
-        progress=progress,
-    )
+        learning = learn_paper(
+            vehicle, recordings, free=free, delay=delay, longest_delay=longest_delay, progress=progress
+        )
+    else:
+        learning = learn_joint(
+            vehicle,
+            recordings,
+            free=free,
+            delay=delay,
+            longest_delay=longest_delay,
+            prior=prior,
+            refine="always" if method == "output-error" else "where better",
+            progress=progress,
+        )
+    return replace(learning, warnings=(*said, *learning.warnings)) if said else learning
+
+
+def _right_way_round(vehicle: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicle, tuple[str, ...]]:
+    """Return the vehicle with its thrusters where the recordings have them, and warnings where that is elsewhere."""
+    try:
+        samples = [samples_of(recording, vehicle) for recording in recordings]
+    except InputError:
+        return vehicle, ()  # learning says it, and says more
+    found = reversals(samples)
+    if not found:
+        return vehicle, ()
+    said = tuple(reversal.said for reversal in found)
+    if all(each.commands for each in samples):
+        other = mirrored(vehicle, [reversal.axis for reversal in found])
+        if other is not None:
+            done = "learned with the thrusters on the other side; check their positions, directions and order"
+            return other, tuple(f"{text}; {done}" for text in said)
+        done = "check the thrusters' positions, directions and order in the vehicle's file"
+    else:
+        done = "check its sign in the mapping (scale = -1.0 turns a column round)"
+    return vehicle, tuple(f"{text}; {done}" for text in said)

@@ -84,24 +84,24 @@ def fit_output_error(
         segment: length [s] after which the run starts anew from a state of its own; None for one run per recording.
         gap: time [s] between rows over which no run goes.
         delay: of the inputs [s], where it is not free.
-        iterations: free runs at most.
+        iterations: free runs at most; those over a few short segments to begin with come on top.
 
     Raises:
         InputError: nothing is free, nothing is measured, or sizes and deviations that do not fit.
     """
     theta = np.array(theta, dtype=np.float64)
     noise = np.array(noise, dtype=np.float64)
-    _check(samples, free, theta, noise)
-    noise[~np.isfinite(noise)] = 1.0
     n = len(free)
     known = prior or (np.zeros(n), np.zeros((n, n)))
+    _check(samples, free, theta, noise, known)
+    noise[~np.isfinite(noise)] = 1.0
     gains = bool((free.codes[:, 0] == IN_GAIN).any())
     runs = [free_run_of(each, noise, segment, gap, gains) for each in samples]
     kept = [each for each, run in zip(samples, runs, strict=True) if run.first.size]
     runs = [run for run in runs if run.first.size]
     if not runs:
         raise InputError("output error: found no three measured rows without a gap between them")
-    states, made, warm = [starting_states(run) for run in runs], 0, None
+    states, made = [starting_states(run) for run in runs], 0
     short = [warm_up_of(each, run, segment, gap) for each, run in zip(kept, runs, strict=True)]
     if any(part is not run for part, run in zip(short, runs, strict=True)):
         begin = [starting_states(run) for run in short]
@@ -110,21 +110,28 @@ def fit_output_error(
         for run, start, other, found in zip(runs, states, short, begin, strict=True):
             _, here, there = np.intersect1d(run.first, other.first, return_indices=True)
             start[here] = found[there]
-    problem = Problem(runs, p, free, known, delay, warm)
-    descent = descend(problem, theta, states, max(iterations - made, 1))
+    problem = Problem(runs, p, free, known, delay)
+    descent = descend(problem, theta, states, max(iterations, 1))
     return _failed(theta, states, made + 1) if descent is None else _result(problem, descent, made)
 
 
-def _check(samples: Sequence[Samples], free: FreeParameters, theta: Array, noise: Array) -> None:
+def _check(
+    samples: Sequence[Samples], free: FreeParameters, theta: Array, noise: Array, prior: tuple[Array, Array]
+) -> None:
     if not len(free):
         raise InputError("output error: no coefficient is free, so there is nothing to fit")
     if theta.shape != (len(free),) or not np.isfinite(theta).all():
         raise InputError(f"output error: found theta {theta}, expected {len(free)} finite numbers")
+    n, (mean, information) = len(free), prior
+    if mean.shape != (n,) or information.shape != (n, n) or not np.isfinite([*mean, *information.ravel()]).all():
+        raise InputError(f"output error: the prior needs {n} finite means and a finite {n} x {n} information")
     if noise.shape != (N_MEASURED,):
         raise InputError(f"output error: found noise of shape {noise.shape}, expected {N_MEASURED} deviations")
     if not samples:
         raise InputError("output error: no recording")
     measured = np.any([each.measured for each in samples], axis=0)
+    if not measured.any():
+        raise InputError("output error: nothing is measured")
     if not (noise[measured] > 0.0).all() or not np.isfinite(noise[measured]).all():
         raise InputError("output error: every measured column needs a positive noise deviation")
 

@@ -22,9 +22,10 @@ _NEAR = 1.0  # decrease of the cost from which the gate is in force
 _NEAR_SCALE, _NEAR_SHARE = 1.5, 0.05  # or the size of the residuals, and a decrease of this share of the cost
 _FIXED = 2  # steps within the gate after which the scales stay as they are
 _SETTLED = 0.01  # decrease of the cost, half of a squared deviation, that is worth no run
+_UNSURE = 0.5  # decrease within the coefficients' deviations: not borne out by a run, it is the derivatives' own error
 _TOLERATED = 1e-3  # increase of the cost that a step may cause: the derivatives are of second order in the step
 _MOST_DAMPED = 1e6
-_WARM, _WARM_RUNS = 0.3, 4  # share of the cost that a step still lowers, and runs, after which the warm-up ends
+_WARM, _WARM_RUNS = 0.3, 12  # share of the cost that a step still lowers, and runs, after which the warm-up ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +75,7 @@ def descend(problem: Problem, theta: Array, states: list[Array], most: int) -> D
     point = problem.evaluate(theta, states, scale, gated)
     if point is None:
         return None
-    if not problem.narrowed:
-        problem.narrow(point)
+    problem.narrow(point)
     damping, runs = 0.0, 1
     while True:
         arrowhead = problem.arrowhead(point)
@@ -103,6 +103,9 @@ def descend(problem: Problem, theta: Array, states: list[Array], most: int) -> D
             if trial is not None and problem.cost(trial, old_scale, old_gated) <= cost + _TOLERATED:
                 point, damping = trial, (0.0 if damping < 1e-6 else 0.1 * damping)
                 break
+            if old_gated and step.decrease < _UNSURE:
+                nowhere = Step(np.zeros_like(step.theta), np.zeros_like(step.states), 0.0)
+                return Descent(point, nowhere, old_scale, runs, True)
             damping = max(1e-3, 10.0 * damping)
             if runs >= most or damping > _MOST_DAMPED:
                 return Descent(point, step, old_scale, runs, False)

@@ -15,6 +15,7 @@ from towtank.core.arrays import Array
 __all__ = ["jumps"]
 
 _TOGETHER = 10  # samples
+_COMPONENTS = 3  # of one instrument: what is wrong in one direction is not to be trusted in the others
 _GATE = 4.5
 _MEDIAN = 0.6744897501960817  # of |x| for a standard normal x
 _WHITE = 1.5  # deviation of the means, in that of the means of white residuals, up to which they are taken for white
@@ -43,4 +44,6 @@ def jumps(residuals: Array, scale: Array) -> NDArray[np.bool_]:
             np.add.at(change, first, 1)
             np.add.at(change, first + _TOGETHER, -1)
             out[there, j] = np.cumsum(change[:-1]) > 0
-    return out
+    for j in range(0, residuals.shape[1], _COMPONENTS):
+        out[:, j : j + _COMPONENTS] |= out[:, j : j + _COMPONENTS].any(axis=1, keepdims=True)
+    return out & np.isfinite(residuals)

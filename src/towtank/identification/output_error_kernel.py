@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 
-from towtank.core.arrays import Array, kernel
+from towtank.core.arrays import Array, inlined_kernel, kernel
 from towtank.core.rk4 import N_STATES, is_coupled, stage_into, step_into
 from towtank.identification.held_input import HeldInput, held_means_into, held_push
 from towtank.identification.output_error_inputs import due, force_now, forward_to, next_change, wrench_into
@@ -120,6 +120,7 @@ def free_run(
                     step_into(p_lane, x_lane, wrench_lane, current, h, work, False)
                 if half_way and steady:
                     half_way = False  # the second step of a pair
+                    _advance(S, D, E, h, 1.5 * h * h, moving)
                 else:
                     half_way = steady and 2.0 * h < 1.01 * STEP
                     share = 0.0 if half_way else 0.5
@@ -127,7 +128,8 @@ def free_run(
                         middle[j] = share * middle[j] + (1.0 - share) * x[j]
                     stage_into(p_lane, middle_lane, wrench_lane[0], current, rate_lane, coupled)
                     linearise_into(p, middle, rate, codes, theta, shape, pushed, A, scratch)
-                _propagate(A, S, D, E, h, k, theta.shape[0], moving)
+                    _rates(A, S, D, E, k, theta.shape[0], moving)
+                    _advance(S, D, E, h, 0.5 * h * h, moving)
             for j in range(7, N_STATES):
                 if not math.fabs(x[j]) < _FASTEST:
                     return False
@@ -148,21 +150,25 @@ def free_run(
     return True
 
 
-@kernel
-def _propagate(A: Array, S: Array, D: Array, E: Array, h: float, states: int, n: int, moving: Indices) -> None:
-    """Advance the sensitivities S (12, c) by h [s]: of `states` initial errors, then of n coefficients."""
+@inlined_kernel
+def _rates(A: Array, S: Array, D: Array, E: Array, states: int, n: int, moving: Indices) -> None:
+    """Write the first and the second derivative of the sensitivities S (12, c) into D and E."""
     _times(A, S, moving, D)
     for i in moving:
         for c in range(n):
             D[i, states + c] += A[i, N_FIXED + c]
     _times(A, D, moving, E)
-    half = 0.5 * h * h
+
+
+@inlined_kernel
+def _advance(S: Array, D: Array, E: Array, h: float, half: float, moving: Indices) -> None:
+    """Add h D + half E to the sensitivities S (12, c)."""
     for i in moving:
         for j in range(S.shape[1]):
             S[i, j] += h * D[i, j] + half * E[i, j]
 
 
-@kernel
+@inlined_kernel
 def _times(A: Array, S: Array, moving: Indices, out: Array) -> None:
     """Write A S (12, c) into `out`, in the rows that move."""
     for i in moving:

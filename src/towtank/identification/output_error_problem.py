@@ -31,7 +31,7 @@ _LOG_STEP = 1.0  # that the logarithm of a coefficient may go in one step
 _LAG_STEP, _SHORTEST = -0.5, 0.002  # share that a lag may lose in one step; s, below which it no longer matters
 _SEEN = 2000  # residuals that a scale is taken from
 _MEDIAN = 0.6744897501960817  # of |x| for a standard normal x
-_NOTHING = 1e-12  # information on an initial state that is rounding
+_NOTHING = 1e-12  # information on an initial state, and size of a sensitivity, that is rounding
 
 
 @dataclass(eq=False)
@@ -48,7 +48,6 @@ class Problem:
 
     Attributes:
         estimated: which of the 12 initial errors are. moving: which of the 12 error states answer to anything.
-        narrowed: whether these have been found out already, here or by the problem that this one is like.
         left_out: measured numbers that belong to jumps.
     """
 
@@ -59,15 +58,13 @@ class Problem:
         free: FreeParameters,
         prior: tuple[Array, Array],
         delay: float,
-        like: Problem | None = None,
     ) -> None:
         self.runs, self.p, self.free, self.prior, self.delay = runs, p, free, prior, delay
         self.lags: NDArray[np.bool_] = free.codes[:, 0] == IN_LAG
         self.logarithmic: NDArray[np.bool_] = free.codes[:, 3] != PLAIN
         self.left_out = 0
-        self.narrowed = like is not None
-        self.estimated: Indices = np.arange(12) if like is None else like.estimated
-        self.moving: Indices = np.arange(12) if like is None else like.moving
+        self.estimated: Indices = np.arange(12)
+        self.moving: Indices = np.arange(12)
         self.space: list[Workspace] = []
         self.spare: list[NormalEquations] = []
         self._allocate()
@@ -103,8 +100,8 @@ class Problem:
         keep = np.flatnonzero(told[:k] > _NOTHING)
         columns = np.concatenate([keep, k + np.arange(len(self.free))])
         reach = np.sum([each.reach for each in point.sums], axis=0)
-        self.moving = np.flatnonzero(reach[:, columns].any(axis=1)).astype(np.int64)
-        self.estimated, self.narrowed = self.estimated[keep], True
+        self.moving = np.flatnonzero((reach[:, columns] > _NOTHING).any(axis=1)).astype(np.int64)
+        self.estimated = self.estimated[keep]
         old = point.sums
         self._allocate()
         point.sums, self.spare = self.spare, self._new_sums()

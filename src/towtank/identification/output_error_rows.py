@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from towtank.core.arrays import Array, kernel
+from towtank.core.arrays import Array, inlined_kernel, kernel
 from towtank.identification.transition import N_FIXED
 from towtank.vehicle.matrices import GRAVITY
 
@@ -29,7 +29,7 @@ HUBER, GATE, GONE = 2.0, 4.5, 6.0
 _UPRIGHT = 0.05  # cosine of pitch below which roll and yaw alone mean nothing
 
 
-@kernel
+@inlined_kernel
 def weight_of(x: float, gated: bool) -> float:
     """Return psi(x) / x of a residual in units of its scale."""
     x = math.fabs(x)
@@ -84,7 +84,7 @@ def robust_moments(residuals: Array, scale: Array, out: Array) -> None:
                 out[4] += 1.0 if x > GATE else 0.0
 
 
-@kernel
+@inlined_kernel
 def _absorb(
     J: Array,
     residual: float,
@@ -111,7 +111,7 @@ def _absorb(
                 H[i, j] += a * J[j]
 
 
-@kernel
+@inlined_kernel
 def absorb_velocity(
     z: Array,
     x: Array,
@@ -130,7 +130,7 @@ def absorb_velocity(
             _absorb(S[j], z[j] - x[j + 1], noise[j], scale[j], gated, columns, H, g, residuals, j)
 
 
-@kernel
+@inlined_kernel
 def absorb_pose(
     z: Array,
     measured: Array,

@@ -13,7 +13,7 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.core.attitude import eulers_from_quaternions
 from towtank.errors import InputError
-from towtank.recording import Recording, bind_thrusters
+from towtank.recording import Recording, bind_thrusters, with_body_velocity
 from towtank.recording.held import stack_held
 from towtank.recording.standard import MOTION, QUATERNION, WRENCH, is_command
 from towtank.recording.synchrony import quaternion_samples
@@ -73,7 +73,7 @@ def samples_of(recording: Recording, vehicle: Vehicle) -> Samples:
     Raises:
         InputError: no motion in it, no commands and no wrench, or thrusters that the vehicle lacks.
     """
-    bound = bind_thrusters(recording, [thruster.name for thruster in vehicle.thrusters])
+    bound = with_body_velocity(bind_thrusters(recording, [thruster.name for thruster in vehicle.thrusters]))
     prefix = f"{recording.source}: " if recording.source else ""
     columns: list[tuple[int, Array, Array]] = []
     whole = all(name in bound for name in QUATERNION)

@@ -19,6 +19,7 @@ from towtank.recording.recording import Recording
 from towtank.recording.repairs import Repairs
 from towtank.recording.standard import STANDARD
 from towtank.recording.timing import find_gaps, gap_limit, median_step, sampling_rate
+from towtank.recording.world_velocity import with_body_velocity
 
 __all__ = [
     "STANDARD",
@@ -45,6 +46,7 @@ __all__ = [
     "sampling_rate",
     "standard_channel",
     "to_ned_frd",
+    "with_body_velocity",
     "write_csv",
     "write_parquet",
 ]

@@ -27,6 +27,7 @@ from towtank.recording.standard import (
 )
 from towtank.recording.synchrony import common_samples, quaternion_samples
 from towtank.recording.timing import find_gaps, sampling_rate
+from towtank.recording.world_velocity import with_body_velocity
 
 __all__ = ["MAXIMUM_RATE", "align"]
 
@@ -61,6 +62,7 @@ def align(
         InputError: there is no motion, fewer than 4 samples of it, a command is missing, `rate` is not
             positive.
     """
+    recording = with_body_velocity(recording)
     series = _motion_series(recording)
     prefix = f"{recording.source}: " if recording.source else ""
     if not series:

@@ -18,7 +18,8 @@ from towtank.recording.lever_arm import marker_to_origin
 from towtank.recording.mapping import Column, ColumnMapping, load_mapping
 from towtank.recording.recording import Recording
 from towtank.recording.repairs import Repairs
-from towtank.recording.standard import is_standard
+from towtank.recording.standard import WORLD_VELOCITY, is_standard
+from towtank.recording.world_velocity import with_body_velocity
 
 __all__ = ["Carried", "recording_of_columns"]
 
@@ -116,6 +117,8 @@ def _by_mapping(path: Path, names: Sequence[str], read: ReadNumbers, mapping: Co
     )
     recording = to_ned_frd(recording, body=mapping.body, world=mapping.world)
     if mapping.marker is not None:
+        if "velocity" in mapping.marker.of:
+            recording = with_body_velocity(recording).without(*WORLD_VELOCITY)  # these stay the marker's
         recording = marker_to_origin(recording, mapping.marker.position, mapping.marker.of)
     return recording
 

@@ -21,7 +21,8 @@ def to_ned_frd(recording: Recording, *, body: str = "FRD", world: str = "NED") -
 
     Args:
         recording: channels whose body quantities stand in `body` (FRD or FLU), positions and attitude in
-            `world` (NED or ENU), under the standard names of their axes. Commands and voltage have no frame.
+            `world` (NED or ENU), under the standard names of their axes. Of a velocity in the world `vn` and `ve` are
+            named by direction; `vd` is reversed from ENU. Commands and voltage have no frame.
     """
     notes: list[str] = []
     if (body, world) != ("FRD", "NED"):
@@ -45,7 +46,7 @@ def to_ned_frd(recording: Recording, *, body: str = "FRD", world: str = "NED") -
 def _converted(channel: Channel, body: str, world: str) -> Channel:
     if channel.name in EULER:
         return channel.with_values(convert_euler(channel.values, channel.name, body=body, world=world))
-    if body == "FLU" and channel.name in _REVERSED_BY_FLU:
+    if (body == "FLU" and channel.name in _REVERSED_BY_FLU) or (world == "ENU" and channel.name == "vd"):
         return channel.with_values(-channel.values)
     return channel
 

@@ -8,12 +8,14 @@ __all__ = [
     "ACCELERATIONS",
     "COMMAND_PREFIX",
     "EULER",
+    "LINEAR_VELOCITY",
     "MOTION",
     "POSE",
     "POSITION",
     "QUATERNION",
     "STANDARD",
     "VELOCITIES",
+    "WORLD_VELOCITY",
     "WRENCH",
     "Standard",
     "is_command",
@@ -35,7 +37,9 @@ POSITION = ("x", "y", "z")
 EULER = ("phi", "theta", "psi")
 QUATERNION = ("qw", "qx", "qy", "qz")
 POSE = POSITION + EULER
-VELOCITIES = ("u", "v", "w", "p", "q", "r")
+LINEAR_VELOCITY = ("u", "v", "w")
+VELOCITIES = (*LINEAR_VELOCITY, "p", "q", "r")
+WORLD_VELOCITY = ("vn", "ve", "vd")
 ACCELERATIONS = ("ax", "ay", "az")
 WRENCH = ("X", "Y", "Z", "K", "M", "N")
 MOTION = POSE + VELOCITIES + ACCELERATIONS
@@ -55,6 +59,9 @@ STANDARD: dict[str, Standard] = {
     "u": Standard("m/s", "FRD", "surge velocity of the body origin over ground"),
     "v": Standard("m/s", "FRD", "sway velocity of the body origin over ground"),
     "w": Standard("m/s", "FRD", "heave velocity of the body origin over ground"),
+    "vn": Standard("m/s", "NED", "velocity north of the body origin over ground"),
+    "ve": Standard("m/s", "NED", "velocity east of the body origin over ground"),
+    "vd": Standard("m/s", "NED", "velocity down of the body origin over ground"),
     "p": Standard("rad/s", "FRD", "roll rate"),
     "q": Standard("rad/s", "FRD", "pitch rate"),
     "r": Standard("rad/s", "FRD", "yaw rate"),

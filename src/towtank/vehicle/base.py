@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from towtank.errors import nearest
 
-__all__ = ["Finite", "NonNegative", "Numbers", "Pair", "Positive", "Record", "Vector", "described"]
+__all__ = ["Finite", "NonNegative", "Numbers", "Pair", "Positive", "Record", "Share", "Vector", "described"]
 
 
 def described(value: object) -> str:
@@ -99,9 +99,16 @@ def _exactly(count: int, expected: str) -> BeforeValidator:
     return BeforeValidator(check)
 
 
+def _share(value: float) -> float:
+    if not 0.0 <= value < 1.0:
+        raise ValueError(f"found {value:g}, expected a share of 0 or more and below 1, as 0.05 for 5 %")
+    return value
+
+
 Finite = Annotated[float, BeforeValidator(_number)]
 Positive = Annotated[Finite, AfterValidator(_positive)]
 NonNegative = Annotated[Finite, AfterValidator(_non_negative)]
+Share = Annotated[Finite, AfterValidator(_share)]
 Vector = Annotated[tuple[Finite, Finite, Finite], _exactly(3, "3 numbers [x, y, z]")]
 Pair = Annotated[tuple[Finite, Finite], _exactly(2, "2 numbers [lowest, highest]")]
 Numbers = Annotated[tuple[Finite, ...], BeforeValidator(lambda value: listed(value, "a list of numbers"))]

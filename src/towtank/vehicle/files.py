@@ -99,6 +99,8 @@ def vehicle_text(vehicle: Vehicle) -> str:
     document.add("description", tomlkit.item(vehicle.description))
     if vehicle.command_delay:
         document.add("command_delay", tomlkit.item(vehicle.command_delay))
+    if vehicle.scale_std is not None:
+        document.add("scale_std", tomlkit.item(vehicle.scale_std))
     document.add("rigid_body", _table(vehicle.rigid_body, ("mass", "inertia", "centre_of_gravity")))
     document.add("buoyancy", _table(vehicle.buoyancy, ("centre",)))
     measured = {name: getattr(vehicle.restoring, name) for name in RESTORING}

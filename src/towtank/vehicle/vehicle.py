@@ -15,7 +15,7 @@ from towtank.core.inertia import rigid_body_mass
 from towtank.core.layout import pack_parameters
 from towtank.errors import InputError
 from towtank.vehicle import matrices
-from towtank.vehicle.base import NonNegative, Record, described, misplaced, unknown_key
+from towtank.vehicle.base import NonNegative, Record, Share, described, misplaced, unknown_key
 from towtank.vehicle.checks import doubts, faults
 from towtank.vehicle.frozen import FrozenDict
 from towtank.vehicle.messages import first_line
@@ -45,7 +45,11 @@ _Hydrodynamics = Annotated[dict[str, Coefficient], BeforeValidator(_known_coeffi
 
 
 class Vehicle(Record):
-    """A vehicle, as its file says it. Frozen; `with_coefficients` makes a changed copy."""
+    """A vehicle, as its file says it. Frozen; `with_coefficients` makes a changed copy.
+
+    `command_delay` [s] is the time from command to thruster. `scale_std` is the relative standard deviation of the
+    scale of force that all thrusters have in common; None where the file does not say.
+    """
 
     name: Annotated[str, BeforeValidator(_name)]
     description: str = ""
@@ -55,6 +59,7 @@ class Vehicle(Record):
     hydrodynamics: _Hydrodynamics = FrozenDict()
     thrusters: tuple[Thruster, ...] = ()
     command_delay: NonNegative = 0.0
+    scale_std: Share | None = None
     provenance: Provenance = Provenance()
 
     @field_validator("hydrodynamics", mode="after")

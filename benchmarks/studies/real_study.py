@@ -1,0 +1,90 @@
+"""Real recordings: models learned on some runs, judged on others by free-running prediction.
+
+    python benchmarks/studies/real_study.py [--output real.json]
+
+Nothing is tuned: vehicles from the catalog, the default method. Recordings from `$TOWTANK_DATA`, else `shared/data`
+beside the repository; without them nothing is shown. The fit is 100 (1 - error / deviation) [%].
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from real_cases import BOAT_HALVES, POOL, SPINS, boat, data_folder, pool, real_fit, sea, wrongly_wired
+from report import checks_table, show
+from runner import write_json
+from summary import Check
+
+from towtank.identification import LogLearning, learn_recordings
+
+
+def pool_checks(data: Path) -> list[Check]:
+    """Yaw; roll and pitch; all thrusters, tumbling."""
+    runs, out = pool(data), []
+    for case in POOL:
+        learning = runs.learn(*case.learned)
+        fit = real_fit(learning, runs.read(case.judged), case.horizon)
+        out += [Check(f"pool {case.name}: {name} %", fit[name], low=least) for name, least in case.least]
+        show(f"pool {' + '.join(case.learned)}: {said(learning)}")
+    return out
+
+
+def sea_checks(data: Path) -> list[Check]:
+    """Surge by halves; what cannot be known is said."""
+    vehicle, halves = sea(data)
+    out = []
+    for k, (here, there) in enumerate((halves, halves[::-1]), 1):
+        learning = learn_recordings(vehicle, [here])
+        out.append(Check(f"sea half {k} -> the other: u %", real_fit(learning, there)["u"], low=71.0))
+        known = {name: learning.estimate[name].identified for name in ("X_udot", "K_pdot", "M_qdot")}
+        out.append(Check(f"sea half {k}: inertias of surge, roll, pitch identified", sum(known.values()), high=0.0))
+        show(f"sea half {k}: {said(learning)}")
+    return out
+
+
+def boat_checks(data: Path) -> list[Check]:
+    """Surge on logs that were not learned from, by halves; the yaw moment turned round."""
+    runs, out = boat(data), []
+    fits: dict[str, float] = {}
+    for learned, judged in (BOAT_HALVES, BOAT_HALVES[::-1]):
+        learning = runs.learn(*learned)
+        fits |= {name: real_fit(learning, runs.read(name))["u"] for name in judged}
+        show(f"boat {' + '.join(learned)}: {said(learning)}")
+    straight = [value for name, value in fits.items() if name not in SPINS]
+    note = ", ".join(f"{name} {value:.0f}" for name, value in fits.items())
+    out.append(Check("boat by halves, logs with surge in them: median of u %", float(np.median(straight)), low=68.0))
+    out.append(Check("boat by halves, logs with surge in them: least u %", min(straight), low=50.0, note=note))
+    out.append(Check("boat by halves, all logs: least u %", min(fits.values()), low=50.0, note="spins: no surge"))
+    found = learn_recordings(wrongly_wired(runs.vehicle), [runs.read(name) for name in BOAT_HALVES[0]])
+    told = sum("yaw moment acts with the opposite sign" in text for text in found.warnings)
+    out.append(Check("boat, thrusters as drawn: the reversed yaw moment is reported", told, low=1.0))
+    return out
+
+
+def said(learning: LogLearning) -> str:
+    """What is worth reading of a learning."""
+    sums = ", ".join(f"{total.name} {total.value:.3g} ± {total.std:.2g}" for total in learning.estimate.sums)
+    return "; ".join([f"method {learning.method}", sums or "no inertia", *learning.remarks])
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the study; 0 where everything that must hold holds, or where there are no recordings."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--output", type=Path, default=None)
+    options = parser.parse_args(argv)
+    data = data_folder()
+    if data is None:
+        show("no real recordings here: set TOWTANK_DATA to where they are")
+        return 0
+    held = pool_checks(data) + sea_checks(data) + boat_checks(data)
+    show(checks_table("must hold", held))
+    write_json(options.output, {"study": "real", "checks": [check.document() for check in held]})
+    return 0 if all(check.met for check in held) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

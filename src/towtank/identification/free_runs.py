@@ -1,0 +1,256 @@
+"""Recordings that models run over freely, and how near they come where they have not been.
+
+What a fit claims about the data that it was fitted to says little. So the recordings are cut into windows, the windows
+are dealt into folds one after the other, and the windows of each fold are run over with coefficients fitted to all the
+others, from initial states of their own: nothing else is fitted there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from towtank.core.arrays import Array
+from towtank.errors import InputError
+from towtank.identification.free_run_gain import columns_of
+from towtank.identification.output_error import OutputErrorFit, fit_output_error
+from towtank.identification.output_error_kernel import STEP
+from towtank.identification.parameters import FreeParameters
+from towtank.identification.samples import Samples
+from towtank.vehicle import Vehicle
+
+__all__ = ["FreeRuns", "stretch"]
+
+_RUN, _POSED = 5.0, 60.0  # s: length of a run; and where a pose is run over, which remembers how it began
+_SHORTEST, _ROWS = 2.5, 40  # s, and rows, of a window
+_WINDOWS = 8  # usual number of windows, where the recordings are short
+_FEWEST = 4  # windows, without which nothing is compared
+_FOLDS = 4
+_MOST_ROWS = 12_000  # or steps, that models run over; of more, windows spread evenly are looked at
+_BEFORE = 5.0  # s of inputs before a window that still matter
+_UPRIGHT = 0.1  # rad, deviation of an attitude that is not measured, where a run begins
+_BEGIN = 2  # rows that it is put into
+_SURE = 1e9  # 1/deviation^2 of what is held in a free run
+_ITERATIONS, _AGAIN, _STATES = 30, 20, 8
+
+
+@dataclass(frozen=True, eq=False)
+class FreeRuns:
+    """Recordings, and windows of them.
+
+    Attributes:
+        samples: of each recording, or of stretches of it where there is too much. noise: (15,).
+        attitude: of each, roll and pitch (n, 2) that a run may begin with where none is measured, NaN where not known.
+        segment: length of a run [s]. windows: (number of the samples, first row, row after the last).
+        thinned: whether there was too much.
+    """
+
+    vehicle: Vehicle
+    samples: tuple[Samples, ...]
+    attitude: tuple[Array, ...]
+    noise: Array
+    segment: float
+    windows: tuple[tuple[int, int, int], ...]
+    thinned: bool
+
+    @classmethod
+    def over(
+        cls,
+        vehicle: Vehicle,
+        samples: Sequence[Samples],
+        noise: Array,
+        names: Sequence[str],
+        attitude: Sequence[Array] | None = None,
+    ) -> FreeRuns:
+        """Prepare recordings for coefficients of these names; what tells nothing of their axes is left out."""
+        measured = np.any([each.measured for each in samples], axis=0)
+        left = _telling(columns_of(names), measured)
+        rows_of = [np.asarray(np.isfinite(each.values[:, list(left)]).any(axis=1)) for each in samples]
+        tilting = set(columns_of(names)) - {5, 11}  # yaw alone does not ask which way is up
+        absent = [np.full((len(each), 2), np.nan) for each in samples]
+        angles = list(attitude) if attitude is not None and tilting else absent
+        angles = [each[rows] for each, rows in zip(angles, rows_of, strict=True)]
+        kept = [_only(each, left, rows) for each, rows in zip(samples, rows_of, strict=True)]
+        segment = _POSED if 0 in left else _RUN
+        rows = sum(max(len(each), round(each.duration / STEP)) for each in kept)  # what a run over it costs
+        if rows > _MOST_ROWS:
+            pieces = [(k, a, b) for k, each in enumerate(kept) for a, b in _cuts(each.t, segment)]
+            some = np.unique(np.linspace(0, len(pieces) - 1, max(1, len(pieces) * _MOST_ROWS // rows)).astype(np.int64))
+            angles = [angles[pieces[i][0]][pieces[i][1] : pieces[i][2]] for i in some]
+            kept = [stretch(kept[pieces[i][0]], pieces[i][1], pieces[i][2]) for i in some]
+        total = sum(each.duration for each in kept)
+        step = total / max(sum(len(each) for each in kept), 1)
+        length = float(np.clip(total / _WINDOWS, max(_SHORTEST, _ROWS * step), max(segment, _ROWS * step)))
+        windows = tuple((k, a, b) for k, each in enumerate(kept) for a, b in _cuts(each.t, length))
+        noise = np.array(noise)
+        if not measured[3:5].any():
+            noise[3:5] = _UPRIGHT
+        return cls(vehicle, tuple(kept), tuple(angles), noise, segment, windows, rows > _MOST_ROWS)
+
+    @property
+    def duration(self) -> float:
+        """Of all that is run over [s]."""
+        return sum(each.duration for each in self.samples)
+
+    @property
+    def comparable(self) -> bool:
+        """Whether there are windows enough to compare models over."""
+        return len(self.windows) >= _FEWEST
+
+    def fit(
+        self,
+        kernel: Array,
+        free: FreeParameters,
+        theta: Array,
+        *,
+        delay: float,
+        prior: tuple[Array, Array] | None = None,
+        without: Sequence[int] = (),
+    ) -> OutputErrorFit | None:
+        """Fit free runs to everything but the windows `without`; None where that cannot be done."""
+        samples = self._rest(without)
+        most = _AGAIN if without else _ITERATIONS
+        found = self._fitted(samples, kernel, free, theta, delay, prior, most)
+        if found is None or not (np.isfinite(found.theta).all() and np.isfinite(found.cost)):
+            return None
+        return found if np.isfinite(found.covariance).all() else None
+
+    def errors(
+        self, kernel: Array, free: FreeParameters, theta: Array, *, delay: float, windows: Sequence[int] | None = None
+    ) -> Array:
+        """Return the mean squares (w, 15) of what free runs over each window miss [of the noise]; inf where one fails.
+
+        NaN stands for what is not measured there.
+        """
+        chosen = range(len(self.windows)) if windows is None else windows
+        out = np.full((len(chosen), 15), np.inf)
+        held = (np.array(theta), _SURE * np.eye(len(free)))
+        for row, w in enumerate(chosen):
+            k, a, b = self.windows[w]
+            fit = self._fitted([self._piece(k, a, b)], kernel, free, theta, delay, held, _STATES)
+            if fit is not None and np.isfinite(fit.cost):
+                out[row] = (fit.residual_std / self.noise) ** 2
+        return out
+
+    def unseen(
+        self,
+        kernel: Array,
+        free: FreeParameters,
+        theta: Array,
+        *,
+        delay: float,
+        prior: tuple[Array, Array] | None = None,
+    ) -> Array:
+        """Return `errors` (w, 15), each window run over with coefficients fitted to the other folds, from theta."""
+        out = np.full((len(self.windows), 15), np.inf)
+        for fold in np.array_split(np.arange(len(self.windows)), min(_FOLDS, len(self.windows))):
+            fit = self.fit(kernel, free, theta, delay=delay, prior=prior, without=fold.tolist())
+            if fit is not None:
+                out[fold] = self.errors(kernel, free, fit.theta, delay=delay, windows=fold.tolist())
+        return out
+
+    def spread(self) -> Array:
+        """Return the variance (15,) of each column over all windows [of the noise]."""
+        rows = np.concatenate([self.samples[k].values[a:b] for k, a, b in self.windows])
+        out = np.full(15, np.nan)
+        for j in range(15):
+            known = rows[np.isfinite(rows[:, j]), j]
+            if known.size:
+                out[j] = np.var(known) / self.noise[j] ** 2
+        return out
+
+    def _rest(self, without: Sequence[int]) -> list[Samples]:
+        out = []
+        for k, each in enumerate(self.samples):
+            left = np.ones(len(each), dtype=np.bool_)
+            for w in without:
+                at, a, b = self.windows[w]
+                if at == k:
+                    left[a:b] = False
+            edges = np.flatnonzero(np.diff(np.concatenate([[False], left, [False]]).astype(np.int64)))
+            for first, last in edges.reshape(-1, 2):
+                out += [self._piece(k, first + a, first + b) for a, b in _cuts(each.t[first:last], self.segment)]
+        return out
+
+    def _piece(self, k: int, first: int, last: int) -> Samples:
+        """Return a stretch of a recording, with the attitude that it begins with where it measures none."""
+        piece, angles = stretch(self.samples[k], first, last), self.attitude[k][first : first + _BEGIN]
+        if not np.isfinite(angles).all():
+            return piece
+        values = np.array(piece.values)
+        values[: len(angles), 3:5] = angles
+        return replace(piece, values=values)
+
+    def _fitted(
+        self,
+        samples: Sequence[Samples],
+        kernel: Array,
+        free: FreeParameters,
+        theta: Array,
+        delay: float,
+        prior: tuple[Array, Array] | None,
+        iterations: int,
+    ) -> OutputErrorFit | None:
+        try:
+            return fit_output_error(
+                samples,
+                kernel,
+                free,
+                theta,
+                self.noise,
+                prior=prior,
+                delay=delay,
+                iterations=iterations,
+            )
+        except (InputError, np.linalg.LinAlgError):
+            return None
+
+
+def stretch(samples: Samples, first: int, last: int) -> Samples:
+    """Return rows [first, last) with the inputs that matter to them."""
+    begin = max(0, int(np.searchsorted(samples.input_t, samples.t[first] - _BEFORE, "right")) - 1)
+    end = int(np.searchsorted(samples.input_t, samples.t[last - 1], "right"))
+    inputs = slice(begin, max(end, begin + 1))
+    return replace(
+        samples,
+        t=samples.t[first:last],
+        values=samples.values[first:last],
+        input_t=samples.input_t[inputs],
+        input_force=samples.input_force[inputs],
+    )
+
+
+def _cuts(t: Array, length: float) -> list[tuple[int, int]]:
+    """Return first row and row after the last of pieces about as long as `length` [s]."""
+    if not t.size:
+        return []
+    parts = max(1, round(float(t[-1] - t[0]) / length))
+    edges = np.searchsorted(t, np.linspace(t[0], t[-1], parts + 1)[1:-1])
+    bounds = [0, *(int(edge) for edge in edges), t.size]
+    return [(a, b) for a, b in pairwise(bounds) if b - a >= 3]
+
+
+def _telling(columns: Sequence[int], measured: Array) -> tuple[int, ...]:
+    """Return the columns to run over: what else is measured is not modelled, and would spoil what is.
+
+    The attitude stays. Positions, which add up every error of the speeds, are for axes without a measured speed. They
+    hang on the whole pose, and specific force, which hangs on everything, is not run over where there is anything else.
+    """
+    axes = [j - 6 for j in columns if j >= 6]
+    chosen = {6 + i for i in axes if measured[6 + i]} | {3, 4, 5}
+    if any(i < 3 and not measured[6 + i] for i in axes):
+        chosen |= {0, 1, 2}
+    if any(i >= 3 and not measured[6 + i] for i in axes):
+        chosen |= {9, 10, 11}
+    telling = tuple(sorted(j for j in chosen if measured[j]))
+    return telling or tuple(int(j) for j in np.flatnonzero(measured))
+
+
+def _only(samples: Samples, columns: Sequence[int], rows: NDArray[np.bool_]) -> Samples:
+    values = np.full_like(samples.values, np.nan)
+    values[:, list(columns)] = samples.values[:, list(columns)]
+    return replace(samples, t=samples.t[rows], values=values[rows])

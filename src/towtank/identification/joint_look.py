@@ -1,0 +1,131 @@
+"""A second look of the streaming estimator: passes over what was seen so far, from several starts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.identification.estimate import Estimate
+from towtank.identification.held_input import HeldInput
+from towtank.identification.joint import alike, bounded, followed, level_merit, one_pass, prior_deviation
+from towtank.identification.joint_start import size_of
+from towtank.identification.joint_state import C_LIKELIHOOD, O_FOLLOW, JointState, Tuning
+from towtank.identification.log_learning import Levels
+from towtank.identification.parameters import DELAY, FreeParameters
+from towtank.identification.samples import Samples
+from towtank.identification.structure import candidates
+from towtank.identification.transition import N_FIXED
+from towtank.vehicle import Vehicle
+
+__all__ = ["Look", "bank_of_delays", "look", "names_now"]
+
+_BANK = (0.0, 0.04, 0.08, 0.12, 0.16, 0.2, 0.25, 0.3, 0.35, 0.4)  # s
+_WORSE = 1.0  # of the logarithm of the likelihood
+_SETTLED = 0.1  # deviations
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """The filter after the likeliest pass, its inputs, and the levels that it shows."""
+
+    state: JointState
+    held: HeldInput
+    levels: Levels
+
+
+def look(
+    stretches: Sequence[Samples],
+    vehicle: Vehicle,
+    free: FreeParameters,
+    own: Array | None,
+    starts: Sequence[Array],
+    levels: Levels,
+    tuning: Tuning,
+    *,
+    delay: float,
+    prior: tuple[Array, Array] | None,
+    rounds: int,
+) -> Look | None:
+    """Pass over all stretches from each start and once more, `rounds` times, from the likeliest; None if all fail.
+
+    Args:
+        own: theta (n,) of the filter by now. A pass from there stays linear: it does not deceive itself.
+        starts: other thetas (n,), followed as they become known.
+        delay: of the inputs [s] where it is not free. prior: mean and information.
+    """
+    p = np.array(vehicle.parameters)
+    deviation = prior_deviation(free, size_of(vehicle, free))
+
+    def passed(theta: Array, levels: Levels, *, follow: bool) -> tuple[JointState, HeldInput] | None:
+        way = replace(tuning, follow=follow)
+        state, held = one_pass(stretches, p, free, theta, deviation, levels, way, delay=delay, prior=prior)
+        sound = np.isfinite(state.theta).all() and np.isfinite(state.P).all() and (np.diag(state.P) >= 0.0).all()
+        return (state, held) if sound else None
+
+    found = []
+    if own is not None:
+        found.append(passed(own, levels, follow=False))
+    others = [each for each in (passed(start, levels, follow=True) for start in starts) if each is not None]
+    if others:  # likelihoods of passes that follow and of linear ones do not compare
+        state, held = max(others, key=_likelihood)
+        found.append(passed(bounded(free, state.theta, state.theta), levels, follow=False) or (state, held))
+    sound = [each for each in found if each is not None]
+    if not sound:
+        return None
+    state, held = max(sound, key=_likelihood)
+    for _ in range(rounds):
+        following = followed(state, levels, tuning)
+        about = bounded(free, state.theta, state.anchor, linear=state.options[O_FOLLOW] == 0.0)
+        std = np.sqrt(np.diag(state.P)[N_FIXED : N_FIXED + len(free)])
+        if alike(following, levels) and np.all(np.abs(about - state.anchor) <= _SETTLED * std):
+            break
+        again = passed(about, following, follow=False)
+        if again is None or _merit(again[0], following, tuning) < _merit(state, levels, tuning) - _WORSE:
+            break
+        (state, held), levels = again, following
+    return Look(state, held, followed(state, levels, tuning))
+
+
+def _likelihood(passed: tuple[JointState, HeldInput]) -> float:
+    return float(passed[0].clock[C_LIKELIHOOD])
+
+
+def _merit(state: JointState, levels: Levels, tuning: Tuning) -> float:
+    return float(state.clock[C_LIKELIHOOD]) + level_merit(levels, tuning)
+
+
+def bank_of_delays(free: FreeParameters, theta: Array) -> list[Array]:
+    """Return theta (n,) with every delay of the bank."""
+    k = free.names.index(DELAY)
+    return [np.concatenate([theta[:k], [delay], theta[k + 1 :]]) for delay in _BANK]
+
+
+def names_now(vehicle: Vehicle, asked: Sequence[str] | None, found: Estimate | None, *, with_delay: bool) -> list[str]:
+    """Return what is free: as asked, or what least squares has not put aside."""
+    if asked is not None:
+        names = list(asked)
+    else:
+        names = []
+        for candidate in candidates(vehicle, None):
+            axis = candidate.axis
+            columns = (*axis.columns, axis.added_mass)
+            for c in (4, 0, 1, 2, 3):
+                name = columns[c]
+                if not candidate.wanted[c] or name in names:
+                    continue
+                known = found is not None and name in found and found[name].identified
+                put_aside = found is not None and name in found and not known and found[name].value == 0.0
+                if (c == 3 and not known) or (c in (0, 1) and put_aside and _partner_known(found, columns, c)):
+                    continue
+                names.append(name)
+    if with_delay and DELAY not in names:
+        names.append(DELAY)
+    return names
+
+
+def _partner_known(found: Estimate | None, columns: tuple[str, ...], c: int) -> bool:
+    partner = columns[1 - c]
+    return found is not None and partner in found and found[partner].identified

@@ -1,0 +1,195 @@
+"""Whether what is commanded acts the right way round: a thruster wired or placed on the wrong side, a mirrored frame.
+
+One axis at a time, a speed is what a first-order lag makes of the commanded force,
+
+    v(t) = g F(t - d) * exp(-t / T) / T + c + v_0 exp(-t / T),
+
+over windows with a c and v_0 of their own, for a bank of time constants T and delays d. The share of the speed's
+square that this explains is compared for g > 0 and for g < 0. No inertia, no damping turns a force round: an axis is
+called reversed where g < 0 explains much and g > 0 next to nothing, in the first half of the data and in the second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from towtank.core.arrays import Array
+from towtank.core.attitude import euler_rates_matrix, rotation_from_euler
+from towtank.identification.axes import AXES
+from towtank.identification.samples import Samples
+from towtank.vehicle import Vehicle, configuration_matrix
+
+__all__ = ["Reversal", "mirrored", "reversals"]
+
+_STEP = 0.1  # s
+_WINDOW, _SHORTEST, _MOST = 20.0, 5.0, 60  # s, s; windows looked at, spread evenly
+_TIMES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8)  # s
+_DELAYS = (0, 1, 2, 4)  # steps
+_MUCH, _NOTHING = 0.3, 0.3  # share that g < 0 must explain; of that, what g > 0 may explain
+_CLOSE = 0.5  # s over which a speed is interpolated
+_COMMANDED = 0.02  # of the largest force or moment that is commanded, to be worth a look
+_NOUNS = ("surge force", "sway force", "heave force", "roll moment", "pitch moment", "yaw moment")
+_LENGTH = 0.3  # m that makes a force of a moment
+
+
+@dataclass(frozen=True)
+class Reversal:
+    """An axis (0 .. 5) whose commanded force acts with the opposite sign.
+
+    Attributes:
+        reversed_share, share: of the square of the speed, explained with the sign reversed and as it is.
+    """
+
+    axis: int
+    reversed_share: float
+    share: float
+
+    @property
+    def said(self) -> str:
+        """It in plain words."""
+        axis = AXES[self.axis]
+        return (
+            f"the commanded {_NOUNS[self.axis]} acts with the opposite sign: reversed, it explains "
+            f"{100.0 * self.reversed_share:.0f} % of {axis.velocity}, as it is {100.0 * self.share:.0f} %"
+        )
+
+
+def reversals(samples: Sequence[Samples]) -> tuple[Reversal, ...]:
+    """Return the axes on which the recordings speak for the opposite sign."""
+    forces = np.array([_size(samples, i) for i in range(6)]) / np.array([1.0] * 3 + [_LENGTH] * 3)
+    found = []
+    for i in range(6):
+        if forces[i] > 0.0 and forces[i] >= _COMMANDED * forces.max():
+            reversal = _axis(samples, i)
+            if reversal is not None:
+                found.append(reversal)
+    return tuple(found)
+
+
+def mirrored(vehicle: Vehicle, axes: Sequence[int]) -> Vehicle | None:
+    """Return the vehicle with its thrusters moved so that their wrench is reversed on these axes.
+
+    None where no place of a thruster does that (the moment of a force is perpendicular to it).
+    """
+    wanted = configuration_matrix(vehicle)
+    wanted[list(axes)] *= -1.0
+    thrusters = []
+    for k, thruster in enumerate(vehicle.thrusters):
+        before = np.array(thruster.direction)
+        force, moment = wanted[:3, k], wanted[3:, k]
+        along = float(np.dot(before, thruster.position))
+        place = np.cross(force, moment) + along * force
+        thrusters.append(
+            thruster.model_copy(
+                update={
+                    "position": tuple(float(x) for x in place + 0.0),
+                    "direction": tuple(float(x) for x in force + 0.0),
+                }
+            )
+        )
+    out = vehicle.model_copy(update={"thrusters": tuple(thrusters)})
+    return out if np.allclose(configuration_matrix(out), wanted, atol=1e-9) else None
+
+
+def _size(samples: Sequence[Samples], axis: int) -> float:
+    return max((float(np.nanstd(each.input_force @ each.shape[axis])) for each in samples if len(each)), default=0.0)
+
+
+def _axis(samples: Sequence[Samples], axis: int) -> Reversal | None:
+    speeds: list[Array] = []
+    forces: list[Array] = []
+    for each in samples:
+        v, f = _series(each, axis)
+        span = round(min(_WINDOW, max(_SHORTEST, 0.25 * each.duration)) / _STEP)
+        for first in range(0, v.size - span + 1, span):
+            part = slice(first, first + span)
+            if np.isfinite(v[part]).all() and np.isfinite(f[part]).all():
+                speeds.append(v[part])
+                forces.append(f[part])
+    if len(speeds) < 2:
+        return None
+    some = np.unique(np.linspace(0, len(speeds) - 1, _MOST).astype(np.int64))
+    speeds, forces = [speeds[k] for k in some], [forces[k] for k in some]
+    best = {1: (0.0, 0.0, 0.0), -1: (0.0, 0.0, 0.0)}
+    for time in _TIMES:
+        for delay in _DELAYS:
+            cross, power, square = _sums(speeds, forces, time, delay)
+            total = float(square.sum())
+            if not total > 0.0 or not power.sum() > 0.0:
+                continue
+            middle = len(cross) // 2
+            share = float(cross.sum() ** 2 / (power.sum() * total))
+            way = 1 if cross.sum() > 0.0 else -1
+            if share > best[way][0]:
+                best[way] = (share, float(cross[:middle].sum()), float(cross[middle:].sum()))
+    share, early, late = best[-1]
+    if share >= _MUCH and best[1][0] <= _NOTHING * share and early < 0.0 and late < 0.0:
+        return Reversal(axis, share, best[1][0])
+    return None
+
+
+def _sums(speeds: Sequence[Array], forces: Sequence[Array], time: float, delay: int) -> tuple[Array, Array, Array]:
+    """Return y v, y^2 and v^2 of each window (w,), y the force through the lag; c and v_0 taken out of both."""
+    out = np.zeros((3, len(speeds)))
+    keep = np.exp(-_STEP / time)
+    for k, (v, f) in enumerate(zip(speeds, forces, strict=True)):
+        late = np.concatenate([np.full(delay, f[0]), f[: f.size - delay]])
+        y = np.concatenate([[0.0], lfilter([1.0 - keep], [1.0, -keep], late)[:-1]])
+        free = np.linalg.qr(np.column_stack([np.ones(v.size), keep ** np.arange(v.size)]))[0]
+        y, v = y - free @ (free.T @ y), v - free @ (free.T @ v)
+        out[:, k] = y @ v, y @ y, v @ v
+    return out[0], out[1], out[2]
+
+
+def _series(samples: Samples, axis: int) -> tuple[Array, Array]:
+    """Return the speed (m,) at regular instants, NaN where unknown, and the mean force (m,) from each to the next."""
+    if len(samples) < 2:
+        return np.zeros(0), np.zeros(0)
+    grid = samples.t[0] + _STEP * np.arange(int(samples.duration / _STEP))
+    t, speed = _speed(samples, axis)
+    if t.size < 2 or grid.size < 2:
+        return np.zeros(0), np.zeros(0)
+    v = np.interp(grid, t, speed, left=np.nan, right=np.nan)
+    after = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
+    v[t[after] - t[after - 1] > _CLOSE] = np.nan
+    force = samples.input_force @ samples.shape[axis]
+    edges = np.append(grid, grid[-1] + _STEP)
+    change = np.concatenate([[0.0], np.cumsum(np.diff(samples.input_t) * force[:-1])])
+    last = np.clip(np.searchsorted(samples.input_t, edges, "right") - 1, 0, force.size - 1)
+    integral = change[last] + force[last] * (edges - samples.input_t[last])
+    f = np.diff(integral) / _STEP
+    f[grid < samples.input_t[0]] = np.nan
+    return v, f
+
+
+def _speed(samples: Samples, axis: int) -> tuple[Array, Array]:
+    """Return times and speeds, measured or from the pose."""
+    values = samples.values
+    known = np.isfinite(values[:, 6 + axis])
+    if known.any():
+        return samples.t[known], values[known, 6 + axis]
+    needed = slice(0, 6) if axis < 3 else slice(3, 6)
+    posed = np.flatnonzero(np.isfinite(values[:, needed]).all(axis=1))
+    t = samples.t[posed]
+    if t.size < 2:
+        return np.zeros(0), np.zeros(0)
+    apart = max(1, round(_STEP / max(float(np.median(np.diff(t))), 1e-6)))
+    t, pose = t[::apart], values[posed[::apart], :6]
+    if t.size < 3:
+        return np.zeros(0), np.zeros(0)
+    pose = np.column_stack([pose[:, :3], np.unwrap(pose[:, 3:], axis=0)])
+    rate = (pose[2:] - pose[:-2]) / (t[2:] - t[:-2])[:, None]
+    out = np.empty(len(rate))
+    for k, (angles, way) in enumerate(zip(pose[1:-1, 3:], rate, strict=True)):
+        if axis < 3:
+            out[k] = float((rotation_from_euler(*angles).T @ way[:3])[axis]) if np.isfinite(way[:3]).all() else np.nan
+        elif abs(np.cos(angles[1])) > _COMMANDED:
+            out[k] = float(np.linalg.solve(euler_rates_matrix(angles[0], angles[1]), way[3:])[axis - 3])
+        else:
+            out[k] = np.nan
+    fine = np.isfinite(out)
+    return t[1:-1][fine], out[fine]

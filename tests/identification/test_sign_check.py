@@ -1,0 +1,99 @@
+"""Which way round commanded forces act: thrusters on the wrong side, a recorded wrench with the wrong sign."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from towtank.identification import learn_recordings
+from towtank.identification.samples import samples_of
+from towtank.identification.sign_check import mirrored, reversals
+from towtank.recording import Recording
+from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate
+from towtank.vehicle import Thruster, Vehicle, configuration_matrix, load_vehicle
+
+from .runs import TRUTH, box, unknown, waves
+
+SWAY, YAW = 1, 5
+
+
+def craft() -> Vehicle:
+    """Two thrusters astern, left and right of the middle."""
+    curve = {"kind": "polynomial", "coefficients": (40.0,), "limits": (-1.0, 1.0)}
+    thrusters = tuple(
+        Thruster(name=name, position=(-0.4, y, 0.0), direction=(1.0, 0.0, 0.0), curve=curve)
+        for name, y in (("left", -0.3), ("right", 0.3))
+    )
+    return box().model_copy(update={"thrusters": thrusters})
+
+
+def spins(seconds: float, seed: int = 0) -> Recording:
+    """A run of `craft` with square waves of different periods on both thrusters."""
+    t = np.arange(round(100 * seconds)) * 0.01
+    commands = 0.5 * np.column_stack([np.sign(np.sin(1.1 * t)), np.sign(np.sin(0.7 * t + 1.0))])
+    force = OrnsteinUhlenbeck(std=(0.5, 0.5, 0.5, 0.05, 0.05, 0.05))
+    return simulate(craft(), commands=commands, dt=0.01, sensors=Mocap(), disturbance=force, seed=seed)
+
+
+def test_thrusters_on_the_wrong_side_are_found_and_those_on_the_right_side_left_alone() -> None:
+    vehicle, run = craft(), spins(40.0)
+    swapped = mirrored(vehicle, [YAW])
+    assert swapped is not None
+    assert reversals([samples_of(run, vehicle)]) == ()
+    found = reversals([samples_of(run, swapped)])
+    assert [each.axis for each in found] == [YAW]
+    assert found[0].reversed_share > 0.6
+    assert found[0].share < 0.1
+    assert "the commanded yaw moment acts with the opposite sign" in found[0].said
+
+
+def test_learning_goes_on_with_the_thrusters_where_they_are() -> None:
+    vehicle, run = craft(), spins(40.0)
+    swapped = mirrored(vehicle, [YAW])
+    assert swapped is not None
+    learning = learn_recordings(swapped, [run], free=("N_rdot", "N_rr"), delay=0.0)
+    assert any("yaw moment acts with the opposite sign" in text for text in learning.warnings)
+    assert configuration_matrix(learning.model) == pytest.approx(configuration_matrix(vehicle), abs=1e-9)
+    assert 1.5 - learning.estimate["N_rdot"].value == pytest.approx(2.3, rel=0.05)
+
+
+def test_nothing_is_said_where_all_is_right() -> None:
+    learning = learn_recordings(craft(), [spins(20.0, 1)], free=("N_rdot", "N_rr"), delay=0.0)
+    assert not any("opposite sign" in text for text in learning.warnings)
+
+
+@pytest.mark.parametrize("axis", range(6))
+def test_every_axis_of_a_recorded_wrench(axis: int) -> None:
+    amplitude = 25.0 if axis < 3 else 1.0
+    run = simulate(box(), wrench=waves(4000, 0.01, (axis, amplitude, 0.9), square=True), sensors=Mocap())
+    samples = samples_of(run, box())
+    assert reversals([samples]) == ()
+    samples.input_force[:, axis] *= -1.0
+    assert [each.axis for each in reversals([samples])] == [axis]
+
+
+def test_a_wrench_of_the_wrong_sign_is_reported_with_what_to_do() -> None:
+    run = simulate(box(), wrench=waves(3000, 0.01, (SWAY, 25.0, 0.9), square=True), sensors=Mocap())
+    turned = type(run["Y"])("Y", run["Y"].t, -run["Y"].values, run["Y"].unit, run["Y"].frame)
+    learning = learn_recordings(unknown(box(), **TRUTH), [run.replace([turned])], method="paper", delay=0.0)
+    assert any("sway force acts with the opposite sign" in w and "mapping" in w for w in learning.warnings)
+
+
+def test_mirroring_turns_round_one_axis_and_no_other() -> None:
+    vehicle = load_vehicle("vlbv300")
+    other = mirrored(vehicle, [YAW])
+    if other is not None:
+        expected = configuration_matrix(vehicle)
+        expected[YAW] *= -1.0
+        assert configuration_matrix(other) == pytest.approx(expected, abs=1e-9)
+    boat = load_vehicle("blueboat")
+    turned = mirrored(boat, [YAW])
+    assert turned is not None
+    assert [t.position[1] for t in turned.thrusters] == [-t.position[1] for t in boat.thrusters]
+
+
+def test_short_and_empty_recordings_say_nothing() -> None:
+    assert reversals([samples_of(spins(0.5), craft())]) == ()
+    assert reversals([]) == ()
+    still = simulate(box(), wrench=np.zeros((500, 6)), sensors=Mocap())
+    assert reversals([samples_of(still, box())]) == ()

@@ -1,0 +1,85 @@
+"""Models learned from real recordings with nothing tuned, judged by free-running prediction of others."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from towtank.identification import learn_recordings
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
+
+from real_cases import BOAT_HALVES, POOL, SPINS, Case, Learned, boat, pool, real_fit, sea, wrongly_wired
+
+
+@pytest.fixture(scope="module")
+def pool_runs(data: Path) -> Learned:
+    return _there(pool(data))
+
+
+@pytest.fixture(scope="module")
+def boat_logs(data: Path) -> Learned:
+    return _there(boat(data))
+
+
+def _there(runs: Learned) -> Learned:
+    if not runs.folder.is_dir():
+        pytest.skip(f"no such recordings: {runs.folder} is not a folder")
+    return runs
+
+
+@pytest.mark.parametrize("case", POOL, ids=lambda case: case.name)
+def test_pool(pool_runs: Learned, case: Case) -> None:
+    fit = real_fit(pool_runs.learn(*case.learned), pool_runs.read(case.judged), case.horizon)
+    short = {name: round(fit[name], 1) for name, least in case.least if fit[name] < least}
+    assert not short, f"below {dict(case.least)}"
+
+
+def test_the_choice_between_filter_and_free_runs_is_told_with_figures(pool_runs: Learned) -> None:
+    learning = pool_runs.learn("yaw_1")
+    assert any("has not seen" in text and "%" in text for text in learning.remarks)
+    assert not any("opposite sign" in text for text in learning.warnings)
+
+
+def test_speeds_that_the_pool_did_not_measure_are_not_learned(pool_runs: Learned) -> None:
+    for c in pool_runs.learn("yaw_1").estimate.coefficients:
+        if c.name[0] in "XYZ" or c.name == "W_minus_B":
+            assert not c.identified
+            assert "not measured" in str(c.reason)
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_sea_surge_by_halves(data: Path, first: int) -> None:
+    if not (data / "bluerov2_dvl_sea_2026").is_dir():
+        pytest.skip(f"no such recordings: {data / 'bluerov2_dvl_sea_2026'} is not a folder")
+    vehicle, halves = sea(data)
+    learning = learn_recordings(vehicle, [halves[first]])
+    for name in ("X_udot", "K_pdot", "M_qdot"):
+        assert not learning.estimate[name].identified
+        assert learning.estimate[name].reason
+    assert not any("opposite sign" in text for text in learning.warnings)
+    assert real_fit(learning, halves[1 - first])["u"] >= 71.0
+
+
+def test_boat_surge_by_halves(boat_logs: Learned) -> None:
+    fits = []
+    for learned, judged in (BOAT_HALVES, BOAT_HALVES[::-1]):
+        learning = boat_logs.learn(*learned)
+        fits += [real_fit(learning, boat_logs.read(name))["u"] for name in judged if name not in SPINS]
+        assert not any("opposite sign" in text for text in learning.warnings)
+        for c in learning.estimate.coefficients:
+            if c.name[0] in "ZKM":
+                assert not c.identified
+    assert np.median(fits) >= 68.0
+    assert min(fits) >= 50.0
+
+
+@pytest.mark.parametrize("half", BOAT_HALVES, ids="+".join)
+def test_the_reversed_yaw_moment_of_the_boat_is_found(boat_logs: Learned, half: tuple[str, ...]) -> None:
+    vehicle = wrongly_wired(boat_logs.vehicle)
+    learning = learn_recordings(vehicle, [boat_logs.read(name) for name in half], method="paper")
+    assert any("the commanded yaw moment acts with the opposite sign" in text for text in learning.warnings)
+    assert learning.model.thrusters[0].position == pytest.approx(boat_logs.vehicle.thrusters[0].position)
