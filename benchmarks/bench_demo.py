@@ -18,29 +18,24 @@ import numpy as np
 from towtank.app.demo_progress import Quantity, quantities, readings
 from towtank.app.demo_session import DURATION, FREE, tank_session
 from towtank.app.demo_stream import pose_and_commands
-from towtank.identification import PaperLearner, learn_paper
-
-TRANSLATION_AND_YAW = ("surge", "sway", "heave", "yaw")
+from towtank.identification import Learner, learn_recordings
 
 
 def promised(quantity: Quantity) -> float:
     """Return the accuracy [%] that the demo promises."""
-    if quantity.axis not in TRANSLATION_AND_YAW:
-        return 10.0
-    return 3.0 if quantity.kind == "inertia" else 8.0
+    return 4.0 if quantity.kind == "drag" else 1.0
 
 
 def errors(seed: int, seconds: float, streaming: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return the errors [%] and the errors in deviations of one run, (n,) each, NaN where not identified."""
     session = tank_session(seconds, seed)
     if streaming:
-        learner = PaperLearner(session.known, free=FREE)
+        learner = Learner(session.known, free=FREE)
         for t, pose, commands in zip(*pose_and_commands(session), strict=True):
             learner.update(t, pose=pose, commands=commands)
         estimate = learner.estimate
     else:
-        delay = session.known.command_delay
-        estimate = learn_paper(session.known, [session.recording], free=FREE, delay=delay).estimate
+        estimate = learn_recordings(session.known, [session.recording], free=FREE).estimate
     learned = quantities(session.truth)
     values, std = readings(estimate, learned)
     truth = np.array([quantity.truth for quantity in learned])

@@ -59,6 +59,13 @@ def boat_checks(data: Path) -> list[Check]:
     out.append(Check("boat by halves, logs with surge in them: median of u %", float(np.median(straight)), low=68.0))
     out.append(Check("boat by halves, logs with surge in them: least u %", min(straight), low=50.0, note=note))
     out.append(Check("boat by halves, all logs: least u %", min(fits.values()), low=50.0, note="spins: no surge"))
+    alone = {}
+    names = [name for half in BOAT_HALVES for name in half]
+    for name in (name for name in names if name not in SPINS):
+        alone[name] = real_fit(runs.learn(*(other for other in names if other != name)), runs.read(name))["u"]
+    note = ", ".join(f"{name} {value:.0f}" for name, value in alone.items())
+    out.append(Check("boat, all logs but one: median of u %", float(np.median(list(alone.values()))), low=68.0))
+    out.append(Check("boat, all logs but one: least u %", min(alone.values()), low=50.0, note=note))
     found = learn_recordings(wrongly_wired(runs.vehicle), [runs.read(name) for name in BOAT_HALVES[0]])
     told = sum("yaw moment acts with the opposite sign" in text for text in found.warnings)
     out.append(Check("boat, thrusters as drawn: the reversed yaw moment is reported", told, low=1.0))

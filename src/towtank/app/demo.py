@@ -1,7 +1,7 @@
 """`towtank demo`: a simulated tank session, learned sample by sample, judged on a session never seen.
 
-It is what live data will do: `PaperLearner.update` with every pose and its commands, an estimate to be read at any
-time, and at the end a vehicle file.
+It is what live data will do: `Learner.update` with every pose and its commands, an estimate to be read at any time,
+and at the end a vehicle file.
 """
 
 from __future__ import annotations
@@ -21,10 +21,9 @@ from towtank.app.demo_table import Screen, coefficient_table
 from towtank.app.demo_warmup import warm_up
 from towtank.app.demo_words import commands, fit_text, plan, verdict
 from towtank.errors import InputError
-from towtank.identification import Estimate, PaperLearner, learn_paper
+from towtank.identification import Learner, LogLearning, learn_recordings
 from towtank.outputs import write_text
 from towtank.validation import Validation, validate
-from towtank.vehicle import Vehicle
 
 __all__ = ["run_demo"]
 
@@ -62,13 +61,14 @@ def run_demo(
     _say(console, plan(duration, fast))
     console.print()
 
-    learner = PaperLearner(session.known, free=FREE)
+    learner = Learner(session.known, free=FREE)
     course = Course(quantities(session.truth))
     screen = Screen(console, session)
     with screen.showing() as show:
         last = stream(session, learner, course, paced=not fast, show=show)
 
-    estimate, model = _second_pass(console, session, course)
+    learning = _second_pass(console, session, course)
+    model = learning.model
     unseen = unseen_session()
     judged = validate(model, [unseen.recording])
     files = write_demo(output, session, unseen, model, judged, course)
@@ -85,15 +85,15 @@ def run_demo(
         import webbrowser
 
         webbrowser.open(files[0].resolve().as_uri())
-    return _document(session, estimate, course, judged, files, last)
+    return _document(session, learning, course, judged, files, last)
 
 
-def _second_pass(console: Console, session: Session, course: Course) -> tuple[Estimate, Vehicle]:
+def _second_pass(console: Console, session: Session, course: Course) -> LogLearning:
     """Learn once more from the whole recording, as `towtank learn` does, and add the result to the course."""
     _say(console, "second pass over the recording, as `towtank learn` takes a log")
-    learning = learn_paper(session.known, [session.recording], free=FREE, delay=session.known.command_delay)
+    learning = learn_recordings(session.known, [session.recording], free=FREE)
     course.read(session.recording.duration, learning.estimate)
-    return learning.estimate, learning.model
+    return learning
 
 
 def _say(console: Console, text: str, style: str = "") -> None:
@@ -114,10 +114,10 @@ def _make_folder(output: Path) -> None:
 
 
 def _document(
-    session: Session, estimate: Estimate, course: Course, judged: Validation, files: list[Path], last: Moment
+    session: Session, learning: LogLearning, course: Course, judged: Validation, files: list[Path], last: Moment
 ) -> dict[str, Any]:
     coefficients: dict[str, Any] = {}
-    for each in estimate.coefficients:
+    for each in learning.estimate.coefficients:
         truth = session.truth.coefficient(each.name)
         entry = {"value": each.value, "std": each.std, "unit": each.unit, "identified": each.identified}
         errors = _errors(truth, each.value, each.std)
@@ -139,7 +139,10 @@ def _document(
         "seconds": session.recording.duration,
         "samples": last.samples,
         "seed": SEED,
+        "method": learning.method,
         "delay_s": DELAY,
+        "delay_learned_s": learning.delay,
+        "delay_std_s": learning.delay_std,
         "coefficients": coefficients,
         "sums": sums,
         "fit": judged.fit,

@@ -8,7 +8,7 @@ from typing import Any
 from towtank.app.demo_progress import Course, quantities
 from towtank.app.demo_session import FREE, tank_session, unseen_session
 from towtank.app.demo_stream import stream
-from towtank.identification import PaperLearner, learn_paper
+from towtank.identification import Learner, learn_recordings
 from towtank.validation import validate
 
 __all__ = ["warm_up"]
@@ -33,7 +33,7 @@ def warm_up(compiling: Callable[[], None]) -> None:
 
     with event.install_listener("numba:compile", Listener()):
         session = tank_session(_SECONDS)
-        learner = PaperLearner(session.known, free=FREE)
+        learner = Learner(session.known, free=FREE)
         stream(session, learner, Course(quantities(session.truth)), paced=False, show=lambda moment: None)
-        learn_paper(session.known, [session.recording], free=FREE, delay=session.known.command_delay)
+        learn_recordings(session.known, [session.recording], free=FREE)
         validate(session.truth, [unseen_session().recording.window(0.0, _SECONDS)])

@@ -299,8 +299,7 @@ class JointLearner(Learner):
             return
         free = free_parameters(self.vehicle, names)
         own, cold = self._starts(free, found)
-        tail = np.concatenate([each.values for each in stretches])
-        times = np.concatenate([each.t for each in stretches])
+        longest = max(stretches, key=lambda each: each.t.size)
         starts = [cold] if self._seen < _BOTH_STARTS or own is None else []
         if DELAY in free.names and self._next_bank <= self._seen < _BANK_UNTIL:
             self._next_bank = self._seen * _BANK_GROWS
@@ -311,11 +310,11 @@ class JointLearner(Learner):
             free,
             own,
             starts,
-            Levels(rows_noise(times, tail), self._levels.sigma),
+            Levels(rows_noise(longest.t, longest.values), self._levels.sigma),
             self._tuning,
             delay=self._delay,
             prior=None if self.prior is None else prior_information(self.prior, free),
-            rounds=_ROUNDS if self._seen < _EARLY else 1,
+            rounds=_ROUNDS if self._seen < _EARLY else int(self._seen < 2.0 * _EARLY),
         )
         if seen is None:
             return

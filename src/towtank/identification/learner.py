@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ __all__ = ["STREAMING_METHODS", "Learner", "sample_vector"]
 STREAMING_METHODS = ("joint", "paper")
 
 
-class Learner(ABC):
+class Learner:
     """Learns a vehicle's coefficients from its commands and its motion, sample by sample.
 
     Args:
@@ -52,10 +51,9 @@ class Learner(ABC):
 
         return super().__new__(PaperLearner)
 
-    @abstractmethod
-    def __init__(self, vehicle: Vehicle, method: str = "joint", **settings: Any) -> None: ...
+    def __init__(self, vehicle: Vehicle, method: str = "joint", **settings: Any) -> None:
+        raise NotImplementedError
 
-    @abstractmethod
     def update(
         self,
         t: float,
@@ -75,8 +73,8 @@ class Learner(ABC):
             commands: one per thruster, in force from t on; wrench: X Y Z K M N, likewise. None: unchanged.
             voltage: of the supply, where the thrusters' curves depend on it.
         """
+        raise NotImplementedError
 
-    @abstractmethod
     def run(self, recording: Recording) -> int:
         """Take a whole recording; return how many intervals were learned from.
 
@@ -85,19 +83,20 @@ class Learner(ABC):
         Raises:
             InputError: there is no motion, or its thrusters are not the vehicle's.
         """
+        raise NotImplementedError
 
-    @abstractmethod
     def restart(self) -> None:
         """Begin a new stretch of samples whose times owe nothing to the last one's; what was learned stays."""
+        raise NotImplementedError
 
     @property
-    @abstractmethod
     def estimate(self) -> Estimate:
         """What has been learned so far."""
+        raise NotImplementedError
 
-    @abstractmethod
     def model(self) -> Vehicle:
         """Return the vehicle with everything identified so far put in."""
+        raise NotImplementedError
 
 
 def sample_vector(values: ArrayLike | None, n: int, name: str) -> Array:

@@ -1,12 +1,12 @@
 """Whether what is commanded acts the right way round: a thruster wired or placed on the wrong side, a mirrored frame.
 
-One axis at a time, a speed is what a first-order lag makes of the commanded force,
+One axis at a time, a speed is what inertia, damping and, in roll and pitch, a righting moment make of the force,
 
-    v(t) = g F(t - d) * exp(-t / T) / T + c + v_0 exp(-t / T),
+    v' = -v / T - w^2 x + g F(t - d),   x' = v,
 
-over windows with a c and v_0 of their own, for a bank of time constants T and delays d. The share of the speed's
-square that this explains is compared for g > 0 and for g < 0. No inertia, no damping turns a force round: an axis is
-called reversed where g < 0 explains much and g > 0 next to nothing, in the first half of the data and in the second.
+over windows with a start and a mean of their own, for a bank of time constants T, frequencies w and delays d. The share
+of the speed's square that this explains is compared for g > 0 and for g < 0. Nothing else turns a force round: an axis
+is called reversed where g < 0 explains much and g > 0 next to nothing, in the first half of the data and in the second.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import expm
 from scipy.signal import lfilter
 
 from towtank.core.arrays import Array
@@ -28,11 +29,13 @@ __all__ = ["Reversal", "mirrored", "reversals"]
 _STEP = 0.1  # s
 _WINDOW, _SHORTEST, _MOST = 20.0, 5.0, 60  # s, s; windows looked at, spread evenly
 _TIMES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8)  # s
+_SWINGS, _DAMPED = (0.5, 1.0, 2.0, 4.0, 8.0), (0.2, 0.8, 3.2)  # rad/s, and s, of what is righted
 _DELAYS = (0, 1, 2, 4)  # steps
 _MUCH, _NOTHING = 0.3, 0.3  # share that g < 0 must explain; of that, what g > 0 may explain
 _CLOSE = 0.5  # s over which a speed is interpolated
-_COMMANDED = 0.02  # of the largest force or moment that is commanded, to be worth a look
+_COMMANDED = 0.2  # of the largest force or moment: below it the motion may come from another axis
 _NOUNS = ("surge force", "sway force", "heave force", "roll moment", "pitch moment", "yaw moment")
+_LEVEL = 0.05  # cosine of pitch above which Euler angles tell of rates
 _LENGTH = 0.3  # m that makes a force of a moment
 
 
@@ -115,9 +118,12 @@ def _axis(samples: Sequence[Samples], axis: int) -> Reversal | None:
     some = np.unique(np.linspace(0, len(speeds) - 1, _MOST).astype(np.int64))
     speeds, forces = [speeds[k] for k in some], [forces[k] for k in some]
     best = {1: (0.0, 0.0, 0.0), -1: (0.0, 0.0, 0.0)}
-    for time in _TIMES:
+    bank = [(time, 0.0) for time in _TIMES]
+    if axis in (3, 4):
+        bank += [(time, swing) for time in _DAMPED for swing in _SWINGS]
+    for time, swing in bank:
         for delay in _DELAYS:
-            cross, power, square = _sums(speeds, forces, time, delay)
+            cross, power, square = _sums(speeds, forces, time, swing, delay)
             total = float(square.sum())
             if not total > 0.0 or not power.sum() > 0.0:
                 continue
@@ -132,14 +138,22 @@ def _axis(samples: Sequence[Samples], axis: int) -> Reversal | None:
     return None
 
 
-def _sums(speeds: Sequence[Array], forces: Sequence[Array], time: float, delay: int) -> tuple[Array, Array, Array]:
-    """Return y v, y^2 and v^2 of each window (w,), y the force through the lag; c and v_0 taken out of both."""
+def _sums(
+    speeds: Sequence[Array], forces: Sequence[Array], time: float, swing: float, delay: int
+) -> tuple[Array, Array, Array]:
+    """Return y v, y^2 and v^2 of each window (w,), y the speed that the force makes; start and mean taken out."""
     out = np.zeros((3, len(speeds)))
-    keep = np.exp(-_STEP / time)
+    whole = expm(_STEP * np.array([[-1.0 / time, -(swing**2), 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+    A, b = whole[:2, :2], whole[:2, 2]
+    # speed over force, y[k] = b0 f[k - 1] + ..., by Cayley and Hamilton: y[k] = tr A y[k-1] - det A y[k-2] + ...
+    trace, determinant = float(np.trace(A)), float(np.linalg.det(A))
+    gains = [0.0, b[0], A[0, 0] * b[0] + A[0, 1] * b[1] - trace * b[0]]
+    bends = [1.0, -trace, determinant]
     for k, (v, f) in enumerate(zip(speeds, forces, strict=True)):
         late = np.concatenate([np.full(delay, f[0]), f[: f.size - delay]])
-        y = np.concatenate([[0.0], lfilter([1.0 - keep], [1.0, -keep], late)[:-1]])
-        free = np.linalg.qr(np.column_stack([np.ones(v.size), keep ** np.arange(v.size)]))[0]
+        y = lfilter(gains, bends, late)
+        alone = [lfilter([1.0], bends, np.eye(1, v.size, shift)[0]) for shift in ((0, 1) if swing else (0,))]
+        free = np.linalg.qr(np.column_stack([np.ones(v.size), *alone]))[0]
         y, v = y - free @ (free.T @ y), v - free @ (free.T @ v)
         out[:, k] = y @ v, y @ y, v @ v
     return out[0], out[1], out[2]
@@ -187,7 +201,7 @@ def _speed(samples: Samples, axis: int) -> tuple[Array, Array]:
     for k, (angles, way) in enumerate(zip(pose[1:-1, 3:], rate, strict=True)):
         if axis < 3:
             out[k] = float((rotation_from_euler(*angles).T @ way[:3])[axis]) if np.isfinite(way[:3]).all() else np.nan
-        elif abs(np.cos(angles[1])) > _COMMANDED:
+        elif abs(np.cos(angles[1])) > _LEVEL:
             out[k] = float(np.linalg.solve(euler_rates_matrix(angles[0], angles[1]), way[3:])[axis - 3])
         else:
             out[k] = np.nan
