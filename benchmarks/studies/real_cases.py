@@ -67,7 +67,7 @@ class Case:
     @property
     def name(self) -> str:
         """The case in words."""
-        restart = "" if self.horizon is None else f", restart every {self.horizon:g} s"
+        restart = "" if self.horizon is None else f" by {self.horizon:g} s"
         return f"{' + '.join(self.learned)} -> {self.judged}{restart}"
 
 

@@ -87,7 +87,6 @@ def learn(
     from towtank.app.repairs_text import learning_warnings
     from towtank.app.sources import cut, read_logs, read_prior, read_vehicle
     from towtank.identification.logs import learn_recordings
-    from towtank.identification.thrust_scale import with_scale
     from towtank.vehicle import save_vehicle
 
     output = Output(json=json)
@@ -104,7 +103,6 @@ def learn(
             prior=beforehand,
             progress=lambda text, share: tell(text, 0.9 * share),
         )
-        learning = with_scale(learning, wanted or ())
         model = _with_provenance(learning, logs, prior)
         tell("predicting", 0.9)
         fit, unfit = _fit(model, recordings)

@@ -223,7 +223,7 @@ def joint_passes(
 
 
 def _caution(looks: Array) -> Array:
-    """Return the factor (6,) to a level of the disturbance 1.4 deviations above its estimate, of so many looks at it."""
+    """Return the factor (6,) to a level of the disturbance 1.4 deviations above its estimate, from its looks (6,)."""
     return np.asarray(np.exp(0.7 * np.sqrt(2.0 / (looks + _USUAL_FOR))))
 
 

@@ -46,6 +46,7 @@ from towtank.identification.paper_learner import PaperLearner
 from towtank.identification.parameters import DELAY, GAIN_PREFIX, LAG, FreeParameters, free_parameters
 from towtank.identification.samples import N_MEASURED, held_forces, samples_of, with_absent_zero
 from towtank.identification.structure import paper_names
+from towtank.identification.thrust_scale import with_thrust_scale
 from towtank.identification.transition import N_FIXED
 from towtank.recording import Recording
 from towtank.vehicle import Vehicle, configuration_matrix
@@ -54,12 +55,12 @@ __all__ = ["JointLearner"]
 
 _OFTEN = 0.25  # s between two looks at least
 _FIRST_LOOK = 0.5  # s of motion
-_EARLY, _GROWS_EARLY, _GROWS = 8.0, 1.15, 1.7  # s; from one look to the next, until then and later
-_BOTH_STARTS = 30.0  # s: up to then least squares' coefficients are tried as well
+_EARLY, _GROWS_EARLY, _GROWS = 8.0, 1.25, 2.0  # s; from one look to the next, until then and later
+_BOTH_STARTS, _STARTS_GROW = 30.0, 2.0  # s: until then looks at doubling times start from least squares too,
 _LAST_LOOK = 120.0  # s of samples kept,
 _MOST_ROWS = 40_000
-_BANK_UNTIL, _BANK_GROWS = 5.0, 1.5  # s; between two looks with the bank of delays
-_ROUNDS = 4  # passes more of an early look, with the levels that it shows
+_BANK_UNTIL = 5.0  # s: and until then from a bank of delays
+_ROUNDS = 1  # pass more of an early look, with the levels that it shows
 _ADAPT = 10.0  # s over which the live filter follows the disturbance
 _LAG = 0.05  # s, to begin with
 
@@ -110,7 +111,7 @@ class JointLearner(Learner):
         self._buffer: Buffer | None = None
         self._early: list[tuple[float, Array]] = []
         self._looking = True
-        self._next_look, self._next_bank = _FIRST_LOOK, _FIRST_LOOK
+        self._next_look, self._next_start = _FIRST_LOOK, _FIRST_LOOK
         self._seen = 0.0  # s of rows
         self._last_t = -np.inf
         self._levels = Levels(np.full(N_MEASURED, 1e-3), usual_disturbance(vehicle))
@@ -300,10 +301,12 @@ class JointLearner(Learner):
         free = free_parameters(self.vehicle, names)
         own, cold = self._starts(free, found)
         longest = max(stretches, key=lambda each: each.t.size)
-        starts = [cold] if self._seen < _BOTH_STARTS or own is None else []
-        if DELAY in free.names and self._next_bank <= self._seen < _BANK_UNTIL:
-            self._next_bank = self._seen * _BANK_GROWS
-            starts += bank_of_delays(free, cold if own is None else own)
+        starts = [cold] if own is None else []
+        if self._next_start <= self._seen < _BOTH_STARTS:
+            self._next_start = self._seen * _STARTS_GROW
+            starts = [cold]
+            if DELAY in free.names and self._seen < _BANK_UNTIL:
+                starts += bank_of_delays(free, cold if own is None else own)
         seen = look(
             stretches,
             self.vehicle,
@@ -365,7 +368,8 @@ class JointLearner(Learner):
         wanted = [name for name in (self._asked or free.names) if not _is_input(name)]
         axes = self._paper.estimate.axes if self._paper is not None and self._looking else ()
         duration, rows = float(state.clock[C_DURATION]), int(state.clock[C_ROWS])
-        return assemble(self.vehicle, free, state.theta, covariance, wanted, why, (), axes, duration, rows).estimate
+        made = assemble(self.vehicle, free, state.theta, covariance, wanted, why, (), axes, duration, rows)
+        return with_thrust_scale(made.estimate, self.vehicle) if self._commanded else made.estimate
 
 
 def _is_input(name: str) -> bool:

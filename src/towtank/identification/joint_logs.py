@@ -243,7 +243,7 @@ def _learned(
     lag = None
     for k, name in enumerate(free.names):
         if name == DELAY:
-            delay = float(fit.theta[k])
+            delay = max(0.0, float(fit.theta[k]))
         elif name == LAG:
             lag = float(np.exp(fit.theta[k]))
     model = estimate.model(vehicle, f"learned by towtank, method {method}")

@@ -22,7 +22,7 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["Look", "bank_of_delays", "look", "names_now"]
 
-_BANK = (0.0, 0.04, 0.08, 0.12, 0.16, 0.2, 0.25, 0.3, 0.35, 0.4)  # s
+_BANK = (0.0, 0.06, 0.12, 0.19, 0.27, 0.37)  # s
 _WORSE = 1.0  # of the logarithm of the likelihood
 _SETTLED = 0.1  # deviations
 

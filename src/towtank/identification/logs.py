@@ -12,8 +12,11 @@ from towtank.identification.paper_logs import learn_paper
 from towtank.identification.passes import Progress
 from towtank.identification.samples import samples_of
 from towtank.identification.sign_check import mirrored, reversals
+from towtank.identification.thrust_scale import with_scale
 from towtank.recording import Recording
+from towtank.recording.world_velocity import with_body_velocity
 from towtank.vehicle import Vehicle
+from towtank.vehicle.names import ROWS
 
 __all__ = ["METHODS", "LogLearning", "learn_recordings"]
 
@@ -52,7 +55,8 @@ def learn_recordings(
         raise InputError(f'method: found "{method}", expected one of {", ".join(METHODS)}{nearest(method, METHODS)}')
     if method == "paper" and prior is not None:
         raise InputError("prior: the paper's method takes none; use method joint or output-error")
-    vehicle, said = _right_way_round(vehicle, recordings)
+    recordings = [with_body_velocity(recording) for recording in recordings]
+    vehicle, said = _right_way_round(vehicle, recordings, free)
     if method == "paper":
         learning = learn_paper(
             vehicle, recordings, free=free, delay=delay, longest_delay=longest_delay, progress=progress
@@ -68,16 +72,22 @@ def learn_recordings(
             refine="always" if method == "output-error" else "where better",
             progress=progress,
         )
+    learning = with_scale(learning, free or ())
     return replace(learning, warnings=(*said, *learning.warnings)) if said else learning
 
 
-def _right_way_round(vehicle: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicle, tuple[str, ...]]:
-    """Return the vehicle with its thrusters where the recordings have them, and warnings where that is elsewhere."""
+def _right_way_round(
+    vehicle: Vehicle, recordings: Sequence[Recording], free: Collection[str] | None
+) -> tuple[Vehicle, tuple[str, ...]]:
+    """Return the vehicle with its thrusters where the recordings have them, and warnings where that is elsewhere.
+
+    Where `free` says what to learn, axes of which nothing is learned are left alone.
+    """
     try:
         samples = [samples_of(recording, vehicle) for recording in recordings]
     except InputError:
         return vehicle, ()  # learning says it, and says more
-    found = reversals(samples)
+    found = [each for each in reversals(samples) if free is None or any(name[0] == ROWS[each.axis] for name in free)]
     if not found:
         return vehicle, ()
     said = tuple(reversal.said for reversal in found)

@@ -1,0 +1,126 @@
+"""The joint estimator: microseconds per sample of a 100 Hz pose stream, 13 coefficients and the delay free.
+
+    python benchmarks/bench_joint.py [--json]
+    python benchmarks/bench_joint.py --hour
+
+First the stream must find every inertia within 2 % and every coefficient within four of its deviations. One core.
+"pass" is the filter alone over rows that are all there; "stream" is `Learner.run` from the first sample on, with its
+second looks, its bank of delays and the least squares that runs beside it, per sample of the whole. Beside it, a Kalman
+filter of the same size in NumPy: covariance by matrix products, six updates by scalars, and no model at all.
+
+--hour: one hour at 100 Hz through `learn_recordings`; seconds and peak memory.
+"""
+
+from __future__ import annotations
+
+import resource
+import sys
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from figures import Figure, interleaved, report
+
+from towtank.app.demo_session import DISTURBANCE, FREE, MOCAP, tank_session
+from towtank.identification import Learner, learn_recordings
+from towtank.identification.joint import one_pass, prior_deviation
+from towtank.identification.joint_start import size_of, start_levels, tuning_for
+from towtank.identification.parameters import DELAY, free_parameters
+from towtank.identification.samples import samples_of
+from towtank.recording import Recording
+from towtank.simulation import manoeuvre, simulate
+from towtank.vehicle import Vehicle
+
+DURATION = 60.0  # s
+LIMIT = 150.0  # us per sample
+INERTIA, DEVIATIONS = 0.02, 4.0
+HOUR, HOUR_LIMIT, MEMORY_LIMIT = 3600.0, 180.0, 500.0  # s, s, MB
+
+
+def proved(learner: Learner, truth: Vehicle) -> None:
+    """Raise where the stream did not find the vehicle."""
+    found = learner.estimate
+    for name in FREE:
+        away = found[name].value - truth.coefficient(name)
+        limit = DEVIATIONS * found[name].std
+        if name.endswith("dot"):
+            i = "XYZKMN".index(name[0])
+            limit = INERTIA * (truth.rigid_body_matrix[i, i] - truth.coefficient(name))
+        if not abs(away) <= limit:
+            raise SystemExit(f"{name}: found {found[name].value:.5g}, {away:+.2g} off, expected {limit:.2g} at most")
+
+
+def session() -> tuple[Vehicle, Vehicle, Recording]:
+    """Return the truth, what is known of it, and a minute of telegraph signals on all axes."""
+    tank = tank_session(2.0)
+    commands = manoeuvre("all-telegraph", tank.truth, duration=DURATION, dt=0.01, seed=1).commands
+    start = (0.0, 0.0, 3.0, 0.0, 0.0, 0.0)
+    run = simulate(tank.truth, commands=commands, dt=0.01, eta0=start, sensors=MOCAP, disturbance=DISTURBANCE, seed=1)
+    return tank.truth, tank.known, run
+
+
+def peer(rows: int, size: int) -> None:
+    """Run a Kalman filter of this size in NumPy over as many rows of six numbers."""
+    P, F, Q = np.eye(size), np.eye(size) + 1e-3, 1e-6 * np.eye(size)
+    for _ in range(rows):
+        P = F @ P @ F.T + Q
+        for k in range(6):
+            g = P[:, k]
+            P = P - np.outer(g, g) / (g[k] + 1e-6)
+        P *= 0.5
+
+
+def measured() -> Sequence[Figure]:
+    truth, known, recording = session()
+    free = free_parameters(known, (*FREE, DELAY))
+    samples, levels, tuning = samples_of(recording, known), start_levels(recording, known), tuning_for(known)
+    theta = free.theta(truth, delay=0.05, lag=0.05)
+    deviation = prior_deviation(free, size_of(known, free))
+    learner = Learner(known, free=FREE)
+    learner.run(recording)
+    proved(learner, truth)
+    rows = len(samples)
+    took = interleaved(
+        {
+            "pass": lambda: one_pass(
+                [samples], np.array(known.parameters), free, theta, deviation, levels, tuning, delay=0.05
+            ),
+            "stream": lambda: Learner(known, free=FREE).run(recording),
+            "peer": lambda: peer(rows // 10, 21 + len(free)),
+        },
+        repeats=3,
+    )
+    each = {name: 1e6 * seconds / rows for name, seconds in took.items()}
+    each["peer"] *= 10.0
+    size = f"{len(free)} free, {21 + len(free)} states"
+    return (
+        Figure("joint_pass_us_per_sample", each["pass"], "us", note=size),
+        Figure("joint_stream_us_per_sample", each["stream"], "us", LIMIT, note=f"with looks, {size}"),
+        Figure("joint_numpy_peer_us_per_sample", each["peer"], "us", note="NumPy, same size, without the model"),
+        Figure("joint_ratio_to_numpy_peer", each["peer"] / each["pass"], "", note="times faster than the peer"),
+    )
+
+
+def hour() -> Sequence[Figure]:
+    short, tank = tank_session(10.0), tank_session(HOUR)
+    learn_recordings(short.known, [short.recording], free=FREE)  # compile
+    start = time.perf_counter()
+    learn_recordings(tank.known, [tank.recording], free=FREE)
+    seconds = time.perf_counter() - start
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    return (
+        Figure("joint_hour_seconds", seconds, "s", HOUR_LIMIT, note="one hour at 100 Hz, 13 coefficients, delay found"),
+        Figure("joint_hour_peak_memory_mb", memory, "MB", MEMORY_LIMIT, note="of the whole process"),
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    words = list(sys.argv[1:] if argv is None else argv)
+    if "--hour" in words:
+        words.remove("--hour")
+        return report("joint estimator, one hour", hour, words)
+    return report("joint estimator", measured, words)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
