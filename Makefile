@@ -2,7 +2,7 @@
 PYTHON  ?= python3
 WORKERS ?= 2
 DEMO    ?=
-KERNEL_TESTS := $(addprefix tests/identification/test_, axis_rows.py held_input.py motion_state.py)
+KERNEL_TESTS := $(addprefix tests/identification/test_, axis_rows.py held_input.py motion_state.py transition.py output_error_kernel.py)
 
 BIN   := .venv/bin
 READY := .venv/.ready

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
@@ -37,13 +38,15 @@ INK, FAINT, BAND, GRID = "#1b2733", "#6d7a86", "#dde5eb", "#dfe5ea"
 MASS, DRAG, OTHER = "#0b6fa4", "#c4461a", "#3d8b37"
 DASHED: Any = (0, (5, 3))
 DPI = 120
+_IN_A_ROW = 4  # entries of a legend
 _MOST_DECADES = 2.3  # that bear ticks at 2 and 5 as well
 
 
 def figure_of(width: float, height: float, title: str) -> Figure:
     """Return an empty figure [inch] on white, with its title."""
-    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
-    figure.suptitle(title, color=INK, fontsize=12, fontweight="bold", x=0.01, ha="left")
+    layout = ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06)
+    figure = Figure(figsize=(width, height), layout=layout, facecolor="white")
+    figure.suptitle(title, color=INK, fontsize=12, fontweight="bold", x=0.015, ha="left")
     return figure
 
 
@@ -51,7 +54,7 @@ def panels_of(count: int, title: str) -> tuple[Figure, list[Axes]]:
     """Return a figure with two columns, stairs and square wave, as the experiments come in pairs."""
     columns = 2 if count > 1 else 1
     rows = -(-count // columns)
-    figure = figure_of(4.7 * columns + 0.6, 2.3 * rows + 0.8, title)
+    figure = figure_of(4.2 * columns + 0.6, 2.1 * rows + 0.9, title)
     grid = figure.add_gridspec(rows, columns)
     return figure, [figure.add_subplot(grid[k // columns, k % columns]) for k in range(count)]
 
@@ -66,9 +69,8 @@ def finished(figure: Figure, panels: Sequence[Axes], handles: Sequence[Line2D], 
 
 def legend(figure: Figure, handles: Sequence[Line2D]) -> None:
     """Put a legend below all panels."""
-    figure.legend(
-        handles=list(handles), loc="outside lower center", ncols=min(len(handles), 5), fontsize=8.5, frameon=False
-    )
+    columns = 3 if len(handles) > _IN_A_ROW else len(handles)
+    figure.legend(handles=list(handles), loc="outside lower center", ncols=columns, fontsize=8.5, frameon=False)
 
 
 def dress(axes: Axes, title: str, unit: str) -> None:

@@ -40,6 +40,7 @@ from figure_style import (
 )
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from towtank.core.arrays import Array
 from towtank.outputs import write_atomically
@@ -135,7 +136,7 @@ def delay_figure(parts: Sequence[dict[str, Any]]) -> Figure:
     families = [[part for part in parts if part["experiment"].startswith(f"delay-{f}")] for f in ("s1", "s2")]
     families = [family for family in families if family]
     figure, panels = panels_of(len(families), "Error of the delay found, the lag being unknown too")
-    handles = []
+    handles: list[Line2D] = []
     for axes, family in zip(panels, families, strict=False):
         handles = []
         for part, colour in zip(family, (MASS, DRAG), strict=False):
@@ -160,7 +161,7 @@ def delay_figure(parts: Sequence[dict[str, Any]]) -> Figure:
 
 def coupled_figure(parts: Sequence[dict[str, Any]]) -> Figure:
     """Draw RMSE and bound of every coefficient at the end of the coupled runs, and their coverage."""
-    figure = figure_of(11.0, 6.2, "Thirteen coefficients from one run of 60 s on all axes")
+    figure = figure_of(9.6, 6.2, "Thirteen coefficients from one run of 60 s on all axes")
     grid = figure.add_gridspec(2, 1, height_ratios=(2.2, 1.0))
     above, below = figure.add_subplot(grid[0]), figure.add_subplot(grid[1])
     below.axhspan(*COUPLED_COVERAGE, color=BAND, linewidth=0)
@@ -188,7 +189,7 @@ def coupled_figure(parts: Sequence[dict[str, Any]]) -> Figure:
     dress(below, "share of the 95 % intervals that hold the truth", "")
     below.set_ylim(0.5, 1.03)
     for axes in (above, below):
-        axes.set_xticks(np.arange(len(names)), names, fontsize=8)
+        axes.set_xticks(np.arange(len(names)), names, fontsize=7.5)
         axes.set_xlim(-0.6, len(names) - 0.4)
         axes.grid(False, axis="x")
     legend(figure, [*handles, line(INK, "Cramér-Rao bound"), band("0.85 to 0.99")])

@@ -10,8 +10,8 @@ from towtank.core.attitude import quaternion_product
 from towtank.core.layout import N_PARAMETERS
 from towtank.identification.held_input import held_means_into, held_push, new_held_input
 from towtank.identification.joint_kernel import joint_events, joint_step
+from towtank.identification.joint_rows import attitude_error
 from towtank.identification.joint_state import C_RESETS, C_ROWS, JointState, Tuning, new_joint_state
-from towtank.identification.joint_update import attitude_error
 from towtank.identification.parameters import free_parameters
 from towtank.identification.samples import Samples, samples_of
 from towtank.identification.transition import N_FIXED, step_and_linearise, transition_scratch

@@ -1,8 +1,7 @@
 """The joint estimator over whole recordings: passes of the filter until coefficients and noise levels agree.
 
 A pass starts from wide deviations about the last pass's coefficients, so that what is found owes nothing to them but
-the point of linearisation. Between passes the levels follow the data: the noise of each sensor from the innovations,
-E[nu^2] = H P H^T + R, and the disturbance force of each axis from E[d^2] = d_hat^2 + P_dd. The likelihood of the
+the point of linearisation. Between passes the levels follow the data, see `joint_levels`. The likelihood of the
 innovations keeps the best pass, should one not converge.
 """
 
@@ -16,20 +15,18 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.identification.held_input import HeldInput, new_held_input
 from towtank.identification.joint_kernel import joint_events
+from towtank.identification.joint_levels import alike, caution, followed, level_merit
 from towtank.identification.joint_state import C_DURATION, C_LIKELIHOOD, C_ROWS, JointState, Tuning, new_joint_state
 from towtank.identification.log_learning import Levels
 from towtank.identification.parameters import DELAY, IN_DELAY, IN_LAG, LAG, MASS, PLAIN, FreeParameters
-from towtank.identification.samples import N_MEASURED, Samples
+from towtank.identification.samples import Samples
 from towtank.identification.transition import N_FIXED
 
 __all__ = [
     "JointFit",
-    "alike",
     "bounded",
-    "followed",
     "held_of",
     "joint_passes",
-    "level_merit",
     "one_pass",
     "prior_deviation",
     "uses_biases",
@@ -42,9 +39,6 @@ _PASSES = 8
 _WORSE = 1.0  # of the logarithm of the likelihood
 _TRIES = 2
 _SETTLED = 0.1  # deviations
-_LEVELS_SETTLED = 0.05  # of a level
-_USUAL_FOR = 2.0  # independent looks at the disturbance that the usual level counts for
-_SWING = 5.0  # by which a level may change from one pass to the next
 
 Progress = Callable[[float], None]
 
@@ -213,18 +207,13 @@ def joint_passes(
         anchor, levels = bounded(free, fit.theta, anchor, linear=k > 0), following
     if best is None:
         return replace(fit, theta=anchor)
-    cautious = replace(best.levels, sigma=best.levels.sigma * _caution(best.looks))
+    cautious = replace(best.levels, sigma=best.levels.sigma * caution(best.looks))
     way = replace(tuning, follow=False)
     about = bounded(free, best.theta, best.theta)
     state, _ = one_pass(samples, p, free, about, deviation, cautious, way, delay=delay, prior=prior)
     last = _fit(free, state, best.levels, best.passes + 1)
     sound = bool(np.isfinite(last.std).all() and (last.std > 0.0).all())
     return replace(best, covariance=last.covariance, passes=last.passes) if sound else best
-
-
-def _caution(looks: Array) -> Array:
-    """Return the factor (6,) to a level of the disturbance 1.4 deviations above its estimate, from its looks (6,)."""
-    return np.asarray(np.exp(0.7 * np.sqrt(2.0 / (looks + _USUAL_FOR))))
 
 
 def _fit(free: FreeParameters, state: JointState, levels: Levels, passes: int) -> JointFit:
@@ -252,43 +241,6 @@ def _fit(free: FreeParameters, state: JointState, levels: Levels, passes: int) -
 
 def _merit(fit: JointFit, tuning: Tuning) -> float:
     return fit.likelihood + level_merit(fit.levels, tuning)
-
-
-def level_merit(levels: Levels, tuning: Tuning) -> float:
-    """Return the logarithm of the prior likelihood of the disturbance's level, which is `usual` give or take."""
-    usual = np.array(tuning.usual)
-    away = np.log(levels.sigma[usual > 0.0] / usual[usual > 0.0])
-    return -_USUAL_FOR * float(np.sum(away**2))
-
-
-def followed(state: JointState, levels: Levels, tuning: Tuning) -> Levels:
-    """Return the levels that the pass's own innovations and disturbances speak for."""
-    noise = levels.noise.copy()
-    for j in range(N_MEASURED):
-        if state.stats[j, 0] > 50.0:
-            shown = state.stats[j, 1] / state.stats[j, 0]
-            noise[j] = np.sqrt(np.clip(shown, noise[j] ** 2 / 4.0, noise[j] ** 2 * 4.0))
-    sigma = levels.sigma.copy()
-    floors = np.array([tuning.floor_force] * 3 + [tuning.floor_moment] * 3)
-    usual = np.array(tuning.usual)
-    for i in range(6):
-        time, square, variance, looks = state.level[i]
-        expected = sigma[i] ** 2 * time - variance  # what d_hat^2 should have added up to
-        if time > 0.0 and expected > 1e-3 * sigma[i] ** 2 * time:
-            ratio = float(np.clip(square / expected, 1.0 / _SWING, _SWING))
-            sigma[i] *= np.sqrt(ratio)
-        if usual[i] > 0.0:
-            weight = looks / (looks + _USUAL_FOR)
-            sigma[i] = sigma[i] ** weight * usual[i] ** (1.0 - weight)
-    return Levels(noise, np.maximum(sigma, floors))
-
-
-def alike(new: Levels, old: Levels) -> bool:
-    """Whether levels have settled."""
-    return bool(
-        np.all(np.abs(new.sigma - old.sigma) <= _LEVELS_SETTLED * old.sigma)
-        and np.all(np.abs(new.noise - old.noise) <= _LEVELS_SETTLED * old.noise)
-    )
 
 
 def bounded(free: FreeParameters, theta: Array, anchor: Array, *, linear: bool = False) -> Array:

@@ -11,6 +11,7 @@ from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import quaternion_from_euler
 from towtank.identification.held_input import HeldInput, held_means_into, held_push
 from towtank.identification.joint_anchor import move_anchor, wants_anchor
+from towtank.identification.joint_force import GRAVITY
 from towtank.identification.joint_predict import input_wrench, predict
 from towtank.identification.joint_state import (
     C_ROWS,
@@ -20,7 +21,7 @@ from towtank.identification.joint_state import (
     O_GAP,
     JointState,
 )
-from towtank.identification.joint_update import GRAVITY, update_row
+from towtank.identification.joint_update import update_row
 
 __all__ = ["begin_motion", "joint_events", "joint_step"]
 

@@ -19,21 +19,19 @@ from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification.estimate import Estimate
 from towtank.identification.held_input import HeldInput, held_push
-from towtank.identification.joint import bounded, held_of, prior_deviation
+from towtank.identification.joint import bounded, held_of
 from towtank.identification.joint_buffer import Buffer
-from towtank.identification.joint_estimate import assemble, judge
 from towtank.identification.joint_kernel import joint_events, joint_step
 from towtank.identification.joint_look import bank_of_delays, look, names_now
+from towtank.identification.joint_reading import nothing_yet, reading
 from towtank.identification.joint_start import (
     prior_information,
     rows_noise,
-    size_of,
     start_theta,
     tuning_for,
     usual_disturbance,
 )
 from towtank.identification.joint_state import (
-    C_DURATION,
     C_ROWS,
     C_STARTED,
     O_ADAPT,
@@ -43,11 +41,10 @@ from towtank.identification.joint_state import (
 from towtank.identification.learner import Learner, sample_vector
 from towtank.identification.log_learning import Levels
 from towtank.identification.paper_learner import PaperLearner
-from towtank.identification.parameters import DELAY, GAIN_PREFIX, LAG, FreeParameters, free_parameters
+from towtank.identification.parameters import DELAY, LAG, FreeParameters, free_parameters
 from towtank.identification.samples import N_MEASURED, held_forces, samples_of, with_absent_zero
 from towtank.identification.structure import paper_names
 from towtank.identification.thrust_scale import with_thrust_scale
-from towtank.identification.transition import N_FIXED
 from towtank.recording import Recording
 from towtank.vehicle import Vehicle, configuration_matrix
 
@@ -355,39 +352,8 @@ class JointLearner(Learner):
 
     def _assembled(self) -> Estimate:
         if self._state is None or self._free is None:
-            if self._paper is not None:
-                return self._paper.estimate
-            return _nothing(self.vehicle, self._asked or ())
-        free, state = self._free, self._state
-        n = len(free)
-        covariance = state.P[N_FIXED : N_FIXED + n, N_FIXED : N_FIXED + n].copy()
-        scale = size_of(self.vehicle, free)
-        prior = None if self.prior is None else prior_information(self.prior, free)[1]
-        findings = judge(free, state.theta, covariance, prior_deviation(free, scale), scale, prior=prior)
-        why = {k: v for k, v in findings.reasons.items() if not _is_input(k)}
-        wanted = [name for name in (self._asked or free.names) if not _is_input(name)]
+            return self._paper.estimate if self._paper is not None else nothing_yet(self.vehicle, self._asked or ())
+        prior = None if self.prior is None else prior_information(self.prior, self._free)[1]
         axes = self._paper.estimate.axes if self._paper is not None and self._looking else ()
-        duration, rows = float(state.clock[C_DURATION]), int(state.clock[C_ROWS])
-        made = assemble(self.vehicle, free, state.theta, covariance, wanted, why, (), axes, duration, rows)
-        return with_thrust_scale(made.estimate, self.vehicle) if self._commanded else made.estimate
-
-
-def _is_input(name: str) -> bool:
-    return name in (DELAY, LAG) or name.startswith(GAIN_PREFIX)
-
-
-def _nothing(vehicle: Vehicle, names: Collection[str]) -> Estimate:
-    known = tuple(name for name in names if not _is_input(name))
-    n = len(known)
-    return Estimate(
-        names=known,
-        values=np.array([vehicle.coefficient(name) for name in known]),
-        std=np.full(n, np.nan),
-        covariance=np.full((n, n), np.nan),
-        identified=(False,) * n,
-        reasons=("nothing has been learned yet",) * n,
-        sums=(),
-        axes=(),
-        duration=0.0,
-        samples=0,
-    )
+        found = reading(self.vehicle, self._free, self._state, self._asked, prior, axes)
+        return with_thrust_scale(found, self.vehicle) if self._commanded else found

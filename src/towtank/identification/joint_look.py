@@ -10,7 +10,8 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.identification.estimate import Estimate
 from towtank.identification.held_input import HeldInput
-from towtank.identification.joint import alike, bounded, followed, level_merit, one_pass, prior_deviation
+from towtank.identification.joint import bounded, one_pass, prior_deviation
+from towtank.identification.joint_levels import alike, followed, level_merit
 from towtank.identification.joint_start import size_of
 from towtank.identification.joint_state import C_LIKELIHOOD, O_FOLLOW, JointState, Tuning
 from towtank.identification.log_learning import Levels

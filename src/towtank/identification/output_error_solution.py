@@ -17,6 +17,7 @@ __all__ = ["Arrowhead", "Step", "inverse_information"]
 
 _LOOSE = np.repeat([10.0, 1.0, 1.0, 1.0], 3)  # m, rad, m/s, rad/s: a state that is known no better than this
 _TURN = 1.0  # rad, of a step
+_RIDGE = 1e-13  # of a unit diagonal
 _SMALLEST = 1e-12  # share of an information's largest eigenvalue, each row scaled, that is not rounding
 
 
@@ -53,7 +54,11 @@ class Arrowhead:
         X = self.X.copy()
         places = np.arange(k)
         X[:, places, places] = X[:, places, places] * (1.0 + damping) + _LOOSE[self.estimated] ** -2.0
-        solved = np.linalg.solve(X, np.concatenate([self.C, self.gx[:, :, None]], axis=2))
+        scale = 1.0 / np.sqrt(X[:, places, places])
+        X *= scale[:, :, None] * scale[:, None, :]
+        X[:, places, places] += _RIDGE  # a segment that diverges may leave nothing but rounding errors
+        known = np.concatenate([self.C, self.gx[:, :, None]], axis=2)
+        solved = scale[:, :, None] * np.linalg.solve(X, scale[:, :, None] * known)
         return solved[:, :, :-1], solved[:, :, -1]
 
     def step(self, damping: float, least: Array, most: Array) -> Step:
