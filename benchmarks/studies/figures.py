@@ -47,6 +47,7 @@ from towtank.outputs import write_atomically
 
 COVERAGE, COUPLED_COVERAGE = (0.90, 0.98), (0.85, 0.99)
 REST = 0.5  # s
+MOST = 0.95  # share of the runs whose times to 5 % a panel shows
 KNOWN = 0.5  # share of the runs that must call a coefficient identified for their RMSE to be drawn
 AXES = ("#0b6fa4", "#c4461a", "#3d8b37", "#7a4fb0", "#b8860b", "#5b6770")
 TITLES = {
@@ -97,8 +98,8 @@ def settling_figure(parts: Sequence[dict[str, Any]]) -> Figure:
             axes.step(
                 np.concatenate([[0.0], times, [end]]), share, where="post", color=colour, linewidth=1.5, linestyle=style
             )
-        shown = np.concatenate([each[np.isfinite(each)] for each in (found, ideal)])
-        axes.set_xlim(0.0, min(end, 1.2 * float(np.quantile(shown, 0.97))) if shown.size else end)
+        nearly = [np.sort(each[np.isfinite(each)])[: round(MOST * each.size)] for each in (found, ideal)]
+        axes.set_xlim(0.0, min(end, 1.1 * max((float(each[-1]) for each in nearly if each.size), default=end)))
         axes.set_ylim(0.0, 1.02)
         dress(axes, TITLES[part["experiment"]], "share of the runs")
     runs = len(parts[0]["t5"])

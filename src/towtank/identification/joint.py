@@ -54,7 +54,7 @@ class JointFit:
         whiteness: mean of innovation^2 / S per column (15,), 1 where noise and model are right.
         looks: independent looks at the disturbance of each axis (6,).
 
-    The deviations are those at a disturbance 1.4 deviations above its estimate: how little is known of it is in them.
+    The deviations are those at a disturbance 1.8 deviations above its estimate: how little is known of it is in them.
     """
 
     free: FreeParameters

@@ -59,5 +59,5 @@ def level_merit(levels: Levels, tuning: Tuning) -> float:
 
 
 def caution(looks: Array) -> Array:
-    """Return the factor (6,) to a level of the disturbance 1.4 deviations above its estimate, from its looks (6,)."""
-    return np.asarray(np.exp(0.7 * np.sqrt(2.0 / (looks + _USUAL_FOR))))
+    """Return the factor (6,) to a level of the disturbance 1.8 deviations above its estimate, from its looks (6,)."""
+    return np.asarray(np.exp(0.9 * np.sqrt(2.0 / (looks + _USUAL_FOR))))

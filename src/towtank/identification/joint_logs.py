@@ -26,6 +26,7 @@ from towtank.vehicle import Vehicle
 __all__ = ["learn_joint"]
 
 _ROUNDS = 3  # of holding what is not determined
+_HIDES = 6.0  # time constants of a disturbance that a run can be too short to show
 
 
 def learn_joint(
@@ -132,7 +133,10 @@ def learn_joint(
         return replace(first, levels=fit.levels, remarks=(*first.remarks, *remarks))
     if second is not None and (second.first.better or refine == "always"):
         method, found_delay, parameters = "output-error", second.refined.delay, second.refined.free
-        fit = replace(fit, free=parameters, theta=second.refined.theta, covariance=second.refined.covariance)
+        spread = second.refined.covariance
+        if fit.duration < _HIDES * tuning.time_constant:
+            spread = _no_surer(parameters, spread, fit)
+        fit = replace(fit, free=parameters, theta=second.refined.theta, covariance=spread)
         unidentified = {name: why for name, why in unidentified.items() if name not in second.refined.added}
         unidentified.update(second.reasons)
         wanted = (*wanted, *(name for name in second.refined.added if name not in wanted))
@@ -172,6 +176,17 @@ def _starts(
 def _may_lag(samples: Sequence[Samples]) -> bool:
     """Whether thrusters are told what to do, and nobody says how fast they answer."""
     return all(each.commands and not each.lag.any() for each in samples)
+
+
+def _no_surer(free: FreeParameters, covariance: Array, joint: JointFit) -> Array:
+    """Return the covariance (n, n) of free runs, no deviation smaller than the joint filter's.
+
+    In a short run the initial state and the coefficients can take on a disturbance, and leave residuals that are white.
+    """
+    std = dict(zip(joint.free.names, joint.std, strict=True))
+    own = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    grown = np.array([max(1.0, std.get(name, 0.0) / own[k]) for k, name in enumerate(free.names)])
+    return np.asarray(covariance * np.outer(grown, grown))
 
 
 def _wanted(
