@@ -10,9 +10,10 @@ from towtank.core.arrays import Array
 from towtank.identification.estimate import AxisReport, Estimate
 from towtank.identification.joint import prior_deviation
 from towtank.identification.joint_estimate import assemble, judge
+from towtank.identification.joint_levels import caution
 from towtank.identification.joint_start import size_of
 from towtank.identification.joint_state import C_DURATION, C_ROWS, JointState
-from towtank.identification.parameters import DELAY, GAIN_PREFIX, LAG, FreeParameters
+from towtank.identification.parameters import DELAY, GAIN_PREFIX, LAG, LINEAR, MASS, QUADRATIC, FreeParameters
 from towtank.identification.transition import N_FIXED
 from towtank.vehicle import Vehicle
 
@@ -31,11 +32,31 @@ def reading(
     n = len(free)
     covariance = state.P[N_FIXED : N_FIXED + n, N_FIXED : N_FIXED + n].copy()
     scale = size_of(vehicle, free)
-    findings = judge(free, state.theta, covariance, prior_deviation(free, scale), scale, prior=prior)
+    deviation = prior_deviation(free, scale)
+    covariance = _cautious(covariance, deviation, prior, _grown(free, state))
+    findings = judge(free, state.theta, covariance, deviation, scale, prior=prior)
     why = {name: reason for name, reason in findings.reasons.items() if not _is_input(name)}
     wanted = [name for name in (asked or free.names) if not _is_input(name)]
     duration, rows = float(state.clock[C_DURATION]), int(state.clock[C_ROWS])
     return assemble(vehicle, free, state.theta, covariance, wanted, why, (), axes, duration, rows).estimate
+
+
+def _cautious(covariance: Array, deviation: Array, prior: Array | None, grown: Array) -> Array:
+    """Return the covariance (n, n) with what the data told, and that alone, less sure by the factors grown (n,)."""
+    before = np.diag(deviation**-2.0) + (0.0 if prior is None else prior)
+    told = np.linalg.pinv(covariance, rcond=1e-14, hermitian=True) - before
+    values, vectors = np.linalg.eigh(0.5 * (told + told.T))
+    told = (vectors * np.maximum(values, 0.0)) @ vectors.T / np.outer(grown, grown)
+    return np.asarray(np.linalg.inv(told + before))
+
+
+def _grown(free: FreeParameters, state: JointState) -> Array:
+    """Return by how much deviations (n,) grow, since the disturbance's level is not known but estimated as well."""
+    each = caution(state.level[:, 3])
+    axes = [int(code[1]) if code[0] in (MASS, LINEAR, QUADRATIC) else -1 for code in free.codes]
+    used = [axis for axis in axes if axis >= 0] or list(range(6))
+    most = float(each[used].max())
+    return np.array([each[axis] if axis >= 0 else most for axis in axes])
 
 
 def _is_input(name: str) -> bool:
