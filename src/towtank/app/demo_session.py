@@ -98,11 +98,12 @@ def _truth() -> Vehicle:
 
 
 def _known(truth: Vehicle) -> Vehicle:
-    """Return the vehicle without its coefficients: rigid body, thrusters, delay."""
+    """Return the vehicle without its coefficients and its delay: rigid body and thrusters."""
     return truth.model_copy(
         update={
             "description": "SeaBotix vLBV300: rigid body and thrusters; coefficients learned in the simulated session",
             "hydrodynamics": {},
+            "command_delay": 0.0,
             "buoyancy": truth.buoyancy.model_copy(update={"centre": truth.rigid_body.centre_of_gravity, "source": ""}),
             "provenance": Provenance(source="towtank demo, a simulated tank session"),
         }

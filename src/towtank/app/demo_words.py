@@ -34,7 +34,7 @@ def setting(duration: float) -> str:
         f"Vehicle vlbv300, {duration:g} s of motion capture at {MOCAP.rate:g} Hz, seed {SEED}. Noise "
         f"{MOCAP.noise_mm:g} mm and {MOCAP.noise_mrad:g} mrad, markers hidden {100.0 * MOCAP.jump_fraction:g} % of the "
         f"time (jumps of {jumps}), random forces of {force:g} N and moments of {moment:g} N m, {1e3 * DELAY:g} ms from "
-        "command to thrust. The learner was told the rigid body, the thrusters and the delay. It took one sample at a "
+        "command to thrust. The learner was told the rigid body and the thrusters. It took one sample at a "
         "time, as live data come (the curves); the table and the model are those of a second pass over the recording, "
         "which is what towtank learn does with a log."
     )
