@@ -1,7 +1,7 @@
 """The joint estimator on a stream: the filter, sample by sample, and in its first minutes second looks at what it saw.
 
 A Kalman filter that starts in ignorance linearises about wrong coefficients. So what was seen is kept for a while, and
-at times that grow by a third the filter goes over it once more, linearised about what is known by then: about its own
+at times that grow the filter goes over it once more, linearised about what is known by then: about its own
 coefficients, about those of least squares (which runs beside it and needs no start), and, where the delay is not given,
 about a bank of delays. The likelihood of the innovations chooses among them. Noise and disturbance are levelled anew
 each time. Later the filter goes on alone, its anchor following the coefficients.
