@@ -26,6 +26,7 @@ __all__ = ["Look", "bank_of_delays", "look", "names_now"]
 _BANK = (0.0, 0.06, 0.12, 0.19, 0.27, 0.37)  # s
 _WORSE = 1.0  # of the logarithm of the likelihood
 _SETTLED = 0.1  # deviations
+_ROUNDS_ELSEWHERE = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +78,8 @@ def look(
     if not sound:
         return None
     state, held = max(sound, key=_likelihood)
+    if own is None or sound[0][0] is not state:
+        rounds = max(rounds, _ROUNDS_ELSEWHERE)  # linearised about what may be far away
     for _ in range(rounds):
         following = followed(state, levels, tuning)
         about = bounded(free, state.theta, state.anchor, linear=state.options[O_FOLLOW] == 0.0)
