@@ -31,10 +31,10 @@ class Pool:
             pytest.skip(f"no run {name} in {self.data}")
         return found[0]
 
-    def learn(self, *names: str) -> tuple[dict, Path]:
-        model = self.folder / f"{'_'.join(names)}.toml"
-        logs = [self.log(name) for name in names]
-        return document("learn", *logs, "--vehicle", "bluerov_2016", "--map", self.mapping, "-o", model), model
+    def learn(self, *names: str, method: str = "joint") -> tuple[dict, Path]:
+        model = self.folder / f"{'_'.join(names)}_{method}.toml"
+        words = ["--vehicle", "bluerov_2016", "--map", self.mapping, "--method", method, "-o", model]
+        return document("learn", *(self.log(name) for name in names), *words), model
 
     def fit(self, model: Path, name: str, *words: object) -> dict:
         return document("validate", model, self.log(name), "--map", self.mapping, *words)["fit"]
@@ -45,17 +45,16 @@ def pool(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Pool:
     return Pool(data, tmp_path_factory.mktemp("pool"))
 
 
-def plausible(total: dict) -> bool:
-    """Whether the interval of the yaw inertia meets 0.7 to 1.25 kg m^2, found with a delay and no lag.
-
-    A thruster that answers late takes a part of what a delay alone would leave to the inertia.
-    """
-    return total["value"] + 2.0 * total["std"] >= 0.7 and total["value"] - 2.0 * total["std"] <= 1.25
+@pytest.mark.parametrize("names", [("yaw_1",), ("yaw_1", "yaw_2")], ids="+".join)
+def test_the_inertia_of_yaw_without_a_lag(pool: Pool, names: tuple[str, ...]) -> None:
+    """Where only a delay is found; a lag beside it takes up to a third of the inertia, and the runs cannot tell."""
+    found, _ = pool.learn(*names, method="paper")
+    assert 0.7 <= found["sums"]["I_z - N_rdot"]["value"] <= 1.25
+    assert 0.0 <= found["delay_s"] <= 0.06
 
 
 def test_yaw(pool: Pool) -> None:
     found, model = pool.learn("yaw_1")
-    assert plausible(found["sums"]["I_z - N_rdot"])
     assert 0.0 <= found["delay_s"] <= 0.06
     quadratic = found["coefficients"]["N_rr"]
     assert quadratic["identified"] is False
@@ -65,9 +64,8 @@ def test_yaw(pool: Pool) -> None:
 
 def test_yaw_of_two_runs(pool: Pool) -> None:
     found, model = pool.learn("yaw_1", "yaw_2")
-    assert 0.45 <= found["sums"]["I_z - N_rdot"]["value"] <= 1.25  # the less, the more of the lateness is lag
     assert 0.0 <= found["delay_s"] <= 0.06
-    assert pool.fit(model, "yaw_3")["r"] >= 53.0
+    assert pool.fit(model, "yaw_3")["r"] >= 57.0
 
 
 def test_pitch_and_roll_with_restarts(pool: Pool) -> None:

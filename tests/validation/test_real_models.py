@@ -40,7 +40,7 @@ FIGURES = [
         name,
         least,
         id=f"{case.name}: {name}",
-        marks=[pytest.mark.xfail(reason=SHORT[key], strict=False)]
+        marks=[pytest.mark.xfail(reason=SHORT[key], strict=True)]
         if (key := (case.judged, case.horizon, name)) in SHORT
         else [],
     )

@@ -21,7 +21,7 @@ from towtank.identification.motion_state import (
 )
 from towtank.recording import Grid
 
-__all__ = ["drifting_attitude"]
+__all__ = ["drifting_attitude", "gravity_directions"]
 
 _BELIEVED = 120.0  # s
 _CLOSE = 0.5  # s
@@ -35,7 +35,7 @@ def drifting_attitude(grid: Grid, sources: Sources, t: Array) -> Array:
     rates = np.array([MEASURED if i > 2 and sources.velocity[i] == "measured" else ABSENT for i in range(6)])
     kind = ATTITUDE_ACCELEROMETER if sources.attitude == "accelerometer" else ATTITUDE_GYRO
     motion = new_motion(rates, kind, 0.0, np.inf)
-    k = _gravity(motion, grid.t, grid.pose, np.array(grid.velocity), grid.acceleration)
+    k = gravity_directions(motion, grid.t, grid.pose, np.array(grid.velocity), grid.acceleration)
     known = np.isfinite(k).all(axis=1)
     if kind == ATTITUDE_GYRO:
         known &= grid.t <= grid.t[0] + _BELIEVED
@@ -50,7 +50,7 @@ def drifting_attitude(grid: Grid, sources: Sources, t: Array) -> Array:
 
 
 @kernel
-def _gravity(motion: Motion, t: Array, pose: Array, velocity: Array, acceleration: Array) -> Array:
+def gravity_directions(motion: Motion, t: Array, pose: Array, velocity: Array, acceleration: Array) -> Array:
     """Return the direction of gravity in the body (n, 3) at every sample; NaN where it is not known."""
     out = np.full((t.shape[0], 3), np.nan)
     nothing = np.zeros(6)

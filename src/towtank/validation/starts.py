@@ -6,17 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from towtank.core.arrays import Array, kernel
+from towtank.core.arrays import Array
 from towtank.core.attitude import quaternion_from_euler, rotation_from_quaternion
 from towtank.identification.chain import Sources
+from towtank.identification.drifting_attitude import gravity_directions
 from towtank.identification.motion_state import (
     ABSENT,
     ATTITUDE_ACCELEROMETER,
     ATTITUDE_GYRO,
     ATTITUDE_MEASURED,
     MEASURED,
-    Motion,
-    motion_step,
     new_motion,
 )
 from towtank.recording import Grid
@@ -26,18 +25,6 @@ __all__ = ["Starts"]
 _WINDOW = 0.2  # s to either side, for a velocity taken from the pose,
 _EDGE = 0.6  # s on the one side there is, at the start and the end of a recording
 _ATTITUDE = {"measured": ATTITUDE_MEASURED, "accelerometer": ATTITUDE_ACCELEROMETER, "gyro": ATTITUDE_GYRO}
-
-
-@kernel
-def _gravity(motion: Motion, t: Array, pose: Array, velocity: Array, acceleration: Array) -> Array:
-    """Return the direction of gravity in the body (n, 3) at every sample; NaN where it is not known."""
-    out = np.full((t.shape[0], 3), np.nan)
-    nothing = np.zeros(6)
-    for i in range(t.shape[0]):
-        if motion_step(motion, t[i], pose[i], velocity[i], acceleration[i], nothing) >= 0.0:
-            for j in range(3):
-                out[i, j] = motion.last[14 + j]
-    return out
 
 
 @dataclass(frozen=True)
@@ -55,7 +42,7 @@ class Starts:
         rates = np.array([MEASURED if i > 2 and sources.velocity[i] == "measured" else ABSENT for i in range(6)])
         motion = new_motion(rates, _ATTITUDE[sources.attitude], 0.0, np.inf)
         velocity = np.array(grid.velocity)
-        return cls(grid, sources, _gravity(motion, grid.t, grid.pose, velocity, grid.acceleration))
+        return cls(grid, sources, gravity_directions(motion, grid.t, grid.pose, velocity, grid.acceleration))
 
     def known(self, row: int) -> bool:
         """Whether everything that the grid measures at all is measured in this row."""
