@@ -49,7 +49,7 @@ def filter_for(
     wide = np.array([0.5 if code[3] else 0.3 for code in free.codes])
     start = theta + np.where(free.codes[:, 3] > 0, off, 0.0)
     return new_joint_state(
-        vehicle.parameters, free, start, wide, shape, NOISE, SIGMA, tuning or Tuning(), biases=biases
+        vehicle.parameters, free, start, wide, shape, NOISE, SIGMA, np.zeros(6), tuning or Tuning(), biases=biases
     )
 
 

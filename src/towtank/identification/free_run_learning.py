@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.free_run_gain import columns_of, gain
+from towtank.identification.free_run_gain import Gain, columns_of, gain
 from towtank.identification.free_run_terms import righting
 from towtank.identification.free_runs import FreeRuns
 from towtank.identification.joint_estimate import judge
@@ -71,7 +71,6 @@ def learn_free_runs(
         speeds: see `joint_estimate.judge`. told: gets the share done.
     """
     names = (*(name for each, _ in starts for name in each.names), *(righting(free.names, samples) if terms else ()))
-    kernel = np.array(base.parameters)
     runs = FreeRuns.over(vehicle, samples, noise, names, attitude)
     silent = told or (lambda share: None)
     first = refine(runs, base, free, starts, delay=delay, prior=prior, terms=terms, find_lag=find_lag, told=silent)
@@ -80,6 +79,19 @@ def learn_free_runs(
     begun = {name for each, _ in starts for name in each.names}
     proved = tuple(name for name in first.added if name not in begun)  # by windows held out
     now, reasons, zeroed = first, dict[str, str](), []
+    begin, compare = base, terms and not always and not first.white and runs.comparable
+
+    def nearer(base: Vehicle, free_: FreeParameters, theta: Array, late: float) -> Gain | None:
+        """What least squares saves beside these coefficients; None where it does not stand out."""
+        theirs = free.theta(plain[0], delay=plain[1], lag=0.0)
+        errors = runs.errors(np.array(plain[0].parameters), free, theirs, delay=plain[1])
+        beside = runs.errors(np.array(base.parameters), free_, theta, delay=late)
+        saved = gain(errors, beside, columns_of(free.names))
+        return saved if saved.beyond(CHANGE, CHANGE_WORTH) else None
+
+    joint = (begin, free, starts[0][1], delay)
+    if compare and not first.better and nearer(*joint) and not nearer(base, now.free, now.theta, now.delay):
+        now = first = replace(first, better=True)  # least squares beats the filter, but not what free runs found
     for _ in range(_ROUNDS if terms and (first.better or always) else 0):
         findings = judge(
             now.free,
@@ -104,21 +116,12 @@ def learn_free_runs(
         if again is None:
             break
         now = again
-    said, simple = _sentence(first, always, runs.thinned), False
-    if terms and not always and not first.white and runs.comparable:
-        if first.better:
-            chosen = runs.errors(np.array(base.parameters), now.free, now.theta, delay=now.delay)
-        else:
-            chosen = runs.errors(kernel, free, starts[0][1], delay=delay)
-        vehicle_, late = plain
-        theta = free.theta(vehicle_, delay=late, lag=0.0)
-        errors = runs.errors(np.array(vehicle_.parameters), free, theta, delay=late)
-        saved = gain(errors, chosen, columns_of(free.names))
-        simple = saved.beyond(CHANGE, CHANGE_WORTH)
-        if simple:
-            share = f"{100.0 * saved.mean:.0f} +- {100.0 * saved.std:.0f} % less square error"
-            said += f"; but free runs with the coefficients of least squares are nearer than either ({share})"
-    return FreeRunOutcome(now, base, reasons, tuple(zeroed), first, said, simple)
+    said = _sentence(first, always, runs.thinned)
+    saved = nearer(*((base, now.free, now.theta, now.delay) if first.better else joint)) if compare else None
+    if saved is not None:
+        share = f"{100.0 * saved.mean:.0f} +- {100.0 * saved.std:.0f} % less square error"
+        said += f"; but free runs with the coefficients of least squares are nearer than either ({share})"
+    return FreeRunOutcome(now, base, reasons, tuple(zeroed), first, said, saved is not None)
 
 
 def _shows(found: Refined, name: str) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.identification.held_input import HeldInput, new_held_input
 from towtank.identification.joint_kernel import joint_events
-from towtank.identification.joint_levels import alike, caution, followed, level_merit
+from towtank.identification.joint_levels import alike, between, caution, followed, level_merit, refused_share
 from towtank.identification.joint_state import C_DURATION, C_LIKELIHOOD, C_ROWS, JointState, Tuning, new_joint_state
 from towtank.identification.log_learning import Levels
 from towtank.identification.parameters import DELAY, IN_DELAY, IN_LAG, LAG, MASS, PLAIN, FreeParameters
@@ -29,11 +29,13 @@ __all__ = [
     "joint_passes",
     "one_pass",
     "prior_deviation",
+    "told_of",
     "uses_biases",
 ]
 
 _CHUNK = 4096  # rows between two reports of progress
 _WIDE = 0.5  # deviation of a logarithm at the start of a pass
+_UNTOLD = 0.8  # share of it above which nothing was told
 _DELAY_WIDE = 0.03  # s
 _PASSES = 8
 _WORSE = 1.0  # of the logarithm of the likelihood
@@ -95,6 +97,11 @@ def prior_deviation(free: FreeParameters, scale: Array) -> Array:
     return out
 
 
+def told_of(free: FreeParameters, theta: Array, std: Array, start: Array) -> Array:
+    """Return theta (n,), but the start (n,) where nothing was told: what is not known must not drift by passes."""
+    return np.asarray(np.where((free.codes[:, 3] != PLAIN) & (std > _UNTOLD * _WIDE), start, theta))
+
+
 def held_of(samples: Samples, free: FreeParameters, theta: Array, delay: float) -> HeldInput:
     """Return the inputs of a recording with the delay and lag of theta."""
     lag = samples.lag
@@ -140,7 +147,17 @@ def one_pass(
     for each in samples:
         if state is None:
             state = new_joint_state(
-                p, free, start, covariance, each.shape, levels.noise, levels.sigma, tuning, biases=biases, anchor=theta
+                p,
+                free,
+                start,
+                covariance,
+                each.shape,
+                levels.noise,
+                levels.sigma,
+                levels.rough,
+                tuning,
+                biases=biases,
+                anchor=theta,
             )
         else:
             state = state._replace(shape=each.shape, pushed=np.zeros((3, each.shape.shape[1])))
@@ -171,14 +188,17 @@ def joint_passes(
     delay: float = 0.0,
     prior: tuple[Array, Array] | None = None,
     most: int = _PASSES,
+    shown: Array | None = None,
     told: Progress | None = None,
 ) -> JointFit:
     """Run passes from theta (n,) until nothing moves any more.
 
     Args:
         scale: size (n,) of coordinates that are no logarithms.
-        most: passes at most. Others as `one_pass`.
+        most: passes at most.
+        shown: noise (15,) that the samples show, by default that of `levels`. Others as `one_pass`.
     """
+    shown = levels.noise if shown is None else shown
     deviation = prior_deviation(free, scale)
     best: JointFit | None = None
     anchor = np.array(theta, dtype=np.float64)
@@ -197,14 +217,15 @@ def joint_passes(
                 break
             else:
                 anchor = bounded(free, best.theta, best.theta)
-                levels = Levels(np.sqrt(levels.noise * best.levels.noise), np.sqrt(levels.sigma * best.levels.sigma))
+                levels = between(levels, best.levels)
             continue
-        following = followed(state, levels, tuning)
+        following = followed(state, levels, tuning, shown)
         still = k > 0 and bool(np.all(np.abs(fit.theta - anchor) <= _SETTLED * fit.std + 1e-6))
         best = fit
         if still and alike(following, levels):
             break
-        anchor, levels = bounded(free, fit.theta, anchor, linear=k > 0), following
+        following_anchor = bounded(free, fit.theta, anchor, linear=k > 0)
+        anchor, levels = told_of(free, following_anchor, fit.std, np.asarray(theta)), following
     if best is None:
         return replace(fit, theta=anchor)
     cautious = replace(best.levels, sigma=best.levels.sigma * caution(best.looks))
@@ -219,10 +240,8 @@ def joint_passes(
 def _fit(free: FreeParameters, state: JointState, levels: Levels, passes: int) -> JointFit:
     n = len(free)
     block = state.P[N_FIXED : N_FIXED + n, N_FIXED : N_FIXED + n].copy()
-    counted = state.stats[:, 0]
-    asked = counted + state.stats[:, 3]
+    counted = state.stats[:, 4]
     with np.errstate(invalid="ignore", divide="ignore"):
-        refused = np.where(asked > 0.0, state.stats[:, 3] / asked, 0.0)
         whiteness = np.where(counted > 0.0, state.stats[:, 2] / counted, np.nan)
     return JointFit(
         free=free,
@@ -233,7 +252,7 @@ def _fit(free: FreeParameters, state: JointState, levels: Levels, passes: int) -
         passes=passes,
         duration=float(state.clock[C_DURATION]),
         rows=int(state.clock[C_ROWS]),
-        refused=refused,
+        refused=refused_share(state),
         whiteness=whiteness,
         looks=state.level[:, 3].copy(),
     )

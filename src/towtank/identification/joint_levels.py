@@ -10,37 +10,82 @@ from __future__ import annotations
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.joint_state import JointState, Tuning
+from towtank.identification.joint_state import C_DURATION, JointState, Tuning
 from towtank.identification.log_learning import Levels
 from towtank.identification.samples import N_MEASURED
 
-__all__ = ["alike", "caution", "followed", "level_merit"]
+__all__ = ["alike", "at_odds", "between", "caution", "followed", "level_merit", "refused_share"]
 
+_NOISE_SHOWN = 1.5  # times what the samples show, at most
 _LEVELS_SETTLED = 0.05  # of a level
 _USUAL_FOR = 2.0  # independent looks at the disturbance that the usual level counts for
+_REFUSED, _LONG = 0.3, 10.0  # share of a sensor's samples beyond which, after so long [s], it is the model that is off
+_AT_ODDS = 2.0  # mean innovation^2 / S
+_SURELY = 4.0  # deviations by which innovations must be too large
 _SWING = 5.0  # by which a level may change from one pass to the next
 
 
-def followed(state: JointState, levels: Levels, tuning: Tuning) -> Levels:
-    """Return the levels that the pass's own innovations and disturbances speak for."""
+def followed(state: JointState, levels: Levels, tuning: Tuning, shown: Array) -> Levels:
+    """Return the levels that the pass's own innovations and disturbances speak for.
+
+    Args:
+        shown: noise (15,) that the samples show by themselves. Innovations beyond it are the model's, not the sensors'.
+    """
     noise = levels.noise.copy()
     for j in range(N_MEASURED):
         if state.stats[j, 0] > 50.0:
-            shown = state.stats[j, 1] / state.stats[j, 0]
-            noise[j] = np.sqrt(np.clip(shown, noise[j] ** 2 / 4.0, noise[j] ** 2 * 4.0))
+            square = state.stats[j, 1] / state.stats[j, 0]
+            noise[j] = np.sqrt(np.clip(square, noise[j] ** 2 / 4.0, noise[j] ** 2 * 4.0))
+    refused = refused_share(state) * (state.clock[C_DURATION] > _LONG)
+    for j in range(N_MEASURED):
+        if j < 6 and state.stats[6 + j, 4] > 0.0:  # a pose beside its speed: forces cannot part the two, clocks can
+            noise[j] *= _SWING if refused[j] > _REFUSED else 1.0
+        else:
+            noise[j] = min(noise[j], _NOISE_SHOWN * shown[j])
     sigma = levels.sigma.copy()
     floors = np.array([tuning.floor_force] * 3 + [tuning.floor_moment] * 3)
     usual = np.array(tuning.usual)
     for i in range(6):
+        if refused[i] > _REFUSED and not state.stats[6 + i, 4] > 0.0:
+            sigma[i] *= _SWING
+            continue
         time, square, variance, looks = state.level[i]
         expected = sigma[i] ** 2 * time - variance  # what d_hat^2 should have added up to
         if time > 0.0 and expected > 1e-3 * sigma[i] ** 2 * time:
             ratio = float(np.clip(square / expected, 1.0 / _SWING, _SWING))
-            sigma[i] *= np.sqrt(ratio)
+            sigma[i] *= min(np.sqrt(ratio), ratio)  # down at twice the pace: a level too high hides what would lower it
         if usual[i] > 0.0:
             weight = looks / (looks + _USUAL_FOR)
             sigma[i] = sigma[i] ** weight * usual[i] ** (1.0 - weight)
-    return Levels(noise, np.maximum(sigma, floors))
+    return Levels(noise, np.maximum(sigma, floors), _rough(state, levels))
+
+
+def refused_share(state: JointState) -> Array:
+    """Return the share (15,) of each column's samples that lay beyond the gate."""
+    asked = state.stats[:, 3] + state.stats[:, 4]
+    return np.asarray(state.stats[:, 3] / np.maximum(asked, 1.0))
+
+
+def at_odds(state: JointState) -> bool:
+    """Whether innovations are far larger than the levels of the pass allow."""
+    believed = state.stats[:, 4]
+    return bool(np.any(state.stats[:, 2] > _AT_ODDS * np.maximum(believed, 50.0)))
+
+
+def _rough(state: JointState, levels: Levels) -> Array:
+    """Return the random walk (6,) of speeds that are measured themselves, by one step of scoring."""
+    rough = levels.rough.copy()
+    for i in range(6):
+        believed, score, information = state.stats[6 + i, 4:]
+        now = np.nan_to_num(rough[i])
+        if believed > 50.0 and information > 0.0 and (now > 0.0 or score > _SURELY * np.sqrt(2.0 * information)):
+            rough[i] = np.sqrt(max(now**2 + score / information, 0.0))
+    return np.asarray(rough)
+
+
+def between(one: Levels, other: Levels) -> Levels:
+    """Return the geometric mean of two levels."""
+    return Levels(np.sqrt(one.noise * other.noise), np.sqrt(one.sigma * other.sigma), np.sqrt(one.rough * other.rough))
 
 
 def alike(new: Levels, old: Levels) -> bool:
@@ -48,6 +93,7 @@ def alike(new: Levels, old: Levels) -> bool:
     return bool(
         np.all(np.abs(new.sigma - old.sigma) <= _LEVELS_SETTLED * old.sigma)
         and np.all(np.abs(new.noise - old.noise) <= _LEVELS_SETTLED * old.noise)
+        and np.all(np.abs(np.nan_to_num(new.rough - old.rough)) <= _LEVELS_SETTLED * np.nan_to_num(old.rough))
     )
 
 

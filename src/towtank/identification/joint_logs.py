@@ -13,7 +13,7 @@ from towtank.identification.estimate import Estimate
 from towtank.identification.free_run_learning import learn_free_runs
 from towtank.identification.joint import JointFit, joint_passes, prior_deviation
 from towtank.identification.joint_estimate import assemble, judge
-from towtank.identification.joint_start import size_of, start_levels, start_theta, tuning_for
+from towtank.identification.joint_start import rows_rough, size_of, start_levels, start_theta, tuning_for
 from towtank.identification.log_learning import Levels, LogLearning
 from towtank.identification.paper_logs import learn_paper
 from towtank.identification.parameters import DELAY, GAIN_PREFIX, LAG, FreeParameters, free_parameters
@@ -64,7 +64,7 @@ def learn_joint(
     if LAG in wanted:
         found_delay = max(0.0, found_delay - lag)
     theta = start_theta(vehicle, known, parameters, delay=found_delay, lag=lag)
-    levels = _levels(recordings, vehicle)
+    levels = _levels(recordings, samples, vehicle)
     own_noise = levels.noise  # the filter's may hold what its model lacks
     tuning = tuning_for(vehicle)
     unidentified: dict[str, str] = dict(held)
@@ -84,6 +84,7 @@ def learn_joint(
             scale=scale,
             delay=found_delay,
             prior=information,
+            shown=own_noise,
             told=lambda share: told("joint filter", 0.3 + 0.4 * share),
         )
         findings = judge(
@@ -214,9 +215,10 @@ def _known_start(vehicle: Vehicle, first: LogLearning) -> Vehicle:
     return vehicle.with_coefficients(changes) if changes else vehicle
 
 
-def _levels(recordings: Sequence[Recording], vehicle: Vehicle) -> Levels:
+def _levels(recordings: Sequence[Recording], samples: Sequence[Samples], vehicle: Vehicle) -> Levels:
     each = [start_levels(recording, vehicle) for recording in recordings]
-    return Levels(np.median([level.noise for level in each], axis=0), each[0].sigma)
+    rough = np.fmax.reduce([rows_rough(one.t, one.values) for one in samples], axis=0)
+    return Levels(np.median([level.noise for level in each], axis=0), each[0].sigma, rough)
 
 
 def _prior(prior: Vehicle | None, free: FreeParameters) -> tuple[Array, Array] | None:

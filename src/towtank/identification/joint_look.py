@@ -11,7 +11,7 @@ from towtank.core.arrays import Array
 from towtank.identification.estimate import Estimate
 from towtank.identification.held_input import HeldInput
 from towtank.identification.joint import bounded, one_pass, prior_deviation
-from towtank.identification.joint_levels import alike, followed, level_merit
+from towtank.identification.joint_levels import alike, at_odds, followed, level_merit
 from towtank.identification.joint_start import size_of
 from towtank.identification.joint_state import C_LIKELIHOOD, O_FOLLOW, JointState, Tuning
 from towtank.identification.log_learning import Levels
@@ -21,12 +21,13 @@ from towtank.identification.structure import candidates
 from towtank.identification.transition import N_FIXED
 from towtank.vehicle import Vehicle
 
-__all__ = ["Look", "bank_of_delays", "look", "names_now"]
+__all__ = ["Look", "axes_seen", "bank_of_delays", "look", "names_now"]
 
 _BANK = (0.0, 0.06, 0.12, 0.19, 0.27, 0.37)  # s
 _WORSE = 1.0  # of the logarithm of the likelihood
 _SETTLED = 0.1  # deviations
 _ROUNDS_ELSEWHERE = 3
+_ROUNDS_AT_ODDS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +59,7 @@ def look(
         starts: other thetas (n,), followed as they become known.
         delay: of the inputs [s] where it is not free. prior: mean and information.
     """
-    p = np.array(vehicle.parameters)
+    p, shown, usual = np.array(vehicle.parameters), levels.noise, np.array(tuning.usual)
     deviation = prior_deviation(free, size_of(vehicle, free))
 
     def passed(theta: Array, levels: Levels, *, follow: bool) -> tuple[JointState, HeldInput] | None:
@@ -70,18 +71,22 @@ def look(
     found = []
     if own is not None:
         found.append(passed(own, levels, follow=False))
-    others = [each for each in (passed(start, levels, follow=True) for start in starts) if each is not None]
+    calm = replace(levels, sigma=np.minimum(levels.sigma, np.where(usual > 0.0, usual, np.inf)))
+    others = [each for each in (passed(start, calm, follow=True) for start in starts) if each is not None]
     if others:  # likelihoods of passes that follow and of linear ones do not compare
         state, held = max(others, key=_likelihood)
-        found.append(passed(bounded(free, state.theta, state.theta), levels, follow=False) or (state, held))
+        found.append(passed(bounded(free, state.theta, state.theta), calm, follow=False) or (state, held))
     sound = [each for each in found if each is not None]
     if not sound:
         return None
     state, held = max(sound, key=_likelihood)
     if own is None or sound[0][0] is not state:
+        levels = calm
         rounds = max(rounds, _ROUNDS_ELSEWHERE)  # linearised about what may be far away
+    if at_odds(state):
+        rounds = max(rounds, _ROUNDS_AT_ODDS)
     for _ in range(rounds):
-        following = followed(state, levels, tuning)
+        following = followed(state, levels, tuning, shown)
         about = bounded(free, state.theta, state.anchor, linear=state.options[O_FOLLOW] == 0.0)
         std = np.sqrt(np.diag(state.P)[N_FIXED : N_FIXED + len(free)])
         if alike(following, levels) and np.all(np.abs(about - state.anchor) <= _SETTLED * std):
@@ -90,7 +95,7 @@ def look(
         if again is None or _merit(again[0], following, tuning) < _merit(state, levels, tuning) - _WORSE:
             break
         (state, held), levels = again, following
-    return Look(state, held, followed(state, levels, tuning))
+    return Look(state, held, followed(state, levels, tuning, shown))
 
 
 def _likelihood(passed: tuple[JointState, HeldInput]) -> float:
@@ -107,14 +112,29 @@ def bank_of_delays(free: FreeParameters, theta: Array) -> list[Array]:
     return [np.concatenate([theta[:k], [delay], theta[k + 1 :]]) for delay in _BANK]
 
 
-def names_now(vehicle: Vehicle, asked: Sequence[str] | None, found: Estimate | None, *, with_delay: bool) -> list[str]:
-    """Return what is free: as asked, or what least squares has not put aside."""
+def axes_seen(stretches: Sequence[Samples]) -> list[bool]:
+    """Return whether the pose or the speed of each of the six axes is measured."""
+    measured = np.any([each.measured for each in stretches], axis=0)
+    return [bool(measured[i] or measured[6 + i]) for i in range(6)]
+
+
+def names_now(
+    vehicle: Vehicle,
+    asked: Sequence[str] | None,
+    found: Estimate | None,
+    seen: Sequence[bool],
+    *,
+    with_delay: bool,
+) -> list[str]:
+    """Return what is free: as asked, or of the axes that are seen what least squares has not put aside."""
     if asked is not None:
         names = list(asked)
     else:
         names = []
         for candidate in candidates(vehicle, None):
             axis = candidate.axis
+            if not seen[axis.index]:
+                continue
             columns = (*axis.columns, axis.added_mass)
             for c in (4, 0, 1, 2, 3):
                 name = columns[c]

@@ -26,7 +26,6 @@ __all__ = ["input_wrench", "predict"]
 
 _DIST = 12
 _TINY = 1e-30
-_JITTER_LINEAR = 1e-4  # m/s^2 sqrt(s), rad/s^2 sqrt(s): what no model of forces tells
 
 
 @kernel
@@ -110,7 +109,7 @@ def _noise(state: JointState, h: float, fade: float) -> None:
     P = state.P
     for i in range(6):
         P[_DIST + i, _DIST + i] += state.sigma[i] ** 2 * (1.0 - fade * fade)
-        P[6 + i, 6 + i] += _JITTER_LINEAR**2 * h
+        P[6 + i, 6 + i] += state.rough[i] ** 2 * h
     for i in range(3):
         P[18 + i, 18 + i] += state.options[O_CURRENT_WALK] * h
     n = state.theta.shape[0]

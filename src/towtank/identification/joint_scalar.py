@@ -10,10 +10,12 @@ from __future__ import annotations
 import math
 
 from towtank.core.arrays import kernel
-from towtank.identification.joint_state import C_LIKELIHOOD, O_BIASES, O_HUBER, JointState
+from towtank.identification.joint_state import C_LIKELIHOOD, C_SINCE, O_BIASES, O_HUBER, JointState
 from towtank.identification.transition import N_FIXED, turn_by
 
 __all__ = ["inject", "innovate", "scalar_update"]
+
+_CLIPPED = 25.0  # times S that an innovation^2 counts for at most where it tells of the motion's roughness
 
 
 @kernel
@@ -52,6 +54,10 @@ def scalar_update(state: JointState, column: int, residual: float) -> None:
         state.stats[column, 0] += 1.0
         state.stats[column, 1] += nu * nu - (S - R)
     state.stats[column, 2] += nu * nu / S
+    state.stats[column, 4] += 1.0
+    since = state.clock[C_SINCE]
+    state.stats[column, 5] += since * (min(nu * nu, _CLIPPED * S) - S) / (S * S)
+    state.stats[column, 6] += since * since / (S * S)
     away = math.fabs(nu) / math.sqrt(S)
     cap = state.options[O_HUBER]
     if away > cap:

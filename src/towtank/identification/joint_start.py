@@ -18,6 +18,7 @@ from towtank.vehicle import COEFFICIENTS, Vehicle
 __all__ = [
     "prior_information",
     "rows_noise",
+    "rows_rough",
     "size_of",
     "start_levels",
     "start_theta",
@@ -30,6 +31,7 @@ _WATER = 1000.0  # kg/m^3
 _FORCE, _MOMENT = 0.006, 0.015  # m/s^2, rad/s^2: what a disturbance does to a vehicle, to begin with
 _FLOOR = 0.3  # of that
 _LATEST, _FEWEST = 2000, 30  # rows that tell the noise of a stream
+_APART = 0.1  # s between two speeds whose difference tells what a vehicle does
 _ADDED = 0.6  # of the rigid body's inertia
 _LINEAR_SPEED = (0.3, 0.5)  # m/s, rad/s at which a guessed linear damping equals the quadratic one
 _TYPICAL = np.array([2e-3] * 3 + [2e-3] * 3 + [1e-2] * 3 + [3e-3] * 3 + [5e-2] * 3)
@@ -70,6 +72,27 @@ def rows_noise(t: Array, values: Array) -> Array:
             rate = (len(stamps) - 1) / span if span > 0.0 else level.rate
             noise[j] = max(level.of_each(rate), level.quantum / math.sqrt(12.0), float(_LEAST[j]))
     return noise
+
+
+def rows_rough(t: Array, values: Array) -> Array:
+    """Return what the speeds of rows (n,), (n, 15) do in all, as a random walk (6,) [m/s^2 sqrt(s), rad/s^2 sqrt(s)].
+
+    No model leaves more than this unexplained: a filter that starts from here cannot lose the motion. NaN where there
+    are too few samples to tell.
+    """
+    rough = np.full(6, np.nan)
+    for i in range(6):
+        known = np.isfinite(values[:, 6 + i])
+        if known.sum() < _FEWEST:
+            continue
+        stamps, speeds = t[known], values[known, 6 + i]
+        apart = np.searchsorted(stamps, stamps + _APART)
+        from_, to = np.flatnonzero(apart < stamps.size), apart[apart < stamps.size]
+        near = stamps[to] - stamps[from_] < 5.0 * _APART
+        if near.any():
+            steps = (speeds[to] - speeds[from_])[near] ** 2 / (stamps[to] - stamps[from_])[near]
+            rough[i] = math.sqrt(float(np.mean(steps)))
+    return rough
 
 
 def prior_information(prior: Vehicle, free: FreeParameters) -> tuple[Array, Array]:

@@ -35,8 +35,10 @@ __all__ = ["JointState", "Tuning", "new_joint_state"]
     O_FOLLOW,
 ) = range(14)
 
-# clock: time, started, log likelihood, rows taken, time learned from, resets
-C_TIME, C_STARTED, C_LIKELIHOOD, C_ROWS, C_DURATION, C_RESETS = range(6)
+_LEAST_ROUGH = 1e-4  # m/s^2 sqrt(s), rad/s^2 sqrt(s): what no model of forces tells
+
+# clock: time, started, log likelihood, rows taken, time learned from, resets, time since the sensor was last heard
+C_TIME, C_STARTED, C_LIKELIHOOD, C_ROWS, C_DURATION, C_RESETS, C_SINCE = range(7)
 
 
 @dataclass(frozen=True)
@@ -88,11 +90,13 @@ class JointState(NamedTuple):
     shape: Array  # (6, m) wrench of each input
     noise: Array  # (15,) deviations of the measured columns
     sigma: Array  # (6,) levels of the disturbance [N, N m]
+    rough: Array  # (6,) random walk of the speeds [m/s^2 sqrt(s), rad/s^2 sqrt(s)]
     options: Array  # (14,) see O_*
-    clock: Array  # (6,) see C_*
+    clock: Array  # (7,) see C_*
     heard: Array  # (5,) time of the last believed sample of each sensor: position, attitude, velocity, rates, force
     hidden: Array  # (4, 5) per sensor: samples refused in a row, their mean offset, evidence of its return
-    stats: Array  # (15, 4) per column: believed, sum of innovation^2 - H P H^T, sum of innovation^2 / S, refused
+    stats: Array  # (15, 7) per column: tell of noise, sum of their innovation^2 - H P H^T; then sum of it / S,
+    # refused, believed, score and information of a random walk of the column
     level: Array  # (6, 4) per axis: time, integrals of d^2 and of its variance, independent looks at it
     step: Array  # (21 + n, 12) F transposed
     F: Array  # (12, 21 + n)
@@ -117,6 +121,7 @@ def new_joint_state(
     shape: Array,
     noise: Array,
     sigma: Array,
+    rough: Array,
     tuning: Tuning,
     *,
     biases: bool,
@@ -128,8 +133,8 @@ def new_joint_state(
     Args:
         p: kernel parameters (154,) for all that is not free.
         theta, deviation: start values and their deviations (n,), or a covariance (n, n) in place of the deviations.
-        shape: (6, m). noise: (15,). sigma: (6,). biases: an IMU's biases are estimated. walk: [variance per s] (n,).
-        anchor: what the motion is linearised about (n,), by default the start values.
+        shape: (6, m). noise: (15,). sigma, rough: (6,). biases: an IMU's biases are estimated.
+        walk: [variance per s] (n,). anchor: what the motion is linearised about (n,), by default the start values.
     """
     n = len(free)
     size = N_FIXED + n + (6 if biases else 0)
@@ -170,11 +175,12 @@ def new_joint_state(
         shape=np.ascontiguousarray(shape),
         noise=np.array(noise, dtype=np.float64),
         sigma=np.array(sigma, dtype=np.float64),
+        rough=np.fmax(rough, _LEAST_ROUGH),
         options=options,
-        clock=np.zeros(6),
+        clock=np.zeros(7),
         heard=np.zeros(5),
         hidden=np.zeros((4, 5)),
-        stats=np.zeros((N_MEASURED, 4)),
+        stats=np.zeros((N_MEASURED, 7)),
         level=np.zeros((6, 4)),
         step=np.zeros((N_FIXED + n, 12)),
         F=F,

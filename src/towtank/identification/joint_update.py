@@ -14,6 +14,7 @@ from towtank.identification.joint_scalar import inject, innovate, scalar_update
 from towtank.identification.joint_state import (
     C_LIKELIHOOD,
     C_RESETS,
+    C_SINCE,
     C_TIME,
     O_GATE,
     O_HUBER,
@@ -25,6 +26,7 @@ __all__ = ["update_row"]
 
 _RETURNED = 8.0  # log likelihood ratio for a sensor that has come back, against one that is still off
 _OFFSET_FOLLOWS = 0.1  # least weight of a sample in the mean offset of a sensor that is refused
+_LONGEST, _MOST = (math.inf, math.inf, 0.3, 0.03), 3.0  # s and samples that a sensor of speed is refused for at most
 _LOOSE = (1.0, 0.1, 0.5, 0.5, 0.0)  # deviation of a state that is taken from its sensor anew
 
 
@@ -39,6 +41,7 @@ def _believed(state: JointState, z: Array, sensor: int, whole: bool) -> bool:
     gate, cap = state.options[O_GATE], state.options[O_HUBER]
     hidden = state.hidden[sensor]
     within = True
+    stays = sensor < 2  # a camera that has lost its marker stays wrong; speeds only jump
     ratio, cost = 0.0, 0.0
     for k in range(3):
         if math.isfinite(z[3 * sensor + k]):
@@ -62,7 +65,7 @@ def _believed(state: JointState, z: Array, sensor: int, whole: bool) -> bool:
             hidden[1 + k] = 0.0
     else:
         hidden[4] = max(0.0, hidden[4] + ratio)
-    if within and (hidden[0] == 0.0 or hidden[4] > _RETURNED):
+    if within and (hidden[0] == 0.0 or hidden[4] > _RETURNED or not stays):
         hidden[0] = 0.0
         return True
     if ratio < 0.0 or hidden[0] == 0.0:
@@ -114,19 +117,25 @@ def update_row(state: JointState, z: Array, coupled: bool) -> None:
         whole = count == 3
         if sensor == 1 and not whole and not is_upright(state):
             continue
+        state.clock[C_SINCE] = now - state.heard[sensor]
         if not _believed(state, z, sensor, whole):
             for k in range(3):
-                state.stats[3 * sensor + k, 3] += 1.0
-            if now - state.heard[sensor] <= state.options[O_REACQUIRE] * (1.0 if sensor == 0 else 3.0):
+                if math.isfinite(z[3 * sensor + k]):
+                    state.stats[3 * sensor + k, 3] += 1.0
+            quiet = now - state.heard[sensor]
+            if quiet > state.options[O_REACQUIRE] * (1.0 if sensor == 0 else 3.0):
+                _start_anew(state, z, sensor, whole)
+                state.hidden[sensor, 0] = 0.0
+                state.heard[sensor] = now
+            elif quiet <= _LONGEST[sensor] or state.hidden[sensor, 0] < _MOST:
                 continue
-            _start_anew(state, z, sensor, whole)
-            state.hidden[sensor, 0] = 0.0
+        else:
+            state.heard[sensor] = now
         for k in range(3):
             if math.isfinite(z[3 * sensor + k]):
                 residual = residual_of(state, z, sensor, k, whole)
                 row_of(state, sensor, k, whole)
                 scalar_update(state, 3 * sensor + k, residual)
-        state.heard[sensor] = now
     if math.isfinite(z[12]) or math.isfinite(z[13]) or math.isfinite(z[14]):
         update_specific_force(state, z, coupled)
     inject(state)

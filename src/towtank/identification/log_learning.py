@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.chain import Sources
@@ -17,10 +19,15 @@ __all__ = ["Levels", "LogLearning"]
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """Noise of the measured columns (15,) and levels of the disturbance (6,) [N, N m]."""
+    """Noise of the measured columns (15,), levels of the disturbance (6,) [N, N m], and what is rough in the motion.
+
+    rough: random walk (6,) of each speed [m/s^2 sqrt(s), rad/s^2 sqrt(s)] that no force of the model accounts for,
+        NaN where nothing tells.
+    """
 
     noise: Array
     sigma: Array
+    rough: Array = field(default_factory=lambda: np.zeros(6))
 
 
 @dataclass(frozen=True)

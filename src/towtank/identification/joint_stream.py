@@ -1,0 +1,296 @@
+"""The joint filter on a stream, and in its first minutes second looks at what it saw.
+
+A Kalman filter that starts in ignorance linearises about wrong coefficients. So what was seen is kept for a while, and
+at times that grow the filter goes over it once more, linearised about what is known by then: about its own
+coefficients, about those of least squares (which runs beside it and needs no start), and, where the delay is not given,
+about a bank of delays. The likelihood of the innovations chooses among them. Noise and disturbance are levelled anew
+each time. Between two looks the filter stays linear; a coefficient that becomes known far from where it was linearised
+calls for the next one. Later the filter goes on alone, its anchor following the coefficients.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.identification.estimate import Estimate
+from towtank.identification.held_input import HeldInput, held_push
+from towtank.identification.joint import bounded, held_of, told_of
+from towtank.identification.joint_buffer import Buffer
+from towtank.identification.joint_health import Sound, has_moved, mended, sound_of
+from towtank.identification.joint_kernel import joint_events, joint_step
+from towtank.identification.joint_look import axes_seen, bank_of_delays, look, names_now
+from towtank.identification.joint_start import (
+    prior_information,
+    rows_noise,
+    rows_rough,
+    start_theta,
+    tuning_for,
+    usual_disturbance,
+)
+from towtank.identification.joint_state import (
+    C_ROWS,
+    C_STARTED,
+    O_ADAPT,
+    O_FOLLOW,
+    JointState,
+)
+from towtank.identification.log_learning import Levels
+from towtank.identification.paper_learner import PaperLearner
+from towtank.identification.parameters import DELAY, LAG, FreeParameters, free_parameters
+from towtank.identification.samples import N_MEASURED, Samples
+from towtank.identification.transition import N_FIXED
+from towtank.vehicle import Vehicle, configuration_matrix
+
+__all__ = ["JointStream"]
+
+_OFTEN = 0.25  # s between two looks at least
+_FIRST_LOOK = 0.5  # s of motion
+_EARLY, _GROWS_EARLY, _GROWS = 8.0, 0.25, 1.0  # s of motion; share of it to the next look, until then and later
+_GROWS_AGAIN, _GROWS_LEAST = 0.6, 0.06  # likewise, once a coefficient has called for a look; of all that was seen
+_BOTH_STARTS, _STARTS_GROW = 30.0, 2.0  # s: until then looks at doubling times start from least squares too,
+_LAST_LOOK = 120.0  # s of samples kept,
+_MOST_ROWS = 40_000
+_BANK_UNTIL = 5.0  # s: and until then from a bank of delays
+_ROUNDS, _ROUNDS_LATE = 1, 3  # passes more at most of an early look and of a late one, with the levels that it shows
+_ADAPT = 10.0  # s over which the live filter follows the disturbance
+_LAG = 0.05  # s, to begin with
+_CHECKED = 1.0  # s from one check of the filter's health to the next
+_CHUNK = 1000  # rows, likewise, of a recording
+
+
+class JointStream:
+    """The filter with what it needs to look again.
+
+    Args:
+        vehicle: what is known. asked: names to learn, None for all that can be.
+        delay: of the inputs [s] where it is given. prior: a vehicle whose coefficients bear deviations.
+        paper: the least squares that runs beside it, fed by the caller while `looking`.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        asked: tuple[str, ...] | None,
+        *,
+        delay: float | None,
+        prior: Vehicle | None,
+        paper: PaperLearner | None,
+    ) -> None:
+        self.vehicle, self.asked, self.prior, self.paper = vehicle, asked, prior, paper
+        self.given_delay = delay
+        self.delay = vehicle.command_delay if delay is None else delay
+        self.looking = True
+        self.seen = 0.0  # s of rows
+        self.free: FreeParameters | None = None
+        self.state: JointState | None = None
+        self.levels = Levels(np.full(N_MEASURED, 1e-3), usual_disturbance(vehicle), np.full(6, np.nan))
+        self.mended = 0
+        self._tuning = tuning_for(vehicle)
+        self._buffer: Buffer | None = None
+        self._early: list[tuple[float, Array]] = []
+        self._held: HeldInput | None = None
+        self._next_look, self._next_start, self._next_check = _FIRST_LOOK, _FIRST_LOOK, 0.0
+        self._last_look = self._began = 0.0
+        self._last_t = -np.inf
+        self._sound: Sound | None = None
+
+    # -- data in
+
+    def take_input(self, t: float, force: Array, *, commands: bool) -> None:
+        """Take the forces (m,) that the thrusters are asked for from t [s] on."""
+        if not (np.isfinite(t) and np.isfinite(force).all()):
+            return
+        if self._buffer is None:
+            shape = configuration_matrix(self.vehicle) if commands else np.eye(6)
+            lag = np.array([thruster.time_constant for thruster in self.vehicle.thrusters]) if commands else np.zeros(6)
+            self._buffer = Buffer(shape, lag, commands=commands)
+            for row in self._early:
+                self._buffer.add_row(*row)
+            self._early.clear()
+        if self.looking:
+            self._buffer.add_input(t, force)
+        if self._held is not None:
+            held_push(self._held, t, force)
+
+    def take_row(self, t: float, z: Array) -> bool:
+        """Take the measurements z (15,) of time t [s]; return whether they taught anything."""
+        if not (np.isfinite(t) and t > self._last_t):
+            return False
+        if np.isfinite(self._last_t):
+            self.seen += min(t - self._last_t, 1.0)
+        self._last_t = t
+        if self._buffer is None:
+            self._early = [*self._early[-500:], (t, z)]
+            return False
+        if self.looking:
+            self._buffer.add_row(t, z)
+        learned = False
+        if self.state is not None and self._held is not None:
+            learned = joint_step(self.state, self._held, t, z, True)
+            if self.seen >= self._next_check:
+                self._next_check = self.seen + (_OFTEN if self.looking else _CHECKED)
+                self._check()
+        if self.looking and self.seen >= self._next_look:
+            self._look()
+            span = self.seen - self._began
+            self._last_look = self.seen
+            early = _GROWS_EARLY if self._began == 0.0 else _GROWS_AGAIN
+            grows = early if span < _EARLY else _GROWS
+            self._next_look = self.seen + max(_OFTEN, span * grows, self.seen * _GROWS_LEAST)
+            if self._next_look > _LAST_LOOK or self._buffer.rows > _MOST_ROWS:
+                self._go_on_alone()
+        return learned
+
+    def take_rows(self, samples: Samples, first: int, pushed: int) -> None:
+        """Take rows of a recording from `first` on, its inputs from `pushed` on, once there are no looks any more."""
+        if self.state is None or self._held is None:
+            return
+        for start in range(first, len(samples), _CHUNK):
+            end = min(start + _CHUNK, len(samples))
+            pushed = joint_events(
+                self.state,
+                self._held,
+                samples.t,
+                samples.values,
+                samples.input_t,
+                samples.input_force,
+                True,
+                start,
+                end,
+                pushed,
+            )
+            self._check()
+        self._last_t = float(samples.t[-1])
+
+    def break_off(self) -> None:
+        """Begin a new stretch: motion is not drawn across to it."""
+        self._last_t = -np.inf
+        if self._buffer is not None:
+            self._buffer.break_off()
+        if self.state is not None and self.free is not None:
+            self.state.clock[C_STARTED] = 0.0
+            self._held = self._fresh_held(self.free, self.state.anchor)
+
+    # -- what is known
+
+    @property
+    def rows(self) -> int:
+        """Rows that taught something."""
+        return 0 if self.state is None else int(self.state.clock[C_ROWS])
+
+    @property
+    def commanded(self) -> bool:
+        """Whether the inputs are commands of thrusters."""
+        return self._buffer is not None and self._buffer.commands
+
+    def value(self, name: str, other: float) -> float:
+        """Return the coordinate of a free parameter, `other` where it is not free."""
+        if self.state is None or self.free is None or name not in self.free.names:
+            return other
+        return float(self.state.theta[self.free.names.index(name)])
+
+    # -- inside
+
+    def _look(self) -> None:
+        """Go over everything once more from each start, and go on with the likeliest."""
+        assert self._buffer is not None
+        stretches = self._buffer.stretches
+        found = None if self.paper is None else self.paper.estimate
+        find_delay = self.given_delay is None and self.commanded
+        names = names_now(self.vehicle, self.asked, found, axes_seen(stretches), with_delay=find_delay)
+        if not any(each.input_t.size for each in stretches) or not names:
+            return
+        free = free_parameters(self.vehicle, names)
+        own, cold = self._starts(free, found)
+        starts = [cold] if own is None else []
+        if self._next_start <= self.seen < _BOTH_STARTS:
+            self._next_start = self.seen * _STARTS_GROW
+            starts = [cold]
+            if DELAY in free.names and self.seen < _BANK_UNTIL:
+                starts += bank_of_delays(free, cold if own is None else own)
+        longest = max(stretches, key=lambda each: each.t.size)
+        seen = look(
+            stretches,
+            self.vehicle,
+            free,
+            own,
+            starts,
+            self._levels_of(longest, first=own is None),
+            self._tuning,
+            delay=self.delay,
+            prior=None if self.prior is None else prior_information(self.prior, free),
+            rounds=_ROUNDS if self.seen < _EARLY else _ROUNDS_LATE,
+        )
+        if seen is None:
+            return
+        self.free, self.state, self._held, self.levels = free, seen.state, seen.held, seen.levels
+        self.state.options[O_ADAPT] = _ADAPT
+        self.state.options[O_FOLLOW] = 0.0
+        self.state.sigma[:] = self.levels.sigma
+        self._sound = sound_of(self.state)
+
+    def _starts(self, free: FreeParameters, found: Estimate | None) -> tuple[Array | None, Array]:
+        """Return what the filter knows by now (n,), None before it knows anything, and what least squares says (n,)."""
+        known = self.vehicle
+        if found is not None:
+            changes = {each.name: each.value for each in found.coefficients if each.identified}
+            known = known.with_coefficients(changes) if changes else known
+        cold = start_theta(self.vehicle, known, free, delay=self.delay, lag=_LAG)
+        if self.state is None or self.free is None:
+            return None, cold
+        theta = dict(zip(self.free.names, self.state.theta, strict=True))
+        anchor = dict(zip(self.free.names, self.state.anchor, strict=True))
+        own = np.array([theta.get(name, cold[k]) for k, name in enumerate(free.names)])
+        about = np.array([anchor.get(name, own[k]) for k, name in enumerate(free.names)])
+        std = dict(zip(self.free.names, np.sqrt(np.diag(self.state.P)[N_FIXED:]), strict=False))
+        known_std = np.array([std.get(name, np.inf) for name in free.names])
+        return told_of(free, bounded(free, own, about, linear=True), known_std, cold), cold
+
+    def _levels_of(self, rows: Samples, *, first: bool) -> Levels:
+        """Return the levels that a look starts with: noise as the rows show it, the rest as found before."""
+        noise, rough = rows_noise(rows.t, rows.values), self.levels.rough
+        beside = rows.measured[6:12] if not first else np.zeros(6, dtype=bool)
+        noise[:6] = np.where(beside, np.maximum(noise[:6], self.levels.noise[:6]), noise[:6])
+        unknown = np.isnan(rough)
+        if unknown.any():
+            rough = np.where(unknown, rows_rough(rows.t, rows.values), rough)
+        return Levels(noise, self.levels.sigma, rough)
+
+    def _go_on_alone(self) -> None:
+        assert self._buffer is not None
+        self.looking = False
+        if self.state is not None:
+            self.state.options[O_FOLLOW] = 1.0
+        self._buffer = Buffer(self._buffer.shape, self._buffer.lag, commands=self._buffer.commands)
+
+    def _check(self) -> None:
+        """Mend a filter that has lost itself; look soon where a coefficient has left its point of linearisation."""
+        if self.state is None or self.free is None:
+            return
+        found = sound_of(self.state)
+        if found is None:
+            self._mend(self.state, self.free)
+            return
+        self._sound = found
+        soon = self._last_look + max(_OFTEN, self._last_look * _GROWS_LEAST)
+        if self.looking and self.seen > soon and has_moved(self.state, found):
+            self._next_look = min(self._next_look, self.seen)
+            self._began = self._last_look  # of an axis that was still until now
+
+    def _mend(self, state: JointState, free: FreeParameters) -> None:
+        assert self._sound is not None  # every look leaves one
+        self.mended += 1
+        self.state = mended(state, self._sound, np.array(self.vehicle.parameters), free, self._tuning)
+        self._held = self._fresh_held(free, self.state.anchor)
+
+    def _fresh_held(self, free: FreeParameters, theta: Array) -> HeldInput:
+        assert self._buffer is not None
+        empty = Buffer(self._buffer.shape, self._buffer.lag, commands=self._buffer.commands)
+        empty.add_row(0.0, np.full(N_MEASURED, np.nan))
+        return held_of(empty.stretches[0], free, theta, self.delay)
+
+    @property
+    def lag(self) -> float:
+        """Time constant of the thrusters [s] where it is free; NaN where it is not."""
+        return float(np.exp(self.value(LAG, np.nan)))

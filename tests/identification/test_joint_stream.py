@@ -1,0 +1,92 @@
+"""The joint filter on a stream that its model does not explain, and one that is broken from outside."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from towtank.identification.joint_learner import JointLearner
+from towtank.identification.joint_levels import refused_share
+from towtank.recording import Recording
+from towtank.simulation import Ins, simulate
+from towtank.vehicle import Vehicle, load_vehicle
+
+TRUTH = load_vehicle("vlbv300")
+FREE = ("N_rdot", "N_rr")
+
+
+def _late(lag: float) -> Vehicle:
+    slow = tuple(each.model_copy(update={"time_constant": lag}) for each in TRUTH.thrusters)
+    return TRUTH.model_copy(update={"thrusters": slow})
+
+
+def _yaw(lag: float, seconds: float = 30.0) -> Recording:
+    """Full yaw to and fro, seen by gyros alone, with thrusters that answer late."""
+    signs = np.random.default_rng(1).choice([-1.0, 1.0], int(seconds))
+    turn = [np.cross(each.position, each.direction)[2] for each in TRUTH.thrusters]
+    turning = np.where(np.abs(turn) > 1e-3, np.sign(turn), 0.0)
+    commands = 60.0 * np.repeat(signs, 100)[:, None] * turning
+    run = simulate(_late(lag), commands=commands, dt=0.01, sensors=Ins(gyro_bias=0.0), seed=1)
+    return run.without("x", "y", "z", "phi", "theta", "psi", "u", "v", "w", "ax", "ay", "az")
+
+
+def _total(values: dict[str, float]) -> float:
+    return float(TRUTH.rigid_body_matrix[5, 5] - values["N_rdot"])
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.15])
+def test_gyros_are_believed_where_the_thrusters_answer_late(lag: float) -> None:
+    """A step of thrust that comes late looks like ten deviations of a gyro: the model is off, and not the sensor."""
+    learner = JointLearner(TRUTH.with_coefficients({"N_rdot": -0.3, "N_rr": -1.0}), free=FREE, delay=0.0)
+    learner.run(_yaw(lag))
+    state = learner._stream.state
+    assert state is not None
+    assert refused_share(state)[11] < 0.1
+    found = {each.name: each.value for each in learner.estimate.coefficients}
+    off = 0.03 if lag == 0.0 else 0.35
+    assert found["N_rr"] == pytest.approx(TRUTH.coefficient("N_rr"), rel=off)
+    assert _total(found) == pytest.approx(
+        float(TRUTH.rigid_body_matrix[5, 5]) - TRUTH.coefficient("N_rdot"), rel=2.0 * off
+    )
+    assert (state.rough[5] > 0.02) == (lag > 0.0)  # what the model lacks is called roughness, not noise
+
+
+def test_a_filter_that_lost_itself_goes_on_from_what_it_knew() -> None:
+    run = _yaw(0.0, 20.0)
+    learner = JointLearner(TRUTH, free=FREE, delay=0.0)
+    learner.run(run.window(0.0, 10.0))
+    stream, before = learner._stream, learner.estimate
+    assert stream.state is not None
+    stream.state.P[9, 9] = np.nan
+    for k in range(1000):  # held commands: the last ones go on
+        rates = [run[name].values[1000 + k] if k % 2 else np.nan for name in "pqr"]
+        learner.update(10.01 + 0.01 * k, velocity=[np.nan, np.nan, np.nan, *rates])
+        if stream.mended:
+            break
+    assert k < 100
+    assert stream.mended == 1
+    after = learner.estimate
+    assert after.values == pytest.approx(before.values, rel=1e-3)
+    assert (after.std > before.std).all()
+
+
+def test_axes_that_nothing_measures_are_not_learned() -> None:
+    learner = JointLearner(TRUTH)
+    learner.run(_yaw(0.0, 10.0))
+    names = set(learner.estimate.names)
+    assert "N_rdot" in names
+    assert not names & {"X_udot", "X_uu", "Y_vdot", "Z_wdot", "W_minus_B"}
+
+
+def test_a_coefficient_that_becomes_known_late_calls_for_a_look() -> None:
+    """Yaw begins after 20 s: until the look at 32 s its drag was linearised about a guess six times too large."""
+    still, moving = np.zeros((2000, len(TRUTH.thrusters))), _yaw(0.0, 10.0)
+    rest = simulate(TRUTH, commands=still, dt=0.01, sensors=Ins(gyro_bias=0.0), seed=2)
+    moved = np.column_stack([moving[f"cmd_{each.name}"].values for each in TRUTH.thrusters])
+    commands = np.vstack([still, moved])[:3000]
+    rates = np.column_stack([np.concatenate([rest[name].values[:2000], moving[name].values]) for name in "pqr"])
+    learner = JointLearner(TRUTH.with_coefficients({"N_rr": -2.0}), free=FREE, delay=0.0)
+    for k in range(len(commands)):
+        learner.update(0.01 * k, velocity=[np.nan, np.nan, np.nan, *rates[k]], commands=commands[k])
+    found = {each.name: each.value for each in learner.estimate.coefficients}
+    assert found["N_rr"] == pytest.approx(TRUTH.coefficient("N_rr"), rel=0.05)
