@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from towtank.errors import InputError
+from towtank.identification import Learner
 from towtank.identification.joint_learner import JointLearner
 from towtank.identification.joint_levels import refused_share
 from towtank.recording import Recording
@@ -90,3 +94,52 @@ def test_a_coefficient_that_becomes_known_late_calls_for_a_look() -> None:
         learner.update(0.01 * k, velocity=[np.nan, np.nan, np.nan, *rates[k]], commands=commands[k])
     found = {each.name: each.value for each in learner.estimate.coefficients}
     assert found["N_rr"] == pytest.approx(TRUTH.coefficient("N_rr"), rel=0.05)
+
+
+def _fed(learner: JointLearner, run: Recording, first: int = 0, last: int | None = None) -> None:
+    t, names = run["p"].t, [f"cmd_{each.name}" for each in TRUTH.thrusters]
+    for k in range(first, min(len(t), len(run[names[0]].values)) if last is None else last):
+        rates = [run[name].values[k] for name in "pqr"]
+        commands = [run[name].values[k] for name in names]
+        learner.update(float(t[k]), velocity=[np.nan, np.nan, np.nan, *rates], commands=commands)
+
+
+def test_looks_beside_the_stream_end_where_looks_within_it_do() -> None:
+    run, start = _yaw(0.0, 12.0), TRUTH.with_coefficients({"N_rr": -1.0, "N_rdot": -0.3})
+    within, beside = JointLearner(start, free=FREE), JointLearner(start, free=FREE, background=True)
+    _fed(within, run)
+    for first in range(0, 1200, 25):  # a stream is not as fast as a computer
+        _fed(beside, run, first, first + 25)
+        beside.settle()
+    assert beside._stream.rows > 0
+    for one, other in zip(within.estimate.coefficients, beside.estimate.coefficients, strict=True):
+        assert other.value == pytest.approx(one.value, abs=one.std)
+
+
+@pytest.mark.parametrize("cut", [300, 1100])
+def test_a_checkpoint_goes_on_as_if_nothing_had_happened(cut: int, tmp_path: Path) -> None:
+    run = _yaw(0.0, 12.0)
+    whole, first = JointLearner(TRUTH, free=FREE), JointLearner(TRUTH, free=FREE)
+    _fed(whole, run)
+    _fed(first, run, 0, cut)
+    first.save(tmp_path / "session.state")
+    second = Learner.load(tmp_path / "session.state", TRUTH)
+    assert isinstance(second, JointLearner)
+    _fed(second, run, cut)
+    assert second.estimate.values == pytest.approx(whole.estimate.values, rel=1e-9)
+    assert second.estimate.std == pytest.approx(whole.estimate.std, rel=1e-6)
+    assert second.delay == pytest.approx(whole.delay, abs=1e-9)
+
+
+def test_a_checkpoint_of_another_vehicle_or_a_damaged_one_is_refused(tmp_path: Path) -> None:
+    learner = JointLearner(TRUTH, free=FREE)
+    _fed(learner, _yaw(0.0, 2.0))
+    place = tmp_path / "session.state"
+    learner.save(place)
+    with pytest.raises(InputError, match="other numbers of the vehicle"):
+        Learner.load(place, load_vehicle("seamor"))
+    place.write_bytes(place.read_bytes()[:5000])
+    with pytest.raises(InputError, match="not a checkpoint, or a damaged one"):
+        Learner.load(place, TRUTH)
+    with pytest.raises(InputError, match="no such checkpoint"):
+        Learner.load(tmp_path / "other.state", TRUTH)

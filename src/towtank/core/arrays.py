@@ -21,8 +21,8 @@ _FAST = {"contract", "nsz"}
 
 
 def kernel(function: _F) -> _F:
-    """Compile `function` on first use and keep the machine code on disk."""
-    compiled: _F = numba.njit(cache=True, error_model="numpy", fastmath=_FAST)(function)
+    """Compile `function` on first use and keep the machine code on disk; other threads run beside it."""
+    compiled: _F = numba.njit(cache=True, error_model="numpy", fastmath=_FAST, nogil=True)(function)
     bind_cache(compiled)
     return compiled
 
@@ -36,6 +36,6 @@ def parallel_kernel(function: _F) -> _F:
 
 def inlined_kernel(function: _F) -> _F:
     """As `kernel`, always inlined: array shapes that are constant in the caller become constants here."""
-    compiled: _F = numba.njit(cache=True, error_model="numpy", fastmath=_FAST, forceinline=True)(function)
+    compiled: _F = numba.njit(cache=True, error_model="numpy", fastmath=_FAST, forceinline=True, nogil=True)(function)
     bind_cache(compiled)
     return compiled

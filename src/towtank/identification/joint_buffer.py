@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from towtank.core.arrays import Array
@@ -45,23 +47,58 @@ class Buffer:
         if (self.rows, self.inputs) != self._starts[-1]:
             self._starts.append((self.rows, self.inputs))
 
+    def since(self, rows: int, inputs: int) -> list[tuple[bool, Samples]]:
+        """Return what came after so many rows and inputs: whether it begins a new stretch, and views of it."""
+        out = []
+        ends = [*self._starts[1:], (self.rows, self.inputs)]
+        for (a, c), (b, d) in zip(self._starts, ends, strict=True):
+            first, put = max(a, rows), max(c, inputs)
+            if b > first or d > put:
+                out.append((a >= rows and (a, c) != (0, 0), self._part(first, b, put, d)))
+        return out
+
+    def _part(self, a: int, b: int, c: int, d: int) -> Samples:
+        return Samples(
+            self.t[a:b],
+            self.values[a:b],
+            self.input_t[c:d],
+            self.input_force[c:d],
+            self.shape,
+            self.lag,
+            self.commands,
+        )
+
+    @property
+    def starts(self) -> list[tuple[int, int]]:
+        """First row and first input of each stretch."""
+        return list(self._starts)
+
+    @property
+    def whole(self) -> Samples:
+        """Everything in one, whatever its stretches."""
+        return self._part(0, self.rows, 0, self.inputs)
+
+    def restore(
+        self, t: Array, values: Array, input_t: Array, input_force: Array, starts: Sequence[Sequence[int]]
+    ) -> None:
+        """Put in what `whole` and `starts` of another buffer gave."""
+        self.t, self.values, self.input_t, self.input_force = (
+            _roomy(each) for each in (t, values, input_t, input_force)
+        )
+        self.rows, self.inputs = t.shape[0], input_t.shape[0]
+        self._starts = [(int(a), int(b)) for a, b in starts]
+
     @property
     def stretches(self) -> list[Samples]:
         """All stretches with rows in them; views, not copies."""
         ends = [*self._starts[1:], (self.rows, self.inputs)]
-        return [
-            Samples(
-                self.t[a:b],
-                self.values[a:b],
-                self.input_t[c:d],
-                self.input_force[c:d],
-                self.shape,
-                self.lag,
-                self.commands,
-            )
-            for (a, c), (b, d) in zip(self._starts, ends, strict=True)
-            if b > a
-        ]
+        return [self._part(a, b, c, d) for (a, c), (b, d) in zip(self._starts, ends, strict=True) if b > a]
+
+
+def _roomy(array: Array) -> Array:
+    out = np.empty((max(_FIRST, 2 * array.shape[0]), *array.shape[1:]))
+    out[: array.shape[0]] = array
+    return out
 
 
 def _doubled(array: Array) -> Array:

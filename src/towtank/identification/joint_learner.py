@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection
 from typing import Any
 
@@ -36,6 +37,7 @@ class JointLearner(Learner):
             damping terms that the vehicle has (both where it has none), righting moments and net weight.
         delay: from input to force [s]; found where omitted and the inputs are commands.
         prior: a vehicle whose coefficients bear deviations: what is known beforehand.
+        background: second looks run in a thread, so that no sample waits for one; `settle` waits for the last.
         paper: further settings of the least squares that runs beside it.
 
     Raises:
@@ -50,6 +52,7 @@ class JointLearner(Learner):
         free: Collection[str] | None = None,
         delay: float | None = None,
         prior: Vehicle | None = None,
+        background: bool = False,
         **paper: Any,
     ) -> None:
         if method != "joint":
@@ -66,7 +69,9 @@ class JointLearner(Learner):
             )
         else:
             self._paper = PaperLearner(vehicle, delay=delay, **paper)
-        self._stream = JointStream(vehicle, self._asked, delay=delay, prior=prior, paper=self._paper)
+        self._stream = JointStream(
+            vehicle, self._asked, delay=delay, prior=prior, paper=self._paper, background=background
+        )
         self._estimate: Estimate | None = None
 
     # -- data in
@@ -129,6 +134,17 @@ class JointLearner(Learner):
         self._stream.break_off()
         if self._paper is not None:
             self._paper.restart()
+
+    def settle(self) -> None:
+        """Wait for what runs in the background; see `Learner.settle`."""
+        self._stream.settle()
+        self._estimate = None
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a checkpoint; see `Learner.save`."""
+        from towtank.identification.joint_checkpoint import save_learner
+
+        save_learner(self, path)
 
     # -- results out
 

@@ -18,8 +18,10 @@ from towtank.identification.held_input import HeldInput, held_push
 from towtank.identification.joint import bounded, held_of, told_of
 from towtank.identification.joint_buffer import Buffer
 from towtank.identification.joint_health import Sound, has_moved, mended, sound_of
+from towtank.identification.joint_job import Beside, LookJob
 from towtank.identification.joint_kernel import joint_events, joint_step
-from towtank.identification.joint_look import axes_seen, bank_of_delays, look, names_now
+from towtank.identification.joint_look import Look, axes_seen, bank_of_delays, names_now
+from towtank.identification.joint_schedule import EARLY, Schedule
 from towtank.identification.joint_start import (
     prior_information,
     rows_noise,
@@ -44,18 +46,10 @@ from towtank.vehicle import Vehicle, configuration_matrix
 
 __all__ = ["JointStream"]
 
-_OFTEN = 0.25  # s between two looks at least
-_FIRST_LOOK = 0.5  # s of motion
-_EARLY, _GROWS_EARLY, _GROWS = 8.0, 0.25, 1.0  # s of motion; share of it to the next look, until then and later
-_GROWS_AGAIN, _GROWS_LEAST = 0.6, 0.06  # likewise, once a coefficient has called for a look; of all that was seen
-_BOTH_STARTS, _STARTS_GROW = 30.0, 2.0  # s: until then looks at doubling times start from least squares too,
-_LAST_LOOK = 120.0  # s of samples kept,
-_MOST_ROWS = 40_000
-_BANK_UNTIL = 5.0  # s: and until then from a bank of delays
 _ROUNDS, _ROUNDS_LATE = 1, 3  # passes more at most of an early look and of a late one, with the levels that it shows
 _ADAPT = 10.0  # s over which the live filter follows the disturbance
 _LAG = 0.05  # s, to begin with
-_CHECKED = 1.0  # s from one check of the filter's health to the next
+_CHECKED, _CHECKED_EARLY = 1.0, 0.25  # s from one check of the filter's health to the next, and while it looks back
 _CHUNK = 1000  # rows, likewise, of a recording
 
 
@@ -66,6 +60,7 @@ class JointStream:
         vehicle: what is known. asked: names to learn, None for all that can be.
         delay: of the inputs [s] where it is given. prior: a vehicle whose coefficients bear deviations.
         paper: the least squares that runs beside it, fed by the caller while `looking`.
+        background: looks run beside the stream, in a thread; the stream does not wait for them.
     """
 
     def __init__(
@@ -76,7 +71,9 @@ class JointStream:
         delay: float | None,
         prior: Vehicle | None,
         paper: PaperLearner | None,
+        background: bool = False,
     ) -> None:
+        self._beside = Beside() if background else None
         self.vehicle, self.asked, self.prior, self.paper = vehicle, asked, prior, paper
         self.given_delay = delay
         self.delay = vehicle.command_delay if delay is None else delay
@@ -90,8 +87,7 @@ class JointStream:
         self._buffer: Buffer | None = None
         self._early: list[tuple[float, Array]] = []
         self._held: HeldInput | None = None
-        self._next_look, self._next_start, self._next_check = _FIRST_LOOK, _FIRST_LOOK, 0.0
-        self._last_look = self._began = 0.0
+        self._schedule, self._next_check, self._last_one = Schedule(), 0.0, False
         self._last_t = -np.inf
         self._sound: Sound | None = None
 
@@ -129,17 +125,10 @@ class JointStream:
         if self.state is not None and self._held is not None:
             learned = joint_step(self.state, self._held, t, z, True)
             if self.seen >= self._next_check:
-                self._next_check = self.seen + (_OFTEN if self.looking else _CHECKED)
+                self._next_check = self.seen + (_CHECKED_EARLY if self.looking else _CHECKED)
                 self._check()
-        if self.looking and self.seen >= self._next_look:
-            self._look()
-            span = self.seen - self._began
-            self._last_look = self.seen
-            early = _GROWS_EARLY if self._began == 0.0 else _GROWS_AGAIN
-            grows = early if span < _EARLY else _GROWS
-            self._next_look = self.seen + max(_OFTEN, span * grows, self.seen * _GROWS_LEAST)
-            if self._next_look > _LAST_LOOK or self._buffer.rows > _MOST_ROWS:
-                self._go_on_alone()
+        if self.looking:
+            self._look_back()
         return learned
 
     def take_rows(self, samples: Samples, first: int, pushed: int) -> None:
@@ -192,25 +181,50 @@ class JointStream:
 
     # -- inside
 
-    def _look(self) -> None:
-        """Go over everything once more from each start, and go on with the likeliest."""
+    def settle(self) -> None:
+        """Wait for a look that runs beside, and go on from it."""
+        self._fetch(wait=True)
+
+    def _fetch(self, *, wait: bool = False) -> None:
+        done = self._beside.fetch(wait=wait) if self._beside is not None else None
+        if done is not None:
+            self._adopt(*done)
+
+    def _look_back(self) -> None:
+        """Fetch a look that is done, begin the next one when it is due, and end with the last."""
+        assert self._buffer is not None
+        self._fetch()
+        busy = self._beside is not None and self._beside.busy
+        if not busy and not self._last_one and self.seen >= self._schedule.next:
+            job = self._job()
+            self._schedule.looked(self.seen)
+            self._last_one = self._schedule.over(self._buffer.rows)
+            if job is not None and self._beside is not None:
+                self._beside.begin(job)
+                return
+            if job is not None:
+                self._adopt(job, job.run())
+        if self._last_one and not busy:
+            self._go_on_alone()
+
+    def _job(self) -> LookJob | None:
+        """Return the next look: over everything once more from each start; None where there is nothing to learn yet."""
         assert self._buffer is not None
         stretches = self._buffer.stretches
         found = None if self.paper is None else self.paper.estimate
         find_delay = self.given_delay is None and self.commanded
         names = names_now(self.vehicle, self.asked, found, axes_seen(stretches), with_delay=find_delay)
         if not any(each.input_t.size for each in stretches) or not names:
-            return
+            return None
         free = free_parameters(self.vehicle, names)
         own, cold = self._starts(free, found)
         starts = [cold] if own is None else []
-        if self._next_start <= self.seen < _BOTH_STARTS:
-            self._next_start = self.seen * _STARTS_GROW
+        if self._schedule.other_starts(self.seen):
             starts = [cold]
-            if DELAY in free.names and self.seen < _BANK_UNTIL:
+            if DELAY in free.names and self._schedule.bank(self.seen):
                 starts += bank_of_delays(free, cold if own is None else own)
         longest = max(stretches, key=lambda each: each.t.size)
-        seen = look(
+        return LookJob(
             stretches,
             self.vehicle,
             free,
@@ -220,14 +234,30 @@ class JointStream:
             self._tuning,
             delay=self.delay,
             prior=None if self.prior is None else prior_information(self.prior, free),
-            rounds=_ROUNDS if self.seen < _EARLY else _ROUNDS_LATE,
+            rounds=_ROUNDS if self.seen < EARLY else _ROUNDS_LATE,
+            rows=self._buffer.rows,
+            inputs=self._buffer.inputs,
         )
+
+    def _adopt(self, job: LookJob, seen: Look | None) -> None:
+        """Go on with the likeliest, and catch up with what came while the look ran beside."""
+        assert self._buffer is not None
         if seen is None:
             return
-        self.free, self.state, self._held, self.levels = free, seen.state, seen.held, seen.levels
+        self.free, self.state, self._held, self.levels = job.free, seen.state, seen.held, seen.levels
         self.state.options[O_ADAPT] = _ADAPT
         self.state.options[O_FOLLOW] = 0.0
         self.state.sigma[:] = self.levels.sigma
+        for new, each in self._buffer.since(job.rows, job.inputs):
+            if new:
+                self.state.clock[C_STARTED] = 0.0
+                self._held = self._fresh_held(self.free, self.state.anchor)
+            state, held = self.state, self._held
+            pushed = joint_events(
+                state, held, each.t, each.values, each.input_t, each.input_force, True, 0, len(each), 0
+            )
+            for k in range(pushed, each.input_t.size):
+                held_push(held, each.input_t[k], each.input_force[k])
         self._sound = sound_of(self.state)
 
     def _starts(self, free: FreeParameters, found: Estimate | None) -> tuple[Array | None, Array]:
@@ -273,10 +303,8 @@ class JointStream:
             self._mend(self.state, self.free)
             return
         self._sound = found
-        soon = self._last_look + max(_OFTEN, self._last_look * _GROWS_LEAST)
-        if self.looking and self.seen > soon and has_moved(self.state, found):
-            self._next_look = min(self._next_look, self.seen)
-            self._began = self._last_look  # of an axis that was still until now
+        if self.looking and has_moved(self.state, found):
+            self._schedule.call(self.seen)
 
     def _mend(self, state: JointState, free: FreeParameters) -> None:
         assert self._sound is not None  # every look leaves one

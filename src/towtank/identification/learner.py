@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import numpy as np
@@ -88,6 +89,33 @@ class Learner:
     def restart(self) -> None:
         """Begin a new stretch of samples whose times owe nothing to the last one's; what was learned stays."""
         raise NotImplementedError
+
+    def settle(self) -> None:
+        """Wait for what runs in the background, if anything does; `estimate` is then of every sample taken."""
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a checkpoint, whole or not at all, from which `Learner.load` goes on.
+
+        Raises:
+            InputError: the folder cannot be written, or the method keeps no checkpoint.
+        """
+        raise InputError(f'method "{getattr(self, "method", "")}" keeps no checkpoint; "joint" does')
+
+    @staticmethod
+    def load(
+        path: str | os.PathLike[str], vehicle: Vehicle, *, prior: Vehicle | None = None, background: bool = False
+    ) -> Learner:
+        """Return the learner that `save` wrote; it goes on as if it had never stopped.
+
+        Args:
+            vehicle: the one that it was made with. prior, background: as of `JointLearner`.
+
+        Raises:
+            InputError: the file is missing, damaged, of another version, or of another vehicle.
+        """
+        from towtank.identification.joint_checkpoint import load_learner
+
+        return load_learner(path, vehicle, prior=prior, background=background)
 
     @property
     def estimate(self) -> Estimate:
