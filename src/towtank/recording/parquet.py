@@ -17,6 +17,7 @@ from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.outputs import write_atomically
 from towtank.recording.columns import Carried, recording_of_columns
+from towtank.recording.contents import Content
 from towtank.recording.csv_write import to_table
 from towtank.recording.mapping import ColumnMapping
 from towtank.recording.recording import Recording
@@ -29,7 +30,7 @@ _KEY = b"towtank"
 
 
 def write_parquet(recording: Recording, path: str | os.PathLike[str]) -> None:
-    """Write channels, units, frames, source, notes, attributes and repairs to `path`."""
+    """Write channels, units, frames, source, notes, attributes, repairs and contents to `path`."""
     table = to_table(recording)
     fields = [table.schema.field(0).with_metadata({"unit": "s"})]
     for i, channel in enumerate(recording.channels.values(), 1):
@@ -39,6 +40,7 @@ def write_parquet(recording: Recording, path: str | os.PathLike[str]) -> None:
         "notes": list(recording.notes),
         "attributes": dict(recording.attributes),
         "repairs": asdict(recording.repairs),
+        "contents": [asdict(content) for content in recording.contents],
     }
     table = table.cast(pa.schema(fields, metadata={_KEY: json.dumps(about).encode()}))
     write_atomically(path, lambda stream: arrow_parquet.write_table(table, stream, compression="zstd"))
@@ -115,7 +117,8 @@ def _carried(schema: pa.Schema, units: Mapping[str, tuple[str, str]]) -> Carried
         key: tuple(value) if isinstance(value, list) else value for key, value in about["repairs"].items()
     }
     own = {name: unit for name, unit in units.items() if name != "t" and not is_standard(name)}
-    return Carried(about["source"], tuple(about["notes"]), about["attributes"], Repairs(**repairs), own)
+    contents = tuple(Content(**{**each, "used": tuple(each["used"])}) for each in about.get("contents", ()))
+    return Carried(about["source"], tuple(about["notes"]), about["attributes"], Repairs(**repairs), own, contents)
 
 
 def _first_line(error: Exception) -> str:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.recording.channel import Channel, read_only, standard_channel
+from towtank.recording.contents import Content
 from towtank.recording.repairs import Repairs
 from towtank.recording.standard import is_held
 
@@ -31,6 +32,7 @@ class Recording:
         notes: remarks for a person (ignored columns, conversions, doubts).
         attributes: free text by key, kept in Parquet.
         repairs: what was mended when it was read.
+        contents: what the log held, table by table, where it is made of several.
 
     Raises:
         InputError: there is no channel, or a channel stands under another name than its own.
@@ -41,6 +43,7 @@ class Recording:
     notes: tuple[str, ...] = ()
     attributes: Mapping[str, str] = field(default_factory=dict)
     repairs: Repairs = Repairs()
+    contents: tuple[Content, ...] = ()
 
     def __post_init__(self) -> None:
         prefix = f"{self.source}: " if self.source else ""
@@ -52,6 +55,7 @@ class Recording:
         object.__setattr__(self, "channels", MappingProxyType(dict(self.channels)))
         object.__setattr__(self, "attributes", MappingProxyType(dict(self.attributes)))
         object.__setattr__(self, "notes", tuple(self.notes))
+        object.__setattr__(self, "contents", tuple(self.contents))
 
     @classmethod
     def from_table(
@@ -102,7 +106,7 @@ class Recording:
         return Recording, self._state()
 
     def _state(self) -> tuple[Any, ...]:
-        return dict(self.channels), self.source, self.notes, dict(self.attributes), self.repairs
+        return dict(self.channels), self.source, self.notes, dict(self.attributes), self.repairs, self.contents
 
     def __repr__(self) -> str:
         origin = f"{self.source}: " if self.source else ""
@@ -139,14 +143,14 @@ class Recording:
         return self.with_channels(channel for name, channel in self.channels.items() if name not in names)
 
     def with_channels(self, channels: Iterable[Channel]) -> Recording:
-        """The same source, notes, attributes and repairs with exactly these channels."""
+        """The same source, notes, attributes, repairs and contents with exactly these channels."""
         by_name = {channel.name: channel for channel in channels}
-        return Recording(by_name, self.source, self.notes, self.attributes, self.repairs)
+        return Recording(by_name, self.source, self.notes, self.attributes, self.repairs, self.contents)
 
     def with_notes(self, *notes: str, repairs: Repairs | None = None) -> Recording:
         """The same recording with further notes and, if given, further repairs."""
         total = self.repairs if repairs is None else self.repairs + repairs
-        return Recording(self.channels, self.source, self.notes + notes, self.attributes, total)
+        return Recording(self.channels, self.source, self.notes + notes, self.attributes, total, self.contents)
 
     def window(self, start: float, end: float) -> Recording:
         """The samples with start <= t <= end [s]; an input that is in force at `start` is restated there.
