@@ -29,9 +29,7 @@ def recording_of(tables: Tables, sources: Sequence[Source], *, reasons: Mapping[
         InputError: nothing in the log can be used, or a clock restarts.
     """
     choice = choose(sources)
-    why: dict[str, list[str]] = {name: [text] for name, text in (reasons or {}).items()}
-    for source, reason in choice.reasons:
-        why.setdefault(source.table, []).append(f"{source.quantity}: {reason}")
+    why = _grouped(choice.reasons)
     if not choice.used:
         refused = next((f"; {source.table}: {source.refused}" for source in sources if source.refused), "")
         raise InputError(
@@ -49,10 +47,21 @@ def recording_of(tables: Tables, sources: Sequence[Source], *, reasons: Mapping[
         repairs += piece.repairs
         notes += [f"{source.table}: {note}" for note in piece.notes]
         notes += [source.note] if source.note else []
-    contents = contents_of(tables, used, {name: "; ".join(dict.fromkeys(texts)) for name, texts in why.items()})
+    contents = contents_of(tables, used, {**(reasons or {}), **why})
     return Recording(
         channels, tables.source, tuple(dict.fromkeys(notes)), dict(tables.attributes), repairs, contents=contents
     )
+
+
+def _grouped(reasons: Iterable[tuple[Source, str]]) -> dict[str, str]:
+    """Return table -> "velocity, position: this; attitude: that"."""
+    by_table: dict[str, dict[str, list[str]]] = {}
+    for source, reason in reasons:
+        by_table.setdefault(source.table, {}).setdefault(reason, []).append(source.quantity)
+    return {
+        table: "; ".join(f"{', '.join(dict.fromkeys(quantities))}: {reason}" for reason, quantities in own.items())
+        for table, own in by_table.items()
+    }
 
 
 def contents_of(

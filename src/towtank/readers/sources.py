@@ -19,6 +19,8 @@ Quantity = Literal[
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 _WORTH = 4.0  # a source one step farther from the sensor has to be this many times as fast
 
+_EQUAL = 0.9  # of the best score is as good
+
 
 @dataclass(frozen=True, eq=False)
 class Source:
@@ -66,7 +68,8 @@ def choose(sources: Sequence[Source]) -> Choice:
     """Choose one source of each quantity, looking at the whole log.
 
     Refused sources and those with fewer than 4 samples are left out. Of the others the one with the largest
-    samples / 4^distance is used: one that covers part of the log only counts as slow. The first wins a tie.
+    samples / 4^distance is used: one that covers part of the log only counts as slow. Of those that are within a tenth
+    of it the first is.
     """
     used: list[Source] = []
     reasons: list[tuple[Source, str]] = []
@@ -82,7 +85,8 @@ def choose(sources: Sequence[Source]) -> Choice:
                 able.append((source, samples))
         if not able:
             continue
-        best, most = max(able, key=lambda each: each[1] / _WORTH ** each[0].distance)
+        scores = [samples / _WORTH**source.distance for source, samples in able]
+        best, most = next(each for each, score in zip(able, scores, strict=True) if score >= _EQUAL * max(scores))
         used.append(best)
         reasons += [(each, _why(each, samples, best, most)) for each, samples in able if each is not best]
     return Choice(tuple(used), tuple(reasons))
@@ -91,6 +95,6 @@ def choose(sources: Sequence[Source]) -> Choice:
 def _why(source: Source, samples: int, best: Source, most: int) -> str:
     if best.distance < source.distance:
         return f"{best.table} is nearer the sensor"
-    if most > 1.05 * samples:
-        return f"{best.table} has more samples" if best.distance == source.distance else f"{best.table} is faster"
+    if _EQUAL * most > samples:
+        return f"{best.table} is faster" if best.distance > source.distance else f"{best.table} has more samples"
     return f"{best.table} is used"
