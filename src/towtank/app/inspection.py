@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from towtank.app.channel_facts import ChannelFacts, channel_facts
+from towtank.app.contents_table import contents_document
 from towtank.app.first_look import DRIVEN, first_look
 from towtank.app.learn_report import delay_deviation
 from towtank.app.levels_tables import disturbance_document
@@ -86,6 +87,8 @@ class Inspection:
             "channels": [asdict(facts) for facts in self.channels],
             "repairs": {**asdict(repairs), "lines": repairs.lines},
             "notes": self.recording.notes,
+            "attributes": self.recording.attributes,
+            "contents": contents_document(self.recording),
             "noise": {name: asdict(level) for name, level in self.noise.items()},
             "delay_s": self.delay,
             "delay_std_s": self.delay_std,

@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 import stat
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from towtank.errors import InputError
 from towtank.readers.recognition import FOLDER, HEAD, foreign_kind
 from towtank.readers.registry import READERS, SUFFIXES, Mapping, Reader, formats
-from towtank.recording.recording import Recording
+
+if TYPE_CHECKING:
+    from towtank.recording.recording import Recording
 
 __all__ = ["READERS", "SUFFIXES", "Reader", "read"]
 

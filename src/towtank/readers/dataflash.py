@@ -6,8 +6,9 @@ from pathlib import Path
 
 from towtank.readers.dataflash_binary import decode_binary
 from towtank.readers.dataflash_format import HEADER
-from towtank.readers.dataflash_meaning import dataflash_reasons, dataflash_sources
+from towtank.readers.dataflash_meaning import DVL, dataflash_reasons, dataflash_sources
 from towtank.readers.dataflash_text import decode_text
+from towtank.readers.dvl import at_the_origin
 from towtank.readers.interpretation import recording_of
 from towtank.readers.mapped_tables import mapped_recording
 from towtank.readers.recognition import HEAD, is_text
@@ -31,4 +32,5 @@ def read(path: Path, mapping: Mapping) -> Recording:
     tables = decode(path)
     if mapping is not None:
         return mapped_recording(tables, mapping)
-    return recording_of(tables, dataflash_sources(tables), reasons=dataflash_reasons(tables))
+    recording = recording_of(tables, dataflash_sources(tables), reasons=dataflash_reasons(tables))
+    return at_the_origin(recording, tables.parameters, (DVL,))

@@ -9,13 +9,14 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.readers.aiding import Aiding, Evidence, aided, aiding_of
+from towtank.readers.dvl import displacement_source
 from towtank.readers.reading import DEGREE, Reading, in_order, sources_of_table
 from towtank.readers.sources import Source
 from towtank.readers.tables import Table, Tables
 from towtank.readers.thruster_outputs import command_source, thruster_outputs
 from towtank.readers.water_pressure import Pressure, depth_sources
 
-__all__ = ["dataflash_reasons", "dataflash_sources", "sources_of_messages"]
+__all__ = ["DVL", "dataflash_reasons", "dataflash_sources", "sources_of_messages"]
 
 _XYZ = ("X", "Y", "Z")
 _GYRO = dict(zip("pqr", (f"Gyr{axis}" for axis in _XYZ), strict=True))
@@ -47,6 +48,7 @@ _READINGS: tuple[Reading, ...] = (
     Reading("BAT", "voltage", {"voltage": "Volt"}, positive="Volt"),
     Reading("CURR", "voltage", {"voltage": "Volt"}, positive="Volt"),
 )
+DVL = "VISO"
 _FILTERED = tuple(f"{name}1" for name in _FILTERS)
 _FIX = 3.0
 _REASONS = {
@@ -75,8 +77,8 @@ def sources_of_messages(table: Table, aiding: Aiding) -> list[Source]:
     """Return what some messages of one table tell, row by row; commands and pressures apart."""
     kind = _kind(table.name)
     found = sources_of_table(_sampled(table), kind, _READINGS)
-    if kind == "VISO" and all(f"PosD{axis}" in table for axis in _XYZ) and "dt" in table:
-        found.append(_odometry(table))
+    if kind == DVL and all(f"PosD{axis}" in table for axis in _XYZ) and "dt" in table:
+        found.append(_displacement(table))
     return [
         aided(source, aiding, position=source.quantity == "position")
         if kind in _FILTERED and source.quantity in ("velocity", "position")
@@ -97,18 +99,10 @@ def _sampled(table: Table) -> Table:
     return Table(table.name, table.t, table.columns, table.kind, table.frame, table.text, stamp)
 
 
-def _odometry(table: Table) -> Source:
-    """Return the velocity of a DVL: its displacement over the time that it took, body FRD, at the message's time.
-
-    A message with neither confidence nor motion tells that the bottom was lost.
-    """
-    dt = table["dt"]
-    moved = np.column_stack([table[f"PosD{axis}"] for axis in _XYZ])
-    valid = np.isfinite(dt) & (dt > 0.0)
-    if "conf" in table:
-        valid &= (table["conf"] > 0.0) | np.any(moved != 0.0, axis=1)
-    velocity = np.divide(moved, dt[:, None], out=np.full(moved.shape, np.nan), where=valid[:, None])
-    return Source(table.name, "velocity", table.t, dict(zip("uvw", velocity.T, strict=True)))
+def _displacement(table: Table) -> Source:
+    """Return the velocity of a DVL."""
+    moved = [table[f"PosD{axis}"] for axis in _XYZ]
+    return displacement_source(table.name, table.t, moved, table["dt"], table.get("conf"))
 
 
 def _commands(tables: Tables) -> list[Source]:

@@ -7,16 +7,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
 from towtank.readers.aiding import Aiding, Evidence, aided, aiding_of
+from towtank.readers.dvl import at_the_origin, displacement_source
 from towtank.readers.interpretation import recording_of
+from towtank.readers.mavlink_autopilot import with_autopilot
 from towtank.readers.mavlink_senders import Autopilot, Sender, autopilot_of, message_of
-from towtank.readers.own_stamps import own_clock, with_own_stamps
 from towtank.readers.reading import Reading, in_order, sources_of_table, times_of
 from towtank.readers.sources import Source
 from towtank.readers.tables import Table, Tables
@@ -64,10 +64,9 @@ _READINGS: tuple[Reading, ...] = (
     Reading("LOCAL_POSITION_NED", "depth", {"z": "z"}, 2),
     Reading("GLOBAL_POSITION_INT", "depth", {"z": ("relative_alt", -_MILLI)}, 2),
 )
+_DVL = "VISION_POSITION_DELTA"
 _FILTERED = ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
-_TO_AUTOPILOT = (
-    *("ATT_POS_MOCAP", "ODOMETRY", "VISION_POSITION_DELTA", "VISION_POSITION_ESTIMATE", "VISION_SPEED_ESTIMATE"),
-)
+_TO_AUTOPILOT = (_DVL, "ATT_POS_MOCAP", "ODOMETRY", "VISION_POSITION_ESTIMATE", "VISION_SPEED_ESTIMATE")
 _PRESSURES = {"SCALED_PRESSURE": 0, "SCALED_PRESSURE2": 1, "SCALED_PRESSURE3": 2}
 _SURFACE = ("BARO1_GND_PRESS", "BARO2_GND_PRESS", "BARO3_GND_PRESS")
 _FRESH_WATER = 9800.0  # N/m^3, as ArduPilot takes it; times BARO_SPEC_GRAV
@@ -91,8 +90,8 @@ def mavlink_recording(tables: Tables, senders: Mapping[str, Sender]) -> Recordin
     """Return the recording of MAVLink messages.
 
     Args:
-        tables: by name of message, [instance] and @sender where there are several
-            (`mavlink_senders.named_tables`), their columns the fields of the message, "position_delta[0]" the elements of arrays.
+        tables: by name of message, [instance] and @sender where there are several (`mavlink_senders.named_tables`);
+            their columns are the fields of the message, "position_delta[0]" the elements of arrays.
         senders: the sender of each table.
     """
     autopilot = autopilot_of(tables.tables, senders)
@@ -104,29 +103,8 @@ def mavlink_recording(tables: Tables, senders: Mapping[str, Sender]) -> Recordin
             reasons[name] = f"sent by {who} ({senders[name]})"
         elif message_of(name) in _REASONS:
             reasons[name] = _REASONS[message_of(name)]
-    return recording_of(known, mavlink_sources(known, senders, autopilot), reasons=reasons)
-
-
-def with_autopilot(tables: Tables, senders: Mapping[str, Sender]) -> Tables:
-    """Return the tables with the autopilot's parameters, and its messages on its own clock where it tells it."""
-    autopilot = autopilot_of(tables.tables, senders)
-    own = {name: table for name, table in tables.tables.items() if senders[name] == autopilot.sender}
-    parameters = dict(tables.parameters)
-    for name, table in own.items():
-        if message_of(name) == "PARAM_VALUE" and "param_id" in table.text and "param_value" in table:
-            parameters |= dict(zip(table.text["param_id"], table["param_value"].tolist(), strict=True))
-    notes = [_about(autopilot)]
-    attributes = dict(tables.attributes)
-    clock = own_clock(own)
-    stamped = dict(tables.tables)
-    if clock is not None:
-        stamped |= {name: with_own_stamps(table, clock) for name, table in own.items()}
-        attributes["clock"] = f"{attributes.get('clock', 'receiver')}; stamps of the autopilot where it gives them"
-        notes.append(
-            f"the autopilot's stamps are used in place of times of receipt, which are {1e3 * clock.usual_delay:.0f} ms "
-            f"later as a rule and up to {1e3 * clock.longest_delay:.0f} ms"
-        )
-    return replace(tables, tables=stamped, parameters=parameters, notes=(*tables.notes, *notes), attributes=attributes)
+    recording = recording_of(known, mavlink_sources(known, senders, autopilot), reasons=reasons)
+    return at_the_origin(recording, known.parameters, (_DVL,))
 
 
 def mavlink_sources(tables: Tables, senders: Mapping[str, Sender], autopilot: Autopilot) -> list[Source]:
@@ -156,8 +134,8 @@ def sources_of_messages(table: Table, aiding: Aiding, *, measured: bool) -> list
     """
     message = message_of(table.name)
     found = sources_of_table(table, message, _READINGS)
-    if message == "VISION_POSITION_DELTA":
-        found += _odometry_delta(table)
+    if message == _DVL:
+        found += _displacement(table)
     elif message == "ODOMETRY":
         found += _odometry(table, 1 if measured else 2)
     elif message in ("SYS_STATUS", "BATTERY_STATUS"):
@@ -171,28 +149,14 @@ def sources_of_messages(table: Table, aiding: Aiding, *, measured: bool) -> list
     ]
 
 
-def _about(autopilot: Autopilot) -> str:
-    others = ", ".join(f"{what} ({sender})" for sender, what in sorted(autopilot.others.items()))
-    if autopilot.sender is None:
-        return f"no autopilot speaks; heard: {others}" if others else "no autopilot speaks"
-    return f"the autopilot is {autopilot.sender}" + (f"; also heard: {others}" if others else "")
-
-
-def _odometry_delta(table: Table) -> list[Source]:
-    """Return the velocity of a DVL: displacement in the body over the time that it took, at the message's time.
-
-    A message with neither confidence nor motion tells that the bottom was lost.
-    """
-    fields = [f"position_delta[{i}]" for i in range(3)]
+def _displacement(table: Table) -> list[Source]:
+    """Return the velocity of a DVL."""
+    fields = _elements("position_delta", 3)
     if not all(field in table for field in (*fields, "time_delta_usec")):
         return []
-    dt = 1e-6 * table["time_delta_usec"]
-    moved = np.column_stack([table[field] for field in fields])
-    valid = np.isfinite(dt) & (dt > 0.0)
-    if "confidence" in table:
-        valid &= (table["confidence"] > 0.0) | np.any(moved != 0.0, axis=1)
-    velocity = np.divide(moved, dt[:, None], out=np.full(moved.shape, np.nan), where=valid[:, None])
-    return [Source(table.name, "velocity", times_of(table), dict(zip("uvw", velocity.T, strict=True)))]
+    confidence = table.get("confidence")
+    moved = [table[field] for field in fields]
+    return [displacement_source(table.name, times_of(table), moved, 1e-6 * table["time_delta_usec"], confidence)]
 
 
 def _odometry(table: Table, distance: int) -> list[Source]:
@@ -286,7 +250,7 @@ def _evidence(own: list[Table], told: list[Table], tables: Tables, sources: list
     return Evidence(
         t=None if reports is None or "flags" not in reports else times_of(reports),
         flags=None if reports is None or "flags" not in reports else reports["flags"],
-        velocity=tuple(heard & {"VISION_POSITION_DELTA", "VISION_SPEED_ESTIMATE", "ODOMETRY"}),
+        velocity=tuple(heard & {_DVL, "VISION_SPEED_ESTIMATE", "ODOMETRY"}),
         position=tuple(heard & {"VISION_POSITION_ESTIMATE", "ATT_POS_MOCAP", "ODOMETRY"})
         + (("GPS_INPUT",) if acoustic else ()),
         satellites=fixed and not acoustic,

@@ -15,7 +15,7 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.readers.tables import Table
 
-__all__ = ["OwnClock", "own_clock", "with_own_stamps"]
+__all__ = ["OwnClock", "from_zero", "own_clock", "with_own_stamps"]
 
 _BOOT = "time_boot_ms"
 _FIELDS = {_BOOT: 1e-3, "time_usec": 1e-6}  # s
@@ -82,3 +82,15 @@ def with_own_stamps(table: Table, clock: OwnClock) -> Table:
             if np.median(np.abs(own - expected)) <= _AGREES:
                 return replace(table, stamp=clock.received(own))
     return table
+
+
+def from_zero(tables: Mapping[str, Table]) -> tuple[dict[str, Table], float]:
+    """Return the tables with their times moved so that none is below 0, and by how much [s] t = 0 moved."""
+    start = min((float(table.stamp.min()) for table in tables.values() if table.stamp is not None), default=0.0)
+    if start >= 0.0:
+        return dict(tables), 0.0
+    moved = {
+        name: replace(table, t=table.t - start, stamp=None if table.stamp is None else table.stamp - start)
+        for name, table in tables.items()
+    }
+    return moved, start

@@ -1,4 +1,7 @@
-"""The table of readers: what each is called, which files it takes, and the module that is imported when it reads."""
+"""The table of readers: what each is called, which files it takes, and the module that is imported when it reads.
+
+Nothing heavy is imported here, so that help texts may list the suffixes.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +10,17 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from towtank.readers import recognition
-from towtank.recording.mapping import ColumnMapping
-from towtank.recording.recording import Recording
+
+if TYPE_CHECKING:
+    from towtank.recording.mapping import ColumnMapping
+    from towtank.recording.recording import Recording
 
 __all__ = ["READERS", "SUFFIXES", "Mapping", "Reader", "formats"]
 
-Mapping = ColumnMapping | str | os.PathLike[str] | None
+Mapping: TypeAlias = "ColumnMapping | str | os.PathLike[str] | None"
 
 
 class Reader(Protocol):

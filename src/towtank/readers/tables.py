@@ -55,6 +55,10 @@ class Table:
     def __getitem__(self, path: str) -> Array:
         return self.columns[path]
 
+    def get(self, path: str) -> Array | None:
+        """Return a column, None where there is none."""
+        return self.columns.get(path)
+
     @property
     def rate(self) -> float | None:
         """Usual rate [Hz], None for fewer than two times."""

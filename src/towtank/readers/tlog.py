@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from towtank.errors import InputError
 from towtank.readers.clock import one_clock
 from towtank.readers.mapped_tables import mapped_recording
+from towtank.readers.mavlink_autopilot import with_autopilot
 from towtank.readers.mavlink_format import MessageLayout, layouts
-from towtank.readers.mavlink_meaning import mavlink_recording, with_autopilot
+from towtank.readers.mavlink_meaning import mavlink_recording
 from towtank.readers.mavlink_senders import KIND, Sender, named_tables
 from towtank.readers.record_columns import RecordColumns, texts
 from towtank.readers.registry import Mapping

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -182,14 +181,14 @@ class Recording:
         return self.with_channels(cut.values()).with_notes(*notes)
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write as `.csv` or `.parquet`, by the suffix, whole or not at all; else raise InputError."""
-        from towtank.recording import csv_write, parquet
+        """Write as `.csv`, `.parquet` or `.mcap`, by the suffix, whole or not at all; else raise InputError.
 
-        writers = {".csv": csv_write.write_csv, ".parquet": parquet.write_parquet}
-        suffix = Path(path).suffix
-        if suffix.lower() not in writers:
-            raise InputError(f'{path}: cannot write "{suffix}" files; expected one of {", ".join(writers)}')
-        writers[suffix.lower()](self, path)
+        CSV holds the channels alone; Parquet and MCAP keep units, frames, source, notes, attributes, repairs and
+        contents.
+        """
+        from towtank.recording.writing import write_recording
+
+        write_recording(self, path)
 
 
 def _cut(t: Array, start: float, end: float, held: bool) -> tuple[slice, Array]:
