@@ -12,6 +12,7 @@ place of the times of receipt, where both are recorded.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable
 
 from towtank.core.arrays import Array
@@ -27,6 +28,7 @@ from towtank.recording.recording import Recording
 __all__ = ["mapped_recording"]
 
 _STAMP = "stamp"
+_BRACKETS = re.compile(r"\[[^]]*\]|@[\d.]*\d")  # instance and sender in the name of a table
 
 
 def mapped_recording(tables: Tables, mapping: ColumnMapping | str | os.PathLike[str]) -> Recording:
@@ -93,9 +95,11 @@ def _find(tables: Tables, source: str, where: str) -> tuple[Table, str]:
         fields = tables.tables[owner].columns
         hint = nearest(source, (f"{owner}.{path}" for path in fields))
         raise InputError(f'{where}no "{source}" in {tables.source}{hint}; {owner} has {_listed(fields)}')
-    paths = (f"{name}.{path}" for name, table in tables.tables.items() for path in table.columns)
+    paths = [f"{name}.{path}" for name, table in tables.tables.items() for path in table.columns]
+    instance = next((path for path in paths if _BRACKETS.sub("", path) == _BRACKETS.sub("", source)), None)
+    hint = nearest(source, paths) if instance is None else f'; did you mean "{instance}"?'
     raise InputError(
-        f'{where}no "{source}" in {tables.source}{nearest(source, paths)}; expected TABLE.field, '
+        f'{where}no "{source}" in {tables.source}{hint}; expected TABLE.field, '
         f"where TABLE is one of {table_names(tables)}"
     )
 

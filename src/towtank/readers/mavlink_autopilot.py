@@ -7,10 +7,13 @@ from dataclasses import replace
 from datetime import datetime, timedelta
 
 from towtank.readers.mavlink_senders import Autopilot, Sender, autopilot_of, message_of
-from towtank.readers.own_stamps import from_zero, own_clock, with_own_stamps
+from towtank.readers.own_stamps import from_zero, own_clock, with_own_stamps, with_sender_stamps
 from towtank.readers.tables import Tables
 
-__all__ = ["with_autopilot"]
+__all__ = ["DVL", "TO_AUTOPILOT", "with_autopilot"]
+
+DVL = "VISION_POSITION_DELTA"
+TO_AUTOPILOT = (DVL, "ATT_POS_MOCAP", "ODOMETRY", "VISION_POSITION_ESTIMATE", "VISION_SPEED_ESTIMATE")
 
 
 def with_autopilot(tables: Tables, senders: Mapping[str, Sender]) -> Tables:
@@ -24,7 +27,10 @@ def with_autopilot(tables: Tables, senders: Mapping[str, Sender]) -> Tables:
     notes = [_about(autopilot)]
     attributes = dict(tables.attributes)
     clock = own_clock(own)
-    stamped = dict(tables.tables)
+    stamped = {
+        name: with_sender_stamps(table) if message_of(name) in TO_AUTOPILOT and name not in own else table
+        for name, table in tables.tables.items()
+    }
     if clock is not None:
         stamped |= {name: with_own_stamps(table, clock) for name, table in own.items()}
         attributes["clock"] = f"{attributes.get('clock', 'receiver')}; stamps of the autopilot where it gives them"

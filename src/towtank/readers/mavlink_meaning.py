@@ -15,7 +15,7 @@ from towtank.core.arrays import Array
 from towtank.readers.aiding import Aiding, Evidence, aided, aiding_of
 from towtank.readers.dvl import at_the_origin, displacement_source
 from towtank.readers.interpretation import recording_of
-from towtank.readers.mavlink_autopilot import with_autopilot
+from towtank.readers.mavlink_autopilot import DVL, TO_AUTOPILOT, with_autopilot
 from towtank.readers.mavlink_senders import Autopilot, Sender, autopilot_of, message_of
 from towtank.readers.reading import Reading, in_order, sources_of_table, times_of
 from towtank.readers.sources import Source
@@ -64,9 +64,7 @@ _READINGS: tuple[Reading, ...] = (
     Reading("LOCAL_POSITION_NED", "depth", {"z": "z"}, 2),
     Reading("GLOBAL_POSITION_INT", "depth", {"z": ("relative_alt", -_MILLI)}, 2),
 )
-_DVL = "VISION_POSITION_DELTA"
 _FILTERED = ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
-_TO_AUTOPILOT = (_DVL, "ATT_POS_MOCAP", "ODOMETRY", "VISION_POSITION_ESTIMATE", "VISION_SPEED_ESTIMATE")
 _PRESSURES = {"SCALED_PRESSURE": 0, "SCALED_PRESSURE2": 1, "SCALED_PRESSURE3": 2}
 _SURFACE = ("BARO1_GND_PRESS", "BARO2_GND_PRESS", "BARO3_GND_PRESS")
 _FRESH_WATER = 9800.0  # N/m^3, as ArduPilot takes it; times BARO_SPEC_GRAV
@@ -99,12 +97,12 @@ def mavlink_recording(tables: Tables, senders: Mapping[str, Sender]) -> Recordin
     reasons: dict[str, str] = {}
     for name in tables.tables:
         who = autopilot.others.get(senders[name])
-        if who is not None:
+        if who is not None and message_of(name) not in TO_AUTOPILOT:
             reasons[name] = f"sent by {who} ({senders[name]})"
         elif message_of(name) in _REASONS:
             reasons[name] = _REASONS[message_of(name)]
     recording = recording_of(known, mavlink_sources(known, senders, autopilot), reasons=reasons)
-    return at_the_origin(recording, known.parameters, (_DVL,))
+    return at_the_origin(recording, known.parameters, (DVL,))
 
 
 def mavlink_sources(tables: Tables, senders: Mapping[str, Sender], autopilot: Autopilot) -> list[Source]:
@@ -113,7 +111,7 @@ def mavlink_sources(tables: Tables, senders: Mapping[str, Sender], autopilot: Au
     told = [
         table
         for name, table in tables.tables.items()
-        if senders[name] != autopilot.sender and message_of(name) in _TO_AUTOPILOT
+        if senders[name] != autopilot.sender and message_of(name) in TO_AUTOPILOT
     ]
     sources = depth_sources(_pressures(own, tables.parameters), tables.parameters) + _commands(own, tables.parameters)
     aiding = aiding_of(_evidence(own, told, tables, sources))
@@ -134,7 +132,7 @@ def sources_of_messages(table: Table, aiding: Aiding, *, measured: bool) -> list
     """
     message = message_of(table.name)
     found = sources_of_table(table, message, _READINGS)
-    if message == _DVL:
+    if message == DVL:
         found += _displacement(table)
     elif message == "ODOMETRY":
         found += _odometry(table, 1 if measured else 2)
@@ -250,7 +248,7 @@ def _evidence(own: list[Table], told: list[Table], tables: Tables, sources: list
     return Evidence(
         t=None if reports is None or "flags" not in reports else times_of(reports),
         flags=None if reports is None or "flags" not in reports else reports["flags"],
-        velocity=tuple(heard & {_DVL, "VISION_SPEED_ESTIMATE", "ODOMETRY"}),
+        velocity=tuple(heard & {DVL, "VISION_SPEED_ESTIMATE", "ODOMETRY"}),
         position=tuple(heard & {"VISION_POSITION_ESTIMATE", "ATT_POS_MOCAP", "ODOMETRY"})
         + (("GPS_INPUT",) if acoustic else ()),
         satellites=fixed and not acoustic,

@@ -15,7 +15,7 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.readers.tables import Table
 
-__all__ = ["OwnClock", "from_zero", "own_clock", "with_own_stamps"]
+__all__ = ["OwnClock", "from_zero", "own_clock", "with_own_stamps", "with_sender_stamps"]
 
 _BOOT = "time_boot_ms"
 _FIELDS = {_BOOT: 1e-3, "time_usec": 1e-6}  # s
@@ -49,7 +49,22 @@ def own_clock(tables: Mapping[str, Table]) -> OwnClock | None:
     parts = [(table.t, 1e-3 * table[_BOOT]) for table in tables.values() if _BOOT in table]
     if not parts:
         return None
-    t, own = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+    return _clock(np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts]))
+
+
+def with_sender_stamps(table: Table) -> Table:
+    """Return a table of another sender, whose clock may be any, with its own stamps on the clock of receipt."""
+    for field in ("time_usec", "usec"):
+        if field in table:
+            own = 1e-6 * table[field]
+            clock = _clock(table.t, own)
+            if clock is not None and (own > 0.0).all():
+                return replace(table, stamp=clock.received(own))
+    return table
+
+
+def _clock(t: Array, own: Array) -> OwnClock | None:
+    """Find the clock of the stamps `own` (n,) [s] of messages received at t (n,) [s]."""
     told = (own > 0.0) & np.isfinite(t)
     t, own = t[told], own[told]
     if t.size < _FEWEST:

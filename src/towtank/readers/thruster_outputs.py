@@ -13,8 +13,8 @@ from towtank.recording.standard import COMMAND_PREFIX
 
 __all__ = ["ThrusterOutputs", "command_source", "thruster_outputs"]
 
-_MOTORS = {**{32 + n: n for n in range(1, 9)}, **{73 + n: n for n in range(9, 13)}}  # SERVOn_FUNCTION -> motor
-_THROTTLES = {73: 1, 74: 2}  # left and right, of a surface craft
+_MOTORS = {**{32.0 + n: n for n in range(1, 9)}, **{73.0 + n: n for n in range(9, 13)}}  # SERVOn_FUNCTION -> motor
+_THROTTLES = {73.0: 1, 74.0: 2}  # left and right, of a surface craft
 _NEUTRAL = 1500.0  # us
 _NO_OUTPUT = 65535.0
 _OUTPUTS = 32
@@ -37,11 +37,12 @@ def thruster_outputs(parameters: Mapping[str, float], outputs: Mapping[int, Arra
         outputs: number of an output -> its pulses (n,) [us] over the whole log.
     """
     functions = {n: parameters.get(f"SERVO{n}_FUNCTION") for n in range(1, _OUTPUTS + 1)}
-    for known in (_MOTORS, _THROTTLES):
-        found = {known[int(kind)]: n for n, kind in functions.items() if kind is not None and int(kind) in known}
-        if found:
-            return _by_function(dict(sorted(found.items())), parameters, throttles=known is _THROTTLES)
     moving = _moving(outputs)
+    for known in (_MOTORS, _THROTTLES):
+        found = {known[kind]: n for n, kind in functions.items() if kind is not None and kind in known}
+        if found:
+            untold = [n for n in moving if functions[n] is None]
+            return _by_function(dict(sorted(found.items())), parameters, untold, throttles=known is _THROTTLES)
     if not moving:
         return ThrusterOutputs({})
     last = max(moving)
@@ -50,7 +51,9 @@ def thruster_outputs(parameters: Mapping[str, float], outputs: Mapping[int, Arra
     return ThrusterOutputs({n: n for n in range(1, last + 1)}, note=note)
 
 
-def _by_function(found: dict[int, int], parameters: Mapping[str, float], *, throttles: bool) -> ThrusterOutputs:
+def _by_function(
+    found: dict[int, int], parameters: Mapping[str, float], untold: Sequence[int], *, throttles: bool
+) -> ThrusterOutputs:
     if throttles:
         return ThrusterOutputs(found, note="cmd_1 is the left throttle, cmd_2 the right one")
     directions = {n: parameters.get(f"MOT_{n}_DIRECTION") for n in found}
@@ -58,9 +61,12 @@ def _by_function(found: dict[int, int], parameters: Mapping[str, float], *, thro
     notes = []
     if mirrored:
         listed = ", ".join(map(str, sorted(mirrored)))
-        notes.append(f"thrusters {listed} turn the other way (MOT_n_DIRECTION): their pulses are mirrored about 1500")
+        which = f"thruster {listed} turns" if len(mirrored) == 1 else f"thrusters {listed} turn"
+        notes.append(f"{which} the other way (MOT_n_DIRECTION -1): pulses mirrored about 1500, as ArduPilot means them")
     if all(direction is None for direction in directions.values()):
         notes.append("no MOT_n_DIRECTION among the parameters: no thruster is mirrored")
+    if untold:
+        notes.append(f"outputs {', '.join(map(str, untold))} move, but SERVOn_FUNCTION does not say what they drive")
     return ThrusterOutputs(found, mirrored, "; ".join(notes))
 
 
