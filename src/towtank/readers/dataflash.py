@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from towtank.readers.dataflash_binary import decode_binary
-from towtank.readers.dataflash_format import HEADER
 from towtank.readers.dataflash_meaning import DVL, dataflash_reasons, dataflash_sources
 from towtank.readers.dataflash_text import decode_text
 from towtank.readers.dvl import at_the_origin
 from towtank.readers.interpretation import recording_of
 from towtank.readers.mapped_tables import mapped_recording
-from towtank.readers.recognition import HEAD, is_text
+from towtank.readers.recognition import HEAD, is_dataflash_text
 from towtank.readers.registry import Mapping
 from towtank.readers.tables import Tables
 from towtank.recording.recording import Recording
@@ -22,7 +21,7 @@ __all__ = ["decode", "read"]
 def decode(path: Path) -> Tables:
     """Return the tables of a log, binary or text."""
     data = path.read_bytes()
-    if not data.startswith(HEADER) and is_text(data[:HEAD]):
+    if is_dataflash_text(data[:HEAD]):
         return decode_text(data, str(path))
     return decode_binary(data, str(path))
 

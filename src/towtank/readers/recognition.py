@@ -10,6 +10,7 @@ __all__ = [
     "HEAD",
     "foreign_kind",
     "is_dataflash",
+    "is_dataflash_text",
     "is_matlab",
     "is_mcap",
     "is_parquet",
@@ -62,9 +63,12 @@ def is_matlab(head: bytes, suffix: str) -> bool:
 
 def is_dataflash(head: bytes, suffix: str) -> bool:
     """ArduPilot DataFlash: binary, whole or cut at its beginning, or text."""
-    if head.startswith(b"\xa3\x95") or len(_FORMAT_RECORD.findall(head)) >= _LINKED:
-        return True
-    return is_text(head) and bool(_FORMAT_LINE.search(head))
+    return head.startswith(b"\xa3\x95") or len(_FORMAT_RECORD.findall(head)) >= _LINKED or is_dataflash_text(head)
+
+
+def is_dataflash_text(head: bytes) -> bool:
+    """ArduPilot DataFlash that was turned into text; some of its bytes may be broken."""
+    return len(_FORMAT_LINE.findall(head)) > len(_FORMAT_RECORD.findall(head))
 
 
 def is_tlog(head: bytes, suffix: str) -> bool:
