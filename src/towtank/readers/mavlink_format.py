@@ -21,7 +21,7 @@ class MessageLayout:
     """One message type.
 
     Attributes:
-        number, name: of the type. crc_extra: the seed of its checksum.
+        number, name: of the type. crc_extra: the byte that its checksum covers last.
         dtype: its payload, extension fields included, in the order on the wire.
         places: where each column of numbers stands; elements of arrays are columns of their own.
         texts: fields of text.
@@ -30,7 +30,7 @@ class MessageLayout:
 
     number: int
     name: str
-    crc_extra: int
+    crc_extra: bytes
     dtype: np.dtype[np.void]
     places: dict[str, Place]
     texts: tuple[str, ...]
@@ -68,5 +68,11 @@ def _layout(kind: Any) -> MessageLayout:
             found[name] = {name: Place(name)}
     places = {column: place for name in kind.fieldnames for column, place in found.get(name, {}).items()}
     return MessageLayout(
-        kind.id, kind.msgname, kind.crc_extra, np.dtype(fields), places, tuple(texts), kind.instance_field or ""
+        kind.id,
+        kind.msgname,
+        bytes((kind.crc_extra,)),
+        np.dtype(fields),
+        places,
+        tuple(texts),
+        kind.instance_field or "",
     )

@@ -79,9 +79,7 @@ def scan_tlog(data: bytes, layouts: Mapping[int, MessageLayout]) -> Packets:
                 key = data[start + 5], data[start + 3], data[start + 4]
             layout = layouts.get(key[0])
             if layout is not None:
-                crc = x25crc(data[start + 1 : end])
-                crc.accumulate(bytes((layout.crc_extra,)))
-                good = crc.crc == data[end] | data[end + 1] << 8
+                good = x25crc(data[start + 1 : end] + layout.crc_extra).crc == data[end] | data[end + 1] << 8
             follows = after + _STAMP < size and data[after + _STAMP] in (_MAVLINK_1, _MAVLINK_2)
         if good:
             group = groups.get(key)
