@@ -43,9 +43,10 @@ def convert(
         tell(f"writing {target.name}", 0.5)
         recording.write(target)
     output.line(f"{source} -> {target}", "bold")
+    what = "channel" if len(recording) == 1 else "channels"
     samples = sum(len(channel) for channel in recording.channels.values())
     output.line(
-        f"{short(recording.duration, 5)} s, {len(recording)} channels, {samples} samples: {', '.join(recording.names)}"
+        f"{short(recording.duration, 5)} s, {len(recording)} {what}, {samples} samples: {', '.join(recording.names)}"
     )
     for line in (*recording.repairs.lines, *recording.notes):
         output.item(line)
