@@ -226,7 +226,7 @@ def test_two_logs_in_one_file(tmp_path: Path) -> None:
 def test_without_its_formats_nothing_can_be_read(tmp_path: Path) -> None:
     whole = bytes(dive_bin(1.0).data)
     headless = whole[whole.rindex(b"\xa3\x95\x80") + 89 :]
-    with pytest.raises(InputError, match=r"dive\.BIN: no ArduPilot message with a time in it"):
+    with pytest.raises(InputError, match=r"dive\.BIN: no DataFlash message with a time in it"):
         read(written(tmp_path, headless))
 
 

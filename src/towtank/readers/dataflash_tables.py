@@ -97,7 +97,7 @@ def tables_of(source: str, read: Read) -> Tables:
     """
     timed = [each for each in read.messages if _clock(each) is not None and each.places.size]
     if not timed:
-        raise InputError(f"{source}: no ArduPilot message with a time in it; the log is cut too short or damaged")
+        raise InputError(f"{source}: no DataFlash message with a time in it; this ArduPilot log is cut too short or damaged")
     kept, stray, notes = _one_clock(timed)
     start = min(float(t.min()) for _, t in kept)
     tables: dict[str, Table] = {}
