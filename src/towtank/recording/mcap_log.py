@@ -174,7 +174,7 @@ class McapLog:
             os.fsync(self._descriptor)
         except OSError as error:
             self.trouble = f"{self.path}: {error.strerror or error}"
-            if len(pending.records) > _PATIENCE:
+            if len(pending.records) >= _PATIENCE:
                 self.lost += pending.count
                 self._pending = _Pending()
             return False
@@ -212,7 +212,8 @@ class McapLog:
     def _add(self, identity: int, t: float, data: bytes) -> None:
         log_time = min(max(self._about.base + round(t * 1e9), 0), _LATEST)
         self._pending.add(identity, log_time, data)
-        if len(self._pending.records) >= _LONGEST or time.monotonic() - self._flushed >= self._interval:
+        full = len(self._pending.records) >= (_PATIENCE if self.trouble else _LONGEST)
+        if full or time.monotonic() - self._flushed >= self._interval:
             self.flush()
 
     def _append(self, data: bytes) -> None:

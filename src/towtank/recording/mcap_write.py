@@ -28,7 +28,7 @@ from towtank.recording.recording import Recording
 
 __all__ = ["write_mcap"]
 
-_CHUNK = 1 << 20  # bytes of messages in a chunk, about
+_CHUNK = 1 << 18  # bytes of messages in a chunk, about: what a damaged byte costs
 _HEAD = 31  # bytes of a message record before its data
 
 
