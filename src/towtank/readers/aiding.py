@@ -19,6 +19,7 @@ __all__ = ["Aiding", "Evidence", "aided", "aiding_of"]
 
 _DEAD_RECKONING = "dead reckoning"
 _HORIZONTAL_VELOCITY, _RELATIVE, _ABSOLUTE, _CONSTANT, _DEAD = (1 << bit for bit in (1, 3, 4, 7, 18))
+_MOST_FLAGS = 2.0**53
 _UNDER_WATER = 0.5  # m; deeper than that no satellite is heard
 
 
@@ -57,7 +58,8 @@ def aiding_of(evidence: Evidence) -> Aiding:
     """Judge the whole log."""
     if evidence.t is not None and evidence.flags is not None and evidence.t.size:
         order = np.argsort(evidence.t, kind="stable")
-        t, flags = evidence.t[order], np.nan_to_num(evidence.flags[order]).astype(np.int64)
+        told = evidence.flags[order]
+        t, flags = evidence.t[order], np.where(np.abs(told) < _MOST_FLAGS, told, 0.0).astype(np.int64)
         sane = ((flags & _HORIZONTAL_VELOCITY) > 0) & ((flags & (_CONSTANT | _DEAD)) == 0)
         velocity, position = sane & ((flags & (_RELATIVE | _ABSOLUTE)) > 0), sane & ((flags & _ABSOLUTE) > 0)
         why = "the filter reports that nothing aids it"

@@ -129,7 +129,7 @@ def _depths(tables: Tables) -> list[Source]:
     for number, kind in ((None, "BARO"), (1, "BAR2"), (2, "BAR3")):
         for table in tables.named(kind):
             if "Alt" in table and "Press" in table:
-                own = int(table["I"][0]) if "I" in table and number is None else number or 0
+                own = _usual(table.get("I")) if number is None else number
                 sensors.append(Pressure(own, table.name, table.t, table["Press"], -table["Alt"]))
     return depth_sources(sensors, tables.parameters)
 
@@ -161,10 +161,16 @@ def _first(tables: Tables, kind: str) -> list[Table]:
 def _primary(tables: Tables) -> int:
     """Return the number of the core of the filter that was primary most of the time."""
     for table in (*tables.named("XKF4"), *tables.named("NKF4")):
-        if "PI" in table and len(table):
-            numbers, counts = np.unique(table["PI"], return_counts=True)
-            return int(numbers[np.argmax(counts)])
+        if "PI" in table:
+            return _usual(table["PI"])
     return 0
+
+
+def _usual(numbers: Array | None) -> int:
+    """Return the commonest of some whole numbers (n,), 0 where there is none."""
+    known = np.empty(0) if numbers is None else numbers[np.isfinite(numbers)]
+    values, counts = np.unique(known, return_counts=True)
+    return int(values[np.argmax(counts)]) if values.size else 0
 
 
 def _primary_first(tables: Tables) -> list[Table]:

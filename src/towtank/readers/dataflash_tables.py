@@ -97,7 +97,9 @@ def tables_of(source: str, read: Read) -> Tables:
     """
     timed = [each for each in read.messages if _clock(each) is not None and each.places.size]
     if not timed:
-        raise InputError(f"{source}: no DataFlash message with a time in it; this ArduPilot log is cut too short or damaged")
+        raise InputError(
+            f"{source}: no DataFlash message with a time in it; this ArduPilot log is cut too short or damaged"
+        )
     kept, stray, notes = _one_clock(timed)
     start = min(float(t.min()) for _, t in kept)
     tables: dict[str, Table] = {}
@@ -150,7 +152,7 @@ def _split(messages: Messages, t: Array, told: str | None) -> Iterable[Table]:
         yield Table(messages.name, t, messages.columns, KIND, text=messages.text)
         return
     numbers = messages.columns[instance]
-    for number in np.unique(numbers):
+    for number in np.unique(numbers[np.isfinite(numbers)]):
         rows = np.flatnonzero(numbers == number)
         own = messages if rows.size == numbers.size else messages.take(rows)
         yield Table(f"{messages.name}[{number:.0f}]", t[rows], own.columns, KIND, text=own.text)

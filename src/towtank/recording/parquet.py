@@ -72,7 +72,7 @@ def read_parquet(
         tuple(schema.names),
         lambda wanted: _read_numbers(path, schema, wanted),
         mapping,
-        _carried(schema, units),
+        _carried(path, schema, units),
     )
 
 
@@ -108,17 +108,22 @@ def _check_units(path: Path, units: Mapping[str, tuple[str, str]]) -> None:
             )
 
 
-def _carried(schema: pa.Schema, units: Mapping[str, tuple[str, str]]) -> Carried:
+def _carried(path: Path, schema: pa.Schema, units: Mapping[str, tuple[str, str]]) -> Carried:
     text = (schema.metadata or {}).get(_KEY)
     if text is None:
         return Carried(units={})
-    about: dict[str, Any] = json.loads(text)
-    repairs: dict[str, Any] = {
-        key: tuple(value) if isinstance(value, list) else value for key, value in about["repairs"].items()
-    }
     own = {name: unit for name, unit in units.items() if name != "t" and not is_standard(name)}
-    contents = tuple(Content(**{**each, "used": tuple(each["used"])}) for each in about.get("contents", ()))
-    return Carried(about["source"], tuple(about["notes"]), about["attributes"], Repairs(**repairs), own, contents)
+    try:
+        about: dict[str, Any] = json.loads(text)
+        repairs: dict[str, Any] = {
+            key: tuple(value) if isinstance(value, list) else value for key, value in about["repairs"].items()
+        }
+        contents = tuple(Content(**{**each, "used": tuple(each["used"])}) for each in about.get("contents", ()))
+        return Carried(about["source"], tuple(about["notes"]), about["attributes"], Repairs(**repairs), own, contents)
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise InputError(
+            f"{path}: the file is damaged where it tells its notes and repairs ({_first_line(error)})"
+        ) from error
 
 
 def _first_line(error: Exception) -> str:
