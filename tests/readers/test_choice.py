@@ -83,16 +83,20 @@ def test_no_output_is_no_command() -> None:
 
 
 @pytest.mark.parametrize(
-    ("parameters", "used"),
-    [({"BARO_PRIMARY": 0.0}, "a"), ({}, "b"), ({"BARO_PRIMARY": 7.0}, "b"), ({"BARO_PRIMARY": np.nan}, "b")],
+    ("parameters", "span", "used"),
+    [
+        ({"BARO_PRIMARY": 0.0}, 400.0, "a"),
+        ({"GND_PRIMARY": 0.0}, 400.0, "a"),
+        ({"BARO_PRIMARY": 0.0}, 40_000.0, "b"),  # dives, while the primary one does not
+        ({}, 400.0, "b"),
+        ({"BARO_PRIMARY": 7.0}, 400.0, "b"),
+        ({"BARO_PRIMARY": np.nan}, 400.0, "b"),
+    ],
 )
-def test_the_pressure_of_the_water(parameters: dict[str, float], used: str) -> None:
-    t = np.arange(5.0)
-    sensors = [
-        Pressure(0, "a", t, 1e5 + t, t),
-        Pressure(1, "b", t, 1e5 + 1e3 * t, t),
-        Pressure(2, "c", t, np.full(5, 1e5), t),
-    ]
+def test_the_pressure_of_the_water(parameters: dict[str, float], span: float, used: str) -> None:
+    t = np.linspace(0.0, 1.0, 5)
+    spans = {"a": 10.0, "b": span, "c": 0.0}
+    sensors = [Pressure(i, name, t, 1e5 + each * t, t) for i, (name, each) in enumerate(spans.items())]
     assert [each.table for each in depth_sources(sensors, parameters) if not each.refused] == [used]
 
 

@@ -190,6 +190,24 @@ def test_instances_and_arrays(tmp_path: Path) -> None:
     np.testing.assert_allclose(run["w"].values, 0.005, rtol=1e-6)
 
 
+def test_raw_units_of_other_autopilots_are_not_guessed(tmp_path: Path) -> None:
+    log = TlogWriter()
+    for k in range(50):
+        log.add(0.1 * k, mavlink.MAVLink_heartbeat_message(12, 12, 0, 0, 4, 3))
+        log.add(0.1 * k, mavlink.MAVLink_attitude_message(100 * k, *[0.01 * k] * 6))
+        log.add(0.1 * k, mavlink.MAVLink_raw_imu_message(1, *[900] * 9))
+    run = read(written(tmp_path, log.data))
+    assert "ax" not in run
+    assert "only ArduPilot's are known" in reasons(run)["RAW_IMU"]
+
+
+def test_pressures_by_their_old_names(tmp_path: Path) -> None:
+    parameters = {"GND_ABS_PRESS2": 100_000.0, "GND_SPEC_GRAV": 1.024}
+    run = read(written(tmp_path, dive_tlog(parameters=parameters).data))
+    t = run["z"].t - run["p"].t[0]
+    np.testing.assert_allclose(run["z"].values, (2.0 + 0.1 * t) / 1.024, atol=1e-3)
+
+
 def test_battery_by_its_cells(tmp_path: Path) -> None:
     log = TlogWriter()
     for k in range(20):

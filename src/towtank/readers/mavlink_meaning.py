@@ -66,7 +66,9 @@ _READINGS: tuple[Reading, ...] = (
 )
 _FILTERED = ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
 _PRESSURES = {"SCALED_PRESSURE": 0, "SCALED_PRESSURE2": 1, "SCALED_PRESSURE3": 2}
-_SURFACE = ("BARO1_GND_PRESS", "BARO2_GND_PRESS", "BARO3_GND_PRESS")
+_SURFACE = (  # by sensor; the second names are those of ArduSub before 4.1
+    ("BARO1_GND_PRESS", "GND_ABS_PRESS"), ("BARO2_GND_PRESS", "GND_ABS_PRESS2"), ("BARO3_GND_PRESS", "GND_ABS_PRESS3"),
+)  # fmt: skip
 _FRESH_WATER = 9800.0  # N/m^3, as ArduPilot takes it; times BARO_SPEC_GRAV
 _HECTO = 100.0
 _FIX = 3.0
@@ -99,6 +101,8 @@ def mavlink_recording(tables: Tables, senders: Mapping[str, Sender]) -> Recordin
         who = autopilot.others.get(senders[name])
         if who is not None and message_of(name) not in TO_AUTOPILOT:
             reasons[name] = f"sent by {who} ({senders[name]})"
+        elif message_of(name) == "RAW_IMU" and not autopilot.is_ardupilot:
+            reasons[name] = "in units of its own, which only ArduPilot's are known"
         elif message_of(name) in _REASONS:
             reasons[name] = _REASONS[message_of(name)]
     recording = recording_of(known, mavlink_sources(known, senders, autopilot), reasons=reasons)
@@ -107,7 +111,11 @@ def mavlink_recording(tables: Tables, senders: Mapping[str, Sender]) -> Recordin
 
 def mavlink_sources(tables: Tables, senders: Mapping[str, Sender], autopilot: Autopilot) -> list[Source]:
     """Return what the messages of a log tell, with what they tell of the filter judged by what aids it."""
-    own = [table for name, table in tables.tables.items() if senders[name] == autopilot.sender]
+    own = [
+        table
+        for name, table in tables.tables.items()
+        if senders[name] == autopilot.sender and (autopilot.is_ardupilot or message_of(name) != "RAW_IMU")
+    ]
     told = [
         table
         for name, table in tables.tables.items()
@@ -223,13 +231,13 @@ def _commands(own: list[Table], parameters: Mapping[str, float]) -> list[Source]
 
 def _pressures(own: list[Table], parameters: Mapping[str, float]) -> list[Pressure]:
     """Return the pressure sensors, with depth as ArduPilot tells it: (p - p_surface) / (9800 specific gravity)."""
-    weight = _FRESH_WATER * parameters.get("BARO_SPEC_GRAV", 1.0)
+    weight = _FRESH_WATER * parameters.get("BARO_SPEC_GRAV", parameters.get("GND_SPEC_GRAV", 1.0))
     found = []
     for table in own:
         number = _PRESSURES.get(message_of(table.name))
         if number is not None and "press_abs" in table:
             pressure = _HECTO * table["press_abs"]
-            surface = parameters.get(_SURFACE[number], 0.0)
+            surface = next((parameters[name] for name in _SURFACE[number] if name in parameters), 0.0)
             depth = (pressure - surface) / weight if surface > 0.0 and weight > 0.0 else None
             found.append(Pressure(number, table.name, times_of(table), pressure, depth))
     return found

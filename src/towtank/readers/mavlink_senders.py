@@ -14,7 +14,7 @@ from towtank.readers.tables import Table
 __all__ = ["KIND", "Autopilot", "Sender", "autopilot_of", "message_of", "named_tables"]
 
 KIND = "MAVLink"
-_NO_AUTOPILOT = 8.0  # MAV_AUTOPILOT_INVALID
+_GENERIC, _ARDUPILOT, _NO_AUTOPILOT = 0.0, 3.0, 8.0  # MAV_AUTOPILOT
 _GROUND_STATION = 6.0  # MAV_TYPE_GCS
 _TYPICAL = ("ATTITUDE", "ATTITUDE_QUATERNION", "RAW_IMU", "SERVO_OUTPUT_RAW", "LOCAL_POSITION_NED", "SYS_STATUS")
 
@@ -36,10 +36,12 @@ class Autopilot:
     Attributes:
         sender: it, None where none speaks.
         others: every other sender and what it is.
+        is_ardupilot: whether it is ArduPilot, as it is taken to be where it does not say.
     """
 
     sender: Sender | None
     others: Mapping[Sender, str]
+    is_ardupilot: bool = True
 
 
 def named_tables(pieces: Iterable[tuple[Sender, str, Table]]) -> tuple[dict[str, Table], dict[str, Sender]]:
@@ -93,7 +95,8 @@ def autopilot_of(tables: Mapping[str, Table], senders: Mapping[str, Sender]) -> 
         able = [sender for sender, count in typical.items() if count and sender not in kinds]
     chosen = max(able, key=lambda sender: (typical[sender], busy[sender]), default=None)
     others = {sender: _what(sender, kinds, sender in able) for sender in busy if sender != chosen}
-    return Autopilot(chosen, others)
+    is_ardupilot = chosen not in kinds or kinds[chosen][0] in (_GENERIC, _ARDUPILOT)
+    return Autopilot(chosen, others, is_ardupilot)
 
 
 def _usual(table: Table, field: str) -> float:

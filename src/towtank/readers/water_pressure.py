@@ -12,6 +12,9 @@ from towtank.readers.sources import Source
 
 __all__ = ["Pressure", "depth_sources"]
 
+_DIVE = 3000.0  # Pa, 0.3 m of water; the air in a warming hull changes by less
+_FAR_MORE = 10.0
+
 
 @dataclass(frozen=True, eq=False)
 class Pressure:
@@ -30,18 +33,19 @@ class Pressure:
 def depth_sources(sensors: Sequence[Pressure], parameters: Mapping[str, float]) -> list[Source]:
     """Return the depth by each sensor, refused but for the one in the water.
 
-    That is the autopilot's primary one (ArduSub sets it so), where its parameters are known; else the one whose
-    pressure changes most.
+    That is the autopilot's primary one (ArduSub sets it so), unless another dives while that one does not; where the
+    parameters are unknown, the one whose pressure changes most.
     """
-    primary = parameters.get("BARO_PRIMARY")
-    numbers = {sensor.number for sensor in sensors}
-    if len(sensors) < 2:
-        chosen = next(iter(numbers), None)
-    elif primary in numbers:
-        chosen = int(primary or 0)
-    else:
-        chosen = max(sensors, key=lambda sensor: _span(sensor.pressure)).number
-    return [_source(sensor, sensor.number == chosen) for sensor in sensors]
+    primary = parameters.get("BARO_PRIMARY", parameters.get("GND_PRIMARY"))
+    widest = max(sensors, key=lambda sensor: _span(sensor.pressure), default=None)
+    told = next((sensor for sensor in sensors if sensor.number == primary), None)
+    chosen = widest if told is None or (widest is not None and _dives(widest, told)) else told
+    return [_source(sensor, sensor is chosen) for sensor in sensors]
+
+
+def _dives(one: Pressure, other: Pressure) -> bool:
+    """Whether the pressure at one sensor changes as only water's does, and far more than at the other."""
+    return _span(one.pressure) > max(_DIVE, _FAR_MORE * _span(other.pressure))
 
 
 def _source(sensor: Pressure, chosen: bool) -> Source:
