@@ -19,7 +19,7 @@ ROS1 = get_typestore(Stores.ROS1_NOETIC)
 
 
 class Said(NamedTuple):
-    """One message: topic, time of recording [s], its type and its fields; texts and numbers, or dictionaries of them."""
+    """One message: topic, time of recording [s], its type and its fields (texts, numbers, dictionaries of them)."""
 
     topic: str
     t: float

@@ -79,8 +79,6 @@ def _with_json(log: RosLog, topics: Sequence[Topic], origin: int) -> RosLog:
     tables, reasons, repairs = dict(log.tables.tables), dict(log.reasons), log.tables.repairs
     for topic in topics:
         table, damaged = json_table(topic, origin)
-        if topic.raw is None:
-            table = Table(topic.name, (topic.log_time - origin) / 1e9, {}, table.kind)
         tables[topic.name] = table
         reasons[topic.name] = "JSON means nothing to towtank by itself; a mapping can take its numbers"
         repairs += Repairs(damaged=damaged)

@@ -72,9 +72,11 @@ def mavlink_tables(topics: Sequence[Topic], origin: int) -> tuple[dict[str, Tabl
 
 
 def json_table(topic: Topic, origin: int) -> tuple[Table, int]:
-    """Return a topic of JSON messages as a table, and how many of them could not be read."""
+    """Return a topic of JSON messages as a table, and how many of them could not be read; times alone if not kept."""
+    if topic.raw is None:
+        return Table(topic.name, (topic.log_time - origin) / 1e9, {}, topic.kind or "JSON"), 0
     times, rows = [], []
-    messages = [] if topic.raw is None else topic.raw.messages()
+    messages = topic.raw.messages()
     for moment, message in zip(topic.log_time.tolist(), messages, strict=True):
         try:
             content = json.loads(message)

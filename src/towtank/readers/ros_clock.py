@@ -106,7 +106,8 @@ def _clock(table: Table) -> _Clock | str | None:
 def _shifted(table: Table, clock: _Clock | None, common: float) -> Table:
     if clock is None or table.stamp is None:
         return table
-    shift = common if abs(clock.shift - common) <= _SAME else clock.shift
+    one_clock = abs(clock.shift - common) <= _SAME and not clock.drift
+    shift = common if one_clock else clock.shift
     t = clock.on_log(table.stamp, shift)
     return replace(table, t=np.where(np.isfinite(t), t, table.t))
 

@@ -123,6 +123,8 @@ def _rate_ratio(rates: Source, attitude: Source) -> float | None:
     q: Array = np.column_stack([attitude.channels[name] for name in QUATERNION])
     measured: Array = np.column_stack(list(rates.channels.values()))
     known = np.isfinite(q).all(axis=1) & np.isfinite(measured).all(axis=1) & np.isfinite(rates.t)
+    size = np.abs(measured).max(axis=1)
+    known &= size <= 100.0 * _median(size)  # of a damaged message
     t, q, measured = rates.t[known], q[known], measured[known]
     if len(t) < 50:
         return None
