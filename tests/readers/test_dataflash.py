@@ -206,6 +206,17 @@ def test_a_lost_byte_costs_one_message(tmp_path: Path) -> None:
     assert run.duration == pytest.approx(3.98)
 
 
+def test_numbers_that_are_none(tmp_path: Path) -> None:
+    """A signalling NaN and infinities, as broken bytes make them, pass without a word of NumPy."""
+    log = dive_bin(4.0)
+    place = bytes(log.data).index(bytes((0xA3, 0x95, log.number("IMU"))))
+    for offset, bits in ((12, 0x7FA00000), (16, 0x7F800000), (20, 0xFF800000)):
+        log.data[place + offset : place + offset + 4] = bits.to_bytes(4, "little")
+    run = read(written(tmp_path, log.data))
+    assert run.repairs.infinities == 2
+    assert len(run["p"]) == 199
+
+
 def test_a_broken_stamp_is_left_out(tmp_path: Path) -> None:
     log = dive_bin(4.0)
     place = log.data.index(b"\xa3\x95", len(log.data) // 2)

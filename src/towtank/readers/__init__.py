@@ -30,11 +30,14 @@ def read(path: str | os.PathLike[str], mapping: Mapping = None) -> Recording:
         InputError: the file is missing, cannot be read, or nothing in it can be used. Nothing else escapes, however
             broken the file is.
     """
+    import numpy as np
+
     path = Path(path)
     head, suffix = _look(path)
     reader = _reader_of(path, head, suffix)
     try:
-        return reader.read(path, mapping)
+        with np.errstate(invalid="ignore", over="ignore"):  # a broken file holds any number
+            return reader.read(path, mapping)
     except (InputError, MemoryError):
         raise
     except OSError as error:
