@@ -13,27 +13,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from towtank.errors import InputError
 from towtank.readers import mcap_records as mcap
+from towtank.readers.mcap_places import HEAD, MESSAGE_HEAD, Places, count, gaps, indexed, signed
 from towtank.readers.mcap_records import Chunk, Fields, Record
 from towtank.readers.raw_messages import Bytes, Integers, RawMessages, Topic, gather, in_order
 from towtank.recording.repairs import Repairs
 
 __all__ = ["McapContent", "scan_mcap"]
 
-_HEAD = 31  # bytes of a message record before its data
-_LAYOUT = np.dtype(
-    [
-        ("opcode", "u1"),
-        ("length", "<u8"),
-        ("channel", "<u2"),
-        ("sequence", "<u4"),
-        ("log_time", "<u8"),
-        ("publish_time", "<u8"),
-    ]
-)
 Wanted = Callable[["Heading"], bool]
 
 
@@ -95,15 +84,6 @@ class _Pieces:
             raw = RawMessages(data, np.concatenate([np.empty(0, np.int64), *self.sizes]))
         each = self.heading
         return in_order(Topic(each.name, each.kind, each.encoding, times, raw, each.definition, dict(each.metadata)))
-
-
-class _Places(NamedTuple):
-    """Messages in a buffer: where their data begin, sizes, channels, times; (n,) each."""
-
-    start: Integers
-    size: Integers
-    channel: Integers
-    log_time: Integers
 
 
 class _Scan:
@@ -205,24 +185,24 @@ class _Scan:
             chunk = Chunk.of(record.body)
             key = (chunk.start, chunk.end, chunk.size, chunk.checksum, len(chunk.packed))
             if chunk.checksum and key in self._seen:
-                self._twice += max(_count(index), 1)
+                self._twice += max(count(index), 1)
                 return
             records = chunk.records(cut=record.cut)
         except ValueError as error:
-            self._damaged += max(_count(index), 1)
+            self._damaged += max(count(index), 1)
             self._details.append(f"chunk at byte {record.at} left out: {error}")
             return
         self._seen.add(key)
         buffer = np.frombuffer(records, dtype=np.uint8)
-        places = _indexed(buffer, index)
+        places = indexed(buffer, index)
         ends = places.start + places.size
         walked: list[tuple[int, int, int, int]] = []
-        for start, stop in _gaps(places.start - _HEAD, ends, len(records)):
+        for start, stop in gaps(places.start - HEAD, ends, len(records)):
             walked += self._walk(records, start, stop, cut=record.cut)
         if walked:
-            more = _Places(*np.array(walked, dtype=np.int64).T)
-            both = _Places(*(np.concatenate(pair) for pair in zip(places, more, strict=True)))
-            places = _Places(*(column[np.argsort(both.start, kind="stable")] for column in both))
+            more = Places(*np.array(walked, dtype=np.int64).T)
+            both = Places(*(np.concatenate(pair) for pair in zip(places, more, strict=True)))
+            places = Places(*(column[np.argsort(both.start, kind="stable")] for column in both))
         self._add(buffer, places)
 
     def _finish_loose(self) -> None:
@@ -230,9 +210,9 @@ class _Scan:
         if not bodies:
             return
         raw = RawMessages.of(bodies)
-        heads = np.frombuffer(b"".join(body[:22] for body in bodies), dtype=np.dtype(_LAYOUT.descr[2:]))
+        heads = np.frombuffer(b"".join(body[:22] for body in bodies), dtype=MESSAGE_HEAD)
         channel = heads["channel"].astype(np.int64)
-        self._add(raw.data, _Places(raw.start + 22, raw.size - 22, channel, _signed(heads["log_time"])))
+        self._add(raw.data, Places(raw.start + 22, raw.size - 22, channel, signed(heads["log_time"])))
 
     def _walk(self, records: bytes, at: int, stop: int, *, cut: bool) -> Iterator[tuple[int, int, int, int]]:
         """Yield start, size, channel and time of the messages between two places; take schemas and channels."""
@@ -255,7 +235,7 @@ class _Scan:
         if at != stop and not cut:
             self._damaged += 1
 
-    def _add(self, buffer: Bytes, places: _Places) -> None:
+    def _add(self, buffer: Bytes, places: Places) -> None:
         """Add the messages of a buffer to their topics."""
         for number in np.unique(places.channel):
             mine = places.channel == number
@@ -272,48 +252,3 @@ class _Scan:
                 pieces.data.append(gather(buffer, start, int(size[0])).reshape(-1))
             else:
                 pieces.data += [buffer[a : a + n] for a, n in zip(start.tolist(), size.tolist(), strict=True)]
-
-
-def _count(index: list[bytes]) -> int:
-    return sum(max(len(body) - 6, 0) // 16 for body in index)
-
-
-def _indexed(buffer: Bytes, index: list[bytes]) -> _Places:
-    """Return the messages that the index of a chunk names; none of them where one is not where it says."""
-    nothing = _Places(*(np.empty(0, dtype=np.int64) for _ in range(4)))
-    parts, channels = [], []
-    for body in index:
-        if len(body) < 6 or (len(body) - 6) % 16:
-            return nothing
-        entries = np.frombuffer(body, dtype="<u8", offset=6).reshape(-1, 2)
-        parts.append(entries)
-        channels.append(np.full(len(entries), int.from_bytes(body[:2], "little"), dtype=np.int64))
-    if not parts or not sum(map(len, parts)) or buffer.size < _HEAD:
-        return nothing
-    offset = np.concatenate(parts)[:, 1]
-    if (offset > buffer.size - _HEAD).any():
-        return nothing
-    order = np.argsort(offset, kind="stable")
-    place = offset[order].astype(np.int64)
-    heads = np.ascontiguousarray(gather(buffer, place, _HEAD)).view(_LAYOUT).reshape(-1)
-    length = heads["length"]
-    right = (heads["opcode"] == mcap.MESSAGE) & (length >= 22) & (length <= buffer.size)
-    right &= heads["channel"] == np.concatenate(channels)[order]
-    if not right.all():
-        return nothing
-    size = length.astype(np.int64) - 22
-    ends = place + _HEAD + size
-    if (ends[:-1] > place[1:]).any() or ends[-1] > buffer.size:
-        return nothing
-    return _Places(place + _HEAD, size, heads["channel"].astype(np.int64), _signed(heads["log_time"]))
-
-
-def _signed(times: NDArray[np.uint64]) -> Integers:
-    return np.minimum(times, np.uint64(2**63 - 1)).astype(np.int64)
-
-
-def _gaps(starts: Integers, ends: Integers, size: int) -> list[tuple[int, int]]:
-    """Return the stretches (from, to) of a buffer that no message covers."""
-    left, right = np.concatenate([[0], ends]), np.concatenate([starts, [size]])
-    open_ = np.flatnonzero(right > left)
-    return list(zip(left[open_].tolist(), right[open_].tolist(), strict=True))
