@@ -27,7 +27,7 @@ def show_inspection(found: Inspection, output: Output) -> None:
     output.line(f"{short(recording.duration, 5)} s, {len(found.channels)} channels")
     _show_channels(found.channels, found.noise, output)
     show_contents(recording, output)
-    lines = (*found.grid.repairs.lines, *recording.notes)
+    lines = (*found.repairs.lines, *recording.notes)
     output.heading("Clock and samples")
     for line in lines or ("nothing to repair",):
         output.item(line)
@@ -101,7 +101,8 @@ def _seconds(t: float) -> str:
 
 def _delay(found: Inspection) -> str:
     if found.delay is None:
-        return "unknown: no axis follows the inputs" if found.grid.command_t.size else "unknown: no commands"
+        commanded = found.grid is not None and found.grid.command_t.size
+        return "unknown: no axis follows the inputs" if commanded else "unknown: no commands, or no motion"
     spread = found.delay_std
     around = f" ± {1e3 * spread:.1f}" if spread is not None and spread == spread else ""
     if found.delay_from == "correlation":

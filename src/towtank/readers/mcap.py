@@ -80,7 +80,7 @@ def _with_json(log: RosLog, topics: Sequence[Topic], origin: int) -> RosLog:
     for topic in topics:
         table, damaged = json_table(topic, origin)
         tables[topic.name] = table
-        reasons[topic.name] = "JSON means nothing to towtank by itself; a mapping can take its numbers"
+        reasons[topic.name] = "means nothing by its type; its numbers can be mapped"
         repairs += Repairs(damaged=damaged)
     return RosLog(replace(log.tables, tables=tables, repairs=repairs), reasons)
 

@@ -90,7 +90,7 @@ def table_of(topic: Topic, origin: int) -> tuple[Table, str, int]:
         return Table(topic.name, t, {}, topic.kind), f"not decoded: {error}", len(topic) if topic.raw else 0
     if topic.raw is None:
         numbers = ", ".join(numbers_of(topic.kind, types))
-        reason = f"means nothing to towtank by itself; a mapping can take its {numbers}" if numbers else ""
+        reason = f"means nothing by its type; to be mapped: {numbers}" if numbers else ""
         return Table(topic.name, t, {}, topic.kind), reason, 0
     decoded = decode(topic.raw, topic.kind, types, ros1=ros1)
     good = decoded.good
