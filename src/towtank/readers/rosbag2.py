@@ -88,7 +88,7 @@ def _scan_database(path: Path, shown: Path, wanted: Wanted) -> tuple[list[Topic]
     try:
         with closing(_connect(path)) as database:
             return _read(database, shown, wanted)
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:  # sqlite3 words its errors with names from the file
         raise InputError(f"{shown}: not a readable ROS 2 bag ({error})") from error
 
 
