@@ -11,7 +11,10 @@ import pytest
 
 import towtank
 
-HEAVY = ["matplotlib", "numba", "numpy", "pyarrow", "pydantic", "rich", "scipy", "tomlkit", "typer"]
+HEAVY = [
+    *("h5py", "matplotlib", "mcap", "numba", "numpy", "pyarrow", "pydantic", "pymavlink", "rich", "rosbags", "scipy"),
+    *("tomlkit", "typer"),
+]
 
 
 def loaded_after(statement: str) -> set[str]:

@@ -76,7 +76,7 @@ def test_thrusters_that_the_vehicle_lacks(words: list[str], tmp_path: Path) -> N
     mapping.write_text('thrusters = ["a", "b"]\n[columns]\nt = "time"\nr = "gyro"\n')
     vehicle = ["seamor", log] if words == ["validate"] else [log, "--vehicle", "seamor"]
     line = refused(*words, *vehicle, "--map", mapping)
-    assert "the mapping lists 2 thrusters, the vehicle has 6" in line
+    assert "found commands of 2 thrusters, the vehicle has 6" in line
 
 
 def test_a_column_of_the_mapping_that_the_log_lacks(tmp_path: Path) -> None:

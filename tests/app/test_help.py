@@ -24,8 +24,21 @@ COMMANDS = [
     ["inspect"],
     ["learn"],
     ["validate"],
+    ["convert"],
 ]
-HEAVY = {"matplotlib", "numba", "numpy", "pyarrow", "pydantic", "rich", "scipy", "tomlkit"}
+HEAVY = {
+    "matplotlib",
+    "mcap",
+    "numba",
+    "numpy",
+    "pyarrow",
+    "pydantic",
+    "pymavlink",
+    "rich",
+    "rosbags",
+    "scipy",
+    "tomlkit",
+}
 
 
 def examples(words: list[str]) -> list[str]:
@@ -45,7 +58,7 @@ def test_every_command_has_help_with_an_example_and_json(words: list[str]) -> No
 
 def test_the_list_of_commands_is_whole() -> None:
     listed = re.findall(r"^  ([a-z]+)  ", command("--help").out, re.MULTILINE)
-    assert listed == ["demo", "vehicle", "manoeuvre", "simulate", "inspect", "learn", "validate"]
+    assert listed == ["demo", "vehicle", "manoeuvre", "simulate", "inspect", "learn", "validate", "convert"]
 
 
 @pytest.mark.parametrize("words", [words for words in COMMANDS if words != ["demo"]], ids=" ".join)

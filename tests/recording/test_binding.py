@@ -41,8 +41,8 @@ def test_without_commands_nothing_happens() -> None:
 @pytest.mark.parametrize(
     ("found", "thrusters", "message"),
     [
-        (["1", "2"], ["port"], r"dive.csv: the mapping lists 2 thrusters, the vehicle has 1 \(port\)"),
-        (["1"], ["port", "starboard"], "lists 1 thruster"),
+        (["1", "2"], ["port"], r"dive.csv: found commands of 2 thrusters, the vehicle has 1 \(port\)"),
+        (["1"], ["port", "starboard"], "found commands of 1 thruster"),
         (["1"], [], r"the vehicle has 0 \(none\)"),
         (["prot"], ["port"], r'no thruster "prot" for "cmd_prot"; did you mean "port"\?; its thrusters: port'),
         (["port"], ["port", "starboard"], "no cmd_starboard; expected a command for each thruster"),

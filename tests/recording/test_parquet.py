@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from towtank.errors import InputError
-from towtank.recording import Channel, ColumnMapping, Recording, Repairs, read_parquet, standard_channel
+from towtank.recording import Channel, ColumnMapping, Content, Recording, Repairs, read_parquet, standard_channel
 
 FLOATS = st.floats(allow_nan=False, allow_infinity=False)
 TIMES = st.lists(FLOATS, min_size=4, max_size=12, unique=True).map(sorted)
@@ -106,3 +106,11 @@ def test_what_is_not_parquet(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-20])
     with pytest.raises(InputError, match="not a readable Parquet file"):
         read_parquet(path)
+
+
+def test_contents_are_kept(tmp_path: Path) -> None:
+    contents = (Content("IMU[0]", "DataFlash", 5, 25.0, ("p",), "rates: why"), Content("PM", "DataFlash", 1, None))
+    t = np.arange(5.0)
+    run = Recording({"p": standard_channel("p", t, t)}, source="log", repairs=Repairs(damaged=3), contents=contents)
+    run.write(tmp_path / "a.parquet")
+    assert read_parquet(tmp_path / "a.parquet") == run

@@ -28,12 +28,9 @@ def test_by_suffix_and_content(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.BIN", b"\xa3\x95\x80", r"ArduPilot DataFlash.*; can be read: \.csv, \.parquet"),
-        ("a.mcap", b"\x89MCAP0\r\n", "MCAP"),
-        ("a.bag", b"#ROSBAG V2.0", "ROS 1 bag"),
         ("a.csv", b"\x1f\x8b\x08", "gzip"),
         ("a.csv", b"PK\x03\x04", "spreadsheet"),
-        ("a.tlog", b"\0\0\0", r'cannot read this file \("\.tlog"\)'),
+        ("a.xyz", b"\0\1\2", r'cannot read this file \("\.xyz"\); can be read: \.csv, .*\.parquet'),
         ("a.csv", b"", "the file is empty"),
     ],
 )

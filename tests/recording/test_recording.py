@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from towtank.errors import InputError
-from towtank.recording import STANDARD, Channel, Recording, Repairs, standard_channel
+from towtank.recording import STANDARD, Channel, Content, Recording, Repairs, standard_channel
 
 T = np.arange(10) / 10.0
 
@@ -144,3 +144,15 @@ def test_repairs_add_up_and_explain_themselves() -> None:
     assert bool(total)
     assert not Repairs()
     assert Repairs().summary == "nothing to repair"
+
+
+def test_contents_are_kept_by_all_that_makes_another_recording() -> None:
+    contents = (Content("IMU[0]", "DataFlash", 5, 25.0, ("p",), "rates: why"), Content("PM", "DataFlash", 1, None))
+    t = np.arange(5.0)
+    run = Recording({"p": standard_channel("p", t, t)}, source="log", contents=contents)
+    assert run.window(1.0, 3.0).contents == contents
+    assert run.with_notes("a note").contents == contents
+    assert run.replace([standard_channel("q", t, t)]).contents == contents
+    assert run.replace([standard_channel("q", t, t)]).without("p").contents == contents
+    assert pickle.loads(pickle.dumps(run)) == run
+    assert run != Recording({"p": standard_channel("p", t, t)}, source="log")

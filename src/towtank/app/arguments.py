@@ -10,12 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from towtank.errors import InputError
+from towtank.readers.registry import SUFFIXES
 
 if TYPE_CHECKING:
     from towtank.recording import Recording
 
 __all__ = [
+    "LOG_KINDS",
     "Json",
+    "Log",
     "Map",
     "Report",
     "Window",
@@ -26,10 +29,16 @@ __all__ = [
     "positive",
 ]
 
+LOG_KINDS = ", ".join(SUFFIXES)
+Log = Annotated[Path, typer.Argument(metavar="LOG", help=f"Log file ({LOG_KINDS}) or the folder of a ROS 2 bag.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else on standard output.")]
 Map = Annotated[
     Path | None,
-    typer.Option("--map", metavar="MAPPING", help="TOML file that says which column of the log is which channel."),
+    typer.Option(
+        "--map",
+        metavar="MAPPING",
+        help="TOML file that says which column of the log is which channel, or which TABLE.field.",
+    ),
 ]
 WindowText = Annotated[
     str | None,

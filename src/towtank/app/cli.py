@@ -10,6 +10,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from towtank.app import (
+    convert_command,
     demo_command,
     inspect_command,
     learn_command,
@@ -64,6 +65,7 @@ app.command("simulate", cls=PlainCommand)(simulate_command.simulate)
 app.command("inspect", cls=PlainCommand)(inspect_command.inspect)
 app.command("learn", cls=PlainCommand)(learn_command.learn)
 app.command("validate", cls=PlainCommand)(validate_command.validate)
+app.command("convert", cls=PlainCommand)(convert_command.convert)
 
 
 def main() -> NoReturn:

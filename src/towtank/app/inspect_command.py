@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from towtank.app.arguments import Json, Map, Window, WindowText
+from towtank.app.arguments import Json, Log, Map, Window, WindowText
 
 __all__ = ["inspect"]
 
 
 def inspect(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log file, .csv or .parquet.")],
+    log: Log,
     mapping: Map = None,
     vehicle: Annotated[
         str | None,
@@ -22,7 +21,7 @@ def inspect(
     window: WindowText = None,
     json: Json = False,
 ) -> None:
-    """Show what is in a log: channels, clock trouble, command delay, which axes can be identified.
+    """Show what is in a log: its messages and channels, clock trouble, command delay, which axes can be identified.
 
     \b
     Example:

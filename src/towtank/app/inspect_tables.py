@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from towtank.app.channel_facts import ChannelFacts
+from towtank.app.contents_table import show_contents
 from towtank.app.digits import short
 from towtank.app.inspection import AxisVerdict, Inspection
 from towtank.app.levels_tables import disturbance_cells
@@ -25,7 +26,8 @@ def show_inspection(found: Inspection, output: Output) -> None:
     output.line(found.log, "bold")
     output.line(f"{short(recording.duration, 5)} s, {len(found.channels)} channels")
     _show_channels(found.channels, found.noise, output)
-    lines = (*found.grid.repairs.lines, *recording.notes)
+    show_contents(recording, output)
+    lines = (*found.repairs.lines, *recording.notes)
     output.heading("Clock and samples")
     for line in lines or ("nothing to repair",):
         output.item(line)
@@ -94,12 +96,13 @@ def _wild(level: NoiseLevel) -> bool:
 
 
 def _seconds(t: float) -> str:
-    return f"{round(t, 2):.12g}"
+    return f"{round(t, 2) + 0.0:.12g}"
 
 
 def _delay(found: Inspection) -> str:
     if found.delay is None:
-        return "unknown: no axis follows the inputs" if found.grid.command_t.size else "unknown: no commands"
+        commanded = found.grid is not None and found.grid.command_t.size
+        return "unknown: no axis follows the inputs" if commanded else "unknown: no commands, or no motion"
     spread = found.delay_std
     around = f" ± {1e3 * spread:.1f}" if spread is not None and spread == spread else ""
     if found.delay_from == "correlation":

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from towtank.app.channel_facts import ChannelFacts, channel_facts
+from towtank.app.contents_table import contents_document
 from towtank.app.first_look import DRIVEN, first_look
 from towtank.app.learn_report import delay_deviation
 from towtank.app.levels_tables import disturbance_document
@@ -19,6 +20,8 @@ from towtank.identification.log_learning import Levels
 from towtank.identification.noise import NoiseLevel, noise_levels
 from towtank.identification.outlook import Outlook, Prospect, liveliest, outlook
 from towtank.recording import Grid, Recording, align, bind_thrusters
+from towtank.recording.repairs import Repairs
+from towtank.recording.standard import MOTION, QUATERNION, WORLD_VELOCITY
 from towtank.vehicle import Vehicle
 
 __all__ = ["AxisVerdict", "Inspection", "inspect_recording"]
@@ -48,13 +51,14 @@ class Inspection:
     """Everything about one log.
 
     Attributes:
-        noise: of each motion channel. delay_from: "vehicle", "correlation" or None. outlook: what a learning will know,
-            None without a vehicle or where nothing can be identified. windows: stretches [s] that this was read from.
+        grid: None where no motion is recorded. noise: of each motion channel. delay_from: "vehicle", "correlation" or
+            None. outlook: what a learning will know, None without a vehicle or where nothing can be identified.
+            windows: stretches [s] that this was read from.
     """
 
     log: str
     recording: Recording
-    grid: Grid
+    grid: Grid | None
     channels: list[ChannelFacts]
     noise: Mapping[str, NoiseLevel]
     delay: float | None
@@ -68,6 +72,8 @@ class Inspection:
     @property
     def sources(self) -> Sources:
         """Where speeds and attitude come from."""
+        if self.grid is None:
+            raise ValueError("no motion is recorded")
         return Sources.of(self.grid.pose, self.grid.velocity, self.grid.acceleration)
 
     @property
@@ -75,9 +81,14 @@ class Inspection:
         """Levels of noise and disturbance, where the filter that found them is believed."""
         return self.outlook.levels if self.outlook is not None and self.outlook.agrees else None
 
+    @property
+    def repairs(self) -> Repairs:
+        """What was mended in reading and in putting on a grid."""
+        return self.recording.repairs if self.grid is None else self.grid.repairs
+
     def document(self) -> dict[str, Any]:
         """Return the JSON document."""
-        repairs = self.grid.repairs
+        repairs = self.repairs
         return {
             "log": self.log,
             "start_s": self.recording.start,
@@ -86,12 +97,14 @@ class Inspection:
             "channels": [asdict(facts) for facts in self.channels],
             "repairs": {**asdict(repairs), "lines": repairs.lines},
             "notes": self.recording.notes,
+            "attributes": self.recording.attributes,
+            "contents": contents_document(self.recording),
             "noise": {name: asdict(level) for name, level in self.noise.items()},
             "delay_s": self.delay,
             "delay_std_s": self.delay_std,
             "delay_from": self.delay_from,
             "axes": {name: asdict(verdict) for name, verdict in self.axes.items()},
-            "disturbance": disturbance_document(self.levels, [self.sources]),
+            "disturbance": disturbance_document(self.levels, [] if self.grid is None else [self.sources]),
             "excitation": _excitation(self),
             "warnings": self.warnings,
         }
@@ -101,9 +114,13 @@ def inspect_recording(log: str, recording: Recording, vehicle: Vehicle | None, t
     """Inspect a recording, with the vehicle that made it or without.
 
     Raises:
-        InputError: no motion, fewer than 4 samples, or thrusters that the vehicle lacks.
+        InputError: fewer than 4 samples, or thrusters that the vehicle lacks.
     """
     facts, noise = channel_facts(recording), noise_levels(recording)
+    if not any(name in (*MOTION, *QUATERNION, *WORLD_VELOCITY) for name in recording):
+        reason = "no motion recorded: neither pose nor velocity, rates or specific force"
+        axes = {axis.name: _no(axis.velocity, "absent", reason) for axis in AXES}
+        return Inspection(log, recording, None, facts, noise, None, None, None, axes, [])
     if vehicle is not None:
         recording = bind_thrusters(recording, [thruster.name for thruster in vehicle.thrusters])
     grid = align(recording)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from towtank.app.arguments import Json, Map, Report, Window, WindowText, no_report, output_place, positive
+from towtank.app.arguments import LOG_KINDS, Json, Map, Report, Window, WindowText, no_report, output_place, positive
 from towtank.errors import InputError, nearest
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ _METHODS = ("joint", "output-error", "paper")
 
 
 def learn(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG", help="Log files, .csv or .parquet.")],
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG", help=f"Log files ({LOG_KINDS}).")],
     vehicle: Annotated[
         str,
         typer.Option(

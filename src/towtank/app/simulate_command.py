@@ -70,7 +70,9 @@ def simulate(
     manoeuvre: Annotated[
         str, typer.Argument(metavar="MANOEUVRE", help="Built-in name, or a file of commands or wrenches over time.")
     ],
-    file: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="Log to write, .csv or .parquet.")],
+    file: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="Log to write, .csv, .parquet or .mcap.")
+    ],
     duration: Annotated[
         float | None, typer.Option("--duration", metavar="S", help="Seconds; default the manoeuvre's own.")
     ] = None,
@@ -105,7 +107,7 @@ def simulate(
     from towtank.app.output import Output
     from towtank.app.sources import read_vehicle
 
-    output_place("--output", file, (".csv", ".parquet"))
+    output_place("--output", file, (".csv", ".parquet", ".mcap"))
     positive("--duration", duration)
     positive("--rate", rate)
     positive("--delay", delay, zero=True)

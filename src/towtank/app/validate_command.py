@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from towtank.app.arguments import Json, Map, Report, Window, WindowText, no_report, positive
+from towtank.app.arguments import LOG_KINDS, Json, Map, Report, Window, WindowText, no_report, positive
 from towtank.errors import InputError
 
 if TYPE_CHECKING:
@@ -24,7 +24,9 @@ __all__ = ["validate"]
 
 def validate(
     model: Annotated[str, typer.Argument(metavar="MODEL", help="Vehicle file, as learn writes it, or catalog name.")],
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG", help="Log files that the model was not learned from.")],
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG", help=f"Log files that the model was not learned from ({LOG_KINDS}).")
+    ],
     window: WindowText = None,
     horizon: Annotated[
         float | None,

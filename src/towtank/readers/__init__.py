@@ -1,63 +1,82 @@
-"""Readers of log files: the suffix and the first bytes choose one, and every one yields a `Recording`."""
+"""Readers of log files: the content decides, the suffix where the content is silent; each yields a `Recording`."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import stat
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from towtank.errors import InputError
-from towtank.recording.csv_read import read_csv
-from towtank.recording.mapping import ColumnMapping
-from towtank.recording.parquet import read_parquet
-from towtank.recording.recording import Recording
+from towtank.readers.recognition import FOLDER, HEAD, foreign_kind
+from towtank.readers.registry import READERS, SUFFIXES, Mapping, Reader, formats
 
-__all__ = ["SUFFIXES", "read"]
+if TYPE_CHECKING:
+    from towtank.recording.recording import Recording
 
-Mapping = ColumnMapping | str | os.PathLike[str] | None
-SUFFIXES: dict[str, Callable[[str | os.PathLike[str], Mapping], Recording]] = {
-    ".csv": read_csv,
-    ".parquet": read_parquet,
-}
-_TEXT_SUFFIXES = ("", ".txt", ".dat", ".log")
-_KNOWN_CONTENT = {
-    b"\xa3\x95": "ArduPilot DataFlash",
-    b"\x89MCAP0": "MCAP",
-    b"#ROSBAG": "a ROS 1 bag",
-    b"MATLAB 5.0": "MATLAB",
-    b"\x89HDF": "HDF5",
-    b"\x1f\x8b": "gzip, unpack it first",
-    b"PK\x03\x04": "a zip archive or a spreadsheet, unpack it or save it as CSV",
-}
+__all__ = ["READERS", "SUFFIXES", "Reader", "read"]
 
 
 def read(path: str | os.PathLike[str], mapping: Mapping = None) -> Recording:
-    """Read a log file.
+    """Read a log: CSV, Parquet, ArduPilot .BIN or .log, MAVLink .tlog, ROS 1 or 2 bag, MCAP, MATLAB .mat.
 
     Args:
-        path: `.csv` or `.parquet`; a Parquet file is known by its content whatever its name.
-        mapping: for columns with names, units or frames of their own: a `ColumnMapping` or its TOML file.
+        path: the file, or the folder of a ROS 2 bag.
+        mapping: which column is which channel, where names, units or frames are its own, or where other messages are
+            wanted than those that are taken by themselves: a `ColumnMapping` or its TOML file. In a log of messages a
+            column is "TABLE.field".
 
     Raises:
-        InputError: the file is missing, cannot be read, or is of a kind that cannot be read.
+        InputError: the file is missing, cannot be read, or nothing in it can be used. Nothing else escapes, however
+            broken the file is.
     """
+    import numpy as np
+
     path = Path(path)
-    if path.is_dir():
-        raise InputError(f"{path}: this is a folder, expected a log file ({', '.join(SUFFIXES)})")
+    head, suffix = _look(path)
+    reader = _reader_of(path, head, suffix)
     try:
+        with np.errstate(invalid="ignore", over="ignore"):  # a broken file holds any number
+            return reader.read(path, mapping)
+    except (InputError, MemoryError):
+        raise
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except Exception as error:
+        text = str(error).strip() or type(error).__name__
+        raise InputError(f"{path}: damaged, cannot be read as {reader.name} ({text.splitlines()[0][:200]})") from error
+
+
+def _look(path: Path) -> tuple[bytes, str]:
+    """Return the first bytes of a file and its suffix; of a folder, those of its metadata.yaml and `FOLDER`."""
+    try:
+        mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
+            about = path / "metadata.yaml"
+            if not about.is_file():
+                raise InputError(f"{path}: this is a folder, expected a log file ({formats()}) or a ROS 2 bag")
+            return about.read_bytes()[:HEAD], FOLDER
+        if not stat.S_ISREG(mode):
+            raise InputError(f"{path}: this is not a file, expected a log file ({formats()})")
         with path.open("rb") as stream:
-            head = stream.read(16)
+            head = stream.read(HEAD)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    if head.startswith(b"PAR1"):
-        return read_parquet(path, mapping)
-    kind = next((name for magic, name in _KNOWN_CONTENT.items() if head.startswith(magic)), None)
-    suffix = path.suffix.lower()
-    if kind is None and suffix in SUFFIXES:
-        return SUFFIXES[suffix](path, mapping)
-    if kind is None and suffix in _TEXT_SUFFIXES:
-        return read_csv(path, mapping)
-    what = kind or (f'"{path.suffix}"' if suffix else "a file of unknown kind")
-    raise InputError(f"{path}: cannot read this file ({what}); can be read: {', '.join(SUFFIXES)}")
+    if not head:
+        raise InputError(f"{path}: the file is empty, expected a log ({formats()})")
+    return head, path.suffix.lower()
+
+
+def _reader_of(path: Path, head: bytes, suffix: str) -> Reader:
+    kind = None if suffix == FOLDER else foreign_kind(head)
+    if kind is None:
+        for reader in READERS:
+            if reader.recognises(head, suffix):
+                return reader
+        for reader in READERS:
+            if suffix in reader.suffixes:
+                return reader
+    what = kind or ("a folder" if suffix == FOLDER else f'"{path.suffix}"' if suffix else "a file of unknown kind")
+    raise InputError(f"{path}: cannot read this file ({what}); can be read: {formats()}")

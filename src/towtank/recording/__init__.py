@@ -7,6 +7,7 @@ from towtank.recording.alignment import align
 from towtank.recording.binding import bind_thrusters
 from towtank.recording.channel import Channel, standard_channel
 from towtank.recording.cleaning import dead_channels, find_spikes
+from towtank.recording.contents import Content
 from towtank.recording.conversion import to_ned_frd
 from towtank.recording.csv_read import read_csv
 from towtank.recording.csv_write import write_csv
@@ -26,6 +27,7 @@ __all__ = [
     "Channel",
     "Column",
     "ColumnMapping",
+    "Content",
     "Grid",
     "Marker",
     "Recording",

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.recording.channel import Channel, read_only, standard_channel
+from towtank.recording.contents import Content
 from towtank.recording.recording import Recording
 from towtank.recording.repairs import Repairs
 from towtank.recording.standard import is_standard
@@ -36,6 +37,7 @@ def assemble(
     attributes: Mapping[str, str] | None = None,
     repairs: Repairs | None = None,
     units: Mapping[str, tuple[str, str]] | None = None,
+    contents: tuple[Content, ...] = (),
 ) -> Recording:
     """Return the recording of a table.
 
@@ -44,7 +46,7 @@ def assemble(
         columns: values (n,) by channel name, NaN where not measured.
         place: the file, for messages.
         source: the source that the recording names.
-        notes, attributes, repairs: carried over to the recording.
+        notes, attributes, repairs, contents: carried over to the recording.
         units: unit and frame of the channels that are not standard ones.
 
     Raises:
@@ -84,7 +86,7 @@ def assemble(
         infinities=table.infinities,
         details=tuple(table.details),
     )
-    return Recording(channels, source, tuple(remarks), attributes or {}, mended)
+    return Recording(channels, source, tuple(remarks), attributes or {}, mended, contents)
 
 
 def _ordered_times(t: Array) -> tuple[Array, NDArray[np.intp] | None]:

@@ -30,8 +30,9 @@ def bind_thrusters(recording: Recording, thrusters: Sequence[str]) -> Recording:
         names = {name: name for name in thrusters}
     elif set(found) == {str(k) for k in range(1, len(found) + 1)}:
         if len(found) != len(thrusters):
+            many = "thruster" if len(found) == 1 else "thrusters"
             raise InputError(
-                f"{prefix}the mapping lists {len(found)} thrusters, the vehicle has {len(thrusters)} "
+                f"{prefix}found commands of {len(found)} {many}, the vehicle has {len(thrusters)} "
                 f"({', '.join(thrusters) or 'none'})"
             )
         names = {str(k): name for k, name in enumerate(thrusters, 1)}

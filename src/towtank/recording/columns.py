@@ -13,6 +13,7 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
 from towtank.recording.assemble import assemble
+from towtank.recording.contents import Content
 from towtank.recording.conversion import to_ned_frd
 from towtank.recording.lever_arm import marker_to_origin
 from towtank.recording.mapping import Column, ColumnMapping, load_mapping
@@ -21,20 +22,21 @@ from towtank.recording.repairs import Repairs
 from towtank.recording.standard import WORLD_VELOCITY, is_standard
 from towtank.recording.world_velocity import with_body_velocity
 
-__all__ = ["Carried", "recording_of_columns"]
+__all__ = ["Carried", "in_standard_frames", "recording_of_columns"]
 
 ReadNumbers = Callable[[Sequence[str]], Mapping[str, Array]]
 
 
 @dataclass(frozen=True)
 class Carried:
-    """What a file says beside its table: source, notes, attributes, repairs, units of further channels."""
+    """What a file says beside its table: source, notes, attributes, repairs, units of further channels, contents."""
 
     source: str = ""
     notes: tuple[str, ...] = ()
     attributes: Mapping[str, str] = field(default_factory=dict)
     repairs: Repairs | None = None
     units: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    contents: tuple[Content, ...] = ()
 
 
 def recording_of_columns(
@@ -84,6 +86,7 @@ def _by_name(path: Path, names: Sequence[str], read: ReadNumbers, carried: Carri
         attributes=carried.attributes,
         repairs=carried.repairs,
         units=carried.units,
+        contents=carried.contents,
     )
 
 
@@ -115,6 +118,11 @@ def _by_mapping(path: Path, names: Sequence[str], read: ReadNumbers, mapping: Co
         source=str(path),
         notes=_ignored_note([name for name in names if name and name not in needed]),
     )
+    return in_standard_frames(recording, mapping)
+
+
+def in_standard_frames(recording: Recording, mapping: ColumnMapping) -> Recording:
+    """Return what a mapping read, brought from its frames to NED and FRD and from its marker to the body origin."""
     recording = to_ned_frd(recording, body=mapping.body, world=mapping.world)
     if mapping.marker is not None:
         if "velocity" in mapping.marker.of:

@@ -55,7 +55,10 @@ def _read_header(path: Path) -> tuple[str, ...]:
     if b"\0" in first or first[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise InputError(f"{path}: not a text file in UTF-8, expected a CSV; save it as UTF-8 text")
     line = first.decode("utf-8-sig", errors="replace").rstrip("\r\n")
-    names = tuple(name.strip() for name in next(csv.reader([line]), []))
+    try:
+        names = tuple(name.strip() for name in next(csv.reader([line]), []))
+    except csv.Error as error:
+        raise InputError(f"{path}:1: cannot be read as a line of column names ({error})") from error
     check_header(path, line, names)
     return names
 

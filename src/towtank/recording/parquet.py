@@ -17,6 +17,7 @@ from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.outputs import write_atomically
 from towtank.recording.columns import Carried, recording_of_columns
+from towtank.recording.contents import Content
 from towtank.recording.csv_write import to_table
 from towtank.recording.mapping import ColumnMapping
 from towtank.recording.recording import Recording
@@ -29,7 +30,7 @@ _KEY = b"towtank"
 
 
 def write_parquet(recording: Recording, path: str | os.PathLike[str]) -> None:
-    """Write channels, units, frames, source, notes, attributes and repairs to `path`."""
+    """Write channels, units, frames, source, notes, attributes, repairs and contents to `path`."""
     table = to_table(recording)
     fields = [table.schema.field(0).with_metadata({"unit": "s"})]
     for i, channel in enumerate(recording.channels.values(), 1):
@@ -39,6 +40,7 @@ def write_parquet(recording: Recording, path: str | os.PathLike[str]) -> None:
         "notes": list(recording.notes),
         "attributes": dict(recording.attributes),
         "repairs": asdict(recording.repairs),
+        "contents": [asdict(content) for content in recording.contents],
     }
     table = table.cast(pa.schema(fields, metadata={_KEY: json.dumps(about).encode()}))
     write_atomically(path, lambda stream: arrow_parquet.write_table(table, stream, compression="zstd"))
@@ -70,7 +72,7 @@ def read_parquet(
         tuple(schema.names),
         lambda wanted: _read_numbers(path, schema, wanted),
         mapping,
-        _carried(schema, units),
+        _carried(path, schema, units),
     )
 
 
@@ -106,16 +108,22 @@ def _check_units(path: Path, units: Mapping[str, tuple[str, str]]) -> None:
             )
 
 
-def _carried(schema: pa.Schema, units: Mapping[str, tuple[str, str]]) -> Carried:
+def _carried(path: Path, schema: pa.Schema, units: Mapping[str, tuple[str, str]]) -> Carried:
     text = (schema.metadata or {}).get(_KEY)
     if text is None:
         return Carried(units={})
-    about: dict[str, Any] = json.loads(text)
-    repairs: dict[str, Any] = {
-        key: tuple(value) if isinstance(value, list) else value for key, value in about["repairs"].items()
-    }
     own = {name: unit for name, unit in units.items() if name != "t" and not is_standard(name)}
-    return Carried(about["source"], tuple(about["notes"]), about["attributes"], Repairs(**repairs), own)
+    try:
+        about: dict[str, Any] = json.loads(text)
+        repairs: dict[str, Any] = {
+            key: tuple(value) if isinstance(value, list) else value for key, value in about["repairs"].items()
+        }
+        contents = tuple(Content(**{**each, "used": tuple(each["used"])}) for each in about.get("contents", ()))
+        return Carried(about["source"], tuple(about["notes"]), about["attributes"], Repairs(**repairs), own, contents)
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise InputError(
+            f"{path}: the file is damaged where it tells its notes and repairs ({_first_line(error)})"
+        ) from error
 
 
 def _first_line(error: Exception) -> str:

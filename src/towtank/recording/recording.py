@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -15,6 +14,7 @@ from numpy.typing import ArrayLike
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.recording.channel import Channel, read_only, standard_channel
+from towtank.recording.contents import Content
 from towtank.recording.repairs import Repairs
 from towtank.recording.standard import is_held
 
@@ -31,6 +31,7 @@ class Recording:
         notes: remarks for a person (ignored columns, conversions, doubts).
         attributes: free text by key, kept in Parquet.
         repairs: what was mended when it was read.
+        contents: what the log held, table by table, where it is made of several.
 
     Raises:
         InputError: there is no channel, or a channel stands under another name than its own.
@@ -41,6 +42,7 @@ class Recording:
     notes: tuple[str, ...] = ()
     attributes: Mapping[str, str] = field(default_factory=dict)
     repairs: Repairs = Repairs()
+    contents: tuple[Content, ...] = ()
 
     def __post_init__(self) -> None:
         prefix = f"{self.source}: " if self.source else ""
@@ -52,6 +54,7 @@ class Recording:
         object.__setattr__(self, "channels", MappingProxyType(dict(self.channels)))
         object.__setattr__(self, "attributes", MappingProxyType(dict(self.attributes)))
         object.__setattr__(self, "notes", tuple(self.notes))
+        object.__setattr__(self, "contents", tuple(self.contents))
 
     @classmethod
     def from_table(
@@ -102,7 +105,7 @@ class Recording:
         return Recording, self._state()
 
     def _state(self) -> tuple[Any, ...]:
-        return dict(self.channels), self.source, self.notes, dict(self.attributes), self.repairs
+        return dict(self.channels), self.source, self.notes, dict(self.attributes), self.repairs, self.contents
 
     def __repr__(self) -> str:
         origin = f"{self.source}: " if self.source else ""
@@ -139,14 +142,14 @@ class Recording:
         return self.with_channels(channel for name, channel in self.channels.items() if name not in names)
 
     def with_channels(self, channels: Iterable[Channel]) -> Recording:
-        """The same source, notes, attributes and repairs with exactly these channels."""
+        """The same source, notes, attributes, repairs and contents with exactly these channels."""
         by_name = {channel.name: channel for channel in channels}
-        return Recording(by_name, self.source, self.notes, self.attributes, self.repairs)
+        return Recording(by_name, self.source, self.notes, self.attributes, self.repairs, self.contents)
 
     def with_notes(self, *notes: str, repairs: Repairs | None = None) -> Recording:
         """The same recording with further notes and, if given, further repairs."""
         total = self.repairs if repairs is None else self.repairs + repairs
-        return Recording(self.channels, self.source, self.notes + notes, self.attributes, total)
+        return Recording(self.channels, self.source, self.notes + notes, self.attributes, total, self.contents)
 
     def window(self, start: float, end: float) -> Recording:
         """The samples with start <= t <= end [s]; an input that is in force at `start` is restated there.
@@ -178,14 +181,14 @@ class Recording:
         return self.with_channels(cut.values()).with_notes(*notes)
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write as `.csv` or `.parquet`, by the suffix, whole or not at all; else raise InputError."""
-        from towtank.recording import csv_write, parquet
+        """Write as `.csv`, `.parquet` or `.mcap`, by the suffix, whole or not at all; else raise InputError.
 
-        writers = {".csv": csv_write.write_csv, ".parquet": parquet.write_parquet}
-        suffix = Path(path).suffix
-        if suffix.lower() not in writers:
-            raise InputError(f'{path}: cannot write "{suffix}" files; expected one of {", ".join(writers)}')
-        writers[suffix.lower()](self, path)
+        CSV holds the channels alone; Parquet and MCAP keep units, frames, source, notes, attributes, repairs and
+        contents.
+        """
+        from towtank.recording.writing import write_recording
+
+        write_recording(self, path)
 
 
 def _cut(t: Array, start: float, end: float, held: bool) -> tuple[slice, Array]:

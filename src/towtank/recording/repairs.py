@@ -24,6 +24,7 @@ class Repairs:
         infinities: infinite values; treated as not measured.
         spikes: isolated outliers of one sample; treated as not measured.
         gaps: holes too long to interpolate over; left as NaN.
+        damaged: messages that could not be decoded, of a broken or cut file; left out.
         dead: channels that stand still while their neighbours carry noise; reported, not changed.
         details: further lines for a person, such as which channel had the spikes.
     """
@@ -35,6 +36,7 @@ class Repairs:
     infinities: int = 0
     spikes: int = 0
     gaps: int = 0
+    damaged: int = 0
     dead: tuple[str, ...] = ()
     details: tuple[str, ...] = ()
 
@@ -49,6 +51,7 @@ class Repairs:
             infinities=self.infinities + other.infinities,
             spikes=self.spikes + other.spikes,
             gaps=self.gaps + other.gaps,
+            damaged=self.damaged + other.damaged,
             dead=tuple(dict.fromkeys(self.dead + other.dead)),
             details=tuple(dict.fromkeys(self.details + other.details)),
         )
@@ -60,6 +63,7 @@ class Repairs:
     def lines(self) -> tuple[str, ...]:
         """One line per kind of repair, then the details; empty when nothing was wrong."""
         found = [
+            (self.damaged, "damaged message (left out)", "damaged messages (left out)"),
             (self.disorder, "sample out of order (sorted)", "samples out of order (sorted)"),
             (self.duplicates, "repeated time stamp (merged)", "repeated time stamps (merged)"),
             (self.untimed, "row without a time (dropped)", "rows without a time (dropped)"),

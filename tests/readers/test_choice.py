@@ -1,0 +1,106 @@
+"""Which source of a quantity is used, which outputs are thrusters, which pressure is the water's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from towtank.readers.sources import Source, choose
+from towtank.readers.thruster_outputs import command_source, thruster_outputs
+from towtank.readers.water_pressure import Pressure, depth_sources
+
+
+def source(table: str, samples: int, distance: int = 0, refused: str = "") -> Source:
+    t = np.linspace(0.0, 10.0, samples)
+    return Source(table, "rates", t, {"p": np.zeros(samples)}, distance, refused)
+
+
+@pytest.mark.parametrize(
+    ("sources", "chosen", "reasons"),
+    [
+        ([source("near", 100), source("far", 300, 1)], "near", {"far": "near is nearer the sensor"}),
+        ([source("near", 100), source("far", 500, 1)], "far", {"near": "far is faster"}),
+        ([source("near", 100), source("far", 500, 2)], "near", {"far": "near is nearer the sensor"}),
+        ([source("first", 100), source("second", 105)], "first", {"second": "first is used"}),
+        ([source("first", 100), source("second", 200)], "second", {"first": "second has more samples"}),
+        ([source("bad", 900, refused="why"), source("good", 9)], "good", {"bad": "why"}),
+        ([source("few", 3), source("good", 9, 3)], "good", {"few": "3 samples, fewer than 4"}),
+    ],
+)
+def test_nearest_the_sensor_unless_much_slower(sources: list[Source], chosen: str, reasons: dict[str, str]) -> None:
+    choice = choose(sources)
+    assert [each.table for each in choice.used] == [chosen]
+    assert {each.table: why for each, why in choice.reasons} == reasons
+
+
+def test_one_source_of_each_quantity_in_a_fixed_order() -> None:
+    t = np.arange(5.0)
+    volt = Source("BAT", "voltage", t, {"voltage": t})
+    depth = Source("BARO", "depth", t, {"z": t})
+    empty = Source("XKF1", "velocity", t, {"vn": np.full(5, np.nan)})
+    choice = choose([volt, empty, depth])
+    assert [each.table for each in choice.used] == ["BARO", "BAT"]
+    assert [why for _, why in choice.reasons] == ["no value"]
+
+
+OUTPUTS = {n: np.array([1500.0, 1500.0 + n]) for n in range(1, 7)} | {7: np.zeros(2), 8: np.array([1100.0, 1900.0])}
+
+
+def test_motors_by_their_functions() -> None:
+    parameters = {"SERVO1_FUNCTION": 34.0, "SERVO2_FUNCTION": 33.0, "SERVO8_FUNCTION": 59.0, "SERVO9_FUNCTION": 82.0}
+    parameters |= {"MOT_1_DIRECTION": -1.0, "MOT_2_DIRECTION": 1.0}
+    found = thruster_outputs(parameters, OUTPUTS)
+    assert (found.outputs, found.mirrored) == ({1: 2, 2: 1, 9: 9}, {1})
+    assert "thruster 1 turns the other way" in found.note
+    assert "outputs 3, 4, 5, 6 move" in found.note
+    source = command_source("RCOU", np.arange(2.0), OUTPUTS, found)
+    assert source is not None
+    assert {name: values.tolist() for name, values in source.channels.items()} == {
+        "cmd_1": [1500.0, 1498.0],
+        "cmd_2": [1500.0, 1501.0],
+    }
+
+
+def test_throttles_of_a_surface_craft() -> None:
+    found = thruster_outputs({"SERVO3_FUNCTION": 74.0, "SERVO1_FUNCTION": 73.0, "SERVO5_FUNCTION": np.nan}, OUTPUTS)
+    assert found.outputs == {1: 1, 2: 3}
+    assert "left throttle" in found.note
+
+
+def test_outputs_that_move_where_nothing_is_known() -> None:
+    found = thruster_outputs({}, OUTPUTS)
+    assert found.outputs == {n: n for n in range(1, 7)}
+    assert "outputs 1 to 6, which move" in found.note
+    assert thruster_outputs({}, {1: np.array([1500.0, 1500.0])}).outputs == {}
+    assert command_source("RCOU", np.arange(2.0), {}, found) is None
+
+
+def test_no_output_is_no_command() -> None:
+    pulses = {1: np.array([0.0, 1500.0, 65535.0, 1600.0])}
+    source = command_source("RCOU", np.arange(4.0), pulses, thruster_outputs({}, pulses))
+    assert source is not None
+    np.testing.assert_array_equal(source.channels["cmd_1"], [np.nan, 1500.0, np.nan, 1600.0])
+
+
+@pytest.mark.parametrize(
+    ("parameters", "span", "used"),
+    [
+        ({"BARO_PRIMARY": 0.0}, 400.0, "a"),
+        ({"GND_PRIMARY": 0.0}, 400.0, "a"),
+        ({"BARO_PRIMARY": 0.0}, 40_000.0, "b"),  # dives, while the primary one does not
+        ({}, 400.0, "b"),
+        ({"BARO_PRIMARY": 7.0}, 400.0, "b"),
+        ({"BARO_PRIMARY": np.nan}, 400.0, "b"),
+    ],
+)
+def test_the_pressure_of_the_water(parameters: dict[str, float], span: float, used: str) -> None:
+    t = np.linspace(0.0, 1.0, 5)
+    spans = {"a": 10.0, "b": span, "c": 0.0}
+    sensors = [Pressure(i, name, t, 1e5 + each * t, t) for i, (name, each) in enumerate(spans.items())]
+    assert [each.table for each in depth_sources(sensors, parameters) if not each.refused] == [used]
+
+
+def test_without_the_pressure_at_the_surface_there_is_no_depth() -> None:
+    t = np.arange(5.0)
+    [found] = depth_sources([Pressure(1, "SCALED_PRESSURE2", t, 1e5 + t, None)], {})
+    assert "BAROn_GND_PRESS" in found.refused

@@ -1,0 +1,97 @@
+"""Clocks of a ROS recording: stamps and times of recording that differ by days, drift, or run at another rate."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from towtank.readers.command_end import with_command_end
+from towtank.readers.ros_clock import reconciled
+from towtank.readers.tables import Table
+from towtank.recording import Recording
+
+N = 2000
+TRUE = 0.02 * np.arange(N)
+DAYS = 514_944.044
+
+
+def table(name: str, offset: float | None, *, rate: float = 1.0, late: float = 0.004, seed: int = 0) -> Table:
+    """Messages stamped at TRUE on a clock behind by `offset`, recorded later by exponential delays."""
+    delays = np.random.default_rng(seed).exponential(late, N) + 0.0003
+    stamp = None if offset is None else TRUE * rate - offset
+    return Table(name, TRUE + delays, {"x": TRUE}, "k/msg/K", stamp=stamp)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.2, -3.5, DAYS, -DAYS])
+def test_one_clock_for_all_stamps(offset: float) -> None:
+    """What the recorder's delays did to the times is undone, to the quickest message of each topic."""
+    a, b, c = table("/a", offset), table("/b", offset, late=0.03, seed=1), table("/c", None, seed=2)
+    found = reconciled([a, b, c])
+    times = {each.name: each.t for each in found.tables}
+    assert np.allclose(np.diff(times["/a"]), 0.02, atol=1e-6)
+    assert np.abs(times["/a"] - times["/b"]).max() < 1e-6
+    assert np.abs(times["/a"] - TRUE).max() < 0.002
+    assert np.array_equal(times["/c"], c.t)
+    assert not found.simulated
+    if abs(offset) < 0.1:
+        assert not found.notes
+    elif offset == DAYS:
+        assert found.notes[0].startswith("stamps of the messages are 5.96 days (514944.04")
+        assert "behind the recorder's clock" in found.notes[0]
+    else:
+        assert ("behind" if offset > 0 else "ahead of") in found.notes[0]
+
+
+def test_a_topic_with_a_clock_of_its_own_is_named() -> None:
+    found = reconciled([table("/a", 0.0), table("/b", 0.0, seed=1), table("/dvl", 7.5, seed=2)])
+    assert [note for note in found.notes if "/dvl: its stamps are 7.5" in note]
+    assert np.abs(found.tables[2].t - TRUE).max() < 0.002
+
+
+def test_drift_is_followed_and_told() -> None:
+    found = reconciled([table("/a", 0.0), table("/b", 0.0, seed=1), table("/c", 0.0, rate=1.0 - 400e-6, seed=3)])
+    assert np.abs(found.tables[2].t - TRUE).max() < 0.003
+    [told] = [note for note in found.notes if "ppm" in note]
+    assert told.startswith("/c: its clock runs -")
+    assert float(told.split()[4]) == pytest.approx(-400.0, rel=0.1)
+
+
+def test_a_simulation_that_runs_slower_than_the_clock() -> None:
+    """The stamps are the time that the physics knows; commands without stamps follow the others."""
+    truth = 0.4 * TRUE
+    stamped = Table("/odom", TRUE + 0.001, {"x": truth}, stamp=truth + 30.0)
+    unstamped = Table("/thrusters", TRUE + 0.001, {"x": truth})
+    found = reconciled([stamped, unstamped])
+    assert found.simulated
+    assert np.allclose(found.tables[0].t, truth, atol=1e-9)
+    assert np.allclose(found.tables[1].t, truth, atol=1e-6)
+    assert any("0.4 times the recorder's clock, as in a simulation" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("stamp", "why"),
+    [
+        (np.where(np.arange(N) % 3 == 0, np.nan, TRUE), "most of its stamps are missing"),
+        (np.repeat(TRUE[::4], 4), "do not increase"),
+        (TRUE + 3.0 * np.sin(TRUE / 5.0), "wander against the times of recording"),
+    ],
+)
+def test_stamps_of_no_use(stamp: np.ndarray, why: str) -> None:
+    odd = Table("/odd", TRUE + 0.01, {}, stamp=stamp)
+    found = reconciled([table("/a", 5.0), odd])
+    assert np.array_equal(found.tables[1].t, odd.t)
+    assert any("/odd" in note and why in note for note in found.notes)
+
+
+def test_a_few_messages_keep_their_times() -> None:
+    few = Table("/few", np.array([1.0, 2.0]), {}, stamp=np.array([-100.0, -99.0]))
+    assert reconciled([few]).tables[0] is few
+
+
+def test_commands_that_fall_silent_are_told() -> None:
+    t = np.arange(0.0, 30.0, 0.01)
+    motion = Recording.from_table(t, {"r": np.sin(t)})
+    for end, silent in ((20.0, True), (29.0, False)):
+        commands = Recording.from_table(np.arange(1.0, end, 0.2), {"cmd_1": np.zeros(len(np.arange(1.0, end, 0.2)))})
+        run = with_command_end(motion.replace(commands.channels))
+        assert any("cut with --window 1.00,19.80" in note for note in run.notes) is silent
