@@ -9,7 +9,7 @@ import pytest
 
 import towtank as tt
 from towtank.errors import InputError
-from towtank.identification import Learner
+from towtank.identification import Learner, learn_recordings
 from towtank.recording import Recording
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import Coefficient, Vehicle, load_vehicle
@@ -140,12 +140,21 @@ def test_a_pause_begins_a_new_stretch_and_keeps_what_was_learned(run: Recording)
     assert after["X_udot"].std < before["X_udot"].std
 
 
-def test_a_gain_of_a_thruster_is_a_parameter() -> None:
-    weak = {each.name: each for each in TRUTH.thrusters}
-    name = next(iter(weak))
-    learner = Learner(TRUTH, free=("X_udot", f"gain_{name}"), delay=0.0)
-    learner.run(_run(6.0))
-    assert learner.estimate["X_udot"].identified
+def test_a_weak_thruster_is_found_and_put_into_the_model() -> None:
+    first, *others = TRUTH.thrusters
+    weak = TRUTH.model_copy(update={"thrusters": (first.model_copy(update={"gain": 0.7}), *others)})
+    commands = manoeuvre("surge-square", TRUTH, duration=8.0, dt=0.01).commands
+    run = simulate(weak, commands=commands, dt=0.01, sensors=Mocap(), seed=3)
+    name = f"gain_{first.name}"
+    learner = Learner(TRUTH, free=("X_udot", "X_uu", name), delay=0.0)
+    learner.run(run)
+    model = learner.model()
+    assert model.thrusters[0].gain == pytest.approx(0.7, abs=0.01)
+    assert all(each.gain == 1.0 for each in model.thrusters[1:])
+    batch = learn_recordings(TRUTH, [run], free=("X_udot", "X_uu", name), delay=0.0)
+    gain, std = batch.gains[first.name]
+    assert gain == pytest.approx(0.7, abs=max(3.0 * std, 0.005))
+    assert batch.model.thrusters[0].gain == gain
 
 
 def test_a_pickled_learner_goes_on(run: Recording) -> None:

@@ -161,3 +161,12 @@ def test_one_thruster_that_only_pushes_ahead():
     propeller = Thruster(name="p", position=(-1, 0, 0), direction=(2, 0, 0), curve=curve)
     vehicle = load_vehicle("lauv").model_copy(update={"thrusters": (propeller,)})
     np.testing.assert_allclose(allocate(vehicle, [[5, 0, 0, 0, 0, 0], [-5, 0, 0, 0, 0, 0]]), [[5.0], [0.0]], atol=1e-9)
+
+
+def test_a_gain_scales_force_and_is_allocated_for(vlbv300):
+    weak = tuple(each.model_copy(update={"gain": 0.6}) for each in vlbv300.thrusters)
+    vehicle = vlbv300.model_copy(update={"thrusters": weak})
+    commands = np.linspace(-60.0, 60.0, 6)
+    np.testing.assert_allclose(thruster_forces(vehicle, commands), 0.6 * thruster_forces(vlbv300, commands))
+    wrench = [5.0, 0.0, 3.0, 0.0, 0.4, 1.0]
+    np.testing.assert_allclose(thruster_wrench(vehicle, allocate(vehicle, wrench)), wrench, atol=1e-6)

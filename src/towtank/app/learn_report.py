@@ -114,6 +114,9 @@ def _show_input(learning: LogLearning, output: Output) -> None:
         lags = sorted({thruster.time_constant for thruster in learning.vehicle.thrusters if thruster.time_constant})
         if lags:
             output.line(f"lag {', '.join(short(1e3 * lag) for lag in lags)} ms, first order (of the vehicle file)")
+    if learning.gains:
+        told = (f"{name} {gain:.3f} ± {std:.3f}" for name, (gain, std) in learning.gains.items())
+        output.line(f"gain of thrusters, times their curves: {', '.join(told)}")
     if learning.vehicle.scale_std and learning.vehicle.thrusters:
         output.line(
             f"scale of thrust known to {100.0 * learning.vehicle.scale_std:.3g} %, within every deviation above"
@@ -147,6 +150,7 @@ def learn_document(learning: LogLearning, fit: Mapping[str, float | None], warni
         "delay_std_s": delay_deviation(learning),
         "lag_s": learning.lag,
         "lag_std_s": learning.lag_std,
+        "gains": {name: {"value": gain, "std": std} for name, (gain, std) in learning.gains.items()},
         "scale_std": learning.vehicle.scale_std,
         "coefficients": {
             each.name: {

@@ -15,12 +15,14 @@ from towtank.identification.estimate import Estimate
 from towtank.identification.joint_reading import nothing_yet, reading
 from towtank.identification.joint_start import prior_information
 from towtank.identification.joint_stream import JointStream
+from towtank.identification.learned_thrusters import learned_gains, with_thrusters
 from towtank.identification.learner import Learner, sample_vector
 from towtank.identification.paper_learner import PaperLearner
 from towtank.identification.parameters import DELAY, free_parameters
 from towtank.identification.samples import held_forces, samples_of, with_absent_zero
 from towtank.identification.structure import paper_names
 from towtank.identification.thrust_scale import with_thrust_scale
+from towtank.identification.transition import N_FIXED
 from towtank.recording import Recording
 from towtank.vehicle import Vehicle
 
@@ -159,6 +161,15 @@ class JointLearner(Learner):
         return self._stream.lag
 
     @property
+    def gains(self) -> dict[str, tuple[float, float]]:
+        """Gain of each thruster that has one free and its deviation, as multiples of its curve."""
+        free, state = self._stream.free, self._stream.state
+        if free is None or state is None:
+            return {}
+        std = np.sqrt(np.maximum(np.diag(state.P)[N_FIXED : N_FIXED + len(free)], 0.0))
+        return learned_gains(self.vehicle, free, state.theta, std)
+
+    @property
     def disturbance(self) -> Array:
         """Level (6,) [N, N m] of the random force that the motion shows."""
         state = self._stream.state
@@ -175,12 +186,8 @@ class JointLearner(Learner):
         """Return the vehicle with everything identified so far put in."""
         learned = self.estimate.model(self.vehicle, f"learned by towtank, method {self.method}")
         if self._stream.commanded:
-            changes: dict[str, Any] = {"command_delay": self.delay}
-            if np.isfinite(self.lag):
-                changes["thrusters"] = tuple(
-                    thruster.model_copy(update={"time_constant": self.lag}) for thruster in self.vehicle.thrusters
-                )
-            learned = learned.model_copy(update=changes)
+            learned = with_thrusters(learned, lag=self.lag, gains=self.gains)
+            learned = learned.model_copy(update={"command_delay": self.delay})
         return learned
 
     # -- inside

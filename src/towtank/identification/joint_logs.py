@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
@@ -14,6 +15,7 @@ from towtank.identification.free_run_learning import learn_free_runs
 from towtank.identification.joint import JointFit, joint_passes, prior_deviation
 from towtank.identification.joint_estimate import assemble, judge
 from towtank.identification.joint_start import rows_rough, size_of, start_levels, start_theta, tuning_for
+from towtank.identification.learned_thrusters import learned_gains, with_thrusters
 from towtank.identification.log_learning import Levels, LogLearning
 from towtank.identification.paper_logs import learn_paper
 from towtank.identification.parameters import DELAY, GAIN_PREFIX, LAG, FreeParameters, free_parameters
@@ -264,11 +266,10 @@ def _learned(
         elif name == LAG:
             lag = float(np.exp(fit.theta[k]))
     model = estimate.model(vehicle, f"learned by towtank, method {method}")
+    gains = learned_gains(vehicle, free, fit.theta, fit.std)
     if vehicle.thrusters:
+        model = with_thrusters(model, lag=math.nan if lag is None else lag, gains=gains)
         model = model.model_copy(update={"command_delay": max(0.0, delay)})
-        if lag is not None:
-            thrusters = tuple(t.model_copy(update={"time_constant": lag}) for t in vehicle.thrusters)
-            model = model.model_copy(update={"thrusters": thrusters})
     stds = dict(zip(free.names, fit.std, strict=True))
     return replace(
         first,
@@ -279,6 +280,7 @@ def _learned(
         lag=float("nan") if lag is None else lag,
         lag_std=float(stds[LAG]) * lag if lag is not None else float("nan"),
         levels=fit.levels,
+        gains=gains,
         method=method,
         warnings=(*first.warnings, *remarks),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -39,7 +40,8 @@ class LogLearning:
         delay_scan: how the delay was found, None where it was given. grids: the recordings as they were used.
         sources: where velocity and attitude came from, per recording. warnings: in plain words.
         method: that the coefficients come from. delay_std: [s], NaN where given. lag, lag_std: time constant of the
-            thrusters, NaN where it was not free. remarks: how it was learned, in plain words.
+            thrusters, NaN where it was not free. gains: of thrusters where they were free, value and deviation.
+        remarks: how it was learned, in plain words.
     """
 
     vehicle: Vehicle
@@ -55,4 +57,5 @@ class LogLearning:
     lag: float = math.nan
     lag_std: float = math.nan
     levels: Levels | None = None
+    gains: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()

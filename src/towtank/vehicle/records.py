@@ -137,12 +137,13 @@ def _thruster_name(value: Any) -> str:
 
 
 class Thruster(Record):
-    """A thruster: where it pushes [m], which way at positive command, its curve and first-order lag [s]."""
+    """A thruster: where it pushes [m], which way at positive command, its curve, what its force is of it, lag [s]."""
 
     name: Annotated[str, BeforeValidator(_thruster_name)]
     position: Vector
     direction: Annotated[Vector, AfterValidator(_direction)]
     curve: AnyCurve
+    gain: Positive = 1.0
     time_constant: NonNegative = 0.0
     source: str = ""
 

@@ -43,7 +43,7 @@ def thruster_forces(vehicle: Vehicle, commands: ArrayLike, voltage: ArrayLike | 
     c = last_axis(commands, _count(vehicle), "commands", f"one for each thruster of {vehicle.name}")
     out = np.empty(c.shape if voltage is None else np.broadcast_shapes(c.shape, (*np.shape(voltage), c.shape[-1])))
     for k, thruster in enumerate(vehicle.thrusters):
-        out[..., k] = curves.force(thruster.curve, c[..., k], voltage)
+        out[..., k] = thruster.gain * curves.force(thruster.curve, c[..., k], voltage)
     return out
 
 
@@ -98,14 +98,14 @@ def allocate(vehicle: Vehicle, wrench: ArrayLike, voltage: float | None = None) 
     share = np.ones(tau.shape[:-1])
     for k, thruster in enumerate(vehicle.thrusters):
         low, high = inverse_curves.force_range(thruster.curve, voltage)
-        f = forces[..., k]
+        f = forces[..., k] / thruster.gain
         with np.errstate(divide="ignore", invalid="ignore"):
             possible = np.where(f > high, high / f, np.where(f < low, low / f, 1.0))
         share = np.minimum(share, possible)
     forces = forces * share[..., None]
     commands = np.empty((*tau.shape[:-1], n))
     for k, thruster in enumerate(vehicle.thrusters):
-        commands[..., k] = inverse_curves.command(thruster.curve, forces[..., k], voltage)
+        commands[..., k] = inverse_curves.command(thruster.curve, forces[..., k] / thruster.gain, voltage)
     return commands
 
 
