@@ -1,4 +1,4 @@
-"""Thruster wrenches: every row is r x f. The rows of PHYSICS' errata, allocation, saturation."""
+"""Thruster wrenches: every row is r x f. The rows with the paper's errata mended, allocation, saturation."""
 
 import numpy as np
 import pytest

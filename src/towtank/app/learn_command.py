@@ -63,6 +63,12 @@ def learn(
             help="What is known beforehand: a vehicle whose coefficients bear a std; it counts as a measurement.",
         ),
     ] = None,
+    current: Annotated[
+        bool,
+        typer.Option(
+            "--current", help="Estimate the current of the water along: it needs speed over ground and heading."
+        ),
+    ] = False,
     json: Json = False,
 ) -> None:
     """Learn a model from one or several logs.
@@ -76,6 +82,8 @@ def learn(
       towtank learn surge.csv --vehicle vlbv300 --prior learned.toml
     """
     _known_method(method, prior)
+    if current and method != "joint":
+        raise InputError(f"--current: method {method} knows none; use joint, or leave it out")
     no_report(report)
     stretch = Window.parse(window)
     output_place("--output", model_file, (".toml",))
@@ -101,6 +109,7 @@ def learn(
             free=wanted,
             delay=delay,
             prior=beforehand,
+            current=current,
             progress=lambda text, share: tell(text, 0.9 * share),
         )
         model = _with_provenance(learning, logs, prior)

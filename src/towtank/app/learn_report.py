@@ -151,6 +151,9 @@ def learn_document(learning: LogLearning, fit: Mapping[str, float | None], warni
         "lag_s": learning.lag,
         "lag_std_s": learning.lag_std,
         "gains": {name: {"value": gain, "std": std} for name, (gain, std) in learning.gains.items()},
+        "current": None
+        if learning.current is None
+        else {"velocity_ned": list(learning.current.velocity), "std": list(learning.current.std)},
         "scale_std": learning.vehicle.scale_std,
         "coefficients": {
             each.name: {

@@ -54,7 +54,7 @@ class JointFit:
         levels: as the data show them. likelihood: of the last pass's innovations. passes: how many were run.
         duration, rows: learned from. refused: share of each column's samples that lay beyond the gate (15,).
         whiteness: mean of innovation^2 / S per column (15,), 1 where noise and model are right.
-        looks: independent looks at the disturbance of each axis (6,).
+        looks: independent looks at the disturbance of each axis (6,). state: of the filter at the end of the pass.
 
     The deviations are those at a disturbance 1.8 deviations above its estimate: how little is known of it is in them.
     """
@@ -70,6 +70,7 @@ class JointFit:
     refused: Array
     whiteness: Array
     looks: Array
+    state: JointState
 
     @property
     def std(self) -> Array:
@@ -255,6 +256,7 @@ def _fit(free: FreeParameters, state: JointState, levels: Levels, passes: int) -
         refused=refused_share(state),
         whiteness=whiteness,
         looks=state.level[:, 3].copy(),
+        state=state,
     )
 
 

@@ -48,6 +48,7 @@ def save_learner(learner: JointLearner, path: str | os.PathLike[str]) -> None:
         "version": _VERSION,
         "vehicle": learner.vehicle.name,
         "asked": stream.asked,
+        "current": learner._current,
         "given_delay": stream.given_delay,
         "free": None if stream.free is None else stream.free.names,
         "looking": stream.looking,
@@ -113,7 +114,14 @@ def load_learner(
 def _restored(
     arrays: dict[str, Any], about: dict[str, Any], vehicle: Vehicle, prior: Vehicle | None, *, background: bool
 ) -> JointLearner:
-    learner = JointLearner(vehicle, free=about["asked"], delay=about["given_delay"], prior=prior, background=background)
+    learner = JointLearner(
+        vehicle,
+        free=about["asked"],
+        delay=about["given_delay"],
+        prior=prior,
+        background=background,
+        current=about["current"],
+    )
     stream = learner._stream
     stream.looking, stream._last_one = bool(about["looking"]), bool(about["last_one"])
     stream.seen, stream.mended = float(about["seen"]), int(about["mended"])

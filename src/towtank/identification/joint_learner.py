@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification.estimate import Estimate
+from towtank.identification.joint_current import Current, current_of
 from towtank.identification.joint_reading import nothing_yet, reading
 from towtank.identification.joint_start import prior_information
 from towtank.identification.joint_stream import JointStream
@@ -40,6 +41,7 @@ class JointLearner(Learner):
         delay: from input to force [s]; found where omitted and the inputs are commands.
         prior: a vehicle whose coefficients bear deviations: what is known beforehand.
         background: second looks run in a thread, so that no sample waits for one; `settle` waits for the last.
+        current: of the water, estimated along: where speed over ground or position, and heading, are measured.
         paper: further settings of the least squares that runs beside it.
 
     Raises:
@@ -55,13 +57,14 @@ class JointLearner(Learner):
         delay: float | None = None,
         prior: Vehicle | None = None,
         background: bool = False,
+        current: bool = False,
         **paper: Any,
     ) -> None:
         if method != "joint":
             raise InputError(f'method: found "{method}", expected "joint"')
         if delay is not None and not 0.0 <= delay < np.inf:
             raise InputError(f"delay: found {delay}, expected a number of seconds, 0 or more")
-        self.vehicle, self.method, self.prior = vehicle, method, prior
+        self.vehicle, self.method, self.prior, self._current = vehicle, method, prior, current
         self._asked = None if free is None else tuple(free)
         if self._asked is not None:
             free_parameters(vehicle, self._asked)  # names are right
@@ -72,7 +75,7 @@ class JointLearner(Learner):
         else:
             self._paper = PaperLearner(vehicle, delay=delay, **paper)
         self._stream = JointStream(
-            vehicle, self._asked, delay=delay, prior=prior, paper=self._paper, background=background
+            vehicle, self._asked, delay=delay, prior=prior, paper=self._paper, background=background, current=current
         )
         self._estimate: Estimate | None = None
 
@@ -168,6 +171,11 @@ class JointLearner(Learner):
             return {}
         std = np.sqrt(np.maximum(np.diag(state.P)[N_FIXED : N_FIXED + len(free)], 0.0))
         return learned_gains(self.vehicle, free, state.theta, std)
+
+    @property
+    def current(self) -> Current | None:
+        """Of the water, where it is estimated and something has been seen."""
+        return current_of(self._stream.state) if self._current and self._stream.state is not None else None
 
     @property
     def disturbance(self) -> Array:

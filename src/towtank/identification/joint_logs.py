@@ -13,10 +13,11 @@ from towtank.identification.drifting_attitude import drifting_attitude
 from towtank.identification.estimate import Estimate
 from towtank.identification.free_run_learning import learn_free_runs
 from towtank.identification.joint import JointFit, joint_passes, prior_deviation
+from towtank.identification.joint_current import current_of, suspected_current
 from towtank.identification.joint_estimate import assemble, judge
-from towtank.identification.joint_start import rows_rough, size_of, start_levels, start_theta, tuning_for
+from towtank.identification.joint_start import levels_of, size_of, start_theta, tuning_for
 from towtank.identification.learned_thrusters import learned_gains, with_thrusters
-from towtank.identification.log_learning import Levels, LogLearning
+from towtank.identification.log_learning import LogLearning
 from towtank.identification.paper_logs import learn_paper
 from towtank.identification.parameters import DELAY, GAIN_PREFIX, LAG, FreeParameters, free_parameters
 from towtank.identification.passes import Progress
@@ -39,6 +40,7 @@ def learn_joint(
     delay: float | None = None,
     longest_delay: float = 0.4,
     prior: Vehicle | None = None,
+    current: bool = False,
     refine: str = "where better",
     progress: Progress | None = None,
 ) -> LogLearning:
@@ -66,9 +68,9 @@ def learn_joint(
     if LAG in wanted:
         found_delay = max(0.0, found_delay - lag)
     theta = start_theta(vehicle, known, parameters, delay=found_delay, lag=lag)
-    levels = _levels(recordings, samples, vehicle)
+    levels = levels_of(recordings, samples, vehicle)
     own_noise = levels.noise  # the filter's may hold what its model lacks
-    tuning = tuning_for(vehicle)
+    tuning = replace(tuning_for(vehicle), current=current)
     unidentified: dict[str, str] = dict(held)
     zeroed = [name for name in held if first.model.coefficient(name) == 0.0]
     base = vehicle.with_coefficients(dict.fromkeys(zeroed, 0.0))  # what is held is held where the result has it
@@ -112,23 +114,39 @@ def learn_joint(
         parameters = parameters.subset(keep)
         levels = fit.levels
     told("free runs", 0.7)
-    method, remarks = "joint", []
-    second = learn_free_runs(
-        vehicle,
-        base,
-        samples,
-        parameters,
-        _starts(vehicle, parameters, fit.theta, wanted if asked is None else parameters.names, known, found_delay),
-        own_noise,
-        [drifting_attitude(g, s, each.t) for g, s, each in zip(first.grids, first.sources, samples, strict=True)],
-        (first.model, first.delay),
-        delay=found_delay,
-        prior=lambda chosen: _prior(prior, chosen),
-        terms=asked is None,
-        find_lag=asked is None and delay is None and _may_lag(samples),
-        always=refine == "always",
-        speeds=_speeds(first),
-        told=lambda share: told("free runs", 0.7 + 0.25 * share),
+    method, remarks, water = "joint", [], None
+    doubts: tuple[str, ...] = ()
+    if current:
+        water = current_of(fit.state)
+        remarks.append(f"the water flows: {water.said}, at the end of the last recording")
+    else:
+        deviation = prior_deviation(parameters, scale)
+        flow = suspected_current(samples, kernel, fit, deviation, tuning, delay=found_delay, prior=information)
+        if flow is not None:
+            doubts = (
+                f"a water current of {flow.said} would explain these recordings far better than water at rest, and "
+                "drag is off without it; learn it along: --current",
+            )
+    second = (
+        None
+        if current
+        else learn_free_runs(
+            vehicle,
+            base,
+            samples,
+            parameters,
+            _starts(vehicle, parameters, fit.theta, wanted if asked is None else parameters.names, known, found_delay),
+            own_noise,
+            [drifting_attitude(g, s, each.t) for g, s, each in zip(first.grids, first.sources, samples, strict=True)],
+            (first.model, first.delay),
+            delay=found_delay,
+            prior=lambda chosen: _prior(prior, chosen),
+            terms=asked is None,
+            find_lag=asked is None and delay is None and _may_lag(samples),
+            always=refine == "always",
+            speeds=_speeds(first),
+            told=lambda share: told("free runs", 0.7 + 0.25 * share),
+        )
     )
     if second is not None:
         remarks.append(second.said)
@@ -160,7 +178,8 @@ def learn_joint(
         fit.rows,
     )
     learned = _learned(vehicle, first, assembled.estimate, assembled.remarks, parameters, fit, found_delay, method)
-    return replace(learned, remarks=(*learned.remarks, *remarks))
+    warnings = (*learned.warnings, *doubts)
+    return replace(learned, current=water, warnings=warnings, remarks=(*learned.remarks, *remarks))
 
 
 def _starts(
@@ -215,12 +234,6 @@ def _known_start(vehicle: Vehicle, first: LogLearning) -> Vehicle:
         if learned.identified:
             changes[learned.name] = learned.value
     return vehicle.with_coefficients(changes) if changes else vehicle
-
-
-def _levels(recordings: Sequence[Recording], samples: Sequence[Samples], vehicle: Vehicle) -> Levels:
-    each = [start_levels(recording, vehicle) for recording in recordings]
-    rough = np.fmax.reduce([rows_rough(one.t, one.values) for one in samples], axis=0)
-    return Levels(np.median([level.noise for level in each], axis=0), each[0].sigma, rough)
 
 
 def _prior(prior: Vehicle | None, free: FreeParameters) -> tuple[Array, Array] | None:

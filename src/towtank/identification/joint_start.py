@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -11,11 +12,13 @@ from towtank.identification.joint_state import Tuning
 from towtank.identification.log_learning import Levels
 from towtank.identification.noise import noise_level, noise_levels
 from towtank.identification.parameters import LINEAR, LOG, MASS, NEGATIVE_LOG, PLAIN, QUADRATIC, FreeParameters
+from towtank.identification.samples import Samples
 from towtank.recording import Recording
 from towtank.recording.standard import EULER, MOTION, QUATERNION
 from towtank.vehicle import COEFFICIENTS, Vehicle
 
 __all__ = [
+    "levels_of",
     "prior_information",
     "rows_noise",
     "rows_rough",
@@ -54,6 +57,13 @@ def start_levels(recording: Recording, vehicle: Vehicle) -> Levels:
         if level is not None and np.isfinite(level.std) and level.std > 0.0 and not level.dead:
             noise[j] = max(level.of_each(_rate(recording, name)), level.quantum / math.sqrt(12.0), float(_LEAST[j]))
     return Levels(noise, usual_disturbance(vehicle))
+
+
+def levels_of(recordings: Sequence[Recording], samples: Sequence[Samples], vehicle: Vehicle) -> Levels:
+    """Return the levels that several recordings start with: their usual noise, the largest roughness."""
+    each = [start_levels(recording, vehicle) for recording in recordings]
+    rough = np.fmax.reduce([rows_rough(one.t, one.values) for one in samples], axis=0)
+    return Levels(np.median([level.noise for level in each], axis=0), each[0].sigma, rough)
 
 
 def rows_noise(t: Array, values: Array) -> Array:

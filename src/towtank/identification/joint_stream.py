@@ -10,6 +10,8 @@ calls for the next one. Later the filter goes on alone, its anchor following the
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from towtank.core.arrays import Array
@@ -61,6 +63,7 @@ class JointStream:
         delay: of the inputs [s] where it is given. prior: a vehicle whose coefficients bear deviations.
         paper: the least squares that runs beside it, fed by the caller while `looking`.
         background: looks run beside the stream, in a thread; the stream does not wait for them.
+        current: of the water, estimated along.
     """
 
     def __init__(
@@ -72,6 +75,7 @@ class JointStream:
         prior: Vehicle | None,
         paper: PaperLearner | None,
         background: bool = False,
+        current: bool = False,
     ) -> None:
         self._beside = Beside() if background else None
         self.vehicle, self.asked, self.prior, self.paper = vehicle, asked, prior, paper
@@ -83,7 +87,7 @@ class JointStream:
         self.state: JointState | None = None
         self.levels = Levels(np.full(N_MEASURED, 1e-3), usual_disturbance(vehicle), np.full(6, np.nan))
         self.mended = 0
-        self._tuning = tuning_for(vehicle)
+        self._tuning = replace(tuning_for(vehicle), current=current)
         self._buffer: Buffer | None = None
         self._early: list[tuple[float, Array]] = []
         self._held: HeldInput | None = None

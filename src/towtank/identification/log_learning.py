@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from towtank.identification.delay import DelayScan
 from towtank.identification.estimate import Estimate
 from towtank.recording import Grid
 from towtank.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from towtank.identification.joint_current import Current
 
 __all__ = ["Levels", "LogLearning"]
 
@@ -40,7 +44,8 @@ class LogLearning:
         delay_scan: how the delay was found, None where it was given. grids: the recordings as they were used.
         sources: where velocity and attitude came from, per recording. warnings: in plain words.
         method: that the coefficients come from. delay_std: [s], NaN where given. lag, lag_std: time constant of the
-            thrusters, NaN where it was not free. gains: of thrusters where they were free, value and deviation.
+            thrusters, NaN where it was not free. current: of the water, where it was estimated.
+        gains: of thrusters where they were free, value and deviation.
         remarks: how it was learned, in plain words.
     """
 
@@ -57,5 +62,6 @@ class LogLearning:
     lag: float = math.nan
     lag_std: float = math.nan
     levels: Levels | None = None
+    current: Current | None = None
     gains: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()

@@ -32,6 +32,7 @@ def learn_recordings(
     delay: float | None = None,
     longest_delay: float = 0.4,
     prior: Vehicle | None = None,
+    current: bool = False,
     progress: Progress | None = None,
 ) -> LogLearning:
     """Learn a vehicle's coefficients from one or several recordings.
@@ -46,6 +47,8 @@ def learn_recordings(
         free: names of the coefficients to learn, see `Learner`.
         delay: from command (or recorded wrench) to force [s]; found, up to `longest_delay`, where omitted.
         prior: a vehicle whose coefficients bear deviations: what is known beforehand. Not for "paper".
+        current: of the water, estimated along; free runs, which know none, then judge nothing. Not for "paper" and
+            "output-error".
         progress: called with a text and the share done, 0 .. 1.
 
     Raises:
@@ -55,6 +58,8 @@ def learn_recordings(
         raise InputError(f'method: found "{method}", expected one of {", ".join(METHODS)}{nearest(method, METHODS)}')
     if method == "paper" and prior is not None:
         raise InputError("prior: the paper's method takes none; use method joint or output-error")
+    if method != "joint" and current:
+        raise InputError(f"current: method {method} knows none; use method joint")
     recordings = [with_body_velocity(recording) for recording in recordings]
     vehicle, said = _right_way_round(vehicle, recordings, free)
     if method == "paper":
@@ -69,6 +74,7 @@ def learn_recordings(
             delay=delay,
             longest_delay=longest_delay,
             prior=prior,
+            current=current,
             refine="always" if method == "output-error" else "where better",
             progress=progress,
         )

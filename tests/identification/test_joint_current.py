@@ -1,0 +1,69 @@
+"""Water that flows: it is noticed, and learned along it costs nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from towtank.errors import InputError
+from towtank.identification import Learner, LogLearning, learn_recordings
+from towtank.recording import Recording
+from towtank.simulation import Ins, OrnsteinUhlenbeck, manoeuvre, simulate
+from towtank.vehicle import load_vehicle
+
+TRUTH = load_vehicle("vlbv300")
+FREE = ("X_udot", "Y_vdot", "N_rdot", "X_uu", "Y_vv", "N_rr")
+WATER = (0.15, -0.1, 0.0)
+
+
+def _dive(current: tuple[float, float, float], seed: int = 1) -> Recording:
+    commands = manoeuvre("all-multisine", TRUTH, duration=30.0, dt=0.01).commands
+    push = OrnsteinUhlenbeck(std=(0.25, 0.25, 0.25, 0.02, 0.02, 0.02), time_constant=2.0)
+    return simulate(TRUTH, commands=commands, dt=0.01, sensors=Ins(), seed=seed, current=current, disturbance=push)
+
+
+@pytest.fixture(scope="module")
+def flowing() -> Recording:
+    return _dive(WATER)
+
+
+@pytest.fixture(scope="module")
+def along(flowing: Recording) -> LogLearning:
+    return learn_recordings(TRUTH, [flowing], free=FREE, delay=0.0, current=True)
+
+
+def test_the_current_is_found_and_the_drag_is_right(along: LogLearning) -> None:
+    assert along.current is not None
+    assert along.current.velocity == pytest.approx(WATER, abs=0.006)
+    assert (np.abs(along.current.velocity - WATER) < 4.0 * along.current.std).all()
+    for name in ("X_uu", "Y_vv"):
+        found = along.estimate[name]
+        assert found.value == pytest.approx(TRUTH.coefficient(name), rel=0.05)
+        assert abs(found.value - TRUTH.coefficient(name)) < 3.5 * found.std
+    assert along.method == "joint"
+
+
+def test_a_current_that_nobody_asked_for_is_told(flowing: Recording, along: LogLearning) -> None:
+    learning = learn_recordings(TRUTH, [flowing], free=FREE, delay=0.0)
+    [told] = [line for line in learning.warnings if "water current" in line]
+    assert "towards 32" in told or "towards 33" in told
+    assert learning.estimate["X_uu"].std > 3.0 * along.estimate["X_uu"].std  # a disturbance must be made of it
+
+
+def test_still_water_is_left_in_peace() -> None:
+    learning = learn_recordings(TRUTH, [_dive((0.0, 0.0, 0.0), seed=2)], free=FREE, delay=0.0)
+    assert learning.current is None
+    assert not any("current" in line for line in learning.warnings)
+
+
+def test_a_stream_learns_it_along(flowing: Recording) -> None:
+    learner = Learner(TRUTH, free=FREE, delay=0.0, current=True)
+    learner.run(flowing)
+    assert learner.current is not None  # type: ignore[attr-defined]
+    assert learner.current.velocity == pytest.approx(WATER, abs=0.01)  # type: ignore[attr-defined]
+    assert learner.estimate["X_uu"].value == pytest.approx(TRUTH.coefficient("X_uu"), rel=0.08)
+
+
+def test_other_methods_know_none(flowing: Recording) -> None:
+    with pytest.raises(InputError, match="knows none"):
+        learn_recordings(TRUTH, [flowing], method="paper", current=True)
