@@ -13,7 +13,7 @@ from towtank.errors import InputError, nearest
 
 if TYPE_CHECKING:
     from towtank.identification import LogLearning
-    from towtank.recording import Recording
+    from towtank.recording import Grid
     from towtank.vehicle import Vehicle
 
 __all__ = ["learn"]
@@ -114,7 +114,7 @@ def learn(
         )
         model = _with_provenance(learning, logs, prior)
         tell("predicting", 0.9)
-        fit, unfit = _fit(model, recordings)
+        fit, unfit = _fit(model, learning.grids)
         if model_file is not None:
             save_vehicle(model, model_file)
     warnings = [*output.warnings, *learning_warnings(learning, recordings), *unfit]
@@ -127,12 +127,12 @@ def learn(
     output.document({"vehicle": known.name, "logs": logs, "prior": prior, **learn_document(learning, fit, warnings)})
 
 
-def _fit(model: Vehicle, recordings: Sequence[Recording]) -> tuple[dict[str, float | None], list[str]]:
+def _fit(model: Vehicle, grids: Sequence[Grid]) -> tuple[dict[str, float | None], list[str]]:
     """Return the fit [%] of the model on the logs; where they do not allow a prediction, a warning instead."""
-    from towtank.validation import validate
+    from towtank.validation import predict, score
 
     try:
-        return validate(model, recordings).fit, []
+        return score([predict(model, grid) for grid in grids]).fit, []
     except InputError as error:
         return {}, [f"no fit: {error}"]
 

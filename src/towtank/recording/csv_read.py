@@ -79,9 +79,12 @@ def _read_numbers(path: Path, names: Sequence[str], wanted: Sequence[str]) -> di
         )
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
         return read_slowly(path, names, wanted)
-    return {name: _to_numpy(table.column(keys[i])) for name, i in zip(wanted, indices, strict=True)}
+    numbers = {name: _to_numpy(table.column(keys[i])) for name, i in zip(wanted, indices, strict=True)}
+    del table
+    pa.default_memory_pool().release_unused()
+    return numbers
 
 
 def _to_numpy(column: pa.ChunkedArray) -> Array:
-    values: Array = np.asarray(column.to_numpy(), dtype=np.float64)
+    values: Array = np.array(column.to_numpy(), dtype=np.float64)
     return values

@@ -85,10 +85,13 @@ def _read_numbers(path: Path, schema: pa.Schema, wanted: Sequence[str]) -> dict[
         table = arrow_parquet.read_table(path, columns=list(wanted))
     except (pa.ArrowInvalid, OSError) as error:
         raise InputError(f"{path}: the file is damaged ({_first_line(error)})") from error
-    return {
-        name: np.asarray(table.column(name).cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
+    numbers = {
+        name: np.array(table.column(name).cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
         for name in wanted
     }
+    del table
+    pa.default_memory_pool().release_unused()  # as much again as the recording
+    return numbers
 
 
 def _unit(field: pa.Field) -> tuple[str, str]:
