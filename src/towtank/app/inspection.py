@@ -117,7 +117,7 @@ def inspect_recording(log: str, recording: Recording, vehicle: Vehicle | None, t
         InputError: fewer than 4 samples, or thrusters that the vehicle lacks.
     """
     facts, noise = channel_facts(recording), noise_levels(recording)
-    if not any(name in (*MOTION, *QUATERNION, *WORLD_VELOCITY) for name in recording):
+    if recording.contents and not any(name in (*MOTION, *QUATERNION, *WORLD_VELOCITY) for name in recording):
         reason = "no motion recorded: neither pose nor velocity, rates or specific force"
         axes = {axis.name: _no(axis.velocity, "absent", reason) for axis in AXES}
         return Inspection(log, recording, None, facts, noise, None, None, None, axes, [])
