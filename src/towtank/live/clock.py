@@ -17,7 +17,7 @@ _BLOCKS = 30
 _FEWEST = 8  # blocks that tell a drift
 _FASTEST_DRIFT = 1e-3
 _SLEW = 1e-3  # s per s by which the offset follows what is found, after the first second
-_STRANGE = 10.0  # s by which a stamp is off that is not believed,
+_LATE, _EARLY = 10.0, 0.25  # s by which a stamp is off that is not believed,
 _CONVINCED = 20  # unless so many follow each other: then the source's clock was set anew
 
 
@@ -55,7 +55,7 @@ class SourceClock:
             return math.nan
         if self._first is None:
             self._begin(t, late)
-        elif abs(late - self.offset) > _STRANGE:
+        elif not -_EARLY <= late - self.offset <= _LATE:
             self.strange += 1
             self._in_a_row += 1
             if self._in_a_row < _CONVINCED:

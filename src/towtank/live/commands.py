@@ -10,7 +10,7 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["CommandNames"]
 
-_MOST = 20
+_MOST, _LONGEST = 20, 60  # names that are told, and their characters
 
 
 class CommandNames:
@@ -43,5 +43,5 @@ class CommandNames:
     def _own(self, name: str) -> str:
         found = self._known.get(name, "") if is_command(name) and not self._any else name if is_standard(name) else ""
         if not found and len(self.foreign) < _MOST:
-            self.foreign.setdefault(name)
+            self.foreign.setdefault(ascii(name[:_LONGEST])[1:-1])  # it will stand on a terminal
         return found

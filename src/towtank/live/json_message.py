@@ -16,6 +16,7 @@ __all__ = ["JsonMessages"]
 
 _MOST_UNKNOWN = 100  # keys that are told apart
 _LONGEST_KEY = 60
+_LARGEST = 1e9  # no quantity of a vehicle is larger, in SI
 _STEP = re.compile(r"\[(\d+)\]")
 _FRAMES = {"body": ("FRD", "FLU"), "world": ("NED", "ENU")}
 
@@ -97,8 +98,8 @@ class JsonMessages:
     def _put(self, found: dict[str, float], name: str, value: Any) -> None:
         """Take a value; null is "not measured"."""
         number = _number(value)
-        if value is not None and not math.isfinite(number):
-            self._refuse(f'"{name[:_LONGEST_KEY]}" is not a number')
+        if value is not None and not abs(number) <= _LARGEST:
+            self._refuse(f'"{ascii(name[:_LONGEST_KEY])[1:-1]}" is not a number that can be')
         elif value is not None:
             found[name] = number
 
@@ -120,7 +121,7 @@ class JsonMessages:
         return body, world
 
     def _unknown(self, key: str) -> None:
-        key = key[:_LONGEST_KEY]
+        key = ascii(key[:_LONGEST_KEY])[1:-1]  # it will stand on a terminal
         if key not in self.unknown and len(self.unknown) >= _MOST_UNKNOWN:
             key = "..."
         self.unknown[key] = self.unknown.get(key, 0) + 1

@@ -6,7 +6,7 @@ import contextlib
 import math
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from towtank.identification import Learner
@@ -214,7 +214,7 @@ class Session:
             found.append(f"learning could not keep up: {self._lane.dropped} samples passed over (they are recorded)")
         for (text, _), names in zip(self._sources, self._commands, strict=True):
             if names.foreign:
-                found.append(f"{text}: the vehicle has no thruster for {', '.join(names.foreign)}; passed over")
+                found.append(f"{text}: the vehicle has no thruster for {_listed(names.foreign)}; passed over")
         return tuple(found)
 
     def _follow(self, rank: int) -> None:
@@ -283,6 +283,11 @@ class Session:
         if status.dropped:
             notes.append(f"{status.dropped} samples were passed over in learning, {status.gaps} times")
         return notes
+
+
+def _listed(names: Iterable[str], most: int = 5) -> str:
+    found = list(names)
+    return ", ".join(found[:most]) + (f" and {len(found) - most} more" if len(found) > most else "")
 
 
 def _is(source: Source, what: str) -> bool:
