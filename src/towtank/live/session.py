@@ -128,7 +128,7 @@ class Session:
         )
         self._stop = threading.Event()
         self._began = time.monotonic()
-        self._first = math.inf
+        self._first = self._longest = math.inf
         self._threads = [
             threading.Thread(target=self._follow, args=(rank,), name=f"link {text}", daemon=True)
             for rank, (text, _) in enumerate(self._sources)
@@ -161,6 +161,7 @@ class Session:
             show: called every `period` [s] of the clock with how things stand.
         """
         self._began = time.monotonic()
+        self._longest = math.inf if seconds is None or not self._patient else seconds
         self.learning.start()
         if self._recorder is not None:
             self._recorder.start()
@@ -237,8 +238,10 @@ class Session:
                     if t == t and sample.names:
                         waited = min(max(now - sample.received, 0.0), 1.0)
                         arrivals.append(Arrival(t - self._epoch, came - waited, rank, sample))
-                self._hand_over(rank, arrivals, raw, patient=patient)
-                if not items and source.state().ended:
+                self._first = min(self._first, *(each.t for each in arrivals), math.inf)
+                within = [each for each in arrivals if each.t <= self._first + self._longest]
+                self._hand_over(rank, within, raw, patient=patient)
+                if len(within) < len(arrivals) or (not items and source.state().ended):
                     break
         except Exception as error:  # one link that fails does not end the others
             self._faults[rank] = f"{text}: the link has failed ({type(error).__name__}: {' '.join(str(error).split())})"
@@ -249,8 +252,7 @@ class Session:
         if self._recorder is not None:
             self._recorder.put(arrivals, raw)
         if arrivals:
-            times = [arrival.t for arrival in arrivals]
-            self._first, self._newest = min(self._first, min(times)), max(self._newest, max(times))
+            self._newest = max(self._newest, *(each.t for each in arrivals), -math.inf)
             self._lane.put(arrivals, patient=patient)
 
     def _finish(self, stop: threading.Event) -> None:
