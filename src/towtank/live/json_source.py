@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import select
 import socket
@@ -46,14 +47,14 @@ class JsonSource:
         self._input = -1
         self._rest = b""
         self._ended = False
-        self.keeps_time = self.patient = False
+        self._shift = math.nan
+        self.keeps_time = self.patient = self._address is None and _is_file()
 
     def open(self) -> None:
         """Begin to listen. Raises InputError."""
         if self._address is None:
             try:
                 self._input = sys.stdin.fileno()
-                self.keeps_time = self.patient = stat.S_ISREG(os.fstat(self._input).st_mode)
             except (OSError, ValueError, AttributeError) as error:
                 raise InputError(f'source "-": there is no standard input ({error})') from None
             return
@@ -144,7 +145,22 @@ class JsonSource:
                 decoded = self._messages.decode(line)
                 if decoded is not None:
                     self._rates.add(self._topic)
-                    out.append(Sample(self.name, self._topic, decoded[0], received, decoded[1], decoded[2]))
+                    t = self._from_now(decoded[0], received) if self.keeps_time else decoded[0]
+                    out.append(Sample(self.name, self._topic, t, received, decoded[1], decoded[2]))
         if data:
             kept = data if self._messages.bad == before else data[:_KEPT]
             out.append(Raw(self.name, self._topic, received, kept))
+
+    def _from_now(self, t: float, received: float) -> float:
+        """Return a time of a file as if its first sample were of now."""
+        if math.isnan(self._shift):
+            self._shift = received - t
+        return t + self._shift
+
+
+def _is_file() -> bool:
+    """Whether standard input is a file, which can wait, and not a pipe or a terminal."""
+    try:
+        return stat.S_ISREG(os.fstat(sys.stdin.fileno()).st_mode)
+    except (OSError, ValueError, AttributeError):
+        return False
