@@ -27,8 +27,9 @@ from pathlib import Path
 from towtank import load_vehicle
 from towtank.live.json_source import JsonSource
 from towtank.live.recorded import rows_of
-from towtank.live.session import Session, Status
+from towtank.live.session import Session
 from towtank.live.source import Raw, Sample, SourceState
+from towtank.live.status import Status
 from towtank.live.warm_up import new_learner
 from towtank.outputs import write_text
 from towtank.simulation import Mocap, manoeuvre, simulate

@@ -10,7 +10,7 @@ from towtank.app.learn_report import estimate_document
 from towtank.app.live_table import coefficient_rows, link_lines, measures
 from towtank.app.output import Output
 from towtank.identification import Learner
-from towtank.live.session import Status
+from towtank.live.status import Status
 from towtank.recording import STANDARD
 from towtank.recording.standard import VELOCITIES, WRENCH
 from towtank.vehicle import Vehicle

@@ -22,7 +22,8 @@ from towtank.errors import InputError
 from towtank.identification import Learner
 from towtank.live.checkpoint import Checkpoint
 from towtank.live.resume import Earlier, earlier
-from towtank.live.session import Session, Status
+from towtank.live.session import Session
+from towtank.live.status import Status
 from towtank.live.urls import open_source
 from towtank.live.warm_up import new_learner, warm_up
 from towtank.recording import load_mapping

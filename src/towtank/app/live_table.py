@@ -6,7 +6,7 @@ import math
 
 from towtank.app.digits import measured, short
 from towtank.live.learning import Learnt
-from towtank.live.session import SourceStatus, Status
+from towtank.live.status import SourceStatus, Status
 
 __all__ = ["clock", "coefficient_rows", "estimate_text", "link_lines", "measures"]
 

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from towtank.app.live_table import clock, coefficient_rows, link_lines, measures
 from towtank.app.output import Output
-from towtank.live.session import Status
+from towtank.live.status import Status
 from towtank.vehicle import Vehicle
 
 __all__ = ["LiveView"]

@@ -24,6 +24,9 @@ _CONVINCED = 20  # unless so many follow each other: then the source's clock was
 class SourceClock:
     """Turns the stamps of one source into our times.
 
+    In the first second the offset falls with every quicker message, so that stamps had better wait until it has
+    `settled`; later it moves by a millisecond a second at most, and no instant jumps against its neighbour.
+
     Attributes:
         offset: ours less the source's clock [s], as applied last; NaN before the first stamp.
         drift: by which ours gains on the source's [s/s].
@@ -38,34 +41,38 @@ class SourceClock:
         self._in_a_row = 0
         self._forget()
 
-    def ours(self, t: float, received: float) -> float:
-        """Return the instant of a stamp t [s] on our clock; NaN where the stamp cannot be believed.
+    @property
+    def settled(self) -> bool:
+        """Whether the offset is known well enough to be followed slowly from here on."""
+        return self._first is None or self._last - self._first > _BLOCK
 
-        Args:
-            t: the source's stamp, NaN where it has none: then it is the time of receipt.
-            received: our time of receipt [s].
-        """
-        if t != t:
-            return received
-        if self._keeps_time:
-            return t
+    def believes(self, t: float, received: float) -> bool:
+        """Take the stamp t [s] of what was received at `received` [s, ours]; return whether it can be believed."""
+        if t != t or self._keeps_time:
+            return True
         late = received - t
         if not math.isfinite(late):
             self.strange += 1
-            return math.nan
+            return False
         if self._first is None:
             self._begin(t, late)
         elif not -_EARLY <= late - self.offset <= _LATE:
             self.strange += 1
             self._in_a_row += 1
             if self._in_a_row < _CONVINCED:
-                return math.nan
+                return False
             self.restarts += 1
             self._forget()
             self._begin(t, late)
         self._in_a_row = 0
         self._see(t, late)
-        return t + self.offset
+        return True
+
+    def ours(self, t: float, received: float) -> float:
+        """Return the instant of a stamp t [s] on our clock: that of receipt where there is no stamp."""
+        if t != t:
+            return received
+        return t if self._keeps_time else t + self.offset
 
     def _forget(self) -> None:
         self._first: float | None = None

@@ -43,6 +43,7 @@ class Recorder:
         self._waiting = self._lost = self._count = 0  # bytes, items, items
         self._changed = threading.Condition()
         self._closing = False
+        self._fault = ""
         self._places: dict[tuple[str, str], dict[str, str]] = {}  # source, topic -> channel -> name in the log
         self._columns: dict[str, tuple[str, ...]] = dict(log.sources)
         for name, columns in self._columns.items():
@@ -72,7 +73,7 @@ class Recorder:
     def state(self) -> RecordingState:
         """Return how it fares."""
         log = self._log
-        return RecordingState(log.path, log.size, self._count, self._lost + log.lost, log.trouble)
+        return RecordingState(log.path, log.size, self._count, self._lost + log.lost, log.trouble or self._fault)
 
     def close(self, notes: Sequence[str] = ()) -> None:
         """Write what waits, and end the file."""
@@ -93,11 +94,18 @@ class Recorder:
                 if self._closing and not items:
                     return
             for item in items:
-                if isinstance(item, Arrival):
-                    self._sample(item)
-                else:
-                    self._log.write_raw(f"{item[1].source}/{item[1].topic.strip('/')}", item[0], item[1].data)
+                try:
+                    self._write(item)
+                except Exception as error:  # one sample that cannot be written does not end the recording
+                    self._lost += 1
+                    self._fault = f"{type(error).__name__}: {' '.join(str(error).split())}"
             self._log.flush_if_due()
+
+    def _write(self, item: Arrival | tuple[float, Raw]) -> None:
+        if isinstance(item, Arrival):
+            self._sample(item)
+        else:
+            self._log.write_raw(f"{item[1].source}/{item[1].topic.strip('/')}", item[0], item[1].data)
 
     def _sample(self, arrival: Arrival) -> None:
         sample = arrival.sample

@@ -7,76 +7,26 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 
 from towtank.identification import Learner
 from towtank.live.checkpoint import Checkpoint
 from towtank.live.clock import SourceClock
 from towtank.live.commands import CommandNames
 from towtank.live.lane import Lane
-from towtank.live.learning import Learning, Learnt
+from towtank.live.learning import Learning
 from towtank.live.recorder import Recorder, RecordingState
 from towtank.live.sorter import Arrival, Sorter
-from towtank.live.source import Raw, Source, SourceState
+from towtank.live.source import Raw, Sample, Source
+from towtank.live.status import SourceStatus, Status
 from towtank.recording.mcap_log import McapLog
 from towtank.vehicle import Vehicle
 
-__all__ = ["Session", "SourceStatus", "Status"]
+__all__ = ["Session"]
 
 _READ = 0.1  # s for which a link is waited for
+_SETTLING = 1.5  # s that samples wait at most for their source's clock
 _ROOM = 20_000  # samples that wait to be learned from
 _ENOUGH = 30.0  # s that are waited for what is left to learn from at the end
-
-
-@dataclass(frozen=True)
-class SourceStatus:
-    """How one link fares.
-
-    Attributes:
-        text: as it was named. state: its own account. samples: that came from it.
-        strange: stamps that were not believed. offset: our clock less its own [s]. drift: [s/s].
-    """
-
-    text: str
-    state: SourceState
-    samples: int
-    strange: int
-    offset: float
-    drift: float
-
-
-@dataclass(frozen=True)
-class Status:
-    """Where a session stands.
-
-    Attributes:
-        elapsed: since it began [s]. learnt: by now.
-        sources: how each link fares. recording: None where there is none.
-        dropped: samples passed over because learning could not keep up. gaps: how often that began.
-        late: samples that came after later ones had been learned from. waiting: samples to be learned from.
-        doubled: channels that several links measure. warnings: what a person had better know.
-    """
-
-    elapsed: float
-    learnt: Learnt
-    sources: tuple[SourceStatus, ...]
-    recording: RecordingState | None
-    dropped: int
-    gaps: int
-    late: int
-    waiting: int
-    doubled: tuple[str, ...]
-    warnings: tuple[str, ...]
-
-    @property
-    def bad(self) -> int:
-        """Datagrams and messages that could not be decoded, and stamps that were not believed."""
-        return sum(each.state.bad + each.strange for each in self.sources)
-
-    @property
-    def samples(self) -> int:
-        """Samples of all links."""
-        return sum(each.samples for each in self.sources)
 
 
 class Session:
@@ -222,38 +172,51 @@ class Session:
         """Read one link until the session ends or it does."""
         text, source = self._sources[rank]
         clock, commands = self._clocks[rank], self._commands[rank]
-        patient = _is(source, "patient")
+        early: list[tuple[Sample, float]] = []  # until the clock has settled
+        since = math.inf
         try:
-            while not self._stop.is_set():
+            ended = False
+            while not (ended or self._stop.is_set()):
                 items = source.read(_READ)
                 came, now = time.monotonic(), time.time()
-                arrivals: list[Arrival] = []
-                raw: list[tuple[float, Raw]] = []
+                raw = [(item.received - self._epoch, item) for item in items if isinstance(item, Raw)]
                 for item in items:
-                    if isinstance(item, Raw):
-                        raw.append((item.received - self._epoch, item))
-                        continue
-                    t = clock.ours(item.t, item.received)
-                    sample = commands.bound(item)
-                    if t == t and sample.names:
-                        waited = min(max(now - sample.received, 0.0), 1.0)
-                        arrivals.append(Arrival(t - self._epoch, came - waited, rank, sample))
-                self._first = min(self._first, *(each.t for each in arrivals), math.inf)
-                within = [each for each in arrivals if each.t <= self._first + self._longest]
-                self._hand_over(rank, within, raw, patient=patient)
-                if len(within) < len(arrivals) or (not items and source.state().ended):
-                    break
+                    if not isinstance(item, Raw) and clock.believes(item.t, item.received):
+                        early.append((commands.bound(item), came - min(max(now - item.received, 0.0), 1.0)))
+                ended = not items and source.state().ended
+                since = min(since, came) if early else math.inf
+                waits = not clock.settled and came - since < _SETTLING
+                if waits and not ended and not self._stop.is_set():
+                    self._hand_over(rank, [], raw)
+                    continue
+                held = since < came
+                samples = [(sample, came if held else moment) for sample, moment in early if sample.names]
+                early, since = [], math.inf
+                ended = not self._hand_over(rank, self._placed(rank, samples), raw) or ended
+            self._hand_over(rank, self._placed(rank, early), [])
         except Exception as error:  # one link that fails does not end the others
             self._faults[rank] = f"{text}: the link has failed ({type(error).__name__}: {' '.join(str(error).split())})"
         self._lane.ended(rank)
 
-    def _hand_over(self, rank: int, arrivals: list[Arrival], raw: list[tuple[float, Raw]], *, patient: bool) -> None:
-        self._counts[rank] += len(arrivals)
+    def _placed(self, rank: int, samples: Sequence[tuple[Sample, float]]) -> list[Arrival]:
+        """Return samples, each with the moment it came, on the session's clock."""
+        clock = self._clocks[rank]
+        return [
+            Arrival(clock.ours(sample.t, sample.received) - self._epoch, moment, rank, sample)
+            for sample, moment in samples
+        ]
+
+    def _hand_over(self, rank: int, arrivals: list[Arrival], raw: list[tuple[float, Raw]]) -> bool:
+        """Give samples to the recording and to the learner; return whether the session goes on after them."""
+        self._first = min(self._first, *(each.t for each in arrivals), math.inf)
+        within = [each for each in arrivals if each.t <= self._first + self._longest]
+        self._counts[rank] += len(within)
         if self._recorder is not None:
-            self._recorder.put(arrivals, raw)
-        if arrivals:
-            self._newest = max(self._newest, *(each.t for each in arrivals), -math.inf)
-            self._lane.put(arrivals, patient=patient)
+            self._recorder.put(within, raw)
+        if within:
+            self._newest = max(self._newest, *(each.t for each in within), -math.inf)
+            self._lane.put(within, patient=_is(self._sources[rank][1], "patient"))
+        return len(within) == len(arrivals)
 
     def _finish(self, stop: threading.Event) -> None:
         self._stop.set()

@@ -188,7 +188,7 @@ class McapLog:
             OSError: the disk does not take it.
         """
         names = [each.name for each in quantities]
-        if name in self._sources or name in self._raw:
+        if name in self._sources:
             raise InputError(f'{self.path}: source "{name}" is announced twice')
         if not names or len(set(names)) < len(names):
             raise InputError(
