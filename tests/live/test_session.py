@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
+import os
 import socket
 import threading
 import time
@@ -173,6 +175,42 @@ def test_a_learner_that_fails_does_not_end_the_recording(vehicle: Vehicle, run: 
     assert len(read(tmp_path / "a.mcap")["x"]) == len(every)
 
 
+def test_a_full_disk_costs_samples_of_the_recording_and_is_said(
+    vehicle: Vehicle, run: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full = threading.Event()
+    write = os.write
+
+    def written(descriptor: int, data: Any) -> int:
+        if full.is_set():
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(descriptor, data)
+
+    every = samples(run)
+    log = McapLog.open(tmp_path / "a.mcap", interval=0.05)
+    told: list[str] = []
+
+    def stream() -> Iterator[list[Sample]]:
+        monkeypatch.setattr("towtank.recording.mcap_log.os.write", written)
+        yield every[:400]
+        time.sleep(0.3)
+        full.set()
+        yield every[400:800]
+        time.sleep(0.6)
+        told.extend(made.status().warnings)
+        full.clear()
+        yield every[800:]
+
+    learner = new_learner(vehicle, "joint", FREE)
+    made = Session([("test", Link(stream()))], vehicle, learner, epoch=EPOCH, log=log)
+    made.open()
+    status = made.run(threading.Event())
+    assert any("No space left on device" in text and "learning goes on" in text for text in told)
+    assert status.learnt.instants == len(every)
+    assert status.warnings == ()  # what waited was written when there was room again
+    assert len(read(tmp_path / "a.mcap")["x"]) == len(every)
+
+
 def test_a_link_that_fails_does_not_end_the_others(vehicle: Vehicle, run: Recording) -> None:
     def broken() -> Iterator[list[Sample]]:
         yield []
@@ -243,6 +281,7 @@ def test_json_over_udp_is_learned_from_and_recorded_as_it_came(
     feeder.join()
     assert status.samples == status.learnt.instants == 200
     assert status.bad == 20
+    assert status.waiting == 0
     assert status.learnt.latency["p99"] >= 99.0  # ms: the window
     kept = read(tmp_path / "a.mcap")
     assert {each.name: each.count for each in kept.contents} == {

@@ -221,9 +221,9 @@ class Session:
     def _finish(self, stop: threading.Event) -> None:
         self._stop.set()
         deadline = time.monotonic() + _ENOUGH
-        self._lane.close()
         for thread in self._threads:
             thread.join(max(deadline - time.monotonic(), 0.1))
+        self._lane.close()
         for _, source in self._sources:
             with contextlib.suppress(Exception):
                 source.close()
