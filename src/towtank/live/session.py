@@ -126,7 +126,7 @@ class Session:
                 if seconds is not None and self._passed >= seconds:
                     break
         finally:
-            self._finish(stop)
+            self._finish()
         return self.status()
 
     def status(self) -> Status:
@@ -218,7 +218,7 @@ class Session:
             self._lane.put(within, patient=_is(self._sources[rank][1], "patient"))
         return len(within) == len(arrivals)
 
-    def _finish(self, stop: threading.Event) -> None:
+    def _finish(self) -> None:
         self._stop.set()
         deadline = time.monotonic() + _ENOUGH
         for thread in self._threads:
