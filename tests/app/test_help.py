@@ -23,6 +23,7 @@ COMMANDS = [
     ["simulate"],
     ["inspect"],
     ["learn"],
+    ["live"],
     ["validate"],
     ["convert"],
 ]
@@ -58,10 +59,10 @@ def test_every_command_has_help_with_an_example_and_json(words: list[str]) -> No
 
 def test_the_list_of_commands_is_whole() -> None:
     listed = re.findall(r"^  ([a-z]+)  ", command("--help").out, re.MULTILINE)
-    assert listed == ["demo", "vehicle", "manoeuvre", "simulate", "inspect", "learn", "validate", "convert"]
+    assert listed == ["demo", "vehicle", "manoeuvre", "simulate", "inspect", "learn", "live", "validate", "convert"]
 
 
-@pytest.mark.parametrize("words", [words for words in COMMANDS if words != ["demo"]], ids=" ".join)
+@pytest.mark.parametrize("words", [words for words in COMMANDS if words not in (["demo"], ["live"])], ids=" ".join)
 def test_examples_run(words: list[str], workshop: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("surge.csv", "learned.toml", "bench.csv"):
         shutil.copy(workshop / name, tmp_path / name)

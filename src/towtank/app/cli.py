@@ -14,6 +14,7 @@ from towtank.app import (
     demo_command,
     inspect_command,
     learn_command,
+    live_command,
     simulate_command,
     validate_command,
     vehicle_commands,
@@ -64,6 +65,7 @@ app.add_typer(simulate_command.commands, name="manoeuvre")
 app.command("simulate", cls=PlainCommand)(simulate_command.simulate)
 app.command("inspect", cls=PlainCommand)(inspect_command.inspect)
 app.command("learn", cls=PlainCommand)(learn_command.learn)
+app.command("live", cls=PlainCommand)(live_command.live)
 app.command("validate", cls=PlainCommand)(validate_command.validate)
 app.command("convert", cls=PlainCommand)(convert_command.convert)
 

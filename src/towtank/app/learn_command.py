@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from towtank.recording import Grid
     from towtank.vehicle import Vehicle
 
-__all__ = ["learn"]
+__all__ = ["learn", "names_of"]
 
 _METHODS = ("joint", "output-error", "paper")
 
@@ -88,7 +88,7 @@ def learn(
     stretch = Window.parse(window)
     output_place("--output", model_file, (".toml",))
     positive("--delay", delay, zero=True)
-    wanted = _names(free)
+    wanted = names_of(free)
 
     from towtank.app.learn_report import learn_document, show_learning
     from towtank.app.output import Output
@@ -146,7 +146,8 @@ def _known_method(method: str, prior: str | None) -> None:
         raise InputError(f"--prior {prior}: the method paper takes none; use joint or output-error, or leave it out")
 
 
-def _names(text: str | None) -> tuple[str, ...] | None:
+def names_of(text: str | None) -> tuple[str, ...] | None:
+    """Return the names in the text of --free. Raises InputError where it holds none."""
     if text is None:
         return None
     names = tuple(name.strip() for name in text.split(",") if name.strip())

@@ -12,9 +12,10 @@ from towtank.app.fits_table import show_fits
 from towtank.app.intervals import interval, interval_text
 from towtank.app.levels_tables import disturbance_document, noise_document, show_levels
 from towtank.app.output import Output
+from towtank.identification import Estimate
 from towtank.identification.logs import LogLearning
 
-__all__ = ["delay_deviation", "learn_document", "show_learning"]
+__all__ = ["delay_deviation", "estimate_document", "learn_document", "show_learning"]
 
 _VELOCITIES = ("u", "v", "w", "p", "q", "r")
 _METHODS = {
@@ -155,6 +156,17 @@ def learn_document(learning: LogLearning, fit: Mapping[str, float | None], warni
         if learning.current is None
         else {"velocity_ned": list(learning.current.velocity), "std": list(learning.current.std)},
         "scale_std": learning.vehicle.scale_std,
+        **estimate_document(estimate),
+        "disturbance": disturbance_document(learning.levels, learning.sources),
+        "noise": noise_document(learning.levels, learning.grids),
+        "fit": {**{name: fit.get(name) for name in _VELOCITIES}, **fit},
+        "warnings": list(warnings),
+    }
+
+
+def estimate_document(estimate: Estimate) -> dict[str, Any]:
+    """Return the coefficients and the sums of inertias with their deviations, or reasons."""
+    return {
         "coefficients": {
             each.name: {
                 "value": each.value,
@@ -175,8 +187,4 @@ def learn_document(learning: LogLearning, fit: Mapping[str, float | None], warni
             }
             for total in estimate.sums
         },
-        "disturbance": disturbance_document(learning.levels, learning.sources),
-        "noise": noise_document(learning.levels, learning.grids),
-        "fit": {**{name: fit.get(name) for name in _VELOCITIES}, **fit},
-        "warnings": list(warnings),
     }

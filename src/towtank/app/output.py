@@ -47,6 +47,11 @@ class Output:
         self.warnings.append(text)
         sys.stderr.write(f"towtank: warning: {text}\n")
 
+    def say(self, text: str) -> None:
+        """Say on standard error what is being done."""
+        sys.stderr.write(f"{text}\n")
+        sys.stderr.flush()
+
     def line(self, text: str = "", style: str = "") -> None:
         """Print one line or paragraph, wrapped at the width of the terminal."""
         self.console.print(Text(text, style=style))

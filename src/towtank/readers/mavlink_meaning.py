@@ -6,7 +6,7 @@ The autopilot's messages are used, and those by which others tell it what their 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,14 @@ from towtank.readers.thruster_outputs import command_source, thruster_outputs
 from towtank.readers.water_pressure import Pressure, depth_sources
 from towtank.recording.recording import Recording
 
-__all__ = ["mavlink_recording", "mavlink_sources", "sources_of_messages", "with_autopilot"]
+__all__ = [
+    "aiding_of_messages",
+    "mavlink_recording",
+    "mavlink_sources",
+    "pressures_of",
+    "sources_of_messages",
+    "with_autopilot",
+]
 
 _MILLI, _CENTI = 1e-3, 1e-2
 _MILLI_G = 9.80665e-3  # m/s^2
@@ -111,6 +118,28 @@ def mavlink_recording(tables: Tables, senders: Mapping[str, Sender]) -> Recordin
 
 def mavlink_sources(tables: Tables, senders: Mapping[str, Sender], autopilot: Autopilot) -> list[Source]:
     """Return what the messages of a log tell, with what they tell of the filter judged by what aids it."""
+    own, told = _own_and_told(tables, senders, autopilot)
+    sources = depth_sources(pressures_of(own, tables.parameters), tables.parameters)
+    aiding = aiding_of(_evidence(own, told, tables, sources))
+    sources += _commands(own, tables.parameters)
+    for table in told:
+        sources += sources_of_messages(table, aiding, measured=True)
+    for table in own:
+        sources += sources_of_messages(table, aiding, measured=False)
+    return in_order(sources, _READINGS, message_of)
+
+
+def aiding_of_messages(tables: Tables, senders: Mapping[str, Sender], autopilot: Autopilot) -> Aiding:
+    """Return where the autopilot's filter is aided, judged by all that the tables hold."""
+    own, told = _own_and_told(tables, senders, autopilot)
+    depths = depth_sources(pressures_of(own, tables.parameters), tables.parameters)
+    return aiding_of(_evidence(own, told, tables, depths))
+
+
+def _own_and_told(
+    tables: Tables, senders: Mapping[str, Sender], autopilot: Autopilot
+) -> tuple[list[Table], list[Table]]:
+    """Return the autopilot's tables, and those by which others tell it what they measure."""
     own = [
         table
         for name, table in tables.tables.items()
@@ -121,13 +150,7 @@ def mavlink_sources(tables: Tables, senders: Mapping[str, Sender], autopilot: Au
         for name, table in tables.tables.items()
         if senders[name] != autopilot.sender and message_of(name) in TO_AUTOPILOT
     ]
-    sources = depth_sources(_pressures(own, tables.parameters), tables.parameters) + _commands(own, tables.parameters)
-    aiding = aiding_of(_evidence(own, told, tables, sources))
-    for table in told:
-        sources += sources_of_messages(table, aiding, measured=True)
-    for table in own:
-        sources += sources_of_messages(table, aiding, measured=False)
-    return in_order(sources, _READINGS, message_of)
+    return own, told
 
 
 def sources_of_messages(table: Table, aiding: Aiding, *, measured: bool) -> list[Source]:
@@ -229,7 +252,7 @@ def _commands(own: list[Table], parameters: Mapping[str, float]) -> list[Source]
     return found
 
 
-def _pressures(own: list[Table], parameters: Mapping[str, float]) -> list[Pressure]:
+def pressures_of(own: Sequence[Table], parameters: Mapping[str, float]) -> list[Pressure]:
     """Return the pressure sensors, with depth as ArduPilot tells it: (p - p_surface) / (9800 specific gravity)."""
     weight = _FRESH_WATER * parameters.get("BARO_SPEC_GRAV", parameters.get("GND_SPEC_GRAV", 1.0))
     found = []

@@ -6,7 +6,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from towtank.errors import InputError
 from towtank.readers.clock import one_clock
@@ -14,17 +13,16 @@ from towtank.readers.mapped_tables import mapped_recording
 from towtank.readers.mavlink_autopilot import with_autopilot
 from towtank.readers.mavlink_format import MessageLayout, layouts
 from towtank.readers.mavlink_meaning import mavlink_recording
-from towtank.readers.mavlink_senders import KIND, Sender, named_tables
-from towtank.readers.record_columns import RecordColumns, texts
+from towtank.readers.mavlink_senders import Sender, named_tables
+from towtank.readers.mavlink_tables import tables_by_instance
 from towtank.readers.registry import Mapping
 from towtank.readers.tables import Table, Tables
-from towtank.readers.tlog_scan import Group, Packets, scan_tlog
+from towtank.readers.tlog_scan import Packets, scan_tlog
 from towtank.recording.recording import Recording
 from towtank.recording.repairs import Repairs
 
 __all__ = ["decode", "read"]
 
-_MOST_INSTANCES = 64
 _SHOWN = 6
 
 
@@ -52,7 +50,8 @@ def decode(data: bytes, source: str) -> tuple[Tables, dict[str, Sender]]:
     for ((number, system, component), group), own, mask in zip(groups, stamps, masks, strict=True):
         if mask.any():
             t = (own[mask] - np.uint64(first)).astype(np.float64) * 1e-6
-            for instance, table in _by_instance(known[number], group, t, np.flatnonzero(mask)):
+            payloads = [group.payloads[i] for i in np.flatnonzero(mask)]
+            for instance, table in tables_by_instance(known[number], payloads, t):
                 pieces.append((Sender(system, component), instance, table))
     tables, senders = named_tables(pieces)
     whole = Tables(
@@ -74,31 +73,6 @@ def read(path: Path, mapping: Mapping) -> Recording:
     if mapping is not None:
         return mapped_recording(with_autopilot(tables, senders), mapping)
     return mavlink_recording(tables, senders)
-
-
-def _by_instance(
-    layout: MessageLayout, group: Group, t: NDArray[np.float64], rows: NDArray[np.intp]
-) -> list[tuple[str, Table]]:
-    """Return instance and table of one message by one sender, "" where there are no instances."""
-    records = layout.rows([group.payloads[i] for i in rows])
-    words = {name: texts(records, name) for name in layout.texts}
-    whole = Table(layout.name, t, RecordColumns(records, layout.places), KIND, text=words)
-    if layout.instance in words:
-        keys = np.array(words[layout.instance])
-    elif layout.instance in layout.places:
-        keys = records[layout.instance].astype(np.str_)
-    else:
-        return [("", whole)]
-    instances = np.unique(keys)
-    if instances.size > _MOST_INSTANCES:
-        return [("", whole)]
-    found = []
-    for instance in instances:
-        own = np.flatnonzero(keys == instance)
-        text = {name: tuple(values[i] for i in own) for name, values in words.items()}
-        table = Table(layout.name, t[own], RecordColumns(records[own], layout.places), KIND, text=text)
-        found.append((str(instance), table))
-    return found
 
 
 def _repairs(packets: Packets, stray: int, known: dict[int, MessageLayout]) -> Repairs:

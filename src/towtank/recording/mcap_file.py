@@ -30,7 +30,7 @@ from mcap.records import (
 )
 from numpy.typing import NDArray
 
-__all__ = ["MAGIC", "McapFile", "Messages", "index_record", "message_records"]
+__all__ = ["MAGIC", "McapFile", "Messages", "Summary", "index_record", "message_records"]
 
 MAGIC = b"\x89MCAP0\r\n"
 _LEVEL = 1  # of zstd: half the size, at the speed of the disk
@@ -82,7 +82,7 @@ class Messages:
 
 
 @dataclass
-class _Summary:
+class Summary:
     """What the end of the file repeats and counts."""
 
     schemas: list[McapRecord] = field(default_factory=list)
@@ -103,8 +103,15 @@ class McapFile:
     def __init__(self, append: Callable[[bytes], None], library: str) -> None:
         self._append = append
         self._length = 0
-        self._summary = _Summary()
+        self._summary = Summary()
         self._put(MAGIC + _bytes(Header(profile="ros2", library=library)))
+
+    @classmethod
+    def resumed(cls, append: Callable[[bytes], None], length: int, summary: Summary) -> McapFile:
+        """Return the writer of a file that has `length` bytes of whole records, told in `summary`, and no end."""
+        file = cls.__new__(cls)
+        file._append, file._length, file._summary = append, length, summary
+        return file
 
     def channel(
         self, topic: str, encoding: str, metadata: Mapping[str, str], schema: tuple[str, str, bytes] | None = None

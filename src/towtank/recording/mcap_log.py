@@ -26,6 +26,7 @@ import numpy as np
 from towtank.errors import InputError
 from towtank.recording.mcap_file import McapFile, Messages
 from towtank.recording.mcap_format import ABOUT, ENCODING, LIBRARY, RAW_ENCODING, About, Quantity, SourceFormat
+from towtank.recording.mcap_resume import Interrupted, interrupted
 
 __all__ = ["McapLog", "Quantity"]
 
@@ -74,13 +75,19 @@ class McapLog:
         trouble: what the disk said at the last flush.
     """
 
-    def __init__(self, path: Path, descriptor: int, about: About, interval: float) -> None:
+    def __init__(
+        self, path: Path, descriptor: int, about: About, interval: float, before: Interrupted | None = None
+    ) -> None:
         self.path, self.lost, self.trouble = path, 0, ""
         self._descriptor, self._about, self._interval = descriptor, about, interval
-        self._written = 0  # bytes of the file that are whole
-        self._file = McapFile(self._append, LIBRARY)
-        self._file.metadata(ABOUT, about.metadata())
+        self._written = 0 if before is None else before.length  # bytes of the file that are whole
+        if before is None:
+            self._file = McapFile(self._append, LIBRARY)
+            self._file.metadata(ABOUT, about.metadata())
+        else:
+            self._file = McapFile.resumed(self._append, before.length, before.summary)
         self._sources: dict[str, tuple[int, struct.Struct, int]] = {}
+        self._columns: dict[str, tuple[str, ...]] = {}
         self._raw: dict[str, int] = {}
         self._pending = _Pending()
         self._flushed = time.monotonic()
@@ -127,6 +134,52 @@ class McapLog:
             raise InputError(f"{path}: cannot be written ({error.strerror})") from error
         return log
 
+    @classmethod
+    def resume(cls, path: str | os.PathLike[str], *, interval: float = 1.0) -> McapLog:
+        """Go on with a file that an earlier `McapLog` wrote, whether that was closed or killed.
+
+        A record that was torn, or the file's summary, is cut off; everything else stays as it is, and so do the
+        epoch, the attributes and the sources.
+
+        Raises:
+            InputError: there is no such file, it is no recording of ours, or it cannot be written.
+        """
+        path = Path(path)
+        before = interrupted(path)
+        try:
+            descriptor = os.open(path, os.O_RDWR)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+        try:
+            os.ftruncate(descriptor, before.length)
+            os.lseek(descriptor, before.length, os.SEEK_SET)
+        except OSError as error:
+            os.close(descriptor)
+            raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+        log = cls(path, descriptor, before.about, interval, before)
+        for identity, form in before.sources.items():
+            count = len(form.quantities)
+            layout = struct.Struct(f"<4s{1 + count}d")
+            log._sources[form.topic.lstrip("/")] = identity, layout, count
+            log._columns[form.topic.lstrip("/")] = tuple(each.name for each in form.quantities)
+        log._raw.update({topic.removeprefix("/raw/"): identity for identity, topic in before.raw.items()})
+        return log
+
+    @property
+    def about(self) -> About:
+        """What the file says of the recording."""
+        return self._about
+
+    @property
+    def size(self) -> int:
+        """Bytes written so far."""
+        return self._written
+
+    @property
+    def sources(self) -> dict[str, tuple[str, ...]]:
+        """The sources announced, each with the names of its columns."""
+        return dict(self._columns)
+
     def source(self, name: str, quantities: Sequence[Quantity]) -> None:
         """Announce a source: the columns that come together, each with name, unit and frame.
 
@@ -135,7 +188,7 @@ class McapLog:
             OSError: the disk does not take it.
         """
         names = [each.name for each in quantities]
-        if name in self._sources or name in self._raw:
+        if name in self._sources:
             raise InputError(f'{self.path}: source "{name}" is announced twice')
         if not names or len(set(names)) < len(names):
             raise InputError(
@@ -144,6 +197,7 @@ class McapLog:
         form = SourceFormat(f"/{name.lstrip('/')}", tuple(quantities))
         identity = self._file.channel(form.topic, ENCODING, form.metadata, form.schema)
         self._sources[name] = identity, struct.Struct(f"<4s{1 + len(names)}d"), len(names)
+        self._columns[name] = tuple(names)
 
     def write(self, name: str, t: float, *values: float) -> None:
         """Append one sample at time t [s] of an announced source; NaN where not measured."""

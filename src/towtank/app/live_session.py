@@ -1,0 +1,201 @@
+"""The live session of the command line: links, recording and learner made, run, and ended in order."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from types import FrameType
+
+from towtank.app.live_report import live_document, live_line, show_end
+from towtank.app.live_view import LiveView
+from towtank.app.output import Output
+from towtank.app.sources import read_prior, read_vehicle
+from towtank.errors import InputError
+from towtank.identification import Learner
+from towtank.live.checkpoint import Checkpoint
+from towtank.live.resume import Earlier, earlier
+from towtank.live.session import Session
+from towtank.live.status import Status
+from towtank.live.urls import open_source
+from towtank.live.warm_up import new_learner, warm_up
+from towtank.recording import load_mapping
+from towtank.recording.mcap_log import McapLog
+from towtank.vehicle import Provenance, Vehicle, save_vehicle
+
+__all__ = ["LiveOptions", "run_live"]
+
+_FLUSH = 0.5  # s at most between a sample and the disk
+_LINES = 1.0  # s between two lines of JSON
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """What was asked for on the command line."""
+
+    sources: tuple[str, ...]
+    vehicle: str
+    record: Path | None = None
+    resume: bool = False
+    method: str = "joint"
+    seconds: float | None = None
+    window: float = 0.1
+    free: tuple[str, ...] | None = None
+    prior: str | None = None
+    mapping: Path | None = None
+    model_file: Path | None = None
+    json_lines: bool = False
+
+
+def run_live(options: LiveOptions, output: Output) -> None:
+    """Run a live session and print how it ended."""
+    vehicle = read_vehicle(options.vehicle, output)
+    prior = None if options.prior is None else read_prior(options.prior, output)
+    mapping = None if options.mapping is None else load_mapping(options.mapping)
+    sources = [(text, open_source(text, vehicle, mapping)) for text in options.sources]
+
+    def fresh() -> Learner:
+        return new_learner(vehicle, options.method, options.free, prior)
+
+    learner = fresh()
+    checkpoint, before = _earlier(options, vehicle)
+    if before is None and options.record is not None and options.record.exists():
+        raise InputError(f"{options.record}: exists already; add --resume to go on with it, or choose another name")
+    output.say("making ready: compiling what is not compiled yet (up to a minute the first time)")
+    with output.progress("making ready") as tell:
+        warm_up(vehicle, fresh(), tell)
+    epoch = round(time.time(), 3) if before is None else before.epoch
+    learner = learner if before is None or before.learner is None else before.learner
+    log = _log(options, vehicle, epoch, going_on=before is not None)
+    session = Session(
+        sources,
+        vehicle,
+        learner,
+        epoch=epoch,
+        window=options.window,
+        log=log,
+        checkpoint=checkpoint,
+        interval=0.25 if output.console.is_terminal or options.json_lines else 1.0,
+    )
+    try:
+        if before is not None:
+            with output.progress("learning from what was recorded") as tell:
+                session.learning.catch_up(before.rows(tell), since=before.since, inputs=before.inputs)
+            output.say(_gone_on(options, before, session))
+        session.open()
+    except BaseException:
+        if log is not None:
+            log.close()
+            if before is None:
+                log.path.unlink(missing_ok=True)
+        raise
+    output.say(f"listening to {', '.join(options.sources)}")
+    with _ends() as stop:
+        status = _run(session, stop, options, vehicle, output)
+    _end(session, status, options, vehicle, output)
+
+
+def _earlier(options: LiveOptions, vehicle: Vehicle) -> tuple[Checkpoint | None, Earlier | None]:
+    """Return the checkpoint beside the recording, and the session that is gone on with, where there are any."""
+    if options.record is None:
+        return None, None
+    known = hashlib.sha256(repr(vehicle).encode()).hexdigest()
+    about = {"method": options.method, "free": options.free, "prior": options.prior, "vehicle": known}
+    checkpoint = Checkpoint(options.record, about)
+    if not (options.resume and options.record.exists()):
+        return checkpoint, None
+    return checkpoint, earlier(options.record, vehicle, checkpoint)
+
+
+def _log(options: LiveOptions, vehicle: Vehicle, epoch: float, *, going_on: bool) -> McapLog | None:
+    if options.record is None:
+        return None
+    if going_on:
+        return McapLog.resume(options.record, interval=_FLUSH)
+    return McapLog.open(
+        options.record,
+        source=", ".join(options.sources),
+        epoch=datetime.fromtimestamp(epoch, UTC),
+        attributes={"vehicle": vehicle.name},
+        interval=_FLUSH,
+    )
+
+
+def _gone_on(options: LiveOptions, before: Earlier, session: Session) -> str:
+    if before.recording is None:
+        return f"{options.record}: nothing was recorded yet; it is gone on with"
+    instants = session.learning.now.instants
+    how = "once more" if before.learner is None else "after its checkpoint"
+    recorded = f"{before.recording.duration:.5g} s recorded"
+    return f"{options.record}: gone on with, {recorded}, {instants} instants learned from {how}"
+
+
+def _run(session: Session, stop: threading.Event, options: LiveOptions, vehicle: Vehicle, output: Output) -> Status:
+    if options.json_lines:
+        return session.run(
+            stop,
+            seconds=options.seconds,
+            show=lambda status: _write(live_line(status)),
+            period=_LINES,
+        )
+    view = LiveView(output, vehicle, options.method)
+    with view.showing() as show:
+        return session.run(stop, seconds=options.seconds, show=show, period=0.25)
+
+
+def _end(session: Session, status: Status, options: LiveOptions, vehicle: Vehicle, output: Output) -> None:
+    """Write the model, print what was learned."""
+    learner = session.learning.learner
+    if options.model_file is not None:
+        kept = learner.model()
+        note = f"learned live from {', '.join(options.sources)} ({status.learnt.estimate.duration:.5g} s)"
+        provenance = Provenance(source=kept.provenance.source, notes=(*kept.provenance.notes, note))
+        save_vehicle(kept.model_copy(update={"provenance": provenance}), options.model_file)
+    document = live_document(status, learner, options.sources, options.prior, options.method, output.warnings)
+    if options.json_lines:
+        _write(live_line(status) | {"final": True, **document})
+        return
+    show_end(status, vehicle, options.method, output)
+    if options.model_file is not None:
+        output.line(f"model written to {options.model_file}")
+    elif options.record is not None:
+        output.line(f"Next: towtank learn {options.record} --vehicle {options.vehicle} -o MODEL.toml", "dim")
+    output.document(document)
+
+
+def _write(line: dict[str, object]) -> None:
+    import json
+
+    from towtank.app.document import plain
+
+    sys.stdout.write(json.dumps(plain(line), allow_nan=False) + "\n")
+    sys.stdout.flush()
+
+
+@contextlib.contextmanager
+def _ends() -> Iterator[threading.Event]:
+    """Yield what Ctrl-C and SIGTERM set; a second one ends at once."""
+    stop = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def asked(number: int, frame: FrameType | None) -> None:
+        stop.set()
+        signal.signal(number, before[signal.Signals(number)])
+
+    for number in before:
+        signal.signal(number, asked)
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,115 @@
+"""A source's own clock against ours: what is received can be late, never early.
+
+The smallest difference between receipt and stamp over the last half minute leads from one clock to the other; a line
+below the smallest of every second tells how one drifts against the other. So every source's samples stand on one clock,
+freed from what a link, a router or a busy computer held up; what the quickest message takes remains.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+__all__ = ["SourceClock"]
+
+_BLOCK = 1.0  # s of which the quickest message is kept
+_BLOCKS = 30
+_FEWEST = 8  # blocks that tell a drift
+_FASTEST_DRIFT = 1e-3
+_SLEW = 1e-3  # s per s by which the offset follows what is found, after the first second
+_LATE, _EARLY = 10.0, 0.25  # s by which a stamp is off that is not believed,
+_CONVINCED = 20  # unless so many follow each other: then the source's clock was set anew
+
+
+class SourceClock:
+    """Turns the stamps of one source into our times.
+
+    In the first second the offset falls with every quicker message, so that stamps had better wait until it has
+    `settled`; later it moves by a millisecond a second at most, and no instant jumps against its neighbour.
+
+    Attributes:
+        offset: ours less the source's clock [s], as applied last; NaN before the first stamp.
+        drift: by which ours gains on the source's [s/s].
+        restarts: how often the source's clock was set anew.
+        strange: stamps that were not believed.
+    """
+
+    def __init__(self, *, keeps_time: bool = False) -> None:
+        """With `keeps_time` the stamps are ours already."""
+        self.offset, self.drift, self.restarts, self.strange = math.nan, 0.0, 0, 0
+        self._keeps_time = keeps_time
+        self._in_a_row = 0
+        self._forget()
+
+    @property
+    def settled(self) -> bool:
+        """Whether the offset is known well enough to be followed slowly from here on."""
+        return self._first is None or self._last - self._first > _BLOCK
+
+    def believes(self, t: float, received: float) -> bool:
+        """Take the stamp t [s] of what was received at `received` [s, ours]; return whether it can be believed."""
+        if t != t or self._keeps_time:
+            return True
+        late = received - t
+        if not math.isfinite(late):
+            self.strange += 1
+            return False
+        if self._first is None:
+            self._begin(t, late)
+        elif not -_EARLY <= late - self.offset <= _LATE:
+            self.strange += 1
+            self._in_a_row += 1
+            if self._in_a_row < _CONVINCED:
+                return False
+            self.restarts += 1
+            self._forget()
+            self._begin(t, late)
+        self._in_a_row = 0
+        self._see(t, late)
+        return True
+
+    def ours(self, t: float, received: float) -> float:
+        """Return the instant of a stamp t [s] on our clock: that of receipt where there is no stamp."""
+        if t != t:
+            return received
+        return t if self._keeps_time else t + self.offset
+
+    def _forget(self) -> None:
+        self._first: float | None = None
+        self._blocks: deque[tuple[float, float]] = deque(maxlen=_BLOCKS)  # stamp, smallest lateness
+        self.drift = 0.0
+
+    def _begin(self, t: float, late: float) -> None:
+        self._first = self._block_start = self._last = t
+        self._quickest = (t, late)
+        self._floor = (t, late)  # the line: lateness at a stamp, rising by `drift`
+        self.offset = late
+
+    def _see(self, t: float, late: float) -> None:
+        if late < self._quickest[1]:
+            self._quickest = (t, late)
+        assert self._first is not None
+        target = self._floor[1] + self.drift * (t - self._floor[0])
+        if late < target:
+            self._floor = (t, late)
+            target = late
+        if t - self._block_start >= _BLOCK or t < self._block_start:
+            self._blocks.append(self._quickest)
+            self._quickest, self._block_start = (t, late), t
+            self._fit()
+            target = self._floor[1] + self.drift * (t - self._floor[0])
+        most = _SLEW * min(max(t - self._last, 0.0), _BLOCK)
+        settled = t - self._first > _BLOCK
+        self._last = max(t, self._last)
+        self.offset += min(max(target - self.offset, -most), most) if settled else min(target - self.offset, 0.0)
+
+    def _fit(self) -> None:
+        """Lay the line below the quickest messages of all blocks."""
+        n = len(self._blocks)
+        if n >= _FEWEST:
+            mean_t = sum(t for t, _ in self._blocks) / n
+            mean = sum(late for _, late in self._blocks) / n
+            spread = sum((t - mean_t) ** 2 for t, _ in self._blocks)
+            slope = sum((t - mean_t) * (late - mean) for t, late in self._blocks) / spread if spread else 0.0
+            self.drift = min(max(slope, -_FASTEST_DRIFT), _FASTEST_DRIFT)
+        self._floor = min(self._blocks, key=lambda block: block[1] - self.drift * block[0])

@@ -1,0 +1,95 @@
+"""What belongs to one instant, as the learner takes it: pose, velocity, commands, from names and values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.core.attitude import euler_from_quaternion, rotation_from_euler
+from towtank.recording.standard import COMMAND_PREFIX, EULER, QUATERNION, WORLD_VELOCITY
+from towtank.vehicle import Vehicle
+
+__all__ = ["Instants"]
+
+_PLACE = {
+    **{name: ("pose", k) for k, name in enumerate(("x", "y", "z", "phi", "theta", "psi"))},
+    **{name: ("velocity", k) for k, name in enumerate(("u", "v", "w", "p", "q", "r"))},
+    **{name: ("acceleration", k) for k, name in enumerate(("ax", "ay", "az"))},
+    **{name: ("wrench", k) for k, name in enumerate(("X", "Y", "Z", "K", "M", "N"))},
+}
+_SIZE = {"pose": 6, "velocity": 6, "acceleration": 3}
+
+
+class Instants:
+    """Turns the channels of one instant into the arguments of `Learner.update`.
+
+    Commands and wrench hold until others come, thruster by thruster: what has not come yet keeps its last value, and
+    before every thruster has been heard of there are none. A quaternion becomes Euler angles, a velocity in the world
+    is turned by the last attitude.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._thrusters = {f"{COMMAND_PREFIX}{each.name}": k for k, each in enumerate(vehicle.thrusters)}
+        self._angles: tuple[float, float, float] | None = None
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget the inputs in force."""
+        self._commands = np.full(len(self._thrusters), np.nan)
+        self._wrench = np.full(6, np.nan)
+        self._voltage = math.nan
+
+    def arguments(self, sample: Mapping[str, float]) -> dict[str, Any]:
+        """Return the arguments for an instant's channels; those of nothing measured or commanded are left out."""
+        out: dict[str, Any] = {}
+        commanded = pushed = False
+        for name, value in sample.items():
+            if name in self._thrusters:
+                if math.isfinite(value):
+                    self._commands[self._thrusters[name]] = value
+                    commanded = True
+            elif name in _PLACE and math.isfinite(value):
+                group, k = _PLACE[name]
+                if group == "wrench":
+                    self._wrench[k] = value
+                    pushed = True
+                else:
+                    self._vector(out, group)[k] = value
+        self._attitude(sample, out)
+        if math.isfinite(voltage := sample.get("voltage", math.nan)):
+            self._voltage = voltage
+        if commanded and np.isfinite(self._commands).all():
+            out["commands"] = self._commands.copy()
+            if math.isfinite(self._voltage):
+                out["voltage"] = self._voltage
+        elif pushed and not self._thrusters_heard:
+            out["wrench"] = self._wrench.copy()
+        return out
+
+    @property
+    def _thrusters_heard(self) -> bool:
+        """Whether commands come: then a wrench beside them is their consequence, and not a second input."""
+        return bool(self._thrusters) and bool(np.isfinite(self._commands).any())
+
+    @staticmethod
+    def _vector(out: dict[str, Any], group: str) -> Array:
+        found: Array | None = out.get(group)
+        if found is None:
+            found = out[group] = np.full(_SIZE[group], np.nan)
+        return found
+
+    def _attitude(self, sample: Mapping[str, float], out: dict[str, Any]) -> None:
+        if all(math.isfinite(sample.get(name, math.nan)) for name in QUATERNION):
+            self._angles = euler_from_quaternion(*(sample[name] for name in QUATERNION))
+            self._vector(out, "pose")[3:] = self._angles
+        elif all(math.isfinite(sample.get(name, math.nan)) for name in EULER):
+            self._angles = (sample["phi"], sample["theta"], sample["psi"])
+        if self._angles is not None and all(math.isfinite(sample.get(name, math.nan)) for name in WORLD_VELOCITY):
+            velocity = self._vector(out, "velocity")
+            if not np.isfinite(velocity[:3]).any():
+                turn = rotation_from_euler(*self._angles)
+                velocity[:3] = turn.T @ np.array([sample[name] for name in WORLD_VELOCITY])

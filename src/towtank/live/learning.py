@@ -1,0 +1,213 @@
+"""The thread that learns: samples in order of time, those of one instant together, into the learner."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from towtank.identification import Estimate, Learner
+from towtank.live.checkpoint import Checkpoint
+from towtank.live.excitation import Excitation
+from towtank.live.instants import Instants
+from towtank.live.lane import Ended, Gap, Lane
+from towtank.live.latency import Latency
+from towtank.live.preference import Preference
+from towtank.live.recorded import Row
+from towtank.live.sorter import Arrival, Sorter
+from towtank.vehicle import Vehicle
+
+__all__ = ["Learning", "Learnt"]
+
+_TOGETHER = 1e-6  # s: stamps closer than this are one instant
+_BREAK = 2.0  # s without a sample, after which a new stretch begins
+_CHECKPOINT = 5.0  # s between two checkpoints
+_IDLE = 0.1  # s
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """Where learning stands.
+
+    Attributes:
+        t: of the latest instant learned from [s of the session]. instants: how many.
+        estimate: of the coefficients. delay, lag: [s], NaN where the learner has none.
+        latency: from datagram to updated estimate [ms]: "median", "p99", "max". processing: without the time for which
+            samples are held back.
+        excitation: root mean square (6,) of the wrench asked for over ten seconds; empty where none was.
+        trouble: why learning has stopped, "" where it has not.
+    """
+
+    t: float
+    instants: int
+    estimate: Estimate
+    delay: float
+    lag: float
+    latency: dict[str, float]
+    processing: dict[str, float]
+    excitation: tuple[float, ...]
+    trouble: str = ""
+
+
+class Learning:
+    """Learns what comes down the lane.
+
+    Args:
+        vehicle, learner: what is learned. lane, sorter: where samples come from.
+        checkpoint: written every five seconds.
+        interval: [s] between two readings of the estimate.
+        timed: whether latencies mean anything: not where samples are read as fast as they are learned from.
+
+    Attributes:
+        learner: touched by the learning thread alone while that runs.
+        now: where learning stands, renewed every `interval` [s].
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        learner: Learner,
+        lane: Lane,
+        sorter: Sorter,
+        *,
+        checkpoint: Checkpoint | None = None,
+        interval: float = 0.25,
+        timed: bool = True,
+    ) -> None:
+        self.learner, self.preference = learner, Preference()
+        self._lane, self._sorter = lane, sorter
+        self._instants, self._excitation = Instants(vehicle), Excitation(vehicle)
+        self._checkpoint, self._interval, self._timed = checkpoint, interval, timed
+        self._latency, self._processing = Latency(), Latency()
+        self._pending: dict[str, float] = {}
+        self._pending_t = self._last = -math.inf
+        self._moments: list[tuple[float, float]] = []  # came, might have gone
+        self._taken = 0
+        self._resumed = False
+        self._trouble = ""
+        self.now = self._standing()
+        self._read = self._saved = time.monotonic()
+        self._thread = threading.Thread(target=self._run, name="learning", daemon=True)
+
+    def catch_up(
+        self, rows: Iterable[Row], *, since: float = -math.inf, inputs: Mapping[str, float] | None = None
+    ) -> None:
+        """Learn from what was recorded before; to be called before `start`.
+
+        Args:
+            rows: of the recording, later than `since`.
+            since: time [s] up to which the learner has learned already. inputs: in force then.
+        """
+        self._last = since
+        self._instants.arguments(inputs or {})
+        for t, names, values in rows:
+            if t - self._last > _BREAK:
+                self._break_off()
+            self._update(t, dict(zip(names, values, strict=True)))
+        self._resumed = math.isfinite(self._last)
+        self.now = self._standing()
+
+    def start(self) -> None:
+        """Begin to learn."""
+        self._thread.start()
+
+    def join(self) -> None:
+        """Wait until everything in the lane is learned from; the lane must be closed."""
+        self._thread.join()
+
+    @property
+    def alive(self) -> bool:
+        """Whether the thread runs."""
+        return self._thread.is_alive()
+
+    def _run(self) -> None:
+        more = True
+        try:
+            while more:
+                more = self._turn()
+            self._drain(math.inf)
+            if self._checkpoint is not None and math.isfinite(self._last):
+                self._checkpoint.save(self.learner, self._last)
+        except Exception as error:  # recording goes on, whatever a learner does
+            self._trouble = f"learning has stopped: {type(error).__name__}: {' '.join(str(error).split())}"
+        self.now = self._standing()
+        while more:  # no link waits for a learner that is gone
+            more = self._lane.get(_IDLE)[1]
+
+    def _turn(self) -> bool:
+        """Take what has come and learn from what is due; return whether more may come."""
+        wait = min(self._sorter.wait(time.monotonic()), _IDLE)
+        items, more = self._lane.get(wait)
+        for item in items:
+            if isinstance(item, Arrival):
+                self._sorter.put(item)
+            elif isinstance(item, Gap):
+                self._drain(math.inf)
+                self._break_off()
+            elif isinstance(item, Ended):
+                self._sorter.ended(item.rank)
+        now = time.monotonic()
+        self._drain(now)
+        if now - self._read >= self._interval:
+            self._read = now
+            self.now = self._standing()
+        if self._checkpoint is not None and now - self._saved >= _CHECKPOINT and math.isfinite(self._last):
+            self._saved = now
+            self._checkpoint.save(self.learner, self._last)
+        return more
+
+    def _drain(self, now: float) -> None:
+        for arrival, ready in self._sorter.ready(now):
+            if arrival.t - self._pending_t > _TOGETHER:
+                self._flush()
+                self._pending_t = arrival.t
+            for name, value in self.preference.taken(arrival).items():
+                if value == value:
+                    self._pending[name] = value
+            self._moments.append((arrival.came, ready))
+        self._flush()
+
+    def _flush(self) -> None:
+        """Learn from the instant that is put together."""
+        if self._pending:
+            if self._resumed or self._pending_t - self._last > _BREAK:
+                self._break_off()
+            self._update(self._pending_t, self._pending)
+            self._pending = {}
+        if self._timed:
+            done = time.monotonic()
+            for came, ready in self._moments:
+                self._latency.add(done - came)
+                self._processing.add(done - ready)
+        self._moments.clear()
+
+    def _update(self, t: float, sample: dict[str, float]) -> None:
+        arguments = self._instants.arguments(sample)
+        if arguments:
+            self.learner.update(t, **arguments)
+            self._excitation.see(t, arguments)
+            self._last = t
+            self._taken += 1
+
+    def _break_off(self) -> None:
+        """Begin a new stretch; which commands are in force is not known any more."""
+        self._resumed = False
+        if math.isfinite(self._last):
+            self.learner.restart()
+            self._instants.forget()
+
+    def _standing(self) -> Learnt:
+        learner = self.learner
+        return Learnt(
+            t=self._last,
+            instants=self._taken,
+            estimate=learner.estimate,
+            delay=float(getattr(learner, "delay", math.nan)),
+            lag=float(getattr(learner, "lag", math.nan)),
+            latency=self._latency.milliseconds(),
+            processing=self._processing.milliseconds(),
+            excitation=self._excitation.rms,
+            trouble=self._trouble,
+        )

@@ -1,0 +1,260 @@
+"""A live session: a thread reads each link, one records, one learns, and none of them waits for another."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+import time
+from collections.abc import Callable, Iterable, Sequence
+
+from towtank.identification import Learner
+from towtank.live.checkpoint import Checkpoint
+from towtank.live.clock import SourceClock
+from towtank.live.commands import CommandNames
+from towtank.live.lane import Lane
+from towtank.live.learning import Learning
+from towtank.live.recorder import Recorder, RecordingState
+from towtank.live.sorter import Arrival, Sorter
+from towtank.live.source import Raw, Sample, Source
+from towtank.live.status import SourceStatus, Status
+from towtank.recording.mcap_log import McapLog
+from towtank.vehicle import Vehicle
+
+__all__ = ["Session"]
+
+_READ = 0.1  # s for which a link is waited for
+_SETTLING = 1.5  # s that samples wait at most for their source's clock
+_ROOM = 20_000  # samples that wait to be learned from
+_ENOUGH = 30.0  # s that are waited for what is left to learn from at the end
+
+
+class Session:
+    """Puts links, recording and learner together.
+
+    Args:
+        sources: each with its text, in order of preference where several measure the same.
+        vehicle, learner: what is learned.
+        epoch: Unix time [s] at which the session's time is 0.
+        window: for which samples are held back so that late ones find their place [s].
+        log: to record to. checkpoint: beside it.
+        room: samples that may wait to be learned from.
+        interval: [s] between two readings of the estimate.
+    """
+
+    def __init__(
+        self,
+        sources: Sequence[tuple[str, Source]],
+        vehicle: Vehicle,
+        learner: Learner,
+        *,
+        epoch: float,
+        window: float = 0.1,
+        log: McapLog | None = None,
+        checkpoint: Checkpoint | None = None,
+        room: int = _ROOM,
+        interval: float = 0.25,
+    ) -> None:
+        self._sources = tuple(sources)
+        self._epoch = epoch
+        self._patient = all(_is(source, "patient") for _, source in sources)
+        self._clocks = tuple(SourceClock(keeps_time=_is(source, "keeps_time")) for _, source in sources)
+        self._commands = tuple(CommandNames(vehicle) for _ in sources)
+        self._counts = [0] * len(self._sources)
+        self._faults: dict[int, str] = {}
+        self._newest = -math.inf
+        self._lane = Lane(room)
+        self._sorter = Sorter(window, len(self._sources), patient=self._patient)
+        self._recorder = None if log is None else Recorder(log)
+        self._checkpoint = checkpoint
+        self.learning = Learning(
+            vehicle,
+            learner,
+            self._lane,
+            self._sorter,
+            checkpoint=checkpoint,
+            interval=interval,
+            timed=not self._patient,
+        )
+        self._stop = threading.Event()
+        self._began = time.monotonic()
+        self._first = self._longest = math.inf
+        self._threads = [
+            threading.Thread(target=self._follow, args=(rank,), name=f"link {text}", daemon=True)
+            for rank, (text, _) in enumerate(self._sources)
+        ]
+
+    def open(self) -> None:
+        """Open every link. Raises InputError, and then none is open."""
+        opened: list[Source] = []
+        try:
+            for _, source in self._sources:
+                source.open()
+                opened.append(source)
+        except BaseException:
+            for source in opened:
+                source.close()
+            raise
+
+    def run(
+        self,
+        stop: threading.Event,
+        *,
+        seconds: float | None = None,
+        show: Callable[[Status], None] | None = None,
+        period: float = 0.25,
+    ) -> Status:
+        """Run until `stop` is set, `seconds` have passed or every link has ended; return how it ended.
+
+        Args:
+            seconds: of the clock, or of the samples' own time where that is ahead of it.
+            show: called every `period` [s] of the clock with how things stand.
+        """
+        self._began = time.monotonic()
+        self._longest = math.inf if seconds is None or not self._patient else seconds
+        self.learning.start()
+        if self._recorder is not None:
+            self._recorder.start()
+        for thread in self._threads:
+            thread.start()
+        try:
+            while not stop.wait(min(period, 0.05 if self._patient else period)):
+                if show is not None:
+                    show(self.status())
+                if not any(thread.is_alive() for thread in self._threads):
+                    break
+                if seconds is not None and self._passed >= seconds:
+                    break
+        finally:
+            self._finish()
+        return self.status()
+
+    def status(self) -> Status:
+        """Return where the session stands."""
+        sources = tuple(
+            SourceStatus(text, source.state(), count, clock.strange, clock.offset, clock.drift)
+            for (text, source), count, clock in zip(self._sources, self._counts, self._clocks, strict=True)
+        )
+        recording = None if self._recorder is None else self._recorder.state()
+        return Status(
+            elapsed=time.monotonic() - self._began,
+            learnt=self.learning.now,
+            sources=sources,
+            recording=recording,
+            dropped=self._lane.dropped,
+            gaps=self._lane.gaps,
+            late=self._sorter.late + sum(each.state.late for each in sources),
+            waiting=len(self._lane) + len(self._sorter),
+            doubled=tuple(self.learning.preference.doubled),
+            warnings=self._warnings(recording),
+        )
+
+    @property
+    def _passed(self) -> float:
+        return max(time.monotonic() - self._began, self._newest - self._first)
+
+    def _warnings(self, recording: RecordingState | None) -> tuple[str, ...]:
+        found = [text for text in (self.learning.now.trouble, *self._faults.values()) if text]
+        if recording is not None and recording.trouble:
+            found.append(f"recording: {recording.trouble}; it is tried again, learning goes on")
+        if recording is not None and recording.lost:
+            found.append(f"recording: {recording.lost} samples and packets lost")
+        if self._checkpoint is not None and self._checkpoint.trouble:
+            found.append(f"checkpoint: {self._checkpoint.trouble}")
+        if self._lane.dropped:
+            found.append(f"learning could not keep up: {self._lane.dropped} samples passed over (they are recorded)")
+        for (text, _), names in zip(self._sources, self._commands, strict=True):
+            if names.foreign:
+                found.append(f"{text}: the vehicle has no thruster for {_listed(names.foreign)}; passed over")
+        return tuple(found)
+
+    def _follow(self, rank: int) -> None:
+        """Read one link until the session ends or it does."""
+        text, source = self._sources[rank]
+        clock, commands = self._clocks[rank], self._commands[rank]
+        early: list[tuple[Sample, float]] = []  # until the clock has settled
+        since = math.inf
+        try:
+            ended = False
+            while not (ended or self._stop.is_set()):
+                items = source.read(_READ)
+                came, now = time.monotonic(), time.time()
+                raw = [(item.received - self._epoch, item) for item in items if isinstance(item, Raw)]
+                for item in items:
+                    if not isinstance(item, Raw) and clock.believes(item.t, item.received):
+                        early.append((commands.bound(item), came - min(max(now - item.received, 0.0), 1.0)))
+                ended = not items and source.state().ended
+                since = min(since, came) if early else math.inf
+                waits = not clock.settled and came - since < _SETTLING
+                if waits and not ended and not self._stop.is_set():
+                    self._hand_over(rank, [], raw)
+                    continue
+                held = since < came
+                samples = [(sample, came if held else moment) for sample, moment in early if sample.names]
+                early, since = [], math.inf
+                ended = not self._hand_over(rank, self._placed(rank, samples), raw) or ended
+            self._hand_over(rank, self._placed(rank, early), [])
+        except Exception as error:  # one link that fails does not end the others
+            self._faults[rank] = f"{text}: the link has failed ({type(error).__name__}: {' '.join(str(error).split())})"
+        self._lane.ended(rank)
+
+    def _placed(self, rank: int, samples: Sequence[tuple[Sample, float]]) -> list[Arrival]:
+        """Return samples, each with the moment it came, on the session's clock."""
+        clock = self._clocks[rank]
+        return [
+            Arrival(clock.ours(sample.t, sample.received) - self._epoch, moment, rank, sample)
+            for sample, moment in samples
+        ]
+
+    def _hand_over(self, rank: int, arrivals: list[Arrival], raw: list[tuple[float, Raw]]) -> bool:
+        """Give samples to the recording and to the learner; return whether the session goes on after them."""
+        self._first = min(self._first, *(each.t for each in arrivals), math.inf)
+        within = [each for each in arrivals if each.t <= self._first + self._longest]
+        self._counts[rank] += len(within)
+        if self._recorder is not None:
+            self._recorder.put(within, raw)
+        if within:
+            self._newest = max(self._newest, *(each.t for each in within), -math.inf)
+            self._lane.put(within, patient=_is(self._sources[rank][1], "patient"))
+        return len(within) == len(arrivals)
+
+    def _finish(self) -> None:
+        self._stop.set()
+        deadline = time.monotonic() + _ENOUGH
+        for thread in self._threads:
+            thread.join(max(deadline - time.monotonic(), 0.1))
+        self._lane.close()
+        for _, source in self._sources:
+            with contextlib.suppress(Exception):
+                source.close()
+        self.learning.join()
+        if self._recorder is not None:
+            self._recorder.close(self._notes())
+
+    def _notes(self) -> list[str]:
+        status = self.status()
+        notes = []
+        for each in status.sources:
+            told = f"{each.samples} samples"
+            if each.offset == each.offset:
+                told += f", our clock less its own {each.offset:.6f} s, drift {1e6 * each.drift:.1f} ppm"
+            if each.state.bad:
+                told += f", {each.state.bad} bad messages"
+            if each.strange:
+                told += f", {each.strange} stamps not believed"
+            notes.append(f"live {each.text}: {told}")
+        if status.late:
+            notes.append(f"{status.late} samples came too late to be learned from")
+        if status.dropped:
+            notes.append(f"{status.dropped} samples were passed over in learning, {status.gaps} times")
+        return notes
+
+
+def _listed(names: Iterable[str], most: int = 5) -> str:
+    found = list(names)
+    return ", ".join(found[:most]) + (f" and {len(found) - most} more" if len(found) > most else "")
+
+
+def _is(source: Source, what: str) -> bool:
+    """Whether a source says that it `keeps_time` (its stamps are on our clock), or is `patient` (it can wait)."""
+    return bool(getattr(source, what, False))

@@ -1,0 +1,62 @@
+"""Where a live session stands, for whoever looks at it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from towtank.live.learning import Learnt
+from towtank.live.recorder import RecordingState
+from towtank.live.source import SourceState
+
+__all__ = ["SourceStatus", "Status"]
+
+
+@dataclass(frozen=True)
+class SourceStatus:
+    """How one link fares.
+
+    Attributes:
+        text: as it was named. state: its own account. samples: that came from it.
+        strange: stamps that were not believed. offset: our clock less its own [s]. drift: [s/s].
+    """
+
+    text: str
+    state: SourceState
+    samples: int
+    strange: int
+    offset: float
+    drift: float
+
+
+@dataclass(frozen=True)
+class Status:
+    """Where a session stands.
+
+    Attributes:
+        elapsed: since it began [s]. learnt: by now.
+        sources: how each link fares. recording: None where there is none.
+        dropped: samples passed over because learning could not keep up. gaps: how often that began.
+        late: samples that came after later ones had been learned from. waiting: samples to be learned from.
+        doubled: channels that several links measure. warnings: what a person had better know.
+    """
+
+    elapsed: float
+    learnt: Learnt
+    sources: tuple[SourceStatus, ...]
+    recording: RecordingState | None
+    dropped: int
+    gaps: int
+    late: int
+    waiting: int
+    doubled: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def bad(self) -> int:
+        """Datagrams and messages that could not be decoded, and stamps that were not believed."""
+        return sum(each.state.bad + each.strange for each in self.sources)
+
+    @property
+    def samples(self) -> int:
+        """Samples of all links."""
+        return sum(each.samples for each in self.sources)

@@ -1,0 +1,51 @@
+"""Which source a text on the command line means."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from towtank.errors import InputError
+
+if TYPE_CHECKING:
+    from towtank.live.source import Source
+    from towtank.recording import ColumnMapping
+    from towtank.vehicle import Vehicle
+
+__all__ = ["KINDS", "open_source"]
+
+KINDS = (
+    "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, /dev/NAME,BAUD (MAVLink), ros2:[DOMAIN], "
+    "json:HOST:PORT, - (JSON lines on standard input), replay:FILE[@SPEED]"
+)
+_MAVLINK = re.compile(r"(mavlink|udp|udpin|udpout|udpbcast|tcp|tcpin|serial):|/dev/|COM\d", re.IGNORECASE)
+
+
+def open_source(text: str, vehicle: Vehicle, mapping: ColumnMapping | None = None) -> Source:
+    """Return the source that a text means, not yet opened.
+
+    Args:
+        text: see `KINDS`.
+        vehicle: whose thrusters the commands are for.
+        mapping: names of the fields, body and world frames, where they are not the standard ones.
+
+    Raises:
+        InputError: no such kind of source, or one of its parts is wrong.
+    """
+    if text == "-" or text.startswith("json:"):
+        from towtank.live.json_source import JsonSource
+
+        return JsonSource(text, vehicle, mapping)
+    if text.startswith("replay:"):
+        from towtank.live.replay_source import ReplaySource
+
+        return ReplaySource(text, vehicle, mapping)
+    if text == "ros2" or text.startswith("ros2:"):
+        from towtank.live.ros2_source import Ros2Source
+
+        return Ros2Source(text, mapping)
+    if _MAVLINK.match(text):
+        from towtank.live.mavlink_source import MavlinkSource
+
+        return MavlinkSource(text.removeprefix("mavlink:"), vehicle)
+    raise InputError(f'source "{text}": expected one of {KINDS}')

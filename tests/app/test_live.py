@@ -1,0 +1,197 @@
+"""The command `towtank live`: from links to a model, ended in order, killed and gone on with."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from towtank import load_vehicle
+from towtank.app.live_view import LiveView
+from towtank.app.output import Output
+from towtank.live import open_source
+from towtank.live.recorded import rows_of
+from towtank.live.session import Session
+from towtank.live.warm_up import new_learner
+from towtank.readers import read
+from towtank.simulation import Mocap, manoeuvre, simulate
+
+VEHICLE = "seamor"
+FREE = "X_udot,X_uu"
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Sixteen simulated seconds."""
+    vehicle = load_vehicle(VEHICLE)
+    plan = manoeuvre("surge-sine", vehicle, duration=16.0, dt=0.01, seed=1)
+    path = tmp_path_factory.mktemp("live") / "surge.csv"
+    simulate(vehicle, commands=plan.commands, dt=0.01, sensors=Mocap(rate=100.0), seed=1).write(path)
+    return path
+
+
+def started(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
+    """Start `towtank live` and wait until it listens."""
+    command = [sys.executable, "-m", "towtank", "live", *arguments, "--vehicle", VEHICLE, "--free", FREE]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=cwd)
+    assert process.stderr is not None
+    for line in process.stderr:
+        if line.startswith("listening"):
+            return process
+    raise AssertionError(process.communicate())
+
+
+def towtank(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "towtank", "live", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=120, check=False)
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.bind(("127.0.0.1", 0))
+        return int(link.getsockname()[1])
+
+
+def datagrams(log: Path) -> list[tuple[float, bytes]]:
+    return [
+        (t, json.dumps({"t": t, **dict(zip(names, values, strict=True))}).encode())
+        for t, names, values in rows_of(read(log))
+    ]
+
+
+def send(feed: list[tuple[float, bytes]], port: int) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        began = time.monotonic()
+        for t, data in feed:
+            time.sleep(max(began + t - feed[0][0] - time.monotonic(), 0.0))
+            link.sendto(data, ("127.0.0.1", port))
+
+
+def test_a_log_replayed_ends_in_a_document_and_a_model(log: Path, tmp_path: Path) -> None:
+    asked = (f"replay:{log}@0", "--vehicle", VEHICLE, "--free", FREE, "--json")
+    done = towtank(*asked, "--record", "dive.mcap", "-o", "mine.toml", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    truth = load_vehicle(VEHICLE)
+    for name in FREE.split(","):
+        assert document["coefficients"][name]["value"] == pytest.approx(truth.coefficient(name), rel=0.05)
+    assert document["live"]["samples"] == document["live"]["instants"] == 1601
+    assert document["live"]["dropped"] == document["live"]["late"] == document["live"]["bad"] == 0
+    learn = {"vehicle", "logs", "method", "duration_s", "samples", "delay_s", "coefficients", "fit", "warnings"}
+    assert learn < document.keys()
+    model = load_vehicle(tmp_path / "mine.toml")
+    assert model.coefficient("X_uu") == pytest.approx(document["coefficients"]["X_uu"]["value"])
+    assert "learned live from replay:" in str(model.provenance.notes)
+    assert len(read(tmp_path / "dive.mcap")["x"].measured) == 1601
+    assert towtank(*asked, "--record", "dive.mcap", cwd=tmp_path).returncode == 2  # never overwritten
+
+
+def test_killed_and_gone_on_with(log: Path, tmp_path: Path) -> None:
+    feed, port = datagrams(log), free_port()
+    arguments = (f"json:127.0.0.1:{port}", "--record", "dive.mcap", "--json-lines")
+    first = started(*arguments, cwd=tmp_path)
+    send(feed[:520], port)
+    first.send_signal(signal.SIGKILL)
+    first.communicate()
+    missing = 520 - len(read(tmp_path / "dive.mcap")["x"])
+    assert missing <= 100  # one second
+    second = started(*arguments, "--resume", cwd=tmp_path)
+    send(feed[520:1040], port)
+    time.sleep(0.3)
+    second.send_signal(signal.SIGTERM)
+    lines = [json.loads(line) for line in second.communicate()[0].splitlines()]
+    assert second.returncode == 0
+    assert len(lines) >= 4
+    assert lines[-1]["final"]
+    kept = read(tmp_path / "dive.mcap")
+    assert len(kept["x"]) == 1040 - missing
+    assert lines[-1]["coefficients"]["X_uu"]["identified"]
+    assert lines[-1]["duration_s"] == pytest.approx(10.4, abs=1.5)  # both parts
+    assert not kept.repairs
+    assert any(note.startswith("live json:") for note in kept.notes)
+
+
+def test_ctrl_c_ends_in_order(log: Path, tmp_path: Path) -> None:
+    process = started(f"replay:{log}", "--record", "dive.mcap", "-o", "mine.toml", cwd=tmp_path)
+    time.sleep(2.0)
+    process.send_signal(signal.SIGINT)
+    out, _ = process.communicate(timeout=30)
+    assert process.returncode == 0
+    assert "learned live, method joint" in out
+    assert "model written to mine.toml" in out
+    assert load_vehicle(tmp_path / "mine.toml").name == VEHICLE
+    kept = read(tmp_path / "dive.mcap")
+    assert 100 < len(kept["x"]) < 1000
+    assert not kept.repairs  # closed, with its summary
+
+
+def test_lines_of_standard_input_are_learned_from(log: Path, tmp_path: Path) -> None:
+    (tmp_path / "lines.json").write_bytes(b"\n".join(data for _, data in datagrams(log)) + b"\nbroken\n")
+    command = [sys.executable, "-m", "towtank", "live", "-", "--vehicle", VEHICLE, "--free", FREE, "--json"]
+    with (tmp_path / "lines.json").open("rb") as lines:
+        done = subprocess.run(command, stdin=lines, capture_output=True, text=True, cwd=tmp_path, check=True)
+    document = json.loads(done.stdout)
+    assert document["live"]["instants"] == 1601
+    assert document["live"]["bad"] == 1
+    assert document["coefficients"]["X_uu"]["identified"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("pigeon", "--vehicle", VEHICLE), 'source "pigeon": expected one of'),
+        (("replay:none.csv", "--vehicle", VEHICLE), "none.csv: no such file"),
+        (("json:127.0.0.1:5005", "--vehicle", "nemo"), "nemo"),
+        (("json:127.0.0.1:5005", "--vehicle", VEHICLE, "--method", "output-error"), "expected one of"),
+        (("json:127.0.0.1:5005", "--vehicle", VEHICLE, "--resume"), "--record FILE.mcap"),
+        (("json:127.0.0.1:5005", "--vehicle", VEHICLE, "--record", "a.csv"), "ends in .mcap"),
+        (("json:127.0.0.1:5005", "--vehicle", VEHICLE, "--window", "-1"), "--window"),
+        (("json:127.0.0.1:5005", "--vehicle", VEHICLE, "--json", "--json-lines"), "expected one of them"),
+        (("-", "-", "--vehicle", VEHICLE), "twice"),
+    ],
+)
+def test_wrong_arguments_are_one_line(arguments: tuple[str, ...], said: str, tmp_path: Path) -> None:
+    from typer.testing import CliRunner
+
+    from towtank.app.cli import app
+
+    before = Path.cwd()
+    os.chdir(tmp_path)
+    try:
+        done = CliRunner().invoke(app, ["live", *arguments])
+    finally:
+        os.chdir(before)
+    assert done.exit_code == 2
+    line = done.stderr.strip().splitlines()[-1]
+    assert said in line
+    assert line.startswith("towtank")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_view_fits_eighty_columns(log: Path) -> None:
+    vehicle = load_vehicle(VEHICLE)
+    text = f"replay:{log}@0"
+    session = Session([(text, open_source(text, vehicle))], vehicle, new_learner(vehicle, "joint"), epoch=time.time())
+    session.open()
+    status = session.run(threading.Event(), seconds=12.0)
+    assert np.isclose(status.learnt.t - 0.0, 12.0, atol=2.0)
+    output = Output()
+    output.console = Console(width=80, record=True, file=io.StringIO(), force_terminal=True)
+    output.console.print(LiveView(output, vehicle, "joint").picture(status))
+    shown = output.console.export_text().splitlines()
+    assert max(map(len, shown)) <= 80
+    assert shown[0].startswith("seamor, method joint  0:00:")
+    assert any(line.startswith("X_uu") and "±" in line and "%" in line for line in shown)
+    assert any("dropped 0, late 0, bad 0" in line for line in shown)
+    assert len(shown) < 40

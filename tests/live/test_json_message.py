@@ -1,0 +1,130 @@
+"""What a line of JSON means, and what is wrong with it."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from towtank.live.json_message import JsonMessages
+from towtank.recording import Column, ColumnMapping, Marker, Recording, marker_to_origin, to_ned_frd
+from towtank.recording.channel import standard_channel
+
+THRUSTERS = ("port", "stbd")
+
+
+def decoded(message: object, **settings: object) -> tuple[JsonMessages, float, dict[str, float]]:
+    messages = JsonMessages(THRUSTERS, ColumnMapping(**settings) if settings else None)  # type: ignore[arg-type]
+    found = messages.decode(json.dumps(message).encode())
+    assert found is not None
+    return messages, found[0], dict(zip(found[1], found[2], strict=True))
+
+
+def test_names_are_those_of_recordings() -> None:
+    messages, t, found = decoded({"t": 12.5, "x": 1, "psi": -0.5, "q": None, "voltage": 15.2, "cmd": [1500, 1620]})
+    assert t == 12.5
+    assert found == {"x": 1.0, "psi": -0.5, "voltage": 15.2, "cmd_port": 1500.0, "cmd_stbd": 1620.0}
+    assert messages.bad == 0
+
+
+def test_commands_may_be_named_and_the_time_left_out() -> None:
+    messages, t, found = decoded({"cmd": {"stbd": 3.0}, "cmd_port": 4, "battery": 9, "note": {"a": [1]}})
+    assert math.isnan(t)
+    assert found == {"cmd_stbd": 3.0, "cmd_port": 4.0}
+    assert messages.unknown == {"battery": 1, "note": 1}
+
+
+@pytest.mark.parametrize("body", ["FRD", "FLU"])
+@pytest.mark.parametrize("world", ["NED", "ENU"])
+def test_frames_are_converted_as_in_files(body: str, world: str) -> None:
+    sample = {
+        **dict(zip(("x", "y", "z", "phi", "theta", "psi"), (1.0, 2.0, 3.0, 0.1, -0.2, 0.3), strict=True)),
+        **dict(zip(("u", "v", "w", "p", "q", "r"), (0.4, 0.5, 0.6, 0.7, 0.8, 0.9), strict=True)),
+        **dict(zip(("ax", "ay", "az", "vn", "ve", "vd"), (1.1, 1.2, 1.3, 1.4, 1.5, 1.6), strict=True)),
+        **dict(zip(("X", "Y", "Z", "K", "M", "N"), (2.1, 2.2, 2.3, 2.4, 2.5, 2.6), strict=True)),
+    }
+    file = Recording({name: standard_channel(name, [0.0], [value]) for name, value in sample.items()})
+    expected = {name: channel.values[0] for name, channel in to_ned_frd(file, body=body, world=world).channels.items()}
+    _, _, told = decoded({**sample, "frame": {"body": body, "world": world}})
+    _, _, mapped = decoded(sample, body=body, world=world, columns={name: Column(source=name) for name in sample})
+    assert told == pytest.approx(expected)
+    assert mapped == pytest.approx(expected)
+
+
+def test_a_quaternion_is_turned_and_a_zero_one_left_out() -> None:
+    half = math.sqrt(0.5)
+    _, _, found = decoded({"qw": half, "qx": 0, "qy": 0, "qz": half, "frame": {"body": "FLU", "world": "ENU"}})
+    assert abs(found["qw"]) == pytest.approx(1.0)  # facing north
+    messages = JsonMessages(THRUSTERS)
+    assert messages.decode(b'{"qw": 0, "qx": 0, "qy": 0, "qz": 0}') is None
+
+
+def test_a_mapping_reaches_into_the_message() -> None:
+    _, t, found = decoded(
+        {"stamp": 1500, "pose": {"position": [1.0, 2.0]}, "heading_deg": 90.0, "pwm": [1500, 1600]},
+        thrusters=["pwm[0]", "pwm[1]"],
+        columns={
+            "t": Column(source="stamp", scale=1e-3),
+            "x": "pose.position[0]",
+            "psi": Column(source="heading_deg", scale=math.pi / 180.0),
+            "z": "pose.depth",
+        },
+    )
+    assert t == pytest.approx(1.5)
+    assert found == pytest.approx({"x": 1.0, "psi": math.pi / 2.0, "cmd_1": 1500.0, "cmd_2": 1600.0})
+
+
+def test_a_marker_is_moved_to_the_origin_as_in_files() -> None:
+    sample = {"x": 1.0, "y": 2.0, "z": 3.0, "phi": 0.1, "theta": -0.2, "psi": 0.3}
+    sample |= {"u": 0.4, "v": 0.5, "w": 0.6, "p": 0.7, "q": 0.8, "r": 0.9}
+    arm = (0.1, -0.2, 0.3)
+    t = [0.0, 0.1]
+    file = marker_to_origin(
+        Recording({name: standard_channel(name, t, [value, value]) for name, value in sample.items()}), arm
+    )
+    columns = {name: Column(source=name) for name in sample}
+    _, _, found = decoded(sample, columns=columns, marker=Marker(position=arm))
+    assert found == pytest.approx({name: file[name].values[0] for name in sample})
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"",
+        b"x",
+        b"[1]",
+        b"3",
+        b'{"t": 1e999, "x": 1}',
+        b'{"t": "noon", "x": 1}',
+        b'{"x": true}',
+        b'{"x": 1e300}',
+        b'{"x": 1' + b"0" * 500 + b"}",
+        b'{"cmd": [1, 2, 3]}',
+        b'{"cmd": 7}',
+        b"[" * 50_000,
+        b'{"a":' * 50_000,
+        b"\xff\xfe",
+        b'{"frame": {"body": []}}',
+    ],
+)
+def test_what_cannot_be_used_is_counted(line: bytes) -> None:
+    messages = JsonMessages(THRUSTERS)
+    assert messages.decode(line) is None
+    assert messages.bad == 1
+    assert messages.wrong.isascii()
+
+
+def test_keys_that_mean_nothing_do_not_fill_the_memory() -> None:
+    messages = JsonMessages(THRUSTERS)
+    for k in range(1000):
+        messages.decode(json.dumps({f"key\x1b{k}": 1}).encode())
+    assert len(messages.unknown) == 101
+    assert sum(messages.unknown.values()) == 1000
+    assert all(key.isprintable() for key in messages.unknown)
+
+
+def test_not_a_number_is_not_measured() -> None:
+    messages = JsonMessages(THRUSTERS)
+    assert messages.decode(b'{"x": NaN, "y": 1}') == (pytest.approx(np.nan, nan_ok=True), ("y",), (1.0,))

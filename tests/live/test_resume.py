@@ -1,0 +1,171 @@
+"""A session that is gone on with, from its recording and from a checkpoint beside it."""
+
+from __future__ import annotations
+
+import threading
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from towtank import Learner, load_vehicle
+from towtank.errors import InputError
+from towtank.live.checkpoint import Checkpoint
+from towtank.live.recorded import rows_of
+from towtank.live.resume import earlier
+from towtank.live.session import Session
+from towtank.live.source import Sample
+from towtank.live.warm_up import new_learner
+from towtank.recording import Recording
+from towtank.recording.mcap_log import McapLog
+from towtank.simulation import Mocap, manoeuvre, simulate
+from towtank.vehicle import Vehicle
+
+FREE = ("X_udot", "X_uu")
+EPOCH = 1.7e9
+
+
+class Lines:
+    """A link that has its samples ready."""
+
+    name, keeps_time, patient = "test", True, True
+
+    def __init__(self, samples: list[Sample]) -> None:
+        self._samples = samples
+
+    def open(self) -> None:
+        pass
+
+    def read(self, timeout: float) -> list[Sample]:
+        batch, self._samples = self._samples[:50], self._samples[50:]
+        return batch
+
+    def state(self) -> Any:
+        from towtank.live.source import SourceState
+
+        return SourceState(ended=not self._samples)
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.fixture(scope="module")
+def vehicle() -> Vehicle:
+    return load_vehicle("seamor")
+
+
+@pytest.fixture(scope="module")
+def run(vehicle: Vehicle) -> Recording:
+    plan = manoeuvre("surge-sine", vehicle, duration=16.0, dt=0.01, seed=2)
+    return simulate(vehicle, commands=plan.commands, dt=0.01, sensors=Mocap(rate=100.0), seed=2)
+
+
+def part(run: Recording, start: float, end: float) -> Lines:
+    return Lines(
+        [
+            Sample("test", "all", EPOCH + t, EPOCH + t, names, values)
+            for t, names, values in rows_of(run)
+            if start <= t < end
+        ]
+    )
+
+
+def learned(
+    link: Lines, vehicle: Vehicle, learner: Learner, path: Path, *, checkpoint: Checkpoint | None = None, **before: Any
+) -> Learner:
+    log = McapLog.resume(path) if path.exists() else McapLog.open(path, epoch=datetime.fromtimestamp(EPOCH, UTC))
+    made = Session([("test", link)], vehicle, learner, epoch=EPOCH, log=log, checkpoint=checkpoint)
+    if before:
+        made.learning.catch_up(before["rows"], since=before["since"], inputs=before["inputs"])
+    made.open()
+    made.run(threading.Event())
+    return learner
+
+
+def test_a_session_gone_on_with_ends_where_an_uninterrupted_one_does(
+    vehicle: Vehicle, run: Recording, tmp_path: Path
+) -> None:
+    whole = learned(part(run, 0.0, 16.0), vehicle, new_learner(vehicle, "joint", FREE), tmp_path / "whole.mcap")
+    path = tmp_path / "dive.mcap"
+    learned(part(run, 0.0, 7.0), vehicle, new_learner(vehicle, "joint", FREE), path)
+    before = earlier(path, vehicle, Checkpoint(path, {}))
+    assert before.epoch == EPOCH
+    again = new_learner(vehicle, "joint", FREE)
+    rows = before.rows(lambda text, share: None)
+    learned(part(run, 7.0, 16.0), vehicle, again, path, rows=rows, since=before.since, inputs=before.inputs)
+    change = np.abs(again.estimate.values - whole.estimate.values) / whole.estimate.std
+    assert change.max() < 0.5
+    assert again.estimate.samples > 1500
+
+
+class Kept:
+    """What `Learner.save` and `load` are expected to do, with a learner whose memory is a list."""
+
+    def __init__(self, seen: list[float] | None = None) -> None:
+        self.seen, self.restarts = seen or [], 0
+
+    def update(self, t: float, **arguments: Any) -> bool:
+        self.seen.append(t)
+        return True
+
+    def restart(self) -> None:
+        self.restarts += 1
+
+    @property
+    def estimate(self) -> None:
+        return None
+
+    def save(self, path: Path) -> None:
+        Path(path).write_text(" ".join(map(repr, self.seen)))
+
+    @classmethod
+    def load(cls, path: Path, vehicle: Vehicle) -> Kept:
+        return cls([float(text) for text in Path(path).read_text().split()])
+
+
+def test_a_checkpoint_spares_what_it_holds(
+    vehicle: Vehicle, run: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "dive.mcap"
+    checkpoint = Checkpoint(path, {"method": "joint", "free": ("X_u",)})
+    first = Kept()
+    learned(part(run, 0.0, 4.0), vehicle, first, path, checkpoint=checkpoint)  # type: ignore[arg-type]
+    assert checkpoint.path == tmp_path / "dive.mcap.state"
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["dive.mcap", "dive.mcap.state"]
+    learned(part(run, 4.0, 6.0), vehicle, Kept(), path)  # type: ignore[arg-type]
+    monkeypatch.setattr(Learner, "load", Kept.load, raising=False)
+    before = earlier(path, vehicle, Checkpoint(path, {"method": "joint", "free": ["X_u"]}))
+    assert isinstance(before.learner, Kept)
+    assert before.learner.seen == first.seen
+    assert before.since == pytest.approx(3.99, abs=1e-6)
+    assert len(before.inputs) == len(vehicle.thrusters)
+    rows = list(before.rows(lambda text, share: None))
+    assert len(rows) == 200
+    assert rows[0][0] == pytest.approx(4.0, abs=1e-6)
+    other = earlier(path, vehicle, Checkpoint(path, {"method": "paper", "free": ["X_u"]}))
+    assert other.learner is None  # of other settings: everything is learned once more
+    assert len(list(other.rows(lambda text, share: None))) == 600
+
+
+def test_a_damaged_checkpoint_is_passed_over(vehicle: Vehicle, run: Recording, tmp_path: Path) -> None:
+    path = tmp_path / "dive.mcap"
+    learned(part(run, 0.0, 2.0), vehicle, new_learner(vehicle, "joint", FREE), path)
+    checkpoint = Checkpoint(path, {})
+    for content in (b"", b"{", b'{"version": 1}\n', b"\xff\n\n", b'{"version": 1, "t": "x"}\nabc'):
+        checkpoint.path.write_bytes(content)
+        assert earlier(path, vehicle, checkpoint).learner is None
+
+
+def test_a_checkpoint_that_cannot_be_written_is_said_and_no_more(tmp_path: Path) -> None:
+    checkpoint = Checkpoint(tmp_path / "gone" / "dive.mcap", {})
+    assert not checkpoint.save(Kept([1.0]), 1.0)  # type: ignore[arg-type]
+    assert "dive.mcap.state" in checkpoint.trouble
+
+
+def test_a_recording_of_other_thrusters_is_refused(vehicle: Vehicle, run: Recording, tmp_path: Path) -> None:
+    path = tmp_path / "dive.mcap"
+    learned(part(run, 0.0, 1.0), vehicle, new_learner(vehicle, "joint", FREE), path)
+    with pytest.raises(InputError, match="thruster"):
+        earlier(path, load_vehicle("bluerov2_heavy"), Checkpoint(path, {}))

@@ -1,0 +1,343 @@
+"""Links, recording and learning side by side."""
+
+from __future__ import annotations
+
+import errno
+import json
+import math
+import os
+import socket
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from towtank import Learner, load_vehicle
+from towtank.errors import InputError
+from towtank.live import Raw, Sample, SourceState, open_source
+from towtank.live.lane import GAP, Lane
+from towtank.live.recorded import rows_of
+from towtank.live.session import Session
+from towtank.live.sorter import Arrival
+from towtank.live.status import Status
+from towtank.live.warm_up import new_learner
+from towtank.readers import read
+from towtank.recording import Recording
+from towtank.recording.mcap_log import McapLog
+from towtank.simulation import Mocap, manoeuvre, simulate
+from towtank.vehicle import Vehicle
+
+FREE = ("X_udot", "X_uu")
+EPOCH = 1.7e9
+
+
+@pytest.fixture(scope="module")
+def vehicle() -> Vehicle:
+    return load_vehicle("seamor")
+
+
+@pytest.fixture(scope="module")
+def run(vehicle: Vehicle) -> Recording:
+    plan = manoeuvre("surge-sine", vehicle, duration=12.0, dt=0.01, seed=1)
+    return simulate(vehicle, commands=plan.commands, dt=0.01, sensors=Mocap(rate=100.0), seed=1)
+
+
+class Link:
+    """A link that hands over what it is given."""
+
+    keeps_time = True
+
+    def __init__(self, batches: Iterator[Sequence[Sample | Raw]], name: str = "test", patient: bool = True) -> None:
+        self.name, self.patient = name, patient
+        self._batches = batches
+        self._ended = False
+
+    def open(self) -> None:
+        pass
+
+    def read(self, timeout: float) -> Sequence[Sample | Raw]:
+        batch = next(self._batches, None)
+        self._ended = batch is None
+        return batch or []
+
+    def state(self) -> SourceState:
+        return SourceState(ended=self._ended)
+
+    def close(self) -> None:
+        pass
+
+
+class Slow:
+    """A learner that takes its time."""
+
+    def __init__(self, learner: Learner, seconds: float) -> None:
+        self._learner, self._seconds, self.restarts = learner, seconds, 0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._learner, name)
+
+    def update(self, t: float, **arguments: Any) -> bool:
+        time.sleep(self._seconds)
+        return self._learner.update(t, **arguments)
+
+    def restart(self) -> None:
+        self.restarts += 1
+        self._learner.restart()
+
+
+def samples(run: Recording, topic: str = "all") -> list[Sample]:
+    return [Sample("test", topic, EPOCH + t, EPOCH + t, names, values) for t, names, values in rows_of(run)]
+
+
+def session(link: Any, vehicle: Vehicle, learner: Any, **settings: Any) -> Status:
+    links = link if isinstance(link, list) else [link]
+    made = Session([(each.name, each) for each in links], vehicle, learner, epoch=EPOCH, **settings)
+    made.open()
+    return made.run(threading.Event())
+
+
+def test_a_stream_teaches_what_the_same_samples_teach_one_by_one(
+    vehicle: Vehicle, run: Recording, tmp_path: Path
+) -> None:
+    alone = new_learner(vehicle, "joint", FREE)
+    names = [f"cmd_{each.name}" for each in vehicle.thrusters]
+    pose = ("x", "y", "z", "phi", "theta", "psi")
+    for t, keys, values in rows_of(run):
+        sample = dict(zip(keys, values, strict=True))
+        commands = np.array([sample[name] for name in names]) if names[0] in sample else None
+        alone.update(EPOCH + t - EPOCH, pose=[sample.get(name, math.nan) for name in pose], commands=commands)
+    every = samples(run)
+    batches = [every[k : k + 7] for k in range(0, len(every), 7)]
+    log = McapLog.open(tmp_path / "a.mcap", epoch=datetime.fromtimestamp(EPOCH, UTC))
+    learner = new_learner(vehicle, "joint", FREE)
+    status = session(Link(iter(batches)), vehicle, learner, log=log)
+    assert status.samples == status.learnt.instants == len(every)
+    assert (status.dropped, status.late, status.bad) == (0, 0, 0)
+    assert np.array_equal(learner.estimate.values, alone.estimate.values)
+    assert np.array_equal(learner.estimate.std, alone.estimate.std)
+    kept = read(tmp_path / "a.mcap")
+    assert set(kept.names) == set(run.names)
+    for name in run:
+        assert np.array_equal(kept[name].measured.values, run[name].values)
+        assert np.abs(kept[name].measured.t - run[name].t).max() < 1e-6
+
+
+def test_late_samples_are_recorded_but_not_learned_from(vehicle: Vehicle, run: Recording, tmp_path: Path) -> None:
+    every = samples(run)[:400]
+    late = every[100]
+    order = [*every[:100], *every[101:300], late, *every[300:]]
+    log = McapLog.open(tmp_path / "a.mcap")
+    status = session(
+        Link(iter([[each] for each in order])), vehicle, new_learner(vehicle, "joint", FREE), log=log, window=0.1
+    )
+    assert status.late == 1
+    assert status.learnt.instants == 399
+    assert len(read(tmp_path / "a.mcap")["x"]) == 400
+
+
+def test_a_learner_that_cannot_keep_up_costs_learning_only(vehicle: Vehicle, run: Recording, tmp_path: Path) -> None:
+    every = samples(run)[:600]
+    log = McapLog.open(tmp_path / "a.mcap")
+    learner = Slow(new_learner(vehicle, "joint", FREE), 0.002)
+    began = time.monotonic()
+
+    def paced() -> Iterator[list[Sample]]:
+        for k in range(0, len(every), 10):
+            time.sleep(0.002)
+            yield every[k : k + 10]
+
+    status = session(Link(paced(), patient=False), vehicle, learner, log=log, room=50)
+    assert time.monotonic() - began < 3.0
+    assert status.dropped > 100
+    assert status.learnt.instants + status.dropped == 600
+    assert learner.restarts >= status.gaps > 0  # no interval spans what was passed over
+    assert any("could not keep up" in text for text in status.warnings)
+    assert len(read(tmp_path / "a.mcap")["x"]) == 600
+
+
+def test_a_learner_that_fails_does_not_end_the_recording(vehicle: Vehicle, run: Recording, tmp_path: Path) -> None:
+    class Failing(Slow):
+        def update(self, t: float, **arguments: Any) -> bool:
+            if t > 1.0:
+                raise FloatingPointError("singular")
+            return True
+
+    every = samples(run)
+    log = McapLog.open(tmp_path / "a.mcap")
+    batches = iter([every[k : k + 10] for k in range(0, len(every), 10)])
+    status = session(Link(batches), vehicle, Failing(new_learner(vehicle, "joint", FREE), 0.0), log=log, room=100)
+    assert status.learnt.trouble == "learning has stopped: FloatingPointError: singular"
+    assert len(read(tmp_path / "a.mcap")["x"]) == len(every)
+
+
+def test_a_full_disk_costs_samples_of_the_recording_and_is_said(
+    vehicle: Vehicle, run: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full = threading.Event()
+    write = os.write
+
+    def written(descriptor: int, data: Any) -> int:
+        if full.is_set():
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(descriptor, data)
+
+    every = samples(run)
+    log = McapLog.open(tmp_path / "a.mcap", interval=0.05)
+    told: list[str] = []
+
+    def stream() -> Iterator[list[Sample]]:
+        monkeypatch.setattr("towtank.recording.mcap_log.os.write", written)
+        yield every[:400]
+        time.sleep(0.3)
+        full.set()
+        yield every[400:800]
+        time.sleep(0.6)
+        told.extend(made.status().warnings)
+        full.clear()
+        yield every[800:]
+
+    learner = new_learner(vehicle, "joint", FREE)
+    made = Session([("test", Link(stream()))], vehicle, learner, epoch=EPOCH, log=log)
+    made.open()
+    status = made.run(threading.Event())
+    assert any("No space left on device" in text and "learning goes on" in text for text in told)
+    assert status.learnt.instants == len(every)
+    assert status.warnings == ()  # what waited was written when there was room again
+    assert len(read(tmp_path / "a.mcap")["x"]) == len(every)
+
+
+def test_a_link_that_fails_does_not_end_the_others(vehicle: Vehicle, run: Recording) -> None:
+    def broken() -> Iterator[list[Sample]]:
+        yield []
+        raise OSError("unplugged")
+
+    every = samples(run)[:200]
+    links = [Link(broken(), "bad"), Link(iter([every]), "good")]
+    status = session(links, vehicle, new_learner(vehicle, "joint", FREE))
+    assert status.samples == 200
+    assert any("bad: the link has failed (OSError: unplugged)" in text for text in status.warnings)
+
+
+def test_two_links_of_different_clocks_stand_on_one(vehicle: Vehicle) -> None:
+    """Two links send the same instants, one with a clock of its own; they meet within a millisecond."""
+
+    class Live(Link):
+        keeps_time = False
+
+    def stream(name: str, offset: float) -> Iterator[list[Sample]]:
+        for k in range(150):
+            due = began + 0.01 * k
+            time.sleep(max(due - time.time(), 0.0))
+            yield [Sample("test", name, due - offset, time.time(), ("x" if offset else "y",), (due,))]
+
+    began = time.time() + 0.1
+    learner = new_learner(vehicle, "joint", FREE)
+    seen: list[tuple[float, dict[str, Any]]] = []
+    learner.update = lambda t, **arguments: bool(seen.append((t, arguments)))  # type: ignore[method-assign]
+    links = [Live(stream("a", 0.0), "a", False), Live(stream("b", 5.96 * 86400.0), "b", False)]
+    status = session(links, vehicle, learner, window=0.05)
+    assert status.late == 0
+    off = [t + EPOCH - np.nanmax(each["pose"][:2]) for t, each in seen]
+    assert len(off) >= 150
+    assert max(off) - min(off) < 0.02  # a busy machine wakes late; clocks apart are 5.96 days
+    assert float(np.median(np.abs(np.diff(off)))) < 2e-3
+    assert status.sources[1].offset == pytest.approx(5.96 * 86400.0, abs=0.05)
+
+
+def test_json_over_udp_is_learned_from_and_recorded_as_it_came(
+    vehicle: Vehicle, run: Recording, tmp_path: Path
+) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    text = f"json:127.0.0.1:{port}"
+    log = McapLog.open(tmp_path / "a.mcap", epoch=datetime.fromtimestamp(EPOCH, UTC))
+    made = Session(
+        [(text, open_source(text, vehicle))], vehicle, new_learner(vehicle, "joint", FREE), epoch=time.time(), log=log
+    )
+    made.open()
+    stop = threading.Event()
+    rows = list(rows_of(run))[:200]
+
+    def feed() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+            began = time.monotonic()
+            for k, (t, names, values) in enumerate(rows):
+                time.sleep(max(began + t - time.monotonic(), 0.0))
+                link.sendto(json.dumps({"t": t, **dict(zip(names, values, strict=True))}).encode(), ("127.0.0.1", port))
+                if k % 10 == 0:
+                    link.sendto(b"{broken", ("127.0.0.1", port))
+        time.sleep(0.3)
+        stop.set()
+
+    feeder = threading.Thread(target=feed)
+    feeder.start()
+    status = made.run(stop)
+    feeder.join()
+    assert status.samples == status.learnt.instants == 200
+    assert status.bad == 20
+    assert status.waiting == 0
+    assert status.learnt.latency["p99"] >= 99.0  # ms: the window
+    kept = read(tmp_path / "a.mcap")
+    assert {each.name: each.count for each in kept.contents} == {
+        f"/json/port_{port}": 200,
+        f"/raw/json/port_{port}": 220,
+    }
+
+
+def test_a_full_lane_drops_until_half_is_done() -> None:
+    lane = Lane(10)
+    arrivals = [Arrival(float(k), 0.0, 0, Sample("a", "b", 0.0, 0.0, ("x",), (0.0,))) for k in range(30)]
+    lane.put(arrivals[:10])
+    lane.put(arrivals[10:15])
+    assert (lane.dropped, lane.gaps) == (5, 1)
+    lane.get(0.0, most=4)
+    lane.put(arrivals[15:16])
+    assert lane.dropped == 6
+    lane.get(0.0, most=2)
+    lane.put(arrivals[16:18])
+    assert lane.dropped == 6
+    items, _ = lane.get(0.0)
+    assert [each.t if isinstance(each, Arrival) else "gap" for each in items] == [6, 7, 8, 9, "gap", 16, 17]
+    assert GAP in items
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("carrier pigeon", "expected one of udpin:"),
+        ("json:127.0.0.1", "HOST:PORT"),
+        ("json::99999", "HOST:PORT"),
+        ("replay:", "expected replay:FILE"),
+        ("replay:a.csv@fast", 'found speed "fast"'),
+    ],
+)
+def test_what_is_no_source_is_said_in_one_line(vehicle: Vehicle, text: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        open_source(text, vehicle)
+
+
+def test_a_port_that_is_taken_is_said(vehicle: Vehicle) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        text = f"json:127.0.0.1:{taken.getsockname()[1]}"
+        with pytest.raises(InputError, match="cannot listen there"):
+            open_source(text, vehicle).open()
+
+
+def test_a_log_is_replayed_at_the_pace_asked_for(vehicle: Vehicle, run: Recording, tmp_path: Path) -> None:
+    run.write(tmp_path / "a.csv")
+    source = open_source(f"replay:{tmp_path / 'a.csv'}@20", vehicle)
+    source.open()
+    began = time.monotonic()
+    found: list[Sample] = []
+    while not source.state().ended:
+        found += [each for each in source.read(0.1) if isinstance(each, Sample)]
+    assert time.monotonic() - began == pytest.approx(12.0 / 20.0, abs=0.2)
+    assert [each.t - found[0].t for each in found] == pytest.approx([t for t, _, _ in rows_of(run)], abs=1e-6)
+    assert [each.values for each in found] == [values for _, _, values in rows_of(run)]
