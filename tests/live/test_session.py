@@ -104,7 +104,7 @@ def session(link: Any, vehicle: Vehicle, learner: Any, **settings: Any) -> Statu
 def test_a_stream_teaches_what_the_same_samples_teach_one_by_one(
     vehicle: Vehicle, run: Recording, tmp_path: Path
 ) -> None:
-    alone = new_learner(vehicle, "joint", FREE)
+    alone = new_learner(vehicle, "joint", FREE, background=False)
     names = [f"cmd_{each.name}" for each in vehicle.thrusters]
     pose = ("x", "y", "z", "phi", "theta", "psi")
     for t, keys, values in rows_of(run):
@@ -114,7 +114,7 @@ def test_a_stream_teaches_what_the_same_samples_teach_one_by_one(
     every = samples(run)
     batches = [every[k : k + 7] for k in range(0, len(every), 7)]
     log = McapLog.open(tmp_path / "a.mcap", epoch=datetime.fromtimestamp(EPOCH, UTC))
-    learner = new_learner(vehicle, "joint", FREE)
+    learner = new_learner(vehicle, "joint", FREE, background=False)
     status = session(Link(iter(batches)), vehicle, learner, log=log)
     assert status.samples == status.learnt.instants == len(every)
     assert (status.dropped, status.late, status.bad) == (0, 0, 0)
@@ -133,7 +133,11 @@ def test_late_samples_are_recorded_but_not_learned_from(vehicle: Vehicle, run: R
     order = [*every[:100], *every[101:300], late, *every[300:]]
     log = McapLog.open(tmp_path / "a.mcap")
     status = session(
-        Link(iter([[each] for each in order])), vehicle, new_learner(vehicle, "joint", FREE), log=log, window=0.1
+        Link(iter([[each] for each in order])),
+        vehicle,
+        new_learner(vehicle, "joint", FREE, background=False),
+        log=log,
+        window=0.1,
     )
     assert status.late == 1
     assert status.learnt.instants == 399
@@ -143,7 +147,7 @@ def test_late_samples_are_recorded_but_not_learned_from(vehicle: Vehicle, run: R
 def test_a_learner_that_cannot_keep_up_costs_learning_only(vehicle: Vehicle, run: Recording, tmp_path: Path) -> None:
     every = samples(run)[:600]
     log = McapLog.open(tmp_path / "a.mcap")
-    learner = Slow(new_learner(vehicle, "joint", FREE), 0.002)
+    learner = Slow(new_learner(vehicle, "joint", FREE, background=False), 0.002)
     began = time.monotonic()
 
     def paced() -> Iterator[list[Sample]]:
@@ -170,7 +174,9 @@ def test_a_learner_that_fails_does_not_end_the_recording(vehicle: Vehicle, run: 
     every = samples(run)
     log = McapLog.open(tmp_path / "a.mcap")
     batches = iter([every[k : k + 10] for k in range(0, len(every), 10)])
-    status = session(Link(batches), vehicle, Failing(new_learner(vehicle, "joint", FREE), 0.0), log=log, room=100)
+    status = session(
+        Link(batches), vehicle, Failing(new_learner(vehicle, "joint", FREE, background=False), 0.0), log=log, room=100
+    )
     assert status.learnt.trouble == "learning has stopped: FloatingPointError: singular"
     assert len(read(tmp_path / "a.mcap")["x"]) == len(every)
 
@@ -201,7 +207,7 @@ def test_a_full_disk_costs_samples_of_the_recording_and_is_said(
         full.clear()
         yield every[800:]
 
-    learner = new_learner(vehicle, "joint", FREE)
+    learner = new_learner(vehicle, "joint", FREE, background=False)
     made = Session([("test", Link(stream()))], vehicle, learner, epoch=EPOCH, log=log)
     made.open()
     status = made.run(threading.Event())
@@ -218,7 +224,7 @@ def test_a_link_that_fails_does_not_end_the_others(vehicle: Vehicle, run: Record
 
     every = samples(run)[:200]
     links = [Link(broken(), "bad"), Link(iter([every]), "good")]
-    status = session(links, vehicle, new_learner(vehicle, "joint", FREE))
+    status = session(links, vehicle, new_learner(vehicle, "joint", FREE, background=False))
     assert status.samples == 200
     assert any("bad: the link has failed (OSError: unplugged)" in text for text in status.warnings)
 
@@ -236,7 +242,7 @@ def test_two_links_of_different_clocks_stand_on_one(vehicle: Vehicle) -> None:
             yield [Sample("test", name, due - offset, time.time(), ("x" if offset else "y",), (due,))]
 
     began = time.time() + 0.1
-    learner = new_learner(vehicle, "joint", FREE)
+    learner = new_learner(vehicle, "joint", FREE, background=False)
     seen: list[tuple[float, dict[str, Any]]] = []
     learner.update = lambda t, **arguments: bool(seen.append((t, arguments)))  # type: ignore[method-assign]
     links = [Live(stream("a", 0.0), "a", False), Live(stream("b", 5.96 * 86400.0), "b", False)]
@@ -258,7 +264,11 @@ def test_json_over_udp_is_learned_from_and_recorded_as_it_came(
     text = f"json:127.0.0.1:{port}"
     log = McapLog.open(tmp_path / "a.mcap", epoch=datetime.fromtimestamp(EPOCH, UTC))
     made = Session(
-        [(text, open_source(text, vehicle))], vehicle, new_learner(vehicle, "joint", FREE), epoch=time.time(), log=log
+        [(text, open_source(text, vehicle))],
+        vehicle,
+        new_learner(vehicle, "joint", FREE, background=False),
+        epoch=time.time(),
+        log=log,
     )
     made.open()
     stop = threading.Event()

@@ -61,11 +61,13 @@ def run_live(options: LiveOptions, output: Output) -> None:
     mapping = None if options.mapping is None else load_mapping(options.mapping)
     sources = [(text, open_source(text, vehicle, mapping)) for text in options.sources]
 
+    patient = all(getattr(source, "patient", False) for _, source in sources)
+
     def fresh() -> Learner:
-        return new_learner(vehicle, options.method, options.free, prior)
+        return new_learner(vehicle, options.method, options.free, prior, background=not patient)
 
     learner = fresh()
-    checkpoint, before = _earlier(options, vehicle)
+    checkpoint, before = _earlier(options, vehicle, prior)
     if before is None and options.record is not None and options.record.exists():
         raise InputError(f"{options.record}: exists already; add --resume to go on with it, or choose another name")
     output.say("making ready: compiling what is not compiled yet (up to a minute the first time)")
@@ -102,7 +104,7 @@ def run_live(options: LiveOptions, output: Output) -> None:
     _end(session, status, options, vehicle, output)
 
 
-def _earlier(options: LiveOptions, vehicle: Vehicle) -> tuple[Checkpoint | None, Earlier | None]:
+def _earlier(options: LiveOptions, vehicle: Vehicle, prior: Vehicle | None) -> tuple[Checkpoint | None, Earlier | None]:
     """Return the checkpoint beside the recording, and the session that is gone on with, where there are any."""
     if options.record is None:
         return None, None
@@ -111,7 +113,7 @@ def _earlier(options: LiveOptions, vehicle: Vehicle) -> tuple[Checkpoint | None,
     checkpoint = Checkpoint(options.record, about)
     if not (options.resume and options.record.exists()):
         return checkpoint, None
-    return checkpoint, earlier(options.record, vehicle, checkpoint)
+    return checkpoint, earlier(options.record, vehicle, checkpoint, prior)
 
 
 def _log(options: LiveOptions, vehicle: Vehicle, epoch: float, *, going_on: bool) -> McapLog | None:

@@ -36,13 +36,15 @@ _BUFFER = ("t", "values", "input_t", "input_force")
 
 
 def save_learner(learner: JointLearner, path: str | os.PathLike[str]) -> None:
-    """Write the learner to `path`, whole or not at all; it goes on learning. Waits for a look that runs beside.
+    """Write the learner to `path`, whole or not at all; it goes on learning.
+
+    A look that runs beside is not waited for: the learner that is loaded begins it anew.
 
     Raises:
         InputError: the folder cannot be written.
     """
-    learner.settle()
     stream = learner._stream
+    busy = stream.busy
     buffer = stream._buffer
     about: dict[str, Any] = {
         "version": _VERSION,
@@ -52,11 +54,11 @@ def save_learner(learner: JointLearner, path: str | os.PathLike[str]) -> None:
         "given_delay": stream.given_delay,
         "free": None if stream.free is None else stream.free.names,
         "looking": stream.looking,
-        "last_one": stream._last_one,
+        "last_one": stream._last_one and not busy,
         "seen": stream.seen,
         "mended": stream.mended,
         "next_check": stream._next_check,
-        "schedule": asdict(stream._schedule),
+        "schedule": {**asdict(stream._schedule), **({"next": stream.seen} if busy else {})},
         "last_t": stream._last_t if math.isfinite(stream._last_t) else None,
         "buffer": None if buffer is None else {"commands": buffer.commands, "starts": buffer.starts},
     }

@@ -48,6 +48,8 @@ class JointLearner(Learner):
         InputError: an unknown name or setting.
     """
 
+    keeps_checkpoints = True
+
     def __init__(
         self,
         vehicle: Vehicle,

@@ -39,6 +39,10 @@ class Schedule:
             self.next = min(self.next, seen)
             self.began = self.last
 
+    def behind(self, seen: float) -> bool:
+        """Whether a look is due, or the last one saw far less than has been seen by now."""
+        return seen >= min(self.next, max(_FIRST, (1.0 + _GROWS_EARLY) * self.last))
+
     def other_starts(self, seen: float) -> bool:
         """Whether this look begins elsewhere too."""
         due = self.starts <= seen < _BOTH_STARTS

@@ -173,6 +173,11 @@ class JointStream:
         return 0 if self.state is None else int(self.state.clock[C_ROWS])
 
     @property
+    def busy(self) -> bool:
+        """Whether a look runs beside."""
+        return self._beside is not None and self._beside.busy
+
+    @property
     def commanded(self) -> bool:
         """Whether the inputs are commands of thrusters."""
         return self._buffer is not None and self._buffer.commands
@@ -186,8 +191,12 @@ class JointStream:
     # -- inside
 
     def settle(self) -> None:
-        """Wait for a look that runs beside, and go on from it."""
+        """Wait for a look that runs beside; look once more where the stream has left looks behind."""
         self._fetch(wait=True)
+        job = self._job() if self.looking and self._beside is not None and self._schedule.behind(self.seen) else None
+        if job is not None:
+            self._schedule.looked(self.seen)
+            self._adopt(job, job.run())
 
     def _fetch(self, *, wait: bool = False) -> None:
         done = self._beside.fetch(wait=wait) if self._beside is not None else None
@@ -198,7 +207,7 @@ class JointStream:
         """Fetch a look that is done, begin the next one when it is due, and end with the last."""
         assert self._buffer is not None
         self._fetch()
-        busy = self._beside is not None and self._beside.busy
+        busy = self.busy
         if not busy and not self._last_one and self.seen >= self._schedule.next:
             job = self._job()
             self._schedule.looked(self.seen)

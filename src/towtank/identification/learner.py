@@ -36,6 +36,7 @@ class Learner:
     """
 
     vehicle: Vehicle
+    keeps_checkpoints = False  # whether `save` can be asked for
 
     def __new__(cls, vehicle: Vehicle | None = None, method: str = "joint", **settings: Any) -> Learner:
         """Return a learner of the method asked for; a pickle makes one of its class without arguments."""

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from towtank.errors import InputError
 from towtank.identification import Learner
 from towtank.vehicle import Vehicle
 
@@ -36,17 +37,16 @@ class Checkpoint:
 
     def save(self, learner: Learner, t: float) -> bool:
         """Write what was learned up to t [s of the recording]; return whether that was done."""
-        save = getattr(learner, "save", None)
-        if save is None:
+        if not learner.keeps_checkpoints:
             return False
         part, whole = self._beside("part"), self._beside("tmp")
         try:
-            save(part)
+            learner.save(part)
             head = json.dumps({**self._about, "t": t}).encode() + b"\n"
             whole.write_bytes(head + part.read_bytes())
             whole.replace(self.path)
-        except OSError as error:
-            self.trouble = f"{self.path}: {error.strerror or error}"
+        except (OSError, InputError) as error:
+            self.trouble = f"{self.path}: {getattr(error, 'strerror', None) or error}"
             with contextlib.suppress(OSError):
                 whole.unlink(missing_ok=True)
             return False
@@ -56,11 +56,8 @@ class Checkpoint:
         self.trouble = ""
         return True
 
-    def load(self, vehicle: Vehicle) -> tuple[Learner, float] | None:
+    def load(self, vehicle: Vehicle, prior: Vehicle | None = None) -> tuple[Learner, float] | None:
         """Return the learner and the time [s of the recording] it has come to; None where none can be had."""
-        load = getattr(Learner, "load", None)
-        if load is None:
-            return None
         part = self._beside("part")
         try:
             head, _, body = self.path.read_bytes().partition(b"\n")
@@ -69,7 +66,7 @@ class Checkpoint:
             if about != self._about:
                 return None
             part.write_bytes(body)
-            learner: Learner = load(part, vehicle)
+            learner = Learner.load(part, vehicle, prior=prior, background=True)
         except Exception:  # whatever is wrong with it, the recording has everything
             return None
         finally:

@@ -128,6 +128,7 @@ class Learning:
             while more:
                 more = self._turn()
             self._drain(math.inf)
+            self.learner.settle()
             if self._checkpoint is not None and math.isfinite(self._last):
                 self._checkpoint.save(self.learner, self._last)
         except Exception as error:  # recording goes on, whatever a learner does

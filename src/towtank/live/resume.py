@@ -51,7 +51,7 @@ class Earlier:
             yield row
 
 
-def earlier(path: Path, vehicle: Vehicle, checkpoint: Checkpoint) -> Earlier:
+def earlier(path: Path, vehicle: Vehicle, checkpoint: Checkpoint, prior: Vehicle | None = None) -> Earlier:
     """Return the session that wrote a recording.
 
     Raises:
@@ -65,7 +65,7 @@ def earlier(path: Path, vehicle: Vehicle, checkpoint: Checkpoint) -> Earlier:
         return Earlier(_epoch(path, interrupted(path).about.attributes or {}))  # closed before the first sample came
     epoch = _epoch(path, recording.attributes)
     recording = bind_thrusters(recording, [each.name for each in vehicle.thrusters])
-    loaded = checkpoint.load(vehicle)
+    loaded = checkpoint.load(vehicle, prior)
     if loaded is None:
         return Earlier(epoch, recording=recording)
     learner, since = loaded

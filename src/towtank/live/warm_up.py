@@ -18,9 +18,17 @@ _SECONDS, _DT = 1.5, 0.01  # s
 
 
 def new_learner(
-    vehicle: Vehicle, method: str, free: Collection[str] | None = None, prior: Vehicle | None = None
+    vehicle: Vehicle,
+    method: str,
+    free: Collection[str] | None = None,
+    prior: Vehicle | None = None,
+    *,
+    background: bool = True,
 ) -> Learner:
-    """Return the learner of a live session: its second looks run beside the stream where it can do that.
+    """Return the learner of a live session.
+
+    Args:
+        background: second looks run beside the stream: not where samples are read as fast as they are learned from.
 
     Raises:
         InputError: an unknown method or name, or a prior that the method does not take.
@@ -31,12 +39,7 @@ def new_learner(
             raise InputError(f"--prior: the method {method} takes none; use joint, or leave it out")
         settings["prior"] = prior
     if method == "joint":
-        import inspect
-
-        from towtank.identification.joint_learner import JointLearner
-
-        if "background" in inspect.signature(JointLearner.__init__).parameters:
-            settings["background"] = True
+        settings["background"] = background
     return Learner(vehicle, method, **settings)
 
 
