@@ -7,11 +7,13 @@ where the file is missing or damaged, the recording is learned from once more.
 from __future__ import annotations
 
 import contextlib
+import inspect
 import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from towtank.errors import InputError
 from towtank.identification import Learner
 from towtank.vehicle import Vehicle
 
@@ -37,16 +39,16 @@ class Checkpoint:
     def save(self, learner: Learner, t: float) -> bool:
         """Write what was learned up to t [s of the recording]; return whether that was done."""
         save = getattr(learner, "save", None)
-        if save is None:
-            return False
+        if save is None or getattr(type(learner), "save", None) is getattr(Learner, "save", None):
+            return False  # a method that keeps none
         part, whole = self._beside("part"), self._beside("tmp")
         try:
             save(part)
             head = json.dumps({**self._about, "t": t}).encode() + b"\n"
             whole.write_bytes(head + part.read_bytes())
             whole.replace(self.path)
-        except OSError as error:
-            self.trouble = f"{self.path}: {error.strerror or error}"
+        except (OSError, InputError) as error:
+            self.trouble = f"{self.path}: {getattr(error, 'strerror', None) or error}"
             with contextlib.suppress(OSError):
                 whole.unlink(missing_ok=True)
             return False
@@ -56,8 +58,13 @@ class Checkpoint:
         self.trouble = ""
         return True
 
-    def load(self, vehicle: Vehicle) -> tuple[Learner, float] | None:
-        """Return the learner and the time [s of the recording] it has come to; None where none can be had."""
+    def load(self, vehicle: Vehicle, **settings: Any) -> tuple[Learner, float] | None:
+        """Return the learner and the time [s of the recording] it has come to; None where none can be had.
+
+        Args:
+            vehicle: the one it was made with.
+            settings: of `Learner.load`, as far as that takes them.
+        """
         load = getattr(Learner, "load", None)
         if load is None:
             return None
@@ -69,7 +76,8 @@ class Checkpoint:
             if about != self._about:
                 return None
             part.write_bytes(body)
-            learner: Learner = load(part, vehicle)
+            known = inspect.signature(load).parameters
+            learner: Learner = load(part, vehicle, **{key: x for key, x in settings.items() if key in known})
         except Exception:  # whatever is wrong with it, the recording has everything
             return None
         finally:

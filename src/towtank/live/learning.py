@@ -106,6 +106,7 @@ class Learning:
             if t - self._last > _BREAK:
                 self._break_off()
             self._update(t, dict(zip(names, values, strict=True)))
+            self._settle()
         self._resumed = math.isfinite(self._last)
         self.now = self._standing()
 
@@ -128,6 +129,7 @@ class Learning:
             while more:
                 more = self._turn()
             self._drain(math.inf)
+            self._settle()
             if self._checkpoint is not None and math.isfinite(self._last):
                 self._checkpoint.save(self.learner, self._last)
         except Exception as error:  # recording goes on, whatever a learner does
@@ -190,6 +192,12 @@ class Learning:
             self._excitation.see(t, arguments)
             self._last = t
             self._taken += 1
+
+    def _settle(self) -> None:
+        """Wait for what the learner does in the background."""
+        settle = getattr(self.learner, "settle", None)
+        if settle is not None:
+            settle()
 
     def _break_off(self) -> None:
         """Begin a new stretch; which commands are in force is not known any more."""

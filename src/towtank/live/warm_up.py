@@ -18,9 +18,18 @@ _SECONDS, _DT = 1.5, 0.01  # s
 
 
 def new_learner(
-    vehicle: Vehicle, method: str, free: Collection[str] | None = None, prior: Vehicle | None = None
+    vehicle: Vehicle,
+    method: str,
+    free: Collection[str] | None = None,
+    prior: Vehicle | None = None,
+    *,
+    background: bool = False,
 ) -> Learner:
-    """Return the learner of a live session: its second looks run beside the stream where it can do that.
+    """Return the learner of a live session.
+
+    Args:
+        vehicle, method, free, prior: as of `Learner`.
+        background: let its second looks run beside the stream, where it can do that.
 
     Raises:
         InputError: an unknown method or name, or a prior that the method does not take.
@@ -35,7 +44,7 @@ def new_learner(
 
         from towtank.identification.joint_learner import JointLearner
 
-        if "background" in inspect.signature(JointLearner.__init__).parameters:
+        if background and "background" in inspect.signature(JointLearner.__init__).parameters:
             settings["background"] = True
     return Learner(vehicle, method, **settings)
 
