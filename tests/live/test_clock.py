@@ -13,10 +13,6 @@ from towtank.live.clock import SourceClock
 DAYS = 5.96 * 86400.0
 
 
-def ours_of(clock: SourceClock, t: float, received: float) -> float:
-    return clock.ours(t, received) if clock.believes(t, received) else math.nan
-
-
 def errors(offset: float, drift: float, jitter: float, *, seconds: float = 120.0, rate: float = 50.0) -> list[float]:
     """Return by how much each sample's instant is off [s], the quickest message being 1 ms under way."""
     chance = random.Random(3)
@@ -26,7 +22,7 @@ def errors(offset: float, drift: float, jitter: float, *, seconds: float = 120.0
         ours = 1.7e9 + k / rate
         stamp = ours * (1.0 - drift) + 1.7e9 * drift - offset
         received = ours + 0.001 + chance.expovariate(1.0 / jitter)
-        out.append(ours_of(clock, stamp, received) - ours - 0.001)
+        out.append(clock.ours(stamp, received) - ours - 0.001)
     return out
 
 
@@ -41,12 +37,12 @@ def test_the_quickest_messages_lead_from_one_clock_to_the_other(drift: float) ->
 
 def test_stamps_that_cannot_be_are_refused_until_they_insist() -> None:
     clock = SourceClock()
-    assert ours_of(clock, 10.0, 1000.0) == 1000.0
-    assert math.isnan(ours_of(clock, 50.0, 1001.0))  # 39 s ahead of its receipt
-    assert math.isnan(ours_of(clock, -1e300, 1001.0))
-    assert ours_of(clock, 11.0, 1001.0) == pytest.approx(1001.0)
+    assert clock.ours(10.0, 1000.0) == 1000.0
+    assert math.isnan(clock.ours(50.0, 1001.0))  # 39 s ahead of its receipt
+    assert math.isnan(clock.ours(-1e300, 1001.0))
+    assert clock.ours(11.0, 1001.0) == pytest.approx(1001.0)
     assert clock.strange == 2
-    found = [ours_of(clock, 500.0 + 0.1 * k, 1002.0 + 0.1 * k) for k in range(25)]
+    found = [clock.ours(500.0 + 0.1 * k, 1002.0 + 0.1 * k) for k in range(25)]
     assert all(math.isnan(t) for t in found[:19])
     assert found[19:] == pytest.approx([1002.0 + 0.1 * k for k in range(19, 25)])
     assert clock.restarts == 1
@@ -54,12 +50,12 @@ def test_stamps_that_cannot_be_are_refused_until_they_insist() -> None:
 
 def test_a_source_without_stamps_is_taken_at_its_receipt() -> None:
     clock = SourceClock()
-    assert ours_of(clock, math.nan, 1234.5) == 1234.5
+    assert clock.ours(math.nan, 1234.5) == 1234.5
     assert math.isnan(clock.offset)
 
 
 def test_a_source_that_keeps_our_time_is_believed() -> None:
-    assert ours_of(SourceClock(keeps_time=True), 5.0, 1234.5) == 5.0
+    assert SourceClock(keeps_time=True).ours(5.0, 1234.5) == 5.0
 
 
 def test_a_clock_settles_within_a_second() -> None:
@@ -71,4 +67,4 @@ def test_a_clock_settles_within_a_second() -> None:
         told.append(clock.settled)
     assert not any(told[:100])
     assert all(told[102:])
-    assert clock.ours(1.19, math.nan) == pytest.approx(51.19, abs=1e-6)
+    assert clock.place(1.19, math.nan) == pytest.approx(51.19, abs=1e-6)

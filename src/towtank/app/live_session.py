@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 from towtank.app.live_report import live_document, live_line, show_end
 from towtank.app.live_view import LiveView
@@ -61,13 +62,13 @@ def run_live(options: LiveOptions, output: Output) -> None:
     mapping = None if options.mapping is None else load_mapping(options.mapping)
     sources = [(text, open_source(text, vehicle, mapping)) for text in options.sources]
 
-    patient = all(getattr(source, "patient", False) for _, source in sources)
+    background = not all(getattr(source, "patient", False) for _, source in sources)
 
     def fresh() -> Learner:
-        return new_learner(vehicle, options.method, options.free, prior, background=not patient)
+        return new_learner(vehicle, options.method, options.free, prior, background=background)
 
     learner = fresh()
-    checkpoint, before = _earlier(options, vehicle, prior)
+    checkpoint, before = _earlier(options, vehicle, prior=prior, background=background)
     if before is None and options.record is not None and options.record.exists():
         raise InputError(f"{options.record}: exists already; add --resume to go on with it, or choose another name")
     output.say("making ready: compiling what is not compiled yet (up to a minute the first time)")
@@ -104,7 +105,7 @@ def run_live(options: LiveOptions, output: Output) -> None:
     _end(session, status, options, vehicle, output)
 
 
-def _earlier(options: LiveOptions, vehicle: Vehicle, prior: Vehicle | None) -> tuple[Checkpoint | None, Earlier | None]:
+def _earlier(options: LiveOptions, vehicle: Vehicle, **settings: Any) -> tuple[Checkpoint | None, Earlier | None]:
     """Return the checkpoint beside the recording, and the session that is gone on with, where there are any."""
     if options.record is None:
         return None, None
@@ -113,7 +114,7 @@ def _earlier(options: LiveOptions, vehicle: Vehicle, prior: Vehicle | None) -> t
     checkpoint = Checkpoint(options.record, about)
     if not (options.resume and options.record.exists()):
         return checkpoint, None
-    return checkpoint, earlier(options.record, vehicle, checkpoint, prior)
+    return checkpoint, earlier(options.record, vehicle, checkpoint, **settings)
 
 
 def _log(options: LiveOptions, vehicle: Vehicle, epoch: float, *, going_on: bool) -> McapLog | None:

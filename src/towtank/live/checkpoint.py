@@ -56,8 +56,13 @@ class Checkpoint:
         self.trouble = ""
         return True
 
-    def load(self, vehicle: Vehicle, prior: Vehicle | None = None) -> tuple[Learner, float] | None:
-        """Return the learner and the time [s of the recording] it has come to; None where none can be had."""
+    def load(self, vehicle: Vehicle, **settings: Any) -> tuple[Learner, float] | None:
+        """Return the learner and the time [s of the recording] it has come to; None where none can be had.
+
+        Args:
+            vehicle: the one it was made with.
+            settings: of `Learner.load`.
+        """
         part = self._beside("part")
         try:
             head, _, body = self.path.read_bytes().partition(b"\n")
@@ -66,7 +71,7 @@ class Checkpoint:
             if about != self._about:
                 return None
             part.write_bytes(body)
-            learner = Learner.load(part, vehicle, prior=prior, background=True)
+            learner = Learner.load(part, vehicle, **settings)
         except Exception:  # whatever is wrong with it, the recording has everything
             return None
         finally:

@@ -69,7 +69,11 @@ class SourceClock:
         return True
 
     def ours(self, t: float, received: float) -> float:
-        """Return the instant of a stamp t [s] on our clock: that of receipt where there is no stamp."""
+        """Take a stamp t [s] and return its instant on our clock; NaN where it cannot be believed."""
+        return self.place(t, received) if self.believes(t, received) else math.nan
+
+    def place(self, t: float, received: float) -> float:
+        """Return the instant of a stamp t [s] on our clock, as it is known by now; of receipt where t is NaN."""
         if t != t:
             return received
         return t if self._keeps_time else t + self.offset

@@ -106,6 +106,7 @@ class Learning:
             if t - self._last > _BREAK:
                 self._break_off()
             self._update(t, dict(zip(names, values, strict=True)))
+            self.learner.settle()
         self._resumed = math.isfinite(self._last)
         self.now = self._standing()
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -51,8 +52,12 @@ class Earlier:
             yield row
 
 
-def earlier(path: Path, vehicle: Vehicle, checkpoint: Checkpoint, prior: Vehicle | None = None) -> Earlier:
+def earlier(path: Path, vehicle: Vehicle, checkpoint: Checkpoint, **settings: Any) -> Earlier:
     """Return the session that wrote a recording.
+
+    Args:
+        path: the recording. vehicle: that the session was for. checkpoint: beside the recording.
+        settings: of `Learner.load`.
 
     Raises:
         InputError: it is no recording of a live session, or one of another vehicle's thrusters.
@@ -65,7 +70,7 @@ def earlier(path: Path, vehicle: Vehicle, checkpoint: Checkpoint, prior: Vehicle
         return Earlier(_epoch(path, interrupted(path).about.attributes or {}))  # closed before the first sample came
     epoch = _epoch(path, recording.attributes)
     recording = bind_thrusters(recording, [each.name for each in vehicle.thrusters])
-    loaded = checkpoint.load(vehicle, prior)
+    loaded = checkpoint.load(vehicle, **settings)
     if loaded is None:
         return Earlier(epoch, recording=recording)
     learner, since = loaded

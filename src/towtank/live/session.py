@@ -202,7 +202,7 @@ class Session:
         """Return samples, each with the moment it came, on the session's clock."""
         clock = self._clocks[rank]
         return [
-            Arrival(clock.ours(sample.t, sample.received) - self._epoch, moment, rank, sample)
+            Arrival(clock.place(sample.t, sample.received) - self._epoch, moment, rank, sample)
             for sample, moment in samples
         ]
 

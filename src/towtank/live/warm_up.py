@@ -23,12 +23,13 @@ def new_learner(
     free: Collection[str] | None = None,
     prior: Vehicle | None = None,
     *,
-    background: bool = True,
+    background: bool = False,
 ) -> Learner:
     """Return the learner of a live session.
 
     Args:
-        background: second looks run beside the stream: not where samples are read as fast as they are learned from.
+        vehicle, method, free, prior: as of `Learner`.
+        background: let its second looks run beside the stream, where it can do that.
 
     Raises:
         InputError: an unknown method or name, or a prior that the method does not take.

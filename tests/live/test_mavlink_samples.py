@@ -1,0 +1,184 @@
+"""What messages mean as they come: the same channels as of a log, stamps, aiding, thrusters, several senders."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from towtank.live import Sample
+from towtank.live.mavlink_frames import Framer
+from towtank.live.mavlink_samples import MavlinkSamples
+from towtank.readers.mavlink_format import layouts
+
+from .mavlink_peer import AIDED, UNAIDED, Autopilot, second
+
+EIGHT = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 9)}
+EPOCH = 1.7e9
+
+
+class Heard:
+    """Feeds a link as the source does, at times of its own."""
+
+    def __init__(self, parameters: dict[str, float] | None = None, thrusters: int = 8) -> None:
+        self.samples = MavlinkSamples(layouts(), thrusters)
+        self.parameters = EIGHT if parameters is None else parameters
+        self._framer = Framer(layouts(), stream=False)
+
+    def take(self, sent: list[tuple[float, bytes]], late: float = 0.01) -> list[Sample]:
+        found: list[Sample] = []
+        for t, data in sorted(sent, key=lambda each: each[0]):
+            found += self.samples.take([(frame, EPOCH + t + late) for frame in self._framer.feed(data)])
+            if self.samples.hurry:
+                self.decide(t)
+        return found
+
+    def decide(self, t: float) -> None:
+        self.samples.decide(EPOCH + t, self.parameters, settled=True)
+
+
+def channel(samples: list[Sample], name: str) -> NDArray[np.float64]:
+    return np.array(
+        [value for sample in samples for key, value in zip(sample.names, sample.values, strict=True) if key == name]
+    )
+
+
+def turning(flags: int = AIDED, heard: Heard | None = None) -> list[Sample]:
+    autopilot, heard = Autopilot(), heard or Heard()
+    assert heard.take(second(autopilot, 0.0, flags) + second(autopilot, 1.0, flags)) == []
+    heard.decide(2.0)
+    return heard.take(second(autopilot, 2.0, flags) + second(autopilot, 3.0, flags))
+
+
+def test_each_message_becomes_its_channels() -> None:
+    found = turning()
+    assert {sample.topic for sample in found} == {"ATTITUDE", "LOCAL_POSITION_NED", "SERVO_OUTPUT_RAW"}
+    np.testing.assert_allclose(channel(found, "psi")[:3], [1.0, 1.025, 1.05], atol=1e-6)
+    np.testing.assert_allclose(channel(found, "r"), 0.5)
+    np.testing.assert_allclose(channel(found, "z"), 3.0)
+    np.testing.assert_allclose(channel(found, "cmd_3")[:20], 1530.0 + np.arange(20))
+
+
+def test_velocity_in_the_world_is_turned_into_the_body() -> None:
+    found = turning()
+    assert channel(found, "vn").size == 0
+    phi, theta = 0.01, -0.02  # what ATTITUDE says beside yaw
+    ahead = np.array([0.4, 0.0, 0.1])
+    pitch = np.array([[math.cos(theta), 0, -math.sin(theta)], [0, 1, 0], [math.sin(theta), 0, math.cos(theta)]])
+    roll = np.array([[1, 0, 0], [0, math.cos(phi), math.sin(phi)], [0, -math.sin(phi), math.cos(phi)]])
+    for name, expected in zip("uvw", roll @ pitch @ ahead, strict=True):
+        np.testing.assert_allclose(channel(found, name), expected, atol=4e-4)  # stamps count milliseconds
+
+
+def test_stamps_are_the_autopilots_on_the_clock_of_receipt() -> None:
+    found = [sample for sample in turning() if sample.topic == "ATTITUDE"]
+    sent = np.concatenate((2.0 + np.arange(20) / 20, 3.0 + np.arange(20) / 20))
+    np.testing.assert_allclose([sample.t - EPOCH for sample in found], sent + 0.01, atol=2e-3)
+
+
+def test_microseconds_of_32_bits_begin_anew() -> None:
+    wrap = 2.0**32 * 1e-6
+    autopilot, heard = Autopilot(boot=wrap - 2.5), Heard()
+    heard.take(second(autopilot, 0.0) + second(autopilot, 1.0))
+    heard.decide(2.0)
+    found = [sample for sample in heard.take(second(autopilot, 2.0)) if sample.topic == "SERVO_OUTPUT_RAW"]
+    np.testing.assert_allclose([sample.t - EPOCH for sample in found], 2.012 + np.arange(20) / 20, atol=2e-3, rtol=0)
+
+
+def test_what_is_held_up_keeps_its_stamp() -> None:
+    autopilot, heard = Autopilot(), Heard()
+    heard.take(second(autopilot, 0.0) + second(autopilot, 1.0))
+    heard.decide(2.0)
+    heard.take(second(autopilot, 2.0))
+    (held_up,) = heard.take([(3.0, autopilot.attitude(3.0))], late=0.3)
+    assert held_up.received - EPOCH == pytest.approx(3.3)
+    assert held_up.t - EPOCH == pytest.approx(3.01, abs=2e-3)
+
+
+def test_dead_reckoning_is_no_velocity() -> None:
+    heard = Heard()
+    found = turning(UNAIDED, heard)
+    assert channel(found, "u").size == channel(found, "x").size == 0
+    assert channel(found, "psi").size == 40
+    assert any("dead reckoning" in line for line in heard.samples.said())
+
+
+def test_aiding_that_is_lost_ends_the_velocity_at_once() -> None:
+    autopilot, heard = Autopilot(), Heard()
+    heard.take(second(autopilot, 0.0) + second(autopilot, 1.0))
+    heard.decide(2.0)
+    assert channel(heard.take(second(autopilot, 2.0)), "u").size == 20
+    assert channel(heard.take(second(autopilot, 3.0, UNAIDED)), "u").size == 0
+    assert channel(heard.take(second(autopilot, 4.0)), "u").size == 20
+
+
+def test_thrusters_by_the_parameters() -> None:
+    crossed = {**{f"SERVO{n}_FUNCTION": 33.0 + 8 - n for n in range(1, 9)}, "MOT_2_DIRECTION": -1.0}
+    found = turning(heard=Heard(crossed))
+    np.testing.assert_allclose(channel(found, "cmd_8")[:3], [1510, 1511, 1512])
+    np.testing.assert_allclose(channel(found, "cmd_2")[:3], [3000 - 1570, 3000 - 1571, 3000 - 1572])
+
+
+def test_thrusters_without_parameters_are_the_first_outputs() -> None:
+    heard = Heard({}, thrusters=6)
+    found = turning(heard=heard)
+    assert channel(found, "cmd_6").size == 40
+    assert channel(found, "cmd_7").size == 0
+    assert any("no SERVOn_FUNCTION" in line for line in heard.samples.said())
+
+
+def test_until_the_parameters_are_settled_there_are_no_commands() -> None:
+    autopilot, heard = Autopilot(), Heard()
+    heard.take(second(autopilot, 0.0))
+    heard.samples.decide(EPOCH + 1.0, {}, settled=False)
+    assert channel(heard.take(second(autopilot, 1.0)), "cmd_1").size == 0
+
+
+def test_a_second_vehicle_and_a_ground_station_are_not_mixed_in() -> None:
+    autopilot, other, heard = Autopilot(), Autopilot(system=2), Heard()
+    station = Autopilot(system=255, component=190)
+
+    def crowd(start: float) -> list[tuple[float, bytes]]:
+        others = [(start + 0.3, other.heartbeat()), (start + 0.4, station.heartbeat(8, 6))]
+        return [*second(autopilot, start), *others, (start + 0.5, other.attitude(start, -2.0))]
+
+    heard.take(crowd(0.0) + crowd(1.0))
+    heard.decide(2.0)
+    assert channel(heard.take(crowd(2.0)), "psi").min() > 0.9
+    assert heard.samples.autopilot.sender == (1, 1)
+    assert "another autopilot (2.1), a ground station (255.190)" in heard.samples.said()[0]
+
+
+def test_a_dvl_of_another_sender_is_nearer_the_sensor_and_stands_off_the_origin() -> None:
+    autopilot, dvl = Autopilot(), Autopilot(component=197)
+    heard = Heard({**EIGHT, "VISO_POS_X": 0.2})
+
+    def with_dvl(start: float) -> list[tuple[float, bytes]]:
+        found = second(autopilot, start)
+        for k in range(20):
+            t = start + k / 20 + 0.004
+            stamp = round(1e6 * (5000.0 + t))
+            packed = dialect.MAVLink_vision_position_delta_message(stamp, 50_000, [0, 0, 0.025], [0.05, 0.01, 0], 90.0)
+            found.append((t, dvl.pack(packed)))
+        return found
+
+    heard.take(with_dvl(0.0) + with_dvl(1.0))
+    heard.decide(2.0)
+    found = [sample for sample in heard.take(with_dvl(2.0)) if "u" in sample.names]
+    assert {sample.topic for sample in found} == {"VISION_POSITION_DELTA"}
+    np.testing.assert_allclose(channel(found, "u"), 1.0, atol=1e-6)
+    np.testing.assert_allclose(channel(found, "v"), 0.2 - 0.5 * 0.2, atol=1e-6)
+    np.testing.assert_allclose([sample.t - EPOCH for sample in found], 2.014 + np.arange(20) / 20, atol=2e-3)
+
+
+def test_a_flood_of_senders_keeps_memory_bounded() -> None:
+    heard = Heard()
+    for system in range(1, 250):
+        autopilot = Autopilot(system=system)
+        heard.take([(0.001 * system, autopilot.attitude(1.0)), (0.001 * system, autopilot.heartbeat())])
+    assert len(heard.samples._history) <= 200
+    heard.decide(1.0)
+    assert heard.samples.autopilot.sender is not None

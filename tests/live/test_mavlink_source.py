@@ -1,0 +1,297 @@
+"""A MAVLink link over real sockets on loopback: what is asked, what is answered, what comes, and what breaks."""
+
+from __future__ import annotations
+
+import contextlib
+import random
+import socket
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from towtank.errors import InputError
+from towtank.live import Raw, Sample, open_source
+from towtank.live.mavlink_connection import connection_of
+from towtank.live.mavlink_frames import Frame
+from towtank.live.mavlink_requests import SYSTEM, Requests, parameter_of
+from towtank.live.mavlink_source import MavlinkSource
+from towtank.readers.mavlink_format import layouts
+from towtank.readers.mavlink_senders import Sender
+from towtank.vehicle import load_vehicle
+
+from .mavlink_peer import AIDED, Autopilot, free_port
+
+ALLOWED = {"HEARTBEAT", "COMMAND_LONG", "PARAM_REQUEST_READ"}
+SET_INTERVAL = 511
+LOOKED_INTO = (
+    *("HEARTBEAT", "ATTITUDE", "SERVO_OUTPUT_RAW", "LOCAL_POSITION_NED", "COMMAND_ACK", "PARAM_VALUE", "RAW_IMU"),
+    *("EKF_STATUS_REPORT", "VISION_POSITION_DELTA", "ODOMETRY", "SCALED_PRESSURE2", "BATTERY_STATUS", "GPS_RAW_INT"),
+)
+
+
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("towtank.live.mavlink_source._FIRST", 0.3)
+    monkeypatch.setattr("towtank.live.mavlink_source._SETTLED", 0.5)
+    monkeypatch.setattr("towtank.live.mavlink_source._STATE", 0.1)
+
+
+def source_of(text: str) -> MavlinkSource:
+    source = open_source(text, load_vehicle("bluerov2_heavy"))
+    assert isinstance(source, MavlinkSource)
+    return source
+
+
+def simulated() -> Autopilot:
+    autopilot = Autopilot()
+    autopilot.parameters = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 9)}
+    return autopilot
+
+
+class Wire:
+    """Sends what an autopilot says, and answers, between two reads of the source."""
+
+    def __init__(self, autopilot: Autopilot, link: socket.socket, to: tuple[str, int] | None) -> None:
+        self.autopilot, self.link, self.to = autopilot, link, to
+        self.began = time.time()
+        self.beaten = 0.0
+        link.setblocking(False)
+
+    def turn(self) -> None:
+        t = time.time() - self.began
+        messages = [self.autopilot.attitude(t, 0.1 * t, 0.1), self.autopilot.outputs(t, [1600] * 8)]
+        if t >= self.beaten:
+            messages += [self.autopilot.heartbeat(), self.autopilot.filter_status(AIDED)]
+            self.beaten = t + 0.2
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                data, address = self.link.recvfrom(4096)
+                self.to = address or self.to
+                messages += self.autopilot.answers(data)
+        for message in messages:
+            if self.to is None:
+                with contextlib.suppress(OSError):
+                    self.link.send(message)
+            else:
+                self.link.sendto(message, self.to)
+
+
+def run(source: MavlinkSource, wire: Wire, seconds: float) -> list[Sample | Raw]:
+    found: list[Sample | Raw] = []
+    end = time.time() + seconds
+    while time.time() < end:
+        wire.turn()
+        time.sleep(0.01)
+        found += source.read(0.01)
+    return found
+
+
+@pytest.fixture
+def udp() -> Iterator[tuple[MavlinkSource, Wire]]:
+    port = free_port()
+    source = source_of(f"udpin:127.0.0.1:{port}")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.bind(("127.0.0.1", 0))
+        source.open()
+        yield source, Wire(simulated(), link, ("127.0.0.1", port))
+        source.close()
+
+
+def kinds(autopilot: Autopilot) -> set[str]:
+    return {message.get_type() for message in autopilot.got}
+
+
+def test_rates_are_asked_for_and_told_and_nothing_else_is_said(udp: tuple[MavlinkSource, Wire]) -> None:
+    source, wire = udp
+    wire.autopilot.refuses = (dialect.MAVLINK_MSG_ID_RAW_IMU,)
+    found = run(source, wire, 1.6)
+    assert kinds(wire.autopilot) == {"COMMAND_LONG", "PARAM_REQUEST_READ"}
+    assert {message.command for message in wire.autopilot.got if message.get_type() == "COMMAND_LONG"} == {SET_INTERVAL}
+    assert {message.get_srcSystem() for message in wire.autopilot.got} == {SYSTEM}
+    assert wire.autopilot.intervals[dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW] == 20_000
+    state = source.state()
+    assert state.asked["SERVO_OUTPUT_RAW"] == 50.0
+    assert state.rates["ATTITUDE"] == pytest.approx(75.0, rel=0.4)
+    assert any("6 granted; not known: RAW_IMU" in line for line in state.said)
+    assert state.senders == ("1.1",)
+    samples = [each for each in found if isinstance(each, Sample)]
+    assert {sample.topic for sample in samples} == {"ATTITUDE", "SERVO_OUTPUT_RAW"}
+    outputs = next(sample for sample in samples if sample.topic == "SERVO_OUTPUT_RAW")
+    assert outputs.names == tuple(f"cmd_{n}" for n in range(1, 9))
+    assert outputs.values == (1600.0,) * 8
+    assert abs(outputs.t - outputs.received) < 0.05
+
+
+def test_the_bytes_come_first_and_whole(udp: tuple[MavlinkSource, Wire]) -> None:
+    source, wire = udp
+    sent = [wire.autopilot.attitude(0.1), wire.autopilot.heartbeat() + wire.autopilot.attitude(0.2), b"\xfdnonsense"]
+    for data in sent:
+        wire.link.sendto(data, wire.to or ("", 0))
+    found = [each for _ in range(3) for each in source.read(0.1)]
+    assert [each.data for each in found if isinstance(each, Raw)] == sent
+
+
+def test_to_listen_is_to_say_nothing() -> None:
+    port = free_port()
+    source = source_of(f"mavlink:udpin:127.0.0.1:{port}?listen")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.bind(("127.0.0.1", 0))
+        source.open()
+        wire = Wire(simulated(), link, ("127.0.0.1", port))
+        found = run(source, wire, 0.8)
+        source.close()
+    assert wire.autopilot.got == []
+    assert any("no SERVOn_FUNCTION" in line for line in source.state().said)
+    assert any(isinstance(each, Sample) and "cmd_8" in each.names for each in found)
+
+
+def test_who_speaks_first_sends_heartbeats_of_a_ground_station() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.bind(("127.0.0.1", 0))
+        source = source_of(f"udpout:127.0.0.1:{link.getsockname()[1]}")
+        source.open()
+        source.read(0.01)
+        link.settimeout(2.0)
+        data, address = link.recvfrom(1000)
+        wire = Wire(simulated(), link, address)
+        wire.autopilot.answers(data)
+        (beat,) = wire.autopilot.got
+        assert (beat.get_type(), beat.type, beat.autopilot) == ("HEARTBEAT", 6, 8)
+        assert any(isinstance(each, Sample) for each in run(source, wire, 0.8))
+        assert kinds(wire.autopilot) <= ALLOWED
+        source.close()
+
+
+def test_tcp_that_breaks_is_connected_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("towtank.live.mavlink_streams._AGAIN", 0.05)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        source = source_of(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+        source.open()
+        link, _ = server.accept()
+        with link:
+            assert any(isinstance(each, Sample) for each in run(source, Wire(simulated(), link, None), 0.7))
+        server.settimeout(0.02)
+        told, again = False, None
+        for _ in range(100):
+            source.read(0.02)
+            told = told or any("trying again" in line for line in source.state().said)
+            with contextlib.suppress(TimeoutError):
+                again, _ = server.accept()
+                break
+        assert told
+        assert again is not None
+        with again:
+            wire = Wire(simulated(), again, None)
+            assert any(isinstance(each, Sample) for each in run(source, wire, 0.5))
+        assert not any("trying again" in line for line in source.state().said)
+        source.close()
+
+
+def test_malformed_datagrams_are_counted_and_never_raise(udp: tuple[MavlinkSource, Wire]) -> None:
+    source, wire = udp
+    run(source, wire, 0.5)
+    rng = random.Random(7)
+    good = [wire.autopilot.attitude(1.0), wire.autopilot.outputs(1.0, [1500] * 8), wire.autopilot.heartbeat()]
+    for k in range(1000):
+        data = bytearray(rng.choice(good))
+        data[rng.randrange(1, len(data))] ^= 1 << rng.randrange(8)
+        wire.link.sendto(
+            (bytes(data), rng.randbytes(rng.randrange(300)), data[: rng.randrange(20)])[k % 3], wire.to or ("", 0)
+        )
+        if k % 50 == 0:
+            source.read(0.0)
+    found = run(source, wire, 0.4)
+    assert source.state().bad > 500
+    assert any(isinstance(each, Sample) for each in found)
+
+
+def test_valid_messages_with_any_content_never_raise(udp: tuple[MavlinkSource, Wire]) -> None:
+    """Right checksums over random payloads, of every message that the source looks into."""
+    source, wire = udp
+    run(source, wire, 0.4)
+    rng = random.Random(8)
+    by_name = {kind.msgname: kind for kind in dialect.mavlink_map.values()}
+    for k in range(600):
+        kind = by_name[LOOKED_INTO[k % len(LOOKED_INTO)]]
+        size = layouts()[kind.id].dtype.itemsize
+        wire.link.sendto(_framed(kind, rng.randbytes(rng.randrange(1, size + 1)), k), wire.to or ("", 0))
+        if k % 20 == 0:
+            source.read(0.0)
+    source.read(0.05)
+    assert source.state().bad == 0
+    wire.autopilot.boot = 1.0  # what the garbage said of the clock gives way
+    assert any(isinstance(each, Sample) for each in run(source, wire, 1.2))
+
+
+def _framed(kind: Any, payload: bytes, k: int) -> bytes:
+    from pymavlink.generator.mavcrc import x25crc
+
+    head = bytes((len(payload), 0, 0, k % 256, 1, 1)) + kind.id.to_bytes(3, "little")
+    crc = x25crc(head + payload + bytes((kind.crc_extra,))).crc
+    return b"\xfd" + head + payload + crc.to_bytes(2, "little")
+
+
+@pytest.mark.parametrize(
+    "text, expected",
+    [
+        ("udpin:127.0.0.1", "expected udpin:HOST:PORT"),
+        ("udpin:127.0.0.1:0", "port 0"),
+        ("udpout::14550", "no host"),
+        ("tcp:127.0.0.1:99999", "port 99999"),
+        ("udpbcast:1.2.3.4:5", "expected udpin:HOST:PORT"),
+        ("/dev/ttyACM0,fast", 'baud rate "fast"'),
+    ],
+)
+def test_what_is_no_link_is_one_line(text: str, expected: str) -> None:
+    with pytest.raises(InputError, match=expected) as error:
+        source_of(text)
+    assert "\n" not in str(error.value)
+
+
+def test_a_port_that_is_taken_is_one_line() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.bind(("127.0.0.1", 0))
+        source = source_of(f"udpin:127.0.0.1:{link.getsockname()[1]}")
+        with pytest.raises(InputError, match="cannot listen there"):
+            source.open()
+
+
+def test_a_server_that_is_not_there_is_one_line() -> None:
+    with pytest.raises(InputError, match="cannot connect"):
+        source_of(f"tcp:127.0.0.1:{free_port(socket.SOCK_STREAM)}").open()
+
+
+def test_a_slow_line_is_not_flooded() -> None:
+    line = connection_of("/dev/ttyUSB0,57600")
+    asked = Requests(speaks_first=False, bandwidth=line.bandwidth).asked
+    assert 48.0 * sum(asked.values()) < 0.6 * line.bandwidth
+    assert asked["SERVO_OUTPUT_RAW"] > 10.0
+
+
+def test_questions_without_answer_come_to_an_end() -> None:
+    requests = Requests(speaks_first=False)
+    requests.aim(Sender(1, 1), 2)
+    sent = [data for k in range(1000) for data in requests.due(0.1 * k, 0.1 * k)]
+    assert len(sent) < 4 * 60
+    assert requests.settled
+    assert "no answer" in requests.said()[0]
+    assert requests.due(200.0, 200.0) == []
+
+
+def test_answers_of_others_are_not_taken() -> None:
+    requests = Requests(speaks_first=False)
+    requests.aim(Sender(1, 1), 2)
+    requests.due(0.0, 0.0)
+    requests.hear(Frame(77, Sender(2, 1), b"", 2), 511.0, 0.0)
+    assert "0 granted" in requests.said()[0]
+    requests.hear(Frame(77, Sender(1, 1), b"", 2), 511.0, 0.0)
+    assert "1 granted" in requests.said()[0]
+
+
+def test_whole_numbers_sent_as_their_bits() -> None:
+    assert parameter_of("SERVO1_FUNCTION", 33 * 2.0**-149, 6) == 33.0
+    assert parameter_of("SERVO1_FUNCTION", 33.0, 6) == 33.0
+    assert parameter_of("BARO1_GND_PRESS", 101_325.0, 9) == 101_325.0
