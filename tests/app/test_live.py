@@ -119,6 +119,7 @@ def test_killed_and_gone_on_with(log: Path, tmp_path: Path) -> None:
     assert lines[-1]["coefficients"]["X_uu"]["identified"]
     assert lines[-1]["duration_s"] == pytest.approx(10.4, abs=1.5)  # both parts
     assert not kept.repairs
+    assert load_vehicle(tmp_path / "dive.toml").name == VEHICLE  # nobody asked: beside the recording
     assert any(note.startswith("live json:") for note in kept.notes)
 
 

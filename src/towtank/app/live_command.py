@@ -81,7 +81,7 @@ def live(
             "--output",
             "-o",
             metavar="MODEL.toml",
-            help="Vehicle file to write at the end; without it none is written.",
+            help="Vehicle file to write at the end; default: beside the recording, where there is one.",
         ),
     ] = None,
     json: Json = False,

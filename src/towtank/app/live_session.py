@@ -156,21 +156,36 @@ def _run(session: Session, stop: threading.Event, options: LiveOptions, vehicle:
 def _end(session: Session, status: Status, options: LiveOptions, vehicle: Vehicle, output: Output) -> None:
     """Write the model, print what was learned."""
     learner = session.learning.learner
-    if options.model_file is not None:
+    place = _model_place(options, status)
+    if place is not None:
         kept = learner.model()
         note = f"learned live from {', '.join(options.sources)} ({status.learnt.estimate.duration:.5g} s)"
         provenance = Provenance(source=kept.provenance.source, notes=(*kept.provenance.notes, note))
-        save_vehicle(kept.model_copy(update={"provenance": provenance}), options.model_file)
+        save_vehicle(kept.model_copy(update={"provenance": provenance}), place)
     document = live_document(status, learner, options.sources, options.prior, options.method, output.warnings)
     if options.json_lines:
         _write(live_line(status) | {"final": True, **document})
         return
     show_end(status, vehicle, options.method, output)
-    if options.model_file is not None:
-        output.line(f"model written to {options.model_file}")
-    elif options.record is not None:
+    if place is not None:
+        output.line(f"model written to {place}")
+    else:
+        output.line("no model is kept: -o MODEL.toml or --record keeps one", "dim")
+    if options.record is not None:
         output.line(f"Next: towtank learn {options.record} --vehicle {options.vehicle} -o MODEL.toml", "dim")
     output.document(document)
+
+
+def _model_place(options: LiveOptions, status: Status) -> Path | None:
+    """Return where the model goes: as asked, else beside the recording under a name that is free."""
+    if options.model_file is not None or options.record is None or not any(status.learnt.estimate.identified):
+        return options.model_file
+    place = options.record.with_suffix(".toml")
+    number = 2
+    while place.exists():
+        place = options.record.with_name(f"{options.record.stem}-{number}.toml")
+        number += 1
+    return place
 
 
 def _write(line: dict[str, object]) -> None:
