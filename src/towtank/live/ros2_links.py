@@ -1,0 +1,247 @@
+"""ROS 2 by the two ways there are: rclpy where a ROS installation or its wheels are at hand, else zenoh.
+
+Both hand over messages as they are on the wire (CDR), so that nothing of ROS is needed to know what they mean. Nothing
+is published; subscriptions are best effort, so that a slow listener holds up nobody.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import importlib.util
+import re
+import time
+from collections import deque
+from typing import Any, NamedTuple, Protocol
+
+from towtank.errors import InputError
+
+__all__ = ["Message", "RclpyLink", "Ros2Link", "ZenohLink", "link_of", "topic_of_key", "topic_of_token"]
+
+_DEPTH = 1000  # messages that wait for us
+_ENDPOINT = "tcp/localhost:7447"  # of the router of rmw_zenoh
+_DDS = re.compile(r"(\w+)::(\w+)::dds_::(\w+)_")
+_PUBLISHER = "MP"
+
+
+class Message(NamedTuple):
+    """One message: topic and type, when it came [s], and its bytes."""
+
+    topic: str
+    kind: str
+    received: float
+    data: bytes
+
+
+class Ros2Link(Protocol):
+    """A way to the topics of a ROS 2 system; `name` says which."""
+
+    name: str
+
+    def open(self) -> None:
+        """Begin. Raises InputError in one line where that cannot be."""
+
+    def topics(self) -> dict[str, str]:
+        """Return the topics that somebody publishes, with their types."""
+        ...
+
+    def subscribe(self, topic: str, kind: str) -> str:
+        """Listen to a topic; return why that cannot be, "" where it can."""
+        ...
+
+    def receive(self, timeout: float) -> list[Message]:
+        """Return what has come; wait for it at most so long [s]."""
+        ...
+
+    def close(self) -> None:
+        """End; may be called twice."""
+
+
+def link_of(text: str) -> Ros2Link:
+    """Return the link for ros2:[DOMAIN][@ENDPOINT]. Raises InputError where there is none."""
+    match = re.fullmatch(r"ros2:?(\d*)(?:@(.+))?", text)
+    if match is None or (match[1] and int(match[1]) > 232):
+        raise InputError(
+            f'source "{text}": expected ros2:[DOMAIN] with a domain of 0 to 232, or ros2:[DOMAIN]@ENDPOINT'
+        )
+    domain = int(match[1]) if match[1] else None
+    if match[2] is None and importlib.util.find_spec("rclpy") is not None:
+        return RclpyLink(text, domain)
+    if importlib.util.find_spec("zenoh") is not None:
+        return ZenohLink(text, domain, match[2] or _ENDPOINT)
+    raise InputError(
+        f'source "{text}": neither rclpy nor zenoh is installed; source a ROS 2 installation for this Python, or '
+        'pip install "towtank[ros2]" and run the zenoh router of ROS 2'
+    )
+
+
+def _domain(domain: int | None) -> int:
+    import os
+
+    told = os.environ.get("ROS_DOMAIN_ID", "")
+    return domain if domain is not None else int(told) if told.isdigit() else 0
+
+
+class RclpyLink:
+    """A node without publishers, services or parameters."""
+
+    def __init__(self, text: str, domain: int | None) -> None:
+        self._text, self._domain = text, domain
+        self._context: Any = None
+        self._node: Any = None
+        self._executor: Any = None
+        self._came: deque[Message] = deque(maxlen=100 * _DEPTH)
+        self.name = "rclpy"
+
+    def open(self) -> None:
+        """Join the ROS graph."""
+        try:
+            rclpy: Any = importlib.import_module("rclpy")
+            self._context = rclpy.Context()
+            options = importlib.import_module("rclpy.signals").SignalHandlerOptions.NO
+            rclpy.init(context=self._context, domain_id=self._domain, signal_handler_options=options)
+            self._node = rclpy.create_node(
+                "towtank", context=self._context, start_parameter_services=False, enable_rosout=False
+            )
+            executors = importlib.import_module("rclpy.executors")
+            self._executor = executors.SingleThreadedExecutor(context=self._context)
+            self._executor.add_node(self._node)
+        except Exception as error:  # a broken installation raises anything
+            self.close()
+            reason = " ".join(str(error).split())
+            raise InputError(
+                f'source "{self._text}": rclpy does not start ({type(error).__name__}: {reason})'
+            ) from None
+        self.name = f"rclpy, domain {self._context.get_domain_id()}"
+
+    def topics(self) -> dict[str, str]:
+        """Return the topics that are published, with the first of their types."""
+        found = self._node.get_topic_names_and_types()
+        return {name: kinds[0] for name, kinds in found if kinds and self._node.count_publishers(name)}
+
+    def subscribe(self, topic: str, kind: str) -> str:
+        """Subscribe to the bytes of a topic."""
+        package, _, name = kind.partition("/msg/")
+        try:
+            message = getattr(importlib.import_module(f"{package}.msg"), name)
+        except (ImportError, AttributeError):
+            return f"{kind} is not installed in this ROS"
+        qos: Any = importlib.import_module("rclpy.qos")
+        profile = qos.QoSProfile(depth=_DEPTH, reliability=qos.ReliabilityPolicy.BEST_EFFORT)
+
+        def keep(data: bytes) -> None:
+            self._came.append(Message(topic, kind, time.time(), bytes(data)))
+
+        self._node.create_subscription(message, topic, keep, profile, raw=True)
+        return ""
+
+    def receive(self, timeout: float) -> list[Message]:
+        """Return what has come."""
+        end = time.monotonic() + timeout
+        self._executor.spin_once(timeout_sec=timeout)
+        while self._came and len(self._came) < 256 and time.monotonic() < end:
+            before = len(self._came)
+            self._executor.spin_once(timeout_sec=0.0)
+            if len(self._came) == before:
+                break
+        return [self._came.popleft() for _ in range(len(self._came))]
+
+    def close(self) -> None:
+        """Leave the graph."""
+        with contextlib.suppress(Exception):
+            if self._executor is not None:
+                self._executor.shutdown(timeout_sec=1.0)
+            if self._node is not None:
+                self._node.destroy_node()
+            if self._context is not None:
+                self._context.try_shutdown()
+        self._executor = self._node = self._context = None
+
+
+class ZenohLink:
+    """A zenoh session as client of a router; topics are known by the tokens that rmw_zenoh declares."""
+
+    def __init__(self, text: str, domain: int | None, endpoint: str) -> None:
+        self._text, self._number, self._endpoint = text, _domain(domain), endpoint
+        self._session: Any = None
+        self._subscriptions: list[Any] = []
+        self._came: deque[Message] = deque(maxlen=100 * _DEPTH)
+        self.name = f"zenoh at {endpoint}, domain {self._number}"
+
+    def open(self) -> None:
+        """Connect to the router."""
+        zenoh: Any = importlib.import_module("zenoh")
+        config = zenoh.Config()
+        try:
+            config.insert_json5("mode", '"client"')
+            config.insert_json5("connect/endpoints", f'["{self._endpoint}"]')
+            config.insert_json5("connect/timeout_ms", "2000")
+            config.insert_json5("scouting/multicast/enabled", "false")
+            self._session = zenoh.open(config)
+        except Exception as error:  # of the library's own kinds
+            reason = " ".join(str(error).split())[:200]
+            raise InputError(f'source "{self._text}": no zenoh router at {self._endpoint} ({reason})') from None
+
+    def topics(self) -> dict[str, str]:
+        """Return the topics by the tokens of their publishers."""
+        found: dict[str, str] = {}
+        for reply in self._session.liveliness().get(f"@ros2_lv/{self._number}/**", timeout=1.0):
+            known = topic_of_token(str(reply.ok.key_expr)) if reply.ok is not None else None
+            if known is not None:
+                found.setdefault(*known)
+        return found
+
+    def subscribe(self, topic: str, kind: str) -> str:
+        """Subscribe to a topic, whatever the hash of its type, which Humble does not send."""
+        package, _, name = kind.partition("/msg/")
+        key = f"{self._number}/{topic.strip('/')}/{package}::msg::dds_::{name}_/**"
+
+        def keep(sample: Any) -> None:
+            self._came.append(Message(topic, kind, time.time(), sample.payload.to_bytes()))
+
+        try:
+            self._subscriptions.append(self._session.declare_subscriber(key, keep))
+        except Exception as error:
+            return f"zenoh: {' '.join(str(error).split())[:100]}"
+        return ""
+
+    def receive(self, timeout: float) -> list[Message]:
+        """Return what has come; zenoh's own threads take it."""
+        end = time.monotonic() + timeout
+        while not self._came and time.monotonic() < end:
+            time.sleep(0.001)
+        return [self._came.popleft() for _ in range(len(self._came))]
+
+    def close(self) -> None:
+        """Disconnect."""
+        if self._session is not None:
+            with contextlib.suppress(Exception):
+                self._session.close()
+            self._session = None
+
+
+def topic_of_token(token: str) -> tuple[str, str] | None:
+    """Return topic and type of a publisher's token, None for anything else.
+
+    @ros2_lv/DOMAIN/SESSION/NODE/ENTITY/MP/ENCLAVE/NAMESPACE/NODE NAME/TOPIC/TYPE/HASH/QOS, where % stands for /.
+    """
+    parts = token.split("/")
+    if len(parts) < 11 or parts[5] != _PUBLISHER:
+        return None
+    kind = _kind(parts[10])
+    return (parts[9].replace("%", "/"), kind) if kind else None
+
+
+def topic_of_key(key: str) -> tuple[str, str] | None:
+    """Return topic and type of DOMAIN/TOPIC/TYPE/HASH, None for anything else."""
+    parts = key.split("/")
+    for place in range(2, len(parts)):
+        kind = _kind(parts[place])
+        if kind:
+            return "/" + "/".join(parts[1:place]), kind
+    return None
+
+
+def _kind(mangled: str) -> str:
+    match = _DDS.fullmatch(mangled)
+    return "/".join(match.groups()) if match else ""
