@@ -2,6 +2,7 @@
 PYTHON  ?= python3
 WORKERS ?= 2
 DEMO    ?=
+PEERS   ?=
 KERNEL_TESTS := $(addprefix tests/identification/test_, axis_rows.py held_input.py motion_state.py transition.py output_error_kernel.py)
 
 BIN   := .venv/bin
@@ -10,13 +11,14 @@ SHELL := bash
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo test lint types layers tests kernels docs bench lock clean
+.PHONY: help demo test lint types layers tests kernels docs bench peers lock clean
 
 help:
 	@echo 'make demo    a simulated tank session, learned sample by sample   (DEMO="--fast" passes options on)'
 	@echo 'make test    every check: lint, types, layers, tests, plain-Python kernels, documentation'
 	@echo 'make docs    the documentation, in docs/_build/html'
 	@echo 'make bench   speed, beside other libraries'
+	@echo 'make peers   live links with real peers: MAVSDK, ROS 2, JSON; sets up their environments   (PEERS="mavsdk")'
 	@echo 'make lock    requirements.lock anew from pyproject.toml'
 	@echo 'make clean   removes .venv and everything built or cached'
 	@echo 'Set PYTHON=... to choose the interpreter (3.11 or newer) that .venv is made with.'
@@ -65,11 +67,25 @@ docs: $(READY)
 bench: $(READY)
 	@$(BIN)/python -m pytest -p no:xdist benchmarks
 
+# Real peers on loopback, each in an environment of its own; the wheels of ROS 2 are for Python 3.11.
+peers: $(READY) .peers/mavsdk/.ready .peers/ros2/.ready
+	@$(BIN)/python benchmarks/peers/run_peers.py $(PEERS)
+
+.peers/mavsdk/.ready:
+	$(call quietly,setting up MAVSDK,$(PYTHON) -m venv .peers/mavsdk && .peers/mavsdk/bin/python -m pip install --quiet --disable-pip-version-check mavsdk==4.1.0)
+	@touch $@
+
+.peers/ros2/.ready: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || { \
+	echo "the wheels of ROS 2 need Python 3.11; '$(PYTHON)' is not. Choose it: make peers PYTHON=python3.11"; exit 1; }
+	$(call quietly,setting up ROS 2,$(PYTHON) -m venv .peers/ros2 && .peers/ros2/bin/python -m pip install --quiet --disable-pip-version-check 'ros-rclpy[fastrtps]==9.1.2' ros-nav-msgs==5.5.1 --editable .)
+	@touch $@
+
 # Resolved for every platform and Python from 3.11 on. The file names no index, so it installs from whichever one pip uses.
 lock:
 	$(call quietly,setting up .lock-venv,$(PYTHON) -m venv .lock-venv && .lock-venv/bin/python -m pip install --quiet --disable-pip-version-check uv)
 	$(call quietly,resolving requirements.lock,.lock-venv/bin/uv pip compile --quiet --universal --python-version 3.11 --fork-strategy fewest --all-extras --upgrade --generate-hashes --no-emit-index-url --no-header --output-file requirements.lock pyproject.toml)
 
 clean:
-	rm -rf .venv .lock-venv build dist docs/_build .benchmarks .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	rm -rf .venv .lock-venv .peers build dist docs/_build .benchmarks .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

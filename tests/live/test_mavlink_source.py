@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import random
 import socket
 import time
@@ -54,7 +55,7 @@ def simulated() -> Autopilot:
 class Wire:
     """Sends what an autopilot says, and answers, between two reads of the source."""
 
-    def __init__(self, autopilot: Autopilot, link: socket.socket, to: tuple[str, int] | None) -> None:
+    def __init__(self, autopilot: Autopilot, link: Any, to: tuple[str, int] | None) -> None:
         self.autopilot, self.link, self.to = autopilot, link, to
         self.began = time.time()
         self.beaten = 0.0
@@ -188,6 +189,44 @@ def test_tcp_that_breaks_is_connected_again(monkeypatch: pytest.MonkeyPatch) -> 
             assert any(isinstance(each, Sample) for each in run(source, wire, 0.5))
         assert not any("trying again" in line for line in source.state().said)
         source.close()
+
+
+class Line:
+    """The other end of a serial line, with the methods of a socket."""
+
+    def __init__(self, handle: int) -> None:
+        self._handle = handle
+        os.set_blocking(handle, False)
+
+    def setblocking(self, flag: bool) -> None:
+        pass
+
+    def recvfrom(self, size: int) -> tuple[bytes, None]:
+        return os.read(self._handle, size), None
+
+    def send(self, data: bytes) -> None:
+        os.write(self._handle, data)
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="takes a pseudo-terminal")
+def test_a_serial_line() -> None:
+    pytest.importorskip("serial")
+    ours, theirs = os.openpty()
+    source = source_of(f"{os.ttyname(theirs)},57600")
+    source.open()
+    wire = Wire(simulated(), Line(ours), None)
+    found = run(source, wire, 1.0)
+    source.close()
+    os.close(ours)
+    os.close(theirs)
+    assert any(isinstance(each, Sample) and "cmd_8" in each.names for each in found)
+    assert kinds(wire.autopilot) == {"COMMAND_LONG", "PARAM_REQUEST_READ"}
+
+
+def test_a_line_that_is_not_there_is_one_line() -> None:
+    pytest.importorskip("serial")
+    with pytest.raises(InputError, match="cannot be opened"):
+        source_of("/dev/towtank-has-no-such-line,57600").open()
 
 
 def test_malformed_datagrams_are_counted_and_never_raise(udp: tuple[MavlinkSource, Wire]) -> None:
