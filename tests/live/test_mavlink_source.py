@@ -215,7 +215,7 @@ def test_a_serial_line() -> None:
     source = source_of(f"{os.ttyname(theirs)},57600")
     source.open()
     wire = Wire(simulated(), Line(ours), None)
-    found = run(source, wire, 1.0)
+    found = run(source, wire, 1.8)
     source.close()
     os.close(ours)
     os.close(theirs)

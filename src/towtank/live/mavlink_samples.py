@@ -192,13 +192,14 @@ class MavlinkSamples:
     def rates(self, now: float) -> dict[str, float]:
         """Return how often each message came lately [Hz]; those of others by message and sender."""
         found = {}
+        window = min(_RATE_WINDOW, max(now - self._origin, 0.1))
         for (number, sender), rows in self._history.items():
-            recent = [received for received, _ in rows if received > now - _RATE_WINDOW]
+            recent = sum(received > now - window for received, _ in rows)
             name = self._layouts[number].name
             if sender != self.autopilot.sender:
                 name += f"@{sender}"
-            if len(recent) > 1 and recent[-1] > recent[0]:
-                found[name] = (len(recent) - 1) / (recent[-1] - recent[0])
+            if recent > 1:
+                found[name] = recent / window
         return found
 
     def said(self) -> list[str]:

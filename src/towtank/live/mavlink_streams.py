@@ -19,6 +19,7 @@ _LARGEST = 65536
 _PATIENCE = 5.0  # s for TCP to connect
 _AGAIN = 1.0  # s between attempts at a connection that broke
 _BAUD = 115200
+_TURN = 0.05  # s that a serial line is waited for, or takes to send
 
 
 def resolved(text: str, host: str, port: int, kind: socket.SocketKind) -> tuple[int, Any]:
@@ -165,14 +166,13 @@ class Serial(_Stream):
             raise InputError(
                 f'source "{self.text}": serial lines need pyserial; pip install "towtank[serial]"'
             ) from None
-        self._port = serial.Serial(self._device, self._baud, timeout=0, write_timeout=0.1)
+        self._port = serial.Serial(self._device, self._baud, timeout=_TURN, write_timeout=_TURN)
 
     def _file(self) -> Any:
         return self._port
 
     def _wait(self, timeout: float) -> bool:
-        self._port.timeout = timeout
-        self._first = bytes(self._port.read(1))
+        self._first = bytes(self._port.read(1))  # the timeout of the port: to change it is to set it up anew
         return bool(self._first)
 
     def _take(self) -> bytes:
