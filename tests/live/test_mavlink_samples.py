@@ -152,6 +152,33 @@ def test_a_second_vehicle_and_a_ground_station_are_not_mixed_in() -> None:
     assert "another autopilot (2.1), a ground station (255.190)" in heard.samples.said()[0]
 
 
+def test_the_autopilot_that_was_followed_is_kept() -> None:
+    autopilot, other, heard = Autopilot(), Autopilot(system=2), Heard()
+    heard.take(second(autopilot, 0.0) + second(autopilot, 1.0))
+    heard.decide(2.0)
+    heard.take(second(autopilot, 2.0) + second(other, 2.0, rate=100.0))
+    heard.decide(3.0)
+    assert heard.samples.autopilot.sender == (1, 1)
+    assert heard.samples.autopilot.others == {(2, 1): "another autopilot"}
+    assert channel(heard.take(second(autopilot, 3.0) + second(other, 3.0, rate=100.0)), "psi").size == 20
+    for start in range(4, 12):
+        heard.take(second(other, float(start)))
+    heard.decide(12.0)
+    assert heard.samples.autopilot.sender == (2, 1)
+
+
+def test_an_autopilot_that_starts_anew_is_followed() -> None:
+    autopilot, heard = Autopilot(), Heard()
+    heard.take(second(autopilot, 0.0) + second(autopilot, 1.0))
+    heard.decide(2.0)
+    heard.take(second(autopilot, 2.0))
+    autopilot.boot = -2.0
+    heard.take(second(autopilot, 4.0) + second(autopilot, 5.0))
+    found = [sample for sample in heard.take(second(autopilot, 6.0)) if sample.topic == "ATTITUDE"]
+    assert heard.samples.restarts == 1
+    np.testing.assert_allclose([sample.t - EPOCH for sample in found], 6.01 + np.arange(20) / 20, atol=2e-3, rtol=0)
+
+
 def test_a_dvl_of_another_sender_is_nearer_the_sensor_and_stands_off_the_origin() -> None:
     autopilot, dvl = Autopilot(), Autopilot(component=197)
     heard = Heard({**EIGHT, "VISO_POS_X": 0.2})

@@ -24,7 +24,7 @@ from towtank.readers.aiding import Aiding
 from towtank.readers.mavlink_autopilot import DVL
 from towtank.readers.mavlink_format import MessageLayout
 from towtank.readers.mavlink_meaning import aiding_of_messages, mavlink_sources, pressures_of, sources_of_messages
-from towtank.readers.mavlink_senders import Autopilot, Sender, autopilot_of, message_of, named_tables
+from towtank.readers.mavlink_senders import ANOTHER, Autopilot, Sender, autopilot_of, message_of, named_tables
 from towtank.readers.mavlink_tables import tables_by_instance
 from towtank.readers.sources import Source
 from towtank.readers.tables import Table, Tables
@@ -53,6 +53,7 @@ class MavlinkSamples:
         self._history: dict[_Key, deque[tuple[float, bytes]]] = {}
         self._origin = 0.0
         self._names: dict[tuple[int, Sender, str], str] = {}
+        self._useful: set[_Key] = set()
         self._aiding: Aiding | None = None
         self._parameters: Mapping[str, float] = {}
         self._outputs = ThrusterOutputs({})
@@ -96,9 +97,7 @@ class MavlinkSamples:
         own = sender == self.autopilot.sender
         if own and layout.name == _STATUS:
             self._watch(layout, arrivals[rows[-1]][0])
-        if not (own and layout.name == _OUTPUTS) and not any(
-            self.quantities.of(name) for key, name in self._names.items() if key[:2] == (layout.number, sender)
-        ):
+        if not (own and layout.name == _OUTPUTS) and (layout.number, sender) not in self._useful:
             return
         number = np.array(rows, dtype=np.float64)  # travels with the rows where instances part them
         payloads = [arrivals[i][0].payload for i in rows]
@@ -173,12 +172,24 @@ class MavlinkSamples:
         self._names = dict(zip(keys, tables, strict=True))
         self._parameters = dict(parameters)
         whole = Tables("MAVLink", tables, self._parameters)
-        self.autopilot = autopilot_of(tables, senders)
+        self.autopilot = self._autopilot(tables, senders)
         known = [each for each in mavlink_sources(whole, senders, self.autopilot) if each.quantity != "commands"]
         self.quantities.decide(known)
+        self._useful = {key[:2] for key, name in self._names.items() if self.quantities.of(name)}
         self._aiding = aiding_of_messages(whole, senders, self.autopilot)
         self._outputs = self._thruster_outputs() if settled else ThrusterOutputs({})
         self.decided, self.hurry = True, False
+
+    def _autopilot(self, tables: Mapping[str, Table], senders: Mapping[str, Sender]) -> Autopilot:
+        """Return the autopilot: the one that was followed while it is heard, however busy another one is."""
+        found = autopilot_of(tables, senders)
+        if self.autopilot.sender is None or found.others.get(self.autopilot.sender) != ANOTHER:
+            return found
+        rivals = {sender: what for sender, what in found.others.items() if what == ANOTHER}
+        rivals = rivals | {found.sender: ANOTHER} if found.sender is not None else rivals
+        del rivals[self.autopilot.sender]
+        kept = autopilot_of({name: table for name, table in tables.items() if senders[name] not in rivals}, senders)
+        return replace(kept, others={**kept.others, **rivals})
 
     def _thruster_outputs(self) -> ThrusterOutputs:
         """Return the outputs by the autopilot's parameters, else the first ones, as many as the vehicle has."""

@@ -17,7 +17,7 @@ from towtank.recording.mapping import ColumnMapping
 
 __all__ = ["Ros2Source"]
 
-_FIRST, _EVERY = 1.5, 5.0  # s until the first decision, and between decisions
+_FIRST, _EVERY = 1.5, 2.5  # s until the first decision, and between decisions
 _LOOK = 1.0  # s between two looks at the topics that there are
 _STATE = 0.5
 

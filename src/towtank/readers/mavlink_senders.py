@@ -11,9 +11,10 @@ import numpy as np
 
 from towtank.readers.tables import Table
 
-__all__ = ["KIND", "Autopilot", "Sender", "autopilot_of", "message_of", "named_tables"]
+__all__ = ["ANOTHER", "KIND", "Autopilot", "Sender", "autopilot_of", "message_of", "named_tables"]
 
 KIND = "MAVLink"
+ANOTHER = "another autopilot"
 _GENERIC, _ARDUPILOT, _NO_AUTOPILOT = 0.0, 3.0, 8.0  # MAV_AUTOPILOT
 _GROUND_STATION = 6.0  # MAV_TYPE_GCS
 _TYPICAL = ("ATTITUDE", "ATTITUDE_QUATERNION", "RAW_IMU", "SERVO_OUTPUT_RAW", "LOCAL_POSITION_NED", "SYS_STATUS")
@@ -106,7 +107,7 @@ def _usual(table: Table, field: str) -> float:
 
 def _what(sender: Sender, kinds: Mapping[Sender, tuple[float, float]], able: bool) -> str:
     if able:
-        return "another autopilot"
+        return ANOTHER
     kind = kinds.get(sender, (0.0, 0.0))[1]
     if kind == _GROUND_STATION or (sender not in kinds and sender.system >= 250):
         return "a ground station"
