@@ -113,7 +113,8 @@ def judged(name: str, document: dict[str, object], truth: Vehicle) -> bool:
         print(f"  {coefficient:8} {value:10.4g} ± {found['std']:.2g}, true {true:.4g}: {off:+.1f} %{mark}")
     print(f"  dropped {live['dropped']}, late {live['late']}, bad {live['bad']}, latency {live['latency_ms']}")
     for source in live["sources"].values():  # type: ignore[attr-defined]
-        print(f"  {source['samples']} samples, {source['strange_stamps']} stamps not believed, rates {source['rates_hz']}")
+        strange = source["strange_stamps"]
+        print(f"  {source['samples']} samples, {strange} stamps not believed, rates {source['rates_hz']}")
         for line in source["said"]:
             print(f"  {line}")
     for warning in document["warnings"]:  # type: ignore[attr-defined]
