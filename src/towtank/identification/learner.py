@@ -12,6 +12,7 @@ from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
 from towtank.identification.estimate import Estimate
 from towtank.recording import Recording
+from towtank.recording.event import Event
 from towtank.vehicle import Vehicle
 
 __all__ = ["STREAMING_METHODS", "Learner", "sample_vector"]
@@ -122,6 +123,11 @@ class Learner:
     def estimate(self) -> Estimate:
         """What has been learned so far."""
         raise NotImplementedError
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """What happened to the vehicle, as far as it was noticed, in the order of noticing."""
+        return ()
 
     def model(self) -> Vehicle:
         """Return the vehicle with everything identified so far put in."""

@@ -1,0 +1,32 @@
+"""Something that happened, worth a line: a sensor lost sight, a payload changed, somebody set a mark."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+__all__ = ["EVENT_KINDS", "Event"]
+
+EVENT_KINDS = ("change", "thruster", "configuration", "mended", "occlusion", "overload", "clock", "mark", "resume")
+
+_NOTHING: Mapping[str, float | str] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """What happened, and when.
+
+    Attributes:
+        t: when it happened [s], on the samples' clock; for a change, when it is thought to have begun.
+        kind: one of `EVENT_KINDS`. "change": of the vehicle (payload, drag, ballast); "thruster": one pushes less or
+            more than it did; "configuration": a known one was recognised, or given up; "mended": an estimator that had
+            lost itself; the others are what they say.
+        text: one line for a person.
+        details: numbers and names for programs, as "noticed" [s] and, by coefficient, the step and its deviation.
+    """
+
+    t: float
+    kind: str
+    text: str
+    details: Mapping[str, float | str] = field(default_factory=lambda: _NOTHING)
