@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import cast
 
 import numpy as np
@@ -28,8 +28,13 @@ def drive_of(
     duration: float | None,
     delay: float | None,
     substeps: int,
+    later: Sequence[tuple[int, Vehicle]] = (),
 ) -> tuple[Drive, int, dict[str, Array]]:
-    """Return what drives the vehicle, the number of steps, and the input channels (n,) by name."""
+    """Return what drives the vehicle, the number of steps, and the input channels (n,) by name.
+
+    Args:
+        later: the vehicle whose thrusters they are from a step on; positions and directions must not change.
+    """
     if wrench is not None and commands is not None:
         raise InputError("simulate: give a wrench or commands, not both")
     if voltage is not None and commands is None:
@@ -66,6 +71,12 @@ def drive_of(
     lags = np.array([thruster.time_constant for thruster in vehicle.thrusters])
     pieces = cut_step(dt, delay=late, substeps=substeps, lags=lags)
     forces = thruster_forces(vehicle, orders[:n], supply)
+    for first, other in later:
+        if not np.array_equal(configuration_matrix(other), configuration_matrix(vehicle)):
+            raise InputError(
+                f"changes: {other.name} has its thrusters elsewhere than {vehicle.name}; keep their places"
+            )
+        forces[first:] = thruster_forces(other, orders[first:n], None if supply is None else supply[first:])
     return HeldDrive(forces, configuration_matrix(vehicle), lags, pieces), n, given
 
 

@@ -39,7 +39,7 @@ class Motion:
         eta: x y z phi theta psi (n + 1, 6) [m, rad], angles without jumps. q: the same attitude (n + 1, 4).
         nu: velocity over ground (n + 1, 6) [m/s, rad/s], body FRD. nu_r: relative to the water (n + 1, 6).
         tau: total wrench on the body from each instant on (n + 1, 6) [N, N m]; last row: up to the end.
-        parameters: kernel vector (154,) of the vehicle.
+        parameters: kernel vector (154,) of the vehicle. later: the vector from a step on, where the vehicle changes.
     """
 
     t: Array
@@ -50,6 +50,7 @@ class Motion:
     nu_r: Array
     tau: Array
     parameters: Array
+    later: tuple[tuple[int, Array], ...] = ()
 
     @cached_property
     def specific_force(self) -> Array:
@@ -59,6 +60,8 @@ class Motion:
         it is taken in the velocity relative to the water, from the equations of motion themselves.
         """
         nu_r_dot = forward_dynamics(self.parameters[None, :], self.q, self.nu_r, self.tau)
+        for first, p in self.later:
+            nu_r_dot[first:] = forward_dynamics(p[None, :], self.q[first:], self.nu_r[first:], self.tau[first:])
         w, x, y, z = self.q.T
         down = np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], axis=-1)
         force: Array = nu_r_dot[:, :3] + np.cross(self.nu_r[:, 3:], self.nu_r[:, :3]) - GRAVITY * down

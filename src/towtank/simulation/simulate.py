@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import bisect
+import itertools
 import time
 from collections.abc import Callable, Sequence
 
@@ -47,6 +49,7 @@ def simulate(
     sensors: str | Sensors | None = None,
     disturbance: OrnsteinUhlenbeck | None = None,
     delay: float | None = None,
+    changes: Sequence[tuple[float, Vehicle]] = (),
     seed: int = 0,
     substeps: int = 1,
     record: Sequence[str] = (),
@@ -71,6 +74,8 @@ def simulate(
         disturbance: random wrench on the body, held over each step; not part of the channels X .. N.
         delay: from a held input to its effect [s], any part of a step, exact; before the first effect the thrusters are
             off. Default: `vehicle.command_delay` for commands, none for a wrench.
+        changes: (time [s], vehicle): from the step that begins then on, it is this vehicle: a payload taken up, ballast
+            lost, a thruster fouled. Pose and velocity go on as they are; thrusters stay where they were.
         seed: of all random numbers.
         substeps: integration steps to each step of dt.
         record: extra channels: "wrench" (X .. N of commands), "disturbance" (X_disturbance ..).
@@ -90,22 +95,33 @@ def simulate(
         if extra not in _EXTRAS:
             raise InputError(f'record: unknown "{extra}"{nearest(extra, _EXTRAS)}; there are {", ".join(_EXTRAS)}')
     watch = sensors_named(sensors)
-    drive, n, given = drive_of(vehicle, wrench, commands, voltage, dt, duration, delay, int(substeps))
+    later = _steps_of(changes, dt)
+    drive, n, given = drive_of(vehicle, wrench, commands, voltage, dt, duration, delay, int(substeps), later)
     water = finite_array("current", current, (3,))
     start_pose = finite_array("eta0", _ZERO6 if eta0 is None else eta0, (6,))
     start_velocity = finite_array("nu0", _ZERO6 if nu0 is None else nu0, (6,))
     push = np.zeros((n, 6)) if disturbance is None else disturbance.sample(n, dt, seed)
 
     state0 = relative_to_water(initial_states(start_pose, start_velocity), water)
-    p = np.array(vehicle.parameters)
-    states, starts, means = _run(vehicle, p, state0, drive, push, water, n, dt, progress)
+    bodies = [(first, each, np.array(each.parameters)) for first, each in ((0, vehicle), *later) if first < n]
+    states, starts, means = _run(bodies, state0, drive, push, water, n, dt, progress)
 
     over_ground = relative_to_water(states, water, 1.0)
     q = np.ascontiguousarray(states[:, 3:7])
     eta = np.hstack([states[:, :3], continuous_eulers(q, start_pose[3:])])
     t = read_only(np.arange(n + 1) * dt)
     nu_r = np.ascontiguousarray(states[:, 7:])
-    motion = Motion(t, dt, eta, q, np.ascontiguousarray(over_ground[:, 7:]), nu_r, starts, p)
+    motion = Motion(
+        t,
+        dt,
+        eta,
+        q,
+        np.ascontiguousarray(over_ground[:, 7:]),
+        nu_r,
+        starts,
+        bodies[0][2],
+        tuple((first, p) for first, _, p in bodies[1:]),
+    )
 
     held = read_only(t[:-1])
     found = watch.observe(motion, seed)
@@ -119,9 +135,19 @@ def simulate(
     return Recording({c.name: c for c in found}, source=f"simulation of {vehicle.name}", attributes=attributes)
 
 
+def _steps_of(changes: Sequence[tuple[float, Vehicle]], dt: float) -> list[tuple[int, Vehicle]]:
+    """Return the first step (n >= 1) of each later vehicle."""
+    out: list[tuple[int, Vehicle]] = []
+    for when, vehicle in changes:
+        first = round(when / dt) if np.isfinite(when) else 0
+        if first <= (out[-1][0] if out else 0):
+            raise InputError(f"changes: found one at {when} s, expected times after 0 that rise by a step or more")
+        out.append((first, vehicle))
+    return out
+
+
 def _run(
-    vehicle: Vehicle,
-    p: Array,
+    bodies: Sequence[tuple[int, Vehicle, Array]],
     state0: Array,
     drive: Drive,
     push: Array,
@@ -136,8 +162,10 @@ def _run(
     states, starts, means = np.empty((n + 1, 13)), np.empty((n + 1, 6)), np.empty((n, 6))
     states[0] = state0
     reported = time.monotonic()
-    for first in range(0, n, _CHUNK):
-        last = min(first + _CHUNK, n)
+    starts_anew = [first for first, _, _ in bodies]
+    edges = sorted({*range(0, n, _CHUNK), *starts_anew, n})
+    for first, last in itertools.pairwise(edges):
+        _, vehicle, p = bodies[bisect.bisect_right(starts_anew, first) - 1]
         tau = drive.stages(first, last)
         means[first:last] = _means(tau, pieces)
         tau = tau + np.repeat(push[first:last], m, axis=0)[:, None, :]
