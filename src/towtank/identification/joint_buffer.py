@@ -42,6 +42,11 @@ class Buffer:
         self.input_t[self.inputs], self.input_force[self.inputs] = t, force
         self.inputs += 1
 
+    def clear(self) -> None:
+        """Forget everything."""
+        self.rows = self.inputs = 0
+        self._starts = [(0, 0)]
+
     def break_off(self) -> None:
         """Begin a new stretch."""
         if (self.rows, self.inputs) != self._starts[-1]:

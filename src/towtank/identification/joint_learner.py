@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from towtank.identification.structure import paper_names
 from towtank.identification.thrust_scale import with_thrust_scale
 from towtank.identification.transition import N_FIXED
 from towtank.recording import Recording
+from towtank.recording.event import Event
 from towtank.vehicle import Vehicle
 
 __all__ = ["JointLearner"]
@@ -42,6 +43,8 @@ class JointLearner(Learner):
         prior: a vehicle whose coefficients bear deviations: what is known beforehand.
         background: second looks run in a thread, so that no sample waits for one; `settle` waits for the last.
         current: of the water, estimated along: where speed over ground or position, and heading, are measured.
+        changes: of the vehicle (a payload, a fouled thruster) are watched for, and told of by `events`.
+        known: models of configurations that it may become, by name.
         paper: further settings of the least squares that runs beside it.
 
     Raises:
@@ -60,6 +63,8 @@ class JointLearner(Learner):
         prior: Vehicle | None = None,
         background: bool = False,
         current: bool = False,
+        changes: bool = True,
+        known: Mapping[str, Vehicle] | None = None,
         **paper: Any,
     ) -> None:
         if method != "joint":
@@ -70,14 +75,19 @@ class JointLearner(Learner):
         self._asked = None if free is None else tuple(free)
         if self._asked is not None:
             free_parameters(vehicle, self._asked)  # names are right
-            known = [name for name in self._asked if name in paper_names()]
-            self._paper: PaperLearner | None = (
-                PaperLearner(vehicle, free=known, delay=delay, **paper) if known else None
-            )
+            rows = [name for name in self._asked if name in paper_names()]
+            self._paper: PaperLearner | None = PaperLearner(vehicle, free=rows, delay=delay, **paper) if rows else None
         else:
             self._paper = PaperLearner(vehicle, delay=delay, **paper)
         self._stream = JointStream(
-            vehicle, self._asked, delay=delay, prior=prior, paper=self._paper, background=background, current=current
+            vehicle,
+            self._asked,
+            delay=delay,
+            prior=prior,
+            paper=self._paper,
+            background=background,
+            current=current,
+            known=(known or {}) if changes else None,
         )
         self._estimate: Estimate | None = None
 
@@ -120,15 +130,15 @@ class JointLearner(Learner):
         before = stream.rows
         self._estimate = None
         pushed = i = 0
-        while i < len(samples) and stream.looking:
+        while i < len(samples) and (stream.looking or stream.watching):
             while pushed < len(samples.input_t) and samples.input_t[pushed] <= samples.t[i]:
                 t, force = float(samples.input_t[pushed]), samples.input_force[pushed]
                 stream.take_input(t, force, commands=samples.commands)
-                if self._paper is not None:
+                if self._paper is not None and stream.looking:
                     self._paper.push(t, force, commands=samples.commands)
                 pushed += 1
             z = samples.values[i]
-            if self._paper is not None:
+            if self._paper is not None and stream.looking:
                 self._paper.update(float(samples.t[i]), pose=z[:6], velocity=z[6:12], acceleration=z[12:])
             stream.take_row(float(samples.t[i]), z)
             i += 1
@@ -184,6 +194,16 @@ class JointLearner(Learner):
         """Level (6,) [N, N m] of the random force that the motion shows."""
         state = self._stream.state
         return self._stream.levels.sigma.copy() if state is None else state.sigma.copy()
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """What happened to the vehicle; see `Learner.events`."""
+        return self._stream.story.events
+
+    @property
+    def likely(self) -> dict[str, float]:
+        """Known configurations and how probable each is, since the last change."""
+        return self._stream.likely
 
     @property
     def estimate(self) -> Estimate:

@@ -10,11 +10,14 @@ calls for the next one. Later the filter goes on alone, its anchor following the
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.identification.change_story import Story
+from towtank.identification.change_watch import Watch
 from towtank.identification.estimate import Estimate
 from towtank.identification.held_input import HeldInput, held_push
 from towtank.identification.joint import bounded, held_of, told_of
@@ -52,6 +55,7 @@ _ROUNDS, _ROUNDS_LATE = 1, 3  # passes more at most of an early look and of a la
 _ADAPT = 10.0  # s over which the live filter follows the disturbance
 _LAG = 0.05  # s, to begin with
 _CHECKED, _CHECKED_EARLY = 1.0, 0.25  # s from one check of the filter's health to the next, and while it looks back
+_WATCHED = 15.0  # s of motion from which on changes are watched for
 _CHUNK = 1000  # rows, likewise, of a recording
 
 
@@ -64,6 +68,7 @@ class JointStream:
         paper: the least squares that runs beside it, fed by the caller while `looking`.
         background: looks run beside the stream, in a thread; the stream does not wait for them.
         current: of the water, estimated along.
+        known: configurations that the vehicle may become, by name; None: changes are not watched for.
     """
 
     def __init__(
@@ -76,6 +81,7 @@ class JointStream:
         paper: PaperLearner | None,
         background: bool = False,
         current: bool = False,
+        known: Mapping[str, Vehicle] | None = None,
     ) -> None:
         self._beside = Beside() if background else None
         self.vehicle, self.asked, self.prior, self.paper = vehicle, asked, prior, paper
@@ -94,6 +100,9 @@ class JointStream:
         self._schedule, self._next_check, self._last_one = Schedule(), 0.0, False
         self._last_t = -np.inf
         self._sound: Sound | None = None
+        self.known = known
+        self._watch: Watch | None = None
+        self.story = Story(vehicle)
 
     # -- data in
 
@@ -112,6 +121,8 @@ class JointStream:
             self._buffer.add_input(t, force)
         if self._held is not None:
             held_push(self._held, t, force)
+            if self._watch is not None:
+                self._watch.take_input(t, force)
 
     def take_row(self, t: float, z: Array) -> bool:
         """Take the measurements z (15,) of time t [s]; return whether they taught anything."""
@@ -128,6 +139,8 @@ class JointStream:
         learned = False
         if self.state is not None and self._held is not None:
             learned = joint_step(self.state, self._held, t, z, True)
+            if self.known is not None:
+                self._look_for_change(self.known, t, z)
             if self.seen >= self._next_check:
                 self._next_check = self.seen + (_CHECKED_EARLY if self.looking else _CHECKED)
                 self._check()
@@ -164,6 +177,8 @@ class JointStream:
         if self.state is not None and self.free is not None:
             self.state.clock[C_STARTED] = 0.0
             self._held = self._fresh_held(self.free, self.state.anchor)
+        if self._watch is not None:
+            self._watch.restart()
 
     # -- what is known
 
@@ -171,6 +186,16 @@ class JointStream:
     def rows(self) -> int:
         """Rows that taught something."""
         return 0 if self.state is None else int(self.state.clock[C_ROWS])
+
+    @property
+    def watching(self) -> bool:
+        """Whether changes of the vehicle are watched for."""
+        return self.known is not None
+
+    @property
+    def likely(self) -> dict[str, float]:
+        """Known configurations and how probable each is, since the last change."""
+        return {} if self._watch is None else dict(self._watch.likely)
 
     @property
     def busy(self) -> bool:
@@ -192,6 +217,8 @@ class JointStream:
 
     def settle(self) -> None:
         """Wait for a look that runs beside; look once more where the stream has left looks behind."""
+        if not self.looking:
+            return
         self._fetch(wait=True)
         job = self._job() if self.looking and self._beside is not None and self._schedule.behind(self.seen) else None
         if job is not None:
@@ -261,6 +288,8 @@ class JointStream:
         self.state.options[O_ADAPT] = _ADAPT
         self.state.options[O_FOLLOW] = 0.0
         self.state.sigma[:] = self.levels.sigma
+        if self._watch is not None:
+            self._watch.restart()
         for new, each in self._buffer.since(job.rows, job.inputs):
             if new:
                 self.state.clock[C_STARTED] = 0.0
@@ -305,7 +334,7 @@ class JointStream:
         self.looking = False
         if self.state is not None:
             self.state.options[O_FOLLOW] = 1.0
-        self._buffer = Buffer(self._buffer.shape, self._buffer.lag, commands=self._buffer.commands)
+        self._buffer = self._fresh_buffer(self._buffer)
 
     def _check(self) -> None:
         """Mend a filter that has lost itself; look soon where a coefficient has left its point of linearisation."""
@@ -324,10 +353,39 @@ class JointStream:
         self.mended += 1
         self.state = mended(state, self._sound, np.array(self.vehicle.parameters), free, self._tuning)
         self._held = self._fresh_held(free, self.state.anchor)
+        if self._watch is not None:
+            self._watch.restart()
+        self.story.mended(self._last_t)
+
+    def _look_for_change(self, known: Mapping[str, Vehicle], t: float, z: Array) -> None:
+        """Go on with the filter that saw a change, where one did."""
+        assert self._buffer is not None
+        assert self.state is not None
+        assert self._held is not None
+        assert self.free is not None
+        if self._watch is None:
+            self._watch = Watch(self.vehicle, self._fresh_buffer(self._buffer), known)
+        watch = self._watch
+        watch.take_row(t, z)
+        if self.seen < _WATCHED or not watch.due(t):
+            return
+        self.story.tell(t, self.free, self.state)
+        found = watch.look(t, self.state, self._held, self.free)
+        if found is None:
+            return
+        self.free, self.state, self._held = found.free, found.state, found.held
+        self._sound = sound_of(self.state) or self._sound
+        self.story.add(found, self.state)
+        if self.looking:
+            self._go_on_alone()
+
+    @staticmethod
+    def _fresh_buffer(like: Buffer) -> Buffer:
+        return Buffer(like.shape, like.lag, commands=like.commands)
 
     def _fresh_held(self, free: FreeParameters, theta: Array) -> HeldInput:
         assert self._buffer is not None
-        empty = Buffer(self._buffer.shape, self._buffer.lag, commands=self._buffer.commands)
+        empty = self._fresh_buffer(self._buffer)
         empty.add_row(0.0, np.full(N_MEASURED, np.nan))
         return held_of(empty.stretches[0], free, theta, self.delay)
 

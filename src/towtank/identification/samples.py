@@ -6,7 +6,7 @@ rates, irregular times and gaps need nothing else.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,6 +49,16 @@ class Samples:
 
     def __len__(self) -> int:
         return int(self.t.size)
+
+    def part(self, row: int, input_: int) -> Samples:
+        """Return views of what is left from a row and an input on."""
+        return replace(
+            self,
+            t=self.t[row:],
+            values=self.values[row:],
+            input_t=self.input_t[input_:],
+            input_force=self.input_force[input_:],
+        )
 
     @property
     def duration(self) -> float:

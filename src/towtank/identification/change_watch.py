@@ -1,0 +1,282 @@
+"""Watches a joint filter for a change of the vehicle: filters split off time and again, each free to have seen one.
+
+Every half second a filter is split off the first one, with inertia, drag, weight, righting moment and, where commands
+are known, the gains of the thrusters widened by what a payload or a fouled thruster would do to them. What its samples
+say by themselves (`change_window`) is the evidence of a change at that moment, of any parts. A change is one that has
+an evidence beyond `_SURE` twice in a row, and of which it is clear whether body or thruster is to blame. Then the filter
+that saw it goes on in place of the first one, told that all other coefficients stayed what they were: nothing has to be
+learned again. The moment is sought in steps of 0.1 s, by replay: a filter that began before the change has seen both
+vehicles, and blames whatever bends most easily. Without motion a split filter learns nothing, its evidence stays zero,
+and the first filter, whose coefficients do not walk, waits as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.identification.change_fork import (
+    Fork,
+    copied,
+    informed,
+    split_later,
+    split_off,
+    with_coordinates,
+    without_change_of,
+)
+from towtank.identification.change_kinds import Hypothesis, hypotheses, steps_of
+from towtank.identification.change_known import Known, known_as, likeness
+from towtank.identification.change_recent import Recent
+from towtank.identification.change_verdict import Verdict, judged
+from towtank.identification.held_input import HeldInput
+from towtank.identification.joint_buffer import Buffer
+from towtank.identification.joint_state import O_FOLLOW, JointState
+from towtank.identification.parameters import GAIN_PREFIX, FreeParameters, free_parameters
+from towtank.identification.transition import N_FIXED
+from towtank.vehicle import Vehicle
+
+__all__ = ["Change", "Recognised", "Watch", "deviations"]
+
+_EVERY, _LIVES = 0.5, 3.0  # s: a filter is split off so often, and lives for so long;
+_OLD_ONE, _LIVES_LONG = 4, 8.0  # every so many-th lives longer, for what shows slowly
+_YOUNG = 0.4  # s of age that a filter must have to be asked
+_LOOKS = 0.25  # s from one look to the next
+_SURE = 11.0  # log Bayes factor of a change; Ville's inequality alone: one false alarm in 8 h
+_CLEAR, _WAITS = 5.0, 3.0  # log odds between body and thrusters, and for how long they are waited for [s]
+_FINELY, _EARLIER, _LATER = 0.1, 0.5, 1.0  # s: the beginning is sought so finely, so far about the best one,
+_PERSISTS, _AGED = 0.4, 0.2  # when it has lasted so long, if thrusters may be to blame, and so long ago at least
+_AGAIN = 2  # looks in a row
+_REFEREE = 15.0  # s for which a change is compared with known configurations
+_TAKEN, _DROPPED = 0.98, 0.3  # probability at which a known configuration is taken as prior, and given up
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A change that was noticed, and the filter that goes on.
+
+    Attributes:
+        t, noticed: when it began, as far as known, and now [s]. verdict: what speaks for it.
+        free, state, held: the filter from here on. before: coordinates (n,) before, and their deviations (n,).
+    """
+
+    t: float
+    noticed: float
+    verdict: Verdict
+    free: FreeParameters
+    state: JointState
+    held: HeldInput
+    before: tuple[Array, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Recognised:
+    """A configuration met before that the vehicle has become, or, where it was given up, has not.
+
+    Attributes:
+        t: now [s]. name: of the configuration. probability: of it. taken: as prior; False where it is given up.
+        free, state, held: the filter from here on.
+    """
+
+    t: float
+    name: str
+    probability: float
+    taken: bool
+    free: FreeParameters
+    state: JointState
+    held: HeldInput
+
+
+@dataclass(eq=False)
+class _Referee:
+    """A split filter that goes on beside a change, to compare it with what is known."""
+
+    fork: Fork
+    ways: tuple[Hypothesis, ...]
+    keeps: FreeParameters
+    steps: Array
+    until: float
+    taken: str | None = None
+    known: list[Known] = field(default_factory=list)
+
+
+class Watch:
+    """The filters that watch.
+
+    Args:
+        vehicle: what is known. buffer: an empty one, of the inputs that are used; commands tell thrusters apart.
+        known: configurations by name.
+    """
+
+    def __init__(self, vehicle: Vehicle, buffer: Buffer, known: Mapping[str, Vehicle]) -> None:
+        self.vehicle, self.known = vehicle, dict(known)
+        self._rows = buffer
+        self._recent = Recent(_LIVES_LONG + _EVERY)
+        self._forks: list[Fork] = []
+        self._ways: tuple[Hypothesis, ...] = ()
+        self._steps = np.empty(0)
+        self._wide: FreeParameters | None = None
+        self._next_split = self._next_look = -np.inf
+        self._count = 0
+        self._suspect: tuple[Fork, int, float] | None = None
+        self._referee: _Referee | None = None
+        self.likely: dict[str, float] = {}  # configurations, with their probabilities, since the last change
+
+    def restart(self, *, referee: bool = False) -> None:
+        """Forget all filters: the first one has begun anew. The referee stays where that is wanted."""
+        self._forks.clear()
+        self._rows.clear()
+        self._recent.clear()
+        self._suspect, self._next_split = None, -np.inf
+        if not referee:
+            self._referee = None
+
+    def take_input(self, t: float, force: Array) -> None:
+        """Take the forces (m,) asked for from t [s] on."""
+        if self._forks or self._referee is not None:
+            self._rows.add_input(t, force)
+
+    def take_row(self, t: float, z: Array) -> None:
+        """Take the row z (15,) of time t [s]."""
+        if self._forks or self._referee is not None:
+            self._rows.add_row(t, z)
+
+    def due(self, t: float) -> bool:
+        """Whether it is time to look."""
+        return bool(t >= self._next_look)
+
+    def look(self, t: float, state: JointState, held: HeldInput, free: FreeParameters) -> Change | Recognised | None:
+        """Let the filters catch up, ask them, and split off the next one."""
+        self._next_look = t + _LOOKS
+        self._catch_up()
+        found = self._ask(t, free) if self._forks else None
+        if found is not None:
+            return found
+        recognised = self._compare(t, state, held) if self._referee is not None else None
+        if recognised is not None:
+            return recognised
+        if t >= self._next_split:
+            self._split(t, state, held, free)
+        return None
+
+    # -- inside
+
+    def _catch_up(self) -> None:
+        rows = self._rows.whole
+        for fork in self._forks:
+            fork.take(rows)
+        if self._referee is not None:
+            self._referee.fork.take(rows)
+            if not self._referee.fork.sound:
+                self._referee = None
+        self._recent.add(rows)
+        self._rows.clear()
+        self._forks = [fork for fork in self._forks if fork.sound]
+
+    def _split(self, t: float, state: JointState, held: HeldInput, free: FreeParameters) -> None:
+        if self._wide is None or self._wide.names[: len(free)] != free.names:
+            more = [GAIN_PREFIX + each.name for each in self.vehicle.thrusters] if self._rows.commands else []
+            self._wide = free_parameters(self.vehicle, [*free.names, *more])
+            self._steps = steps_of(self.vehicle, self._wide)
+            self._ways = hypotheses(self._wide, self._steps)
+        self._count += 1
+        lives = _LIVES_LONG if self._count % _OLD_ONE == 0 else _LIVES
+        doubted = None if self._suspect is None else self._suspect[0]
+        self._forks = [fork for fork in self._forks if fork.until > t or fork is doubted]
+        self._forks.append(split_off(t, state, held, free, self._wide, self._steps, t + lives))
+        self._next_split = t + _EVERY
+
+    def _ask(self, t: float, free: FreeParameters) -> Change | None:
+        asked = [(fork, fork.window()) for fork in self._forks if t - fork.t >= _YOUNG]
+        asked = [(fork, window) for fork, window in asked if window.most(fork.steps) > _SURE]
+        verdict = judged([window for _, window in asked], self._ways) if asked else None
+        if verdict is None or not verdict.evidence > _SURE:
+            self._suspect = None
+            return None
+        fork = asked[verdict.window][0]
+        times, since = (1, t) if self._suspect is None else (self._suspect[1] + 1, self._suspect[2])
+        self._suspect = fork, times, since
+        thrusters = any(way.thruster is not None for way in self._ways)
+        if times < _AGAIN or (thrusters and t - since < _PERSISTS):
+            return None
+        finer = self._finely(fork, free, t)
+        verdict = judged([each.window() for each in finer], self._ways)
+        if verdict.clear < _CLEAR and t - since < _WAITS:
+            return None
+        return self._change(t, finer[verdict.window], verdict, free)
+
+    def _finely(self, best: Fork, free: FreeParameters, t: float) -> list[Fork]:
+        """Return filters that were split off about when the best one was, in small steps of time."""
+        out = [best]
+        near = [fork for fork in self._forks if best.t - _EARLIER - 0.05 <= fork.t <= best.t + _LATER]
+        for fork, following in zip(near, [*near[1:], None], strict=True):
+            end = fork.t + _EVERY if following is None else following.t
+            times = np.arange(fork.t + _FINELY, min(end, t - _AGED) - 0.5 * _FINELY, _FINELY)
+            out += split_later(fork, free, self._recent.since(fork.t), [float(each) for each in times])
+        return out
+
+    def _change(self, t: float, fork: Fork, verdict: Verdict, free: FreeParameters) -> Change:
+        whole = without_change_of(fork, verdict.steps)
+        keep = [k for k in range(len(fork.free)) if k < len(free) or verdict.steps[k] > 0.0]
+        kept = fork.free.subset([fork.free.names[k] for k in keep])
+        state = with_coordinates(whole, kept, keep)
+        state.options[O_FOLLOW] = 1.0
+        before = fork.theta0[keep], np.sqrt(np.maximum(np.diag(fork.P0)[keep], 0.0))
+        self.restart()
+        self.likely = {}
+        if self.known:
+            known = [
+                known_as(name, model, self.vehicle, fork.free, fork.theta0, fork.P0)
+                for name, model in self.known.items()
+            ]
+            self._referee = _Referee(fork, self._ways, kept, verdict.steps, t + _REFEREE, known=known)
+        return Change(fork.t, t, verdict, kept, state, copied(fork.held), before)
+
+    def _compare(self, t: float, state: JointState, held: HeldInput) -> Recognised | None:
+        referee = self._referee
+        assert referee is not None
+        window = referee.fork.window()
+        verdict = judged([window], referee.ways)
+        shares = likeness(window, referee.known, verdict.changed)
+        self.likely = {one.name: float(share) for one, share in zip(referee.known, shares, strict=False)}
+        best = int(np.argmax(shares[:-1]))
+        name, share = referee.known[best].name, float(shares[best])
+        if t > referee.until:
+            self._referee = None
+        if referee.taken is None and share > _TAKEN:
+            referee.taken = name
+            return self._take(t, referee, referee.known[best], share, state, held)
+        if referee.taken is not None and self.likely[referee.taken] < _DROPPED:
+            gone, referee.taken = referee.taken, None
+            return self._give_up(t, referee, gone)
+        return None
+
+    def _take(
+        self, t: float, referee: _Referee, known: Known, share: float, state: JointState, held: HeldInput
+    ) -> Recognised:
+        """Tell the filter what is known of the configuration."""
+        at = [referee.fork.free.names.index(name) for name in referee.keeps.names]
+        told = copied(state)
+        covariance = known.covariance[np.ix_(at, at)]
+        covariance = covariance + np.diag(1e-12 + 1e-6 * np.diag(covariance))
+        informed(told, np.eye(len(at)), covariance, known.theta[at] - told.theta)
+        self.restart(referee=True)
+        return Recognised(t, known.name, share, True, referee.keeps, told, held)
+
+    def _give_up(self, t: float, referee: _Referee, name: str) -> Recognised:
+        """Go on from what the samples alone say."""
+        whole = without_change_of(referee.fork, referee.steps)
+        at = [referee.fork.free.names.index(each) for each in referee.keeps.names]
+        state = with_coordinates(whole, referee.keeps, at)
+        state.options[O_FOLLOW] = 1.0
+        held = copied(referee.fork.held)
+        self.restart(referee=True)
+        return Recognised(t, name, self.likely[name], False, referee.keeps, state, held)
+
+
+def deviations(state: JointState) -> Array:
+    """Return the deviations (n,) of the coordinates."""
+    n = state.theta.size
+    return np.sqrt(np.maximum(np.diag(state.P)[N_FIXED : N_FIXED + n], 0.0))
