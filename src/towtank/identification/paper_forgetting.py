@@ -1,9 +1,9 @@
 """Forgetting in the paper's chain: how a row enters the information of one axis, by scheme.
 
-The five regressors of an axis are the unknowns' columns, the left-hand side their observation, whichever coefficients
-are free in the end. Block sums of row products change with the information: a past row z counts as z (I - F) from then
-on. While a directional block fills, `triangle` holds it unforgotten, for the running model; the estimate is read from
-`directional_information`.
+For directional forgetting held coefficients are folded into the force, so that only directions of free ones count: a
+direction that nobody asks for, and that is hardly excited, would keep the past of all others alive. Block sums of row
+products change with the information: a past row z counts as z (I - F) from then on. While a directional block fills,
+`triangle` holds it unforgotten, for the running model; the estimate is read from `directional_information`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from towtank.core.arrays import Array, inlined_kernel, kernel
 from towtank.core.bounded_gain import bounded_factor
 from towtank.core.least_squares import qr_absorb
 from towtank.core.subspace_forgetting import block_length, commit_scratch, forget_excited
-from towtank.identification.axes import N_COLUMNS
+from towtank.identification.axes import C_FORCE, C_LHS, N_COLUMNS
 from towtank.identification.paper_state import BOUNDED_GAIN, DIRECTIONAL, PaperState
 
 __all__ = ["absorb_row", "directional_information", "forget_blocks"]
@@ -75,9 +75,23 @@ def _commit(
 
 
 @inlined_kernel
+def _fold(state: PaperState, axis: int, z: Array) -> None:
+    """Move the columns of held coefficients into the force, and with a held inertia that to the left-hand side."""
+    for c in range(C_FORCE):
+        if state.free[axis, c] <= 0.0:
+            z[C_FORCE] += state.known[axis, c] * z[c]
+            z[c] = 0.0
+    if state.free[axis, C_FORCE] <= 0.0:
+        z[C_LHS] -= z[C_FORCE] / state.known[axis, C_FORCE]
+        z[C_FORCE] = 0.0
+
+
+@inlined_kernel
 def _directional_row(state: PaperState, axis: int, g: Array, z: Array, block: int) -> None:
     forgetting = state.settings[1]
     fresh, sums, count = state.fresh[axis], state.fresh_sums[axis], state.count[axis]
+    _fold(state, axis, g)
+    _fold(state, axis, z)
     scale = math.sqrt(forgetting)
     row = state.forgetting_work[-N_COLUMNS:]
     for i in range(N_COLUMNS):
@@ -110,7 +124,7 @@ def _directional_row(state: PaperState, axis: int, g: Array, z: Array, block: in
 
 @kernel
 def absorb_row(state: PaperState, axis: int, g: Array, z: Array, block: int) -> None:
-    """Absorb the row z (6,) of one axis with its instruments g (6,), in the block of time `block`; z is destroyed."""
+    """Absorb the row z (6,) of one axis with its instruments g (6,), in the block of time `block`; both are changed."""
     forgetting = state.settings[1]
     if forgetting < 1.0 and state.settings[6] == DIRECTIONAL:
         _directional_row(state, axis, g, z, block)

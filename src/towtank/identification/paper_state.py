@@ -65,7 +65,7 @@ def new_paper_state(
     gain: float,
     smooth: bool = False,
     scheme: int = EXPONENTIAL,
-    share: float = 0.2,
+    share: float = 0.1,
     bound: float = 100.0,
 ) -> PaperState:
     """Return a fresh chain; see the fields of `PaperState`."""

@@ -72,7 +72,7 @@ RECURSIONS: dict[str, Recursion] = {
 }
 
 
-def require_scheme(scheme: str, share: float = 0.2, bound: float = 100.0) -> None:
+def require_scheme(scheme: str, share: float = 0.1, bound: float = 100.0) -> None:
     """Raise InputError unless scheme and settings are within their range."""
     if scheme not in get_args(Scheme):
         known = ", ".join(f'"{name}"' for name in get_args(Scheme))

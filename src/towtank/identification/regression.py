@@ -97,7 +97,7 @@ class RecursiveLeastSquares:
         form: Form = "qr",
         forgetting: float = 1.0,
         scheme: Scheme = "directional",
-        share: float = 0.2,
+        share: float = 0.1,
         noise: ArrayLike = 0.0,
         bound: float = 100.0,
         P0: float = 1e8,
