@@ -25,6 +25,10 @@ COMMANDS = [
     ["learn"],
     ["live"],
     ["validate"],
+    ["config", "list"],
+    ["config", "save"],
+    ["config", "show"],
+    ["config", "compare"],
     ["convert"],
 ]
 HEAVY = {

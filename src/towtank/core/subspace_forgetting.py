@@ -8,7 +8,8 @@ beside what noise on the regressors alone would bring:
     B^T B w = mu M w,        excited: the directions w with mu >= 1, S = span of them
     R+ = R - (1 - lambda^k) R S (S^T R S)^-1 S^T R + (the part of B^T B in S)
 
-The paper truncates by the singular values of B; here they are taken relative to M, so that units do not matter, and
+The paper takes the rows themselves for directions of theta, which ties it to the units. Here both are related by M, as
+Kulhavy (1987) does by R for single rows: along an x that no row of B moves, x^T R x stays what it was. The
 noise of k' rows has singular values up to sqrt(k') + sqrt(n) of its standard deviation. Where every direction is
 excited this is exponential forgetting, exactly; where none is, the block leaves no trace.
 """
