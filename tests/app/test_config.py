@@ -38,8 +38,8 @@ def stored(models: Path) -> Path:
 def test_save_copies_the_file_and_says_where(models: Path) -> None:
     folder = models / "c"
     found = document(
-        "config", "save", models / "bare.toml", "--name", "with Gripper", "--note", "n", "--log", models / "gripper.toml",
-        "--folder", folder,
+        "config", "save", models / "bare.toml", "--name", "with Gripper", "--note", "n",
+        "--log", models / "gripper.toml", "--folder", folder,
     )  # fmt: skip
     assert (folder / "with-gripper.toml").read_bytes() == (models / "bare.toml").read_bytes()
     assert found["name"] == "with Gripper"
@@ -110,7 +110,7 @@ def test_bad_input_is_one_line(stored: Path, models: Path, tmp_path: Path) -> No
     assert "expected a folder" in refused("config", "list", "--folder", models / "bare.toml")
     assert "--name" in refused("config", "save", models / "bare.toml", "--folder", stored)
     assert "missing argument" in refused("config", "compare", "bare", "--folder", stored)
-    (stored / "gripper.toml").write_text("mass = ")
+    (stored / "gripper.toml").write_text("mass = \nname = 3\n")
     assert "gripper.toml:1:" in refused("config", "list", "--folder", stored)
 
 
