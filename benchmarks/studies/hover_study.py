@@ -126,9 +126,7 @@ def through_chain(scheme: str, seed: int) -> Course:
     """One run through the paper's chain, sample by sample, from poses of a motion capture."""
     vehicle, heavy = tank_vehicle()
     wrenches = (square(EXCITED, 20.0), np.zeros((HOVER * RATE, 6)), square(AFTER, 20.0))
-    rested, unrested = (
-        PaperLearner(vehicle, forgetting=FORGETTING, scheme=scheme) for _ in range(2)
-    )
+    rested, unrested = (PaperLearner(vehicle, forgetting=FORGETTING, scheme=scheme) for _ in range(2))
     errors, without = [], []
     for stage, (began, wrench) in enumerate(zip((0, EXCITED, EXCITED + HOVER), wrenches, strict=True)):
         truth = heavy if stage == 2 else vehicle

@@ -197,7 +197,7 @@ class PaperChain:
         if self.settings.forgetting < 1.0 and self.settings.scheme == "directional":
             triangle, blocks, rows = directional_information(self.state, axis)
         elif self.settings.forgetting < 1.0 and self.settings.scheme == "bounded-gain":
-            rows = float(self.state.count[axis, 1])
+            rows = float(self.state.counted[axis, 1])
         return AxisInformation(
             triangle=np.triu(triangle.reshape(6, 6)),
             blocks=blocks[:filled].reshape(filled, 6, 6).copy(),

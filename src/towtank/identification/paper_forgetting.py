@@ -89,7 +89,7 @@ def _fold(state: PaperState, axis: int, z: Array) -> None:
 @inlined_kernel
 def _directional_row(state: PaperState, axis: int, g: Array, z: Array, block: int) -> None:
     forgetting = state.settings[1]
-    fresh, sums, count = state.fresh[axis], state.fresh_sums[axis], state.count[axis]
+    fresh, sums, count = state.fresh[axis], state.fresh_sums[axis], state.counted[axis]
     _fold(state, axis, g)
     _fold(state, axis, z)
     scale = math.sqrt(forgetting)
@@ -144,7 +144,7 @@ def absorb_row(state: PaperState, axis: int, g: Array, z: Array, block: int) -> 
         scale = math.sqrt(forgetting)
         for i in range(_SIZE):
             state.triangle[axis, i] *= scale
-    state.count[axis, 1] = forgetting * state.count[axis, 1] + 1.0
+    state.counted[axis, 1] = forgetting * state.counted[axis, 1] + 1.0
     qr_absorb(state.triangle[axis], z, N_COLUMNS)
 
 
@@ -165,7 +165,7 @@ def directional_information(state: PaperState, axis: int) -> tuple[Array, Array,
 
     The state stays as it is.
     """
-    kept, blocks, count = state.kept[axis].copy(), state.blocks[axis].copy(), state.count[axis].copy()
+    kept, blocks, count = state.kept[axis].copy(), state.blocks[axis].copy(), state.counted[axis].copy()
     if count[0] > 0.0:
         _commit(
             state.settings[1],

@@ -49,7 +49,7 @@ class PaperState(NamedTuple):
     kept: Array  # (6, 36) directional forgetting: the triangle that the last full block left
     fresh: Array  # (6, 36) triangle of the block that fills
     fresh_sums: Array  # (6, 36) its sums of instrument x row
-    count: Array  # (6, 2) rows in it; rows less those forgotten
+    counted: Array  # (6, 2) rows in it; rows less those forgotten
     least: Array  # (6, 5) bounded gain: smallest variance of each column so far
     forgetting_work: Array  # scratch
 
@@ -89,7 +89,7 @@ def new_paper_state(
         kept=np.zeros((6, N_COLUMNS * N_COLUMNS)),
         fresh=np.zeros((6, N_COLUMNS * N_COLUMNS)),
         fresh_sums=np.zeros((6, N_COLUMNS * N_COLUMNS)),
-        count=np.zeros((6, 2)),
+        counted=np.zeros((6, 2)),
         least=np.full((6, N_COLUMNS - 1), np.inf),
         forgetting_work=np.zeros(commit_scratch(N_COLUMNS - 1) + N_COLUMNS * (N_COLUMNS + 2)),
     )

@@ -87,7 +87,9 @@ def regressor_noise(noise: ArrayLike, n: int) -> Array:
     """Return the standard deviation of the noise on each regressor (n,). Raises InputError."""
     given = np.asarray(noise, dtype=np.float64)
     if given.shape not in ((), (n,)) or not (np.isfinite(given).all() and (given >= 0.0).all()):
-        raise InputError(f"noise: found {noise}, expected a standard deviation of the regressors or {n} of them")
+        raise InputError(
+            f"noise: found {given.tolist()}, expected a standard deviation of the regressors or {n} of them"
+        )
     return np.ascontiguousarray(np.broadcast_to(given, (n,)), dtype=np.float64)
 
 
