@@ -2,8 +2,8 @@
 
     python benchmarks/bench_least_squares.py [--json]
 
-First all of them must give the same estimate. Then: one `update` from Python against padasip's `adapt`, and `run` over
-a million samples.
+First all of them must give the same estimate. Then: one `update` from Python against padasip's `adapt`, `run` over a
+million samples, and one row of `run` with each way of forgetting.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from figures import Figure, interleaved, report
 from towtank.identification.regression import RecursiveLeastSquares
 
 FORMS = ("qr", "covariance")
+SCHEMES = ("directional", "bounded-gain", "exponential")
+FORGETTING = 0.995
 P0 = 1e4
 SAMPLES = 2_000
 MILLION = 1_000_000
@@ -107,11 +109,41 @@ def runs() -> list[Figure]:
     return [Figure(f"run_{form}_n2_1e6", seconds[form], "s", 0.05, note=f"NumPy loop {loop:.1f} s") for form in FORMS]
 
 
+def prove_forgetting(n: int) -> None:
+    """All directions excited: every scheme is weighted least squares."""
+    Phi, y = data(n, SAMPLES)
+    weight = np.sqrt(FORGETTING ** np.arange(SAMPLES - 1, -1, -1.0))
+    exact = np.linalg.lstsq(Phi * weight[:, None], y * weight, rcond=None)[0]
+    for scheme in SCHEMES:
+        rls = RecursiveLeastSquares(n, forgetting=FORGETTING, scheme=scheme, P0=1e8)
+        rls.run(Phi, y)
+        worst = float(np.abs(rls.theta - exact).max())
+        if worst > (1e-3 if scheme == "bounded-gain" else 1e-6):
+            raise SystemExit(f"no parity, nothing timed: {scheme} differs from weighted least squares by {worst:.1e}")
+
+
+def schemes(n: int) -> list[Figure]:
+    """One row by `run`, forgetting by each scheme, beside no forgetting."""
+    Phi, y = data(n, MILLION // 10)
+
+    def run(forgetting: float, scheme: str) -> None:
+        RecursiveLeastSquares(n, forgetting=forgetting, scheme=scheme, P0=P0).run(Phi, y)
+
+    tasks: dict[str, Callable[[], object]] = {"none": lambda: run(1.0, "exponential")}
+    for scheme in SCHEMES:
+        tasks[scheme] = lambda scheme=scheme: run(FORGETTING, scheme)
+    each = {name: 1e9 * seconds / len(y) for name, seconds in interleaved(tasks, repeats=5).items()}
+    limits = {"directional": 2.0 * each["none"] + 200.0}
+    note = f"no forgetting {each['none']:.0f} ns"
+    return [Figure(f"run_{scheme}_n{n}", each[scheme], "ns", limits.get(scheme), note=note) for scheme in SCHEMES]
+
+
 def measure() -> list[Figure]:
     sizes = (2, 6, 12)
     for n in sizes:
         prove_parity(n)
-    return [figure for n in sizes for figure in updates(n)] + runs()
+        prove_forgetting(n)
+    return [figure for n in sizes for figure in updates(n)] + runs() + [f for n in sizes for f in schemes(n)]
 
 
 def main(argv: Sequence[str] | None = None) -> int:

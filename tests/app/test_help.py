@@ -25,6 +25,10 @@ COMMANDS = [
     ["learn"],
     ["live"],
     ["validate"],
+    ["config", "list"],
+    ["config", "save"],
+    ["config", "show"],
+    ["config", "compare"],
     ["convert"],
 ]
 HEAVY = {
@@ -59,7 +63,8 @@ def test_every_command_has_help_with_an_example_and_json(words: list[str]) -> No
 
 def test_the_list_of_commands_is_whole() -> None:
     listed = re.findall(r"^  ([a-z]+)  ", command("--help").out, re.MULTILINE)
-    assert listed == ["demo", "vehicle", "manoeuvre", "simulate", "inspect", "learn", "live", "validate", "convert"]
+    first = ["demo", "vehicle", "manoeuvre", "simulate", "inspect", "learn", "live", "validate"]
+    assert listed == [*first, "config", "convert"]
 
 
 @pytest.mark.parametrize("words", [words for words in COMMANDS if words not in (["demo"], ["live"])], ids=" ".join)
@@ -68,6 +73,9 @@ def test_examples_run(words: list[str], workshop: Path, tmp_path: Path, monkeypa
         shutil.copy(workshop / name, tmp_path / name)
     shutil.copy(workshop / "learned.toml", tmp_path / "mine.toml")
     monkeypatch.chdir(tmp_path)
+    if words in (["config", "show"], ["config", "compare"]):
+        for name in ("bare", "with gripper"):
+            assert command("config", "save", "learned.toml", "--name", name).code == 0
     for example in examples(words):
         ran = command(*shlex.split(example)[1:])
         assert ran.code == 0, ran

@@ -22,9 +22,15 @@ TRUTH = np.array([2.0, -3.0, 0.5, 40.0])
 Make = Callable[[], RegressionEstimator]
 ALL: dict[str, Make] = {
     "qr": lambda: RecursiveLeastSquares(N),
-    "qr forgetting": lambda: RecursiveLeastSquares(N, forgetting=0.995),
+    "qr forgetting": lambda: RecursiveLeastSquares(N, forgetting=0.995, scheme="exponential"),
     "covariance": lambda: RecursiveLeastSquares(N, form="covariance"),
-    "covariance forgetting": lambda: RecursiveLeastSquares(N, form="covariance", forgetting=0.995),
+    "covariance forgetting": lambda: RecursiveLeastSquares(
+        N, form="covariance", forgetting=0.995, scheme="exponential"
+    ),
+    "covariance directional": lambda: RecursiveLeastSquares(N, form="covariance", forgetting=0.995),
+    "directional noise": lambda: RecursiveLeastSquares(N, forgetting=0.98, noise=1e-3),
+    "bounded": lambda: RecursiveLeastSquares(N, forgetting=0.995, scheme="bounded-gain"),
+    "covariance bounded": lambda: RecursiveLeastSquares(N, form="covariance", forgetting=0.98, scheme="bounded-gain"),
     "gradient": lambda: NormalizedGradient(N),
     "batch": lambda: BatchLeastSquares(N),
 }
@@ -151,11 +157,44 @@ def test_recursive_without_a_prior_to_speak_of_equals_ordinary_batch() -> None:
 @pytest.mark.parametrize("form", ["qr", "covariance"])
 def test_forgetting_is_weighted_least_squares(form: str) -> None:
     Phi, y = data(300)
-    rls = RecursiveLeastSquares(N, form=form, forgetting=0.98, P0=1e10)  # type: ignore[arg-type]
+    rls = RecursiveLeastSquares(N, form=form, forgetting=0.98, scheme="exponential", P0=1e10)  # type: ignore[arg-type]
     rls.run(Phi, y)
     weight = np.sqrt(0.98 ** np.arange(len(y))[::-1])
     exact = np.linalg.lstsq(Phi * weight[:, None], y * weight, rcond=None)[0]
     assert np.abs(rls.theta / exact - 1.0).max() < 1e-7
+
+
+@pytest.mark.parametrize("form", ["qr", "covariance"])
+@pytest.mark.parametrize("scheme", ["directional", "bounded-gain", "exponential"])
+def test_without_forgetting_every_scheme_is_ordinary_least_squares(form: str, scheme: str) -> None:
+    Phi, y = data(300)
+    plain, named = (RecursiveLeastSquares(N, form=form, **more) for more in ({}, {"scheme": scheme}))  # type: ignore[arg-type]
+    plain.run(Phi, y)
+    named.run(Phi, y)
+    assert np.array_equal(plain.theta, named.theta)
+    assert np.array_equal(plain.P, named.P)
+    assert plain.residual_sum == named.residual_sum
+
+
+def test_the_default_forgets_what_moves_and_keeps_what_rests() -> None:
+    """Half of the unknowns change while the other half is never moved again, but for what old rows say of both."""
+    rng = np.random.default_rng(5)
+    Phi, y = data(1000, noise=0.0)
+    rls = RecursiveLeastSquares(N, forgetting=0.99)
+    rls.run(Phi, y)
+    changed = np.array([3.0, 1.0, 0.5, 40.0])
+    moved = rng.normal(size=(5000, N)) * [1.0, 0.3, 0.0, 0.0]
+    rls.run(moved, moved @ changed)
+    assert np.abs(rls.theta[:2] - changed[:2]).max() < 1e-9
+    assert np.abs(rls.theta[3] / changed[3] - 1.0) < 0.01
+    wound = RecursiveLeastSquares(N, forgetting=0.99, scheme="exponential")
+    wound.run(Phi, y)
+    noise = 1e-3 * rng.normal(size=(5000, N))
+    before = rls.theta, wound.theta
+    for each in (rls, wound):
+        each.run(noise, 1e-3 * rng.normal(size=5000))
+    assert np.array_equal(rls.theta, before[0])
+    assert np.abs(wound.theta / before[1] - 1.0).max() > 0.5
 
 
 def test_the_two_forms_agree() -> None:
@@ -216,6 +255,14 @@ def test_gradient_never_grows_without_excitation() -> None:
         lambda: RecursiveLeastSquares(2, P0=np.inf),
         lambda: RecursiveLeastSquares(2, form="ud"),  # type: ignore[arg-type]
         lambda: RecursiveLeastSquares(2, theta0=[1.0]),
+        lambda: RecursiveLeastSquares(2, scheme="windup"),  # type: ignore[arg-type]
+        lambda: RecursiveLeastSquares(2, share=0.0),
+        lambda: RecursiveLeastSquares(2, share=1.0),
+        lambda: RecursiveLeastSquares(2, bound=1.0),
+        lambda: RecursiveLeastSquares(2, bound=np.nan),
+        lambda: RecursiveLeastSquares(2, noise=-1.0),
+        lambda: RecursiveLeastSquares(2, noise=[1.0, 2.0, 3.0]),
+        lambda: RecursiveLeastSquares(2, noise=np.nan),
         lambda: NormalizedGradient(2, gamma=2.0),
         lambda: NormalizedGradient(2, gamma=0.0),
         lambda: NormalizedGradient(2, alpha=-1.0),

@@ -157,6 +157,38 @@ def test_recordings_of_one_kind_at_a_time() -> None:
         learner.run(simulate(vehicle, wrench=push, sensors=Mocap()))
 
 
+@pytest.mark.parametrize("scheme", ["directional", "bounded-gain", "exponential"])
+def test_forgetting_streams_as_it_runs(scheme: str) -> None:
+    vehicle = load_vehicle("vlbv300")
+    commands = manoeuvre("all-telegraph", vehicle, duration=15.0).commands
+    log = simulate(vehicle, commands=commands, sensors=Mocap(), seed=4)
+    whole = PaperLearner(vehicle, forgetting=0.995, scheme=scheme)  # type: ignore[arg-type]
+    whole.run(log)
+    rows = rows_of(log, vehicle, PaperLearner(vehicle, forgetting=0.995, scheme=scheme))  # type: ignore[arg-type]
+    same(whole, rows, 1e-7)
+    copy = pickle.loads(pickle.dumps(whole))
+    same(whole, copy, 1e-12)
+
+
+def test_scheme_has_to_be_known() -> None:
+    with pytest.raises(InputError, match='scheme: found "forgetful", expected one of'):
+        PaperLearner(box(), scheme="forgetful")  # type: ignore[arg-type]
+
+
+def test_rest_changes_nothing_that_was_learned() -> None:
+    """100 s of noise after 40 s of motion, with forgetting; then the change is seen."""
+    push = waves(4000, 0.01, (0, 30.0, 0.8), square=True)
+    sensors = Mocap(jump_fraction=0.0)
+    learner, heavy = PaperLearner(box(), forgetting=0.995), box(hydrodynamics={**TRUTH, "X_uu": -40.0})
+    learner.run(simulate(box(), wrench=push, sensors=sensors, seed=1))
+    before = learner.estimate["X_uu"]
+    learner.run(simulate(box(), wrench=np.zeros((10_000, 6)), sensors=sensors, seed=2))
+    after = learner.estimate["X_uu"]
+    assert after.value == pytest.approx(before.value, rel=0.01)
+    learner.run(simulate(heavy, wrench=push, sensors=sensors, seed=3))
+    assert learner.estimate["X_uu"].value == pytest.approx(-40.0, rel=0.05)
+
+
 def test_forgetting_follows_a_change() -> None:
     light, heavy = box(), box(hydrodynamics={**TRUTH, "X_udot": -25.0, "X_uu": -60.0})
     push = waves(6000, 0.01, (0, 30.0, 0.8), square=True)

@@ -10,6 +10,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from towtank.app import (
+    config_commands,
     convert_command,
     demo_command,
     inspect_command,
@@ -67,6 +68,7 @@ app.command("inspect", cls=PlainCommand)(inspect_command.inspect)
 app.command("learn", cls=PlainCommand)(learn_command.learn)
 app.command("live", cls=PlainCommand)(live_command.live)
 app.command("validate", cls=PlainCommand)(validate_command.validate)
+app.add_typer(config_commands.commands, name="config")
 app.command("convert", cls=PlainCommand)(convert_command.convert)
 
 

@@ -21,7 +21,7 @@ from towtank.errors import InputError, nearest
 __all__ = ["FAULT", "INTERRUPTED", "ORDER", "WRONG_INPUT", "Commands", "PlainCommand", "guarded", "wants_traceback"]
 
 FAULT, WRONG_INPUT, INTERRUPTED = 1, 2, 130
-ORDER = ("demo", "vehicle", "manoeuvre", "simulate", "inspect", "learn", "live", "validate", "convert")
+ORDER = ("demo", "vehicle", "manoeuvre", "simulate", "inspect", "learn", "live", "validate", "config", "convert")
 
 
 class PlainCommand(TyperCommand):

@@ -4,8 +4,9 @@ Both minimise sum_i lambda^(k-i) (y_i - phi_i theta)^2 + (theta - theta0)^T P0^-
 (33)-(37) with forgetting. The QR form keeps R with R^T R = P^-1 and never loses definiteness; the covariance form is
 cheaper per estimate and subtracts an outer product of ONE vector, g g^T / s, so that P stays symmetric.
 
-Forgetting pauses while a variance exceeds 1e12 (a direction that has not been excited for long): P stays finite through
-any rest, and what comes after it is learned as if fresh.
+Forgetting here is exponential: all directions alike, excited or not (`directional` and `bounded_gain` are gentler). It
+pauses while a variance exceeds 1e12 (a direction that has not been excited for long): P stays finite through any rest,
+and what comes after it is learned as if fresh.
 
 State vectors are flat and hold their own scratch, so that a call from Python passes three arguments and allocates
 nothing:
@@ -24,12 +25,14 @@ from towtank.core.arrays import Array, inlined_kernel, kernel
 __all__ = [
     "covariance_run",
     "covariance_start",
+    "covariance_step",
     "covariance_update",
     "qr_absorb",
     "qr_covariance",
     "qr_run",
     "qr_solve",
     "qr_start",
+    "qr_step",
     "qr_update",
 ]
 
@@ -67,7 +70,8 @@ def qr_absorb(state: Array, row: Array, m: int) -> None:
 
 
 @inlined_kernel
-def _qr_step(state: Array, phi: Array, y: float, n: int) -> bool:
+def qr_step(state: Array, phi: Array, y: float, n: int) -> bool:
+    """Absorb one observation of n unknowns; False (and nothing changed) where a number is not finite."""
     size = (n + 1) * (n + 1)
     row = state[size : size + n + 1]
     finite = math.isfinite(y)
@@ -99,7 +103,7 @@ def qr_update(state: Array, phi: Array, y: float) -> int:
     n = phi.shape[0]
     if (n + 1) * (n + 2) + 1 != state.shape[0]:
         return -1
-    return 1 if _qr_step(state, phi, y, n) else 0
+    return 1 if qr_step(state, phi, y, n) else 0
 
 
 @kernel
@@ -107,7 +111,7 @@ def qr_run(state: Array, Phi: Array, y: Array) -> int:
     """Absorb all rows of Phi (k, n), y (k,) in turn; return how many were used."""
     used = 0
     for k in range(Phi.shape[0]):
-        if _qr_step(state, Phi[k], y[k], Phi.shape[1]):
+        if qr_step(state, Phi[k], y[k], Phi.shape[1]):
             used += 1
     return used
 
@@ -162,7 +166,8 @@ def covariance_start(theta0: Array, P0: float, forgetting: float) -> Array:
 
 
 @inlined_kernel
-def _covariance_step(state: Array, phi: Array, y: float, n: int) -> bool:
+def covariance_step(state: Array, phi: Array, y: float, n: int) -> bool:
+    """Absorb one observation of n unknowns; False (and nothing changed) where a number is not finite."""
     square = n + n * n
     g = state[square + 1 : square + 1 + n]
     forgetting = state[square + 1 + n]
@@ -201,7 +206,7 @@ def covariance_update(state: Array, phi: Array, y: float) -> int:
     n = phi.shape[0]
     if n * (n + 2) + 2 != state.shape[0]:
         return -1
-    return 1 if _covariance_step(state, phi, y, n) else 0
+    return 1 if covariance_step(state, phi, y, n) else 0
 
 
 @kernel
@@ -209,6 +214,6 @@ def covariance_run(state: Array, Phi: Array, y: Array) -> int:
     """Absorb all rows of Phi (k, n), y (k,) in turn; return how many were used."""
     used = 0
     for k in range(Phi.shape[0]):
-        if _covariance_step(state, Phi[k], y[k], Phi.shape[1]):
+        if covariance_step(state, Phi[k], y[k], Phi.shape[1]):
             used += 1
     return used

@@ -20,8 +20,10 @@ from towtank.identification.motion_state import (
     Motion,
     new_motion,
 )
+from towtank.identification.paper_forgetting import directional_information
 from towtank.identification.paper_kernel import paper_events, paper_step
-from towtank.identification.paper_state import PaperState, new_paper_state
+from towtank.identification.paper_state import BOUNDED_GAIN, DIRECTIONAL, EXPONENTIAL, PaperState, new_paper_state
+from towtank.identification.recursions import Scheme, require_scheme
 from towtank.identification.samples import with_absent_zero
 from towtank.recording import Grid
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
@@ -40,6 +42,7 @@ class Settings:
         delay: from the command to the thruster [s].
         gap: longest step between samples that is integrated over [s].
         forgetting: factor per sample, 1 never forgets.
+        scheme: what is forgotten, see `RecursiveLeastSquares`.
         gain: step of the normalised gradient estimator that runs beside, 0 for none.
         smooth: inputs are samples of a smooth function, not held commands.
 
@@ -54,6 +57,7 @@ class Settings:
     forgetting: float = 1.0
     gain: float = 0.0
     smooth: bool = False
+    scheme: Scheme = "directional"
 
     def __post_init__(self) -> None:
         for name in ("a", "lowpass", "gap"):
@@ -64,6 +68,7 @@ class Settings:
             raise InputError(f"delay: found {self.delay}, expected a number of seconds, 0 or more")
         if not 0.0 < self.forgetting <= 1.0:
             raise InputError(f"forgetting: found {self.forgetting}, expected a factor in (0, 1]")
+        require_scheme(self.scheme)
 
 
 @dataclass(frozen=True)
@@ -98,6 +103,7 @@ class Sources:
 
 _VELOCITY = {"absent": ABSENT, "measured": MEASURED, "derived": DERIVED}
 _ATTITUDE = {"measured": ATTITUDE_MEASURED, "accelerometer": ATTITUDE_ACCELEROMETER, "gyro": ATTITUDE_GYRO}
+_SCHEME = {"exponential": EXPONENTIAL, "directional": DIRECTIONAL, "bounded-gain": BOUNDED_GAIN}
 _LOWPASSED = 0.003  # relative error left by low-passing the motion before squaring it
 
 
@@ -130,6 +136,7 @@ class PaperChain:
             forgetting=settings.forgetting,
             gain=settings.gain,
             smooth=settings.smooth,
+            scheme=_SCHEME[settings.scheme],
         )
         self.motion: Motion = new_motion(
             np.array([_VELOCITY[kind] for kind in sources.velocity]),
@@ -186,11 +193,16 @@ class PaperChain:
     def information(self, axis: int) -> AxisInformation:
         """What has been gathered on one axis (a view by copy)."""
         filled = int(self.state.clock[0]) + 1
+        triangle, blocks, rows = self.state.triangle[axis], self.state.blocks[axis], float(self.state.clock[6])
+        if self.settings.forgetting < 1.0 and self.settings.scheme == "directional":
+            triangle, blocks, rows = directional_information(self.state, axis)
+        elif self.settings.forgetting < 1.0 and self.settings.scheme == "bounded-gain":
+            rows = float(self.state.counted[axis, 1])
         return AxisInformation(
-            triangle=np.triu(self.state.triangle[axis].reshape(6, 6)),
-            blocks=self.state.blocks[axis, :filled].reshape(filled, 6, 6).copy(),
+            triangle=np.triu(triangle.reshape(6, 6)),
+            blocks=blocks[:filled].reshape(filled, 6, 6).copy(),
             block_length=float(self.state.clock[2]),
-            rows=float(self.state.clock[6]),
+            rows=rows,
             a=self.settings.a,
             commanded=float(self.state.energy[axis, 0]),
             forced=float(self.state.energy[axis, 1]),

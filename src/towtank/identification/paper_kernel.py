@@ -14,11 +14,11 @@ import numpy as np
 
 from towtank.core.arrays import Array, inlined_kernel, kernel
 from towtank.core.filtered import accumulate_into, cubic_increment
-from towtank.core.least_squares import qr_absorb
 from towtank.identification.axes import C_CONSTANT, C_FORCE, C_LHS, C_LINEAR, C_QUADRATIC, C_RESTORING, N_COLUMNS
 from towtank.identification.axis_rows import axis_increments_into
 from towtank.identification.held_input import HeldInput, held_integral_into, held_push
 from towtank.identification.motion_state import ABSENT, Motion, motion_step
+from towtank.identification.paper_forgetting import absorb_row, forget_blocks
 from towtank.identification.paper_state import N_BLOCKS, PaperState
 from towtank.identification.running_model import refresh_model
 
@@ -88,21 +88,10 @@ def learn_interval(state: PaperState, motion: Motion, wrench: Array, h: float) -
             state.instrument[axis, 3] += h * (state.instrument[axis, 0] - motion.nu[1, axis]) ** 2
             g[C_LINEAR] = state.instrument[axis, 1]
             g[C_QUADRATIC] = state.instrument[axis, 2]
-        for i in range(N_COLUMNS):
-            for j in range(N_COLUMNS):
-                state.blocks[axis, block, i * N_COLUMNS + j] += g[i] * z[j]
         if state.settings[4] > 0.0:
             _gradient_step(state, axis, z)
-        if forgetting < 1.0:
-            scale = math.sqrt(forgetting)
-            for i in range(N_COLUMNS * N_COLUMNS):
-                state.triangle[axis, i] *= scale
-        qr_absorb(state.triangle[axis], z, N_COLUMNS)
-    if forgetting < 1.0:
-        for axis in range(6):
-            for b in range(block + 1):
-                for i in range(N_COLUMNS * N_COLUMNS):
-                    state.blocks[axis, b, i] *= forgetting
+        absorb_row(state, axis, g, z, block)
+    forget_blocks(state, block)
     state.clock[1] += h
     state.clock[3] += h
     state.clock[4] += h

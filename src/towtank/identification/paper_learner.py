@@ -17,6 +17,7 @@ from towtank.identification.chain import PaperChain, Settings, Sources, uses_com
 from towtank.identification.estimate import Estimate, estimate_of
 from towtank.identification.held_input import held_push
 from towtank.identification.learner import Learner, sample_vector
+from towtank.identification.recursions import Scheme
 from towtank.identification.samples import with_absent_zero
 from towtank.identification.structure import absent, by_gradient, candidates, select
 from towtank.recording import Recording, align, bind_thrusters
@@ -40,6 +41,8 @@ class PaperLearner(Learner):
         a: filter constant of both sides [1/s].
         lowpass: corner [Hz] where velocity has to be derived from the pose; the thrust passes the same filter.
         forgetting: factor per sample; 1 never forgets.
+        scheme: what is forgotten where `forgetting` is below 1: "directional" (only what the data excites, so that
+            hover changes nothing), "bounded-gain" or "exponential"; see `RecursiveLeastSquares`.
         inputs: "held" between their time stamps, as digital commands are, or "smooth".
         gap: longest step between samples that is integrated over [s].
 
@@ -61,6 +64,7 @@ class PaperLearner(Learner):
         a: float = 3.0,
         lowpass: float = 4.0,
         forgetting: float = 1.0,
+        scheme: Scheme = "directional",
         inputs: Literal["held", "smooth"] = "held",
         gap: float = 0.5,
     ) -> None:
@@ -81,6 +85,7 @@ class PaperLearner(Learner):
             forgetting=forgetting,
             gain=0.05 if estimator == "gradient" else 0.0,
             smooth=inputs == "smooth",
+            scheme=scheme,
         )
         self._own_delay = delay is None
         self.candidates = candidates(vehicle, free)

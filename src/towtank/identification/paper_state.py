@@ -7,18 +7,29 @@ from typing import NamedTuple
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.core.subspace_forgetting import commit_scratch
 from towtank.identification.axes import N_COLUMNS
 
-__all__ = ["FIRST_BLOCK", "N_BLOCKS", "PaperState", "new_paper_state"]
+__all__ = [
+    "BOUNDED_GAIN",
+    "DIRECTIONAL",
+    "EXPONENTIAL",
+    "FIRST_BLOCK",
+    "N_BLOCKS",
+    "PaperState",
+    "new_paper_state",
+]
 
 N_BLOCKS = 256
+EXPONENTIAL, DIRECTIONAL, BOUNDED_GAIN = range(3)
 FIRST_BLOCK = 0.25  # s; doubled, and neighbours merged, whenever the blocks are full
 
 
 class PaperState(NamedTuple):
     """Everything the chain remembers; arrays are changed in place."""
 
-    settings: Array  # a [1/s], forgetting, learn the model (0/1), instruments (0/1), gradient gain, smooth (0/1)
+    settings: Array  # a [1/s], forgetting, learn the model (0/1), instruments (0/1), gradient gain, smooth (0/1),
+    #                  forgetting scheme, share, bound
     p: Array  # (154,) the vehicle as known so far
     free: Array  # (6, 5) 1 where a column's coefficient (linear, quadratic, restoring, constant, mass) is free
     known: Array  # (6, 5) its value where it is held
@@ -35,14 +46,31 @@ class PaperState(NamedTuple):
     gradient: Array  # (6, 5) Theta of the normalised gradient estimator
     recent: Array  # (5, 6) the last four wrenches, oldest first, for inputs that are smooth; their slope
     work: Array  # (32, 6) scratch
+    kept: Array  # (6, 36) directional forgetting: the triangle that the last full block left
+    fresh: Array  # (6, 36) triangle of the block that fills
+    fresh_sums: Array  # (6, 36) its sums of instrument x row
+    counted: Array  # (6, 2) rows in it; rows less those forgotten
+    least: Array  # (6, 5) bounded gain: smallest variance of each column so far
+    forgetting_work: Array  # scratch
 
 
 def new_paper_state(
-    p: Array, free: Array, known: Array, shape: Array, *, a: float, forgetting: float, gain: float, smooth: bool = False
+    p: Array,
+    free: Array,
+    known: Array,
+    shape: Array,
+    *,
+    a: float,
+    forgetting: float,
+    gain: float,
+    smooth: bool = False,
+    scheme: int = EXPONENTIAL,
+    share: float = 0.1,
+    bound: float = 100.0,
 ) -> PaperState:
     """Return a fresh chain; see the fields of `PaperState`."""
     return PaperState(
-        settings=np.array([a, forgetting, 1.0, 0.0, gain, float(smooth)]),
+        settings=np.array([a, forgetting, 1.0, 0.0, gain, float(smooth), float(scheme), share, bound]),
         p=p.copy(),
         free=np.ascontiguousarray(free, dtype=np.float64),
         known=np.ascontiguousarray(known, dtype=np.float64),
@@ -58,4 +86,10 @@ def new_paper_state(
         gradient=np.zeros((6, 5)),
         recent=np.zeros((5, 6)),
         work=np.zeros((32, 6)),
+        kept=np.zeros((6, N_COLUMNS * N_COLUMNS)),
+        fresh=np.zeros((6, N_COLUMNS * N_COLUMNS)),
+        fresh_sums=np.zeros((6, N_COLUMNS * N_COLUMNS)),
+        counted=np.zeros((6, 2)),
+        least=np.full((6, N_COLUMNS - 1), np.inf),
+        forgetting_work=np.zeros(commit_scratch(N_COLUMNS - 1) + N_COLUMNS * (N_COLUMNS + 2)),
     )

@@ -10,14 +10,22 @@ a number that is not finite is skipped and counted.
 
 from __future__ import annotations
 
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from towtank.core import gradient, least_squares
+from towtank.core import gradient
 from towtank.core.arrays import Array
 from towtank.errors import InputError
+from towtank.identification.recursions import (
+    RECURSIONS,
+    Form,
+    Scheme,
+    recursion_of,
+    regressor_noise,
+    require_scheme,
+)
 
 __all__ = ["BatchLeastSquares", "NormalizedGradient", "RecursiveLeastSquares", "RegressionEstimator"]
 
@@ -65,20 +73,33 @@ class RecursiveLeastSquares:
 
     Args:
         n: number of unknowns.
-        form: "qr" (square root of the information, the default) or "covariance".
+        form: "qr" (square root of the information, the default) or "covariance". Directional forgetting needs the
+            square root and keeps it in either form.
         forgetting: lambda in (0, 1]; 1 never forgets.
+        scheme: what is forgotten where lambda is below 1. "directional" (the default): only directions in which the
+            last 1 / (1 - lambda) rows bring at least `share` of what would be forgotten; rest and hover change nothing.
+            "bounded-gain": less and less as a variance nears `bound` times its least. "exponential": every direction,
+            the textbook's; it winds up where nothing moves.
+        share: for "directional", above 0 and below 1.
+        noise: for "directional", standard deviation of the noise on the regressors, one number or one for each; what
+            does not rise above three times its level is taken for noise.
+        bound: for "bounded-gain", how many times its least a variance may grow.
         P0: variance of the prior around `theta0`; between 1e6 and 1e12 where nothing is known.
         theta0: prior mean (n,), zero if omitted.
     """
 
-    __slots__ = ("_form", "_kernel", "_state", "n", "skipped")
+    __slots__ = ("_kernel", "_name", "_state", "n", "skipped")
 
     def __init__(
         self,
         n: int,
         *,
-        form: Literal["qr", "covariance"] = "qr",
+        form: Form = "qr",
         forgetting: float = 1.0,
+        scheme: Scheme = "directional",
+        share: float = 0.1,
+        noise: ArrayLike = 0.0,
+        bound: float = 100.0,
         P0: float = 1e8,
         theta0: ArrayLike | None = None,
     ) -> None:
@@ -89,15 +110,12 @@ class RecursiveLeastSquares:
             raise InputError(f"P0 is {P0}, expected a positive variance, such as 1e8 where nothing is known")
         if form not in ("qr", "covariance"):
             raise InputError(f'form is "{form}", expected "qr" or "covariance"')
+        require_scheme(scheme, share, bound)
+        levels = regressor_noise(noise, n)
         self.n = n
         self.skipped = 0
-        self._form = form
-        if form == "qr":
-            self._state = least_squares.qr_start(start, P0, forgetting)
-            self._kernel = least_squares.qr_update
-        else:
-            self._state = least_squares.covariance_start(start, P0, forgetting)
-            self._kernel = least_squares.covariance_update
+        self._name, self._state = recursion_of(form, scheme, start, P0, forgetting, share, levels, bound)
+        self._kernel = RECURSIONS[self._name].update
 
     def update(self, phi: Array, y: float) -> bool:
         """Absorb one observation y = phi theta; False where it was skipped because a number is not finite."""
@@ -114,31 +132,27 @@ class RecursiveLeastSquares:
     def run(self, Phi: ArrayLike, y: ArrayLike) -> int:
         """Absorb rows Phi (k, n) and y (k,) in turn; return how many were used."""
         rows, values = _rows(Phi, y, self.n)
-        kernel = least_squares.qr_run if self._form == "qr" else least_squares.covariance_run
-        used = kernel(self._state, rows, values)
+        used = RECURSIONS[self._name].run(self._state, rows, values)
         self.skipped += len(values) - used
         return used
 
     @property
     def theta(self) -> Array:
         """The estimate (n,)."""
-        if self._form == "qr":
-            return least_squares.qr_solve(self._state, self.n)
-        return self._state[: self.n].copy()
+        recursion = RECURSIONS[self._name]
+        return recursion.theta(recursion.view(self._state, self.n), self.n)
 
     @property
     def P(self) -> Array:
         """Covariance (n, n) for residuals of unit variance: the inverse of the information absorbed so far."""
-        if self._form == "qr":
-            return least_squares.qr_covariance(self._state, self.n)
-        return self._state[self.n : self.n + self.n**2].reshape(self.n, self.n).copy()
+        recursion = RECURSIONS[self._name]
+        return recursion.P(recursion.view(self._state, self.n), self.n)
 
     @property
     def residual_sum(self) -> float:
         """Weighted sum of squared residuals, the prior's included."""
-        if self._form == "qr":
-            return float(self._state[(self.n + 1) ** 2 - 1] ** 2)
-        return float(self._state[self.n + self.n**2])
+        recursion = RECURSIONS[self._name]
+        return recursion.residual_sum(recursion.view(self._state, self.n), self.n)
 
 
 class NormalizedGradient:

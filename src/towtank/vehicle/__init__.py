@@ -3,8 +3,10 @@
 from towtank.vehicle.bench import Bench, read_bench
 from towtank.vehicle.catalog import catalog_names, catalog_text
 from towtank.vehicle.checks import doubts, faults
+from towtank.vehicle.configurations import Configuration, Configurations
 from towtank.vehicle.curves import Curve, PolynomialCurve, QuadraticCurve, TableCurve, Voltage
 from towtank.vehicle.curves import force as curve_force
+from towtank.vehicle.differences import Difference, Differences, differences
 from towtank.vehicle.files import (
     VehicleWarning,
     curve_text,
@@ -35,7 +37,11 @@ __all__ = [
     "Bench",
     "Buoyancy",
     "Coefficient",
+    "Configuration",
+    "Configurations",
     "Curve",
+    "Difference",
+    "Differences",
     "PolynomialCurve",
     "Provenance",
     "QuadraticCurve",
@@ -56,6 +62,7 @@ __all__ = [
     "curve_force",
     "curve_text",
     "describe",
+    "differences",
     "doubts",
     "faults",
     "fit_bench",
