@@ -8,7 +8,7 @@ from html import escape
 
 from towtank.app.demo_progress import Course
 from towtank.app.demo_table import estimate_text
-from towtank.app.digits import short
+from towtank.digits import short
 
 __all__ = ["demo_page"]
 

@@ -14,7 +14,7 @@ from rich.text import Text
 from towtank.app.demo_progress import SETTLED, SETTLING, WAITING, Course
 from towtank.app.demo_session import Session
 from towtank.app.demo_stream import Moment
-from towtank.app.digits import measured, short
+from towtank.digits import measured, short
 
 __all__ = ["Screen", "coefficient_table", "estimate_text"]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from towtank.app.digits import percent, short
 from towtank.app.output import Output
+from towtank.digits import percent, short
 from towtank.recording import STANDARD
 
 __all__ = ["show_fits"]

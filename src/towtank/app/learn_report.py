@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from towtank.app.digits import measured, short
 from towtank.app.fits_table import show_fits
-from towtank.app.intervals import interval, interval_text
 from towtank.app.levels_tables import disturbance_document, noise_document, show_levels
 from towtank.app.output import Output
+from towtank.digits import measured, short
 from towtank.identification import Estimate
 from towtank.identification.logs import LogLearning
+from towtank.intervals import interval, interval_text
 
 __all__ = ["delay_deviation", "estimate_document", "learn_document", "show_learning"]
 
