@@ -8,7 +8,7 @@ from html import escape
 from towtank.digits import measured, short
 from towtank.identification.estimate import Learned
 from towtank.intervals import interval
-from towtank.report.elements import Cell, cell, number, number_and_std, paragraph, section, table
+from towtank.report.elements import Cell, cell, number, number_and_std, paragraph, section, sentence, table, unit_text
 from towtank.report.facts import LearnFacts
 from towtank.report.verdict import state_of
 from towtank.vehicle import Vehicle
@@ -54,15 +54,19 @@ def _row(each: Learned, facts: LearnFacts) -> list[Cell]:
         true = facts.truth.coefficient(each.name)
         truth = [cell(number(true), "n"), cell(_off(each.value, true, each.std), "n")]
     return [
-        cell(f"{escape(each.name)}<small>{escape(words_for(each.name))}</small>", "name"),
+        _name(each.name),
         cell(value, "n"),
         cell(std, "n"),
         cell(_interval(each.value, each.std, key), "n"),
         cell(_before(facts.vehicle, each.name), "n"),
         *truth,
-        cell(escape(each.unit), "u"),
+        cell(unit_text(each.unit), "u"),
         cell(f'<span class="tag {grade}">{word}</span>'),
     ]
+
+
+def _name(name: str) -> Cell:
+    return cell(f"{escape(name)}<small>{escape(words_for(name))}</small>", "name")
 
 
 def _off(value: float, truth: float, std: float) -> str:
@@ -100,7 +104,7 @@ def _sums(facts: LearnFacts) -> str:
                 cell(value, "n"),
                 cell(std, "n"),
                 cell(interval_html, "n"),
-                cell(escape(total.unit), "u"),
+                cell(unit_text(total.unit), "u"),
             ]
         )
     note = (
@@ -124,16 +128,15 @@ def held_section(facts: LearnFacts) -> str:
         return ""
     rows: list[list[Cell]] = []
     for reason, members in groups.items():
-        rows.append([cell(escape(f"{reason[0].upper()}{reason[1:]}"))])
+        rows.append([cell(sentence(reason))])
         for each in members:
             word, grade = state_of(each)
             value = each.value if math.isfinite(each.value) else None
             rows.append(
                 [
-                    cell(escape(each.name), "name"),
-                    cell(escape(words_for(each.name)), "words"),
+                    _name(each.name),
                     cell(number(value, short(value), key=f"coefficients.{each.name}.value"), "n"),
-                    cell(escape(each.unit), "u"),
+                    cell(unit_text(each.unit), "u"),
                     cell(f'<span class="tag {grade}">{word}</span>'),
                 ]
             )
@@ -142,5 +145,5 @@ def held_section(facts: LearnFacts) -> str:
         "held",
         "Not learned, and why",
         paragraph(note, "note"),
-        table(["Coefficient", "Meaning", ">Kept at", "Unit", "Verdict"], rows),
+        table(["Coefficient", ">Kept at", "Unit", "Verdict"], rows),
     )

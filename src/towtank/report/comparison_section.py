@@ -6,7 +6,7 @@ from html import escape
 
 from towtank.digits import percent, short
 from towtank.recording.standard import STANDARD
-from towtank.report.elements import Cell, cell, number, paragraph, section, table
+from towtank.report.elements import Cell, cell, number, paragraph, section, table, unit_text
 from towtank.report.verdict import NAMES
 from towtank.validation import ChannelComparison, Comparison
 
@@ -19,7 +19,7 @@ def comparison_section(found: Comparison | None) -> str:
         return ""
     rows: list[list[Cell]] = []
     for channel, one in found.channels.items():
-        rows.append([cell(f"<b>{channel}</b> {NAMES[channel]}, {escape(STANDARD[channel].unit)}")])
+        rows.append([cell(f"<b>{channel}</b> {NAMES[channel]}, {unit_text(STANDARD[channel].unit)}")])
         for name, judged in found.validations.items():
             fit, error = judged.fit[channel], judged.rmse[channel]
             rows.append(

@@ -8,7 +8,7 @@ from towtank.core.arrays import Array
 from towtank.digits import measured
 from towtank.identification.estimate import Learned
 from towtank.report.chart import Band, Chart, Line, Point, chart_svg
-from towtank.report.elements import figure, grid, paragraph, section
+from towtank.report.elements import figure, grid, paragraph, section, unit_text
 from towtank.report.facts import LearnFacts
 
 __all__ = ["convergence_section"]
@@ -70,7 +70,7 @@ def _figure(facts: LearnFacts, result: Learned, k: int) -> str:
         height=180,
     )
     number, deviation = measured(result.value, result.std)
-    right = f"{number} ± {deviation} {result.unit}".replace("-", "−")
+    right = f"{number} ± {deviation}".replace("-", "−") + f" {unit_text(result.unit)}"
     return figure(chart_svg(chart), result.name, right=right)
 
 

@@ -20,7 +20,9 @@ __all__ = [
     "number_and_std",
     "paragraph",
     "section",
+    "sentence",
     "table",
+    "unit_text",
 ]
 
 Cell = tuple[str, str]  # class, HTML
@@ -29,6 +31,11 @@ Cell = tuple[str, str]  # class, HTML
 def _signed(text: str) -> str:
     """Return a number's text with a true minus sign."""
     return text.replace("-", "−") if any(c.isdigit() for c in text) else text
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit as it is printed, `kg m^2` as `kg m²`."""
+    return escape(unit).replace("^2", "²").replace("^3", "³").replace(" ", "\u202f")
 
 
 def number(value: float | None, text: str | None = None, *, key: str = "") -> str:
@@ -69,7 +76,9 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Cell]], *, caption: str =
     body = []
     for row in rows:
         if len(row) == 1:
-            body.append(f'<tr class="span"><th colspan="{len(head)}" scope="rowgroup">{row[0][1]}</th></tr>')
+            body.append(
+                f'<tr class="span"><th colspan="{len(head)}" scope="rowgroup"><span>{row[0][1]}</span></th></tr>'
+            )
             continue
         cells = [f'<td class="{kind}">{html}</td>' if kind else f"<td>{html}</td>" for kind, html in row]
         body.append(f"<tr>{''.join(cells)}</tr>")
@@ -105,9 +114,16 @@ def section(name: str, title: str, *parts: str) -> str:
     return f'<section id="{name}"><h2>{escape(title)}</h2>{"".join(there)}</section>' if there else ""
 
 
+def sentence(text: str) -> str:
+    """Return a line of the program's as HTML: with a capital where it begins with a word, not with a name."""
+    first = text.split(" ", 1)[0]
+    capital = first.isalpha() and first.islower() and len(first) > 1
+    return escape((text[0].upper() + text[1:] if capital else text).replace("+-", "±"))
+
+
 def paragraph(text: str, style: str = "") -> str:
     """Return a paragraph of plain text."""
-    return f'<p class="{style}">{escape(text)}</p>' if style else f"<p>{escape(text)}</p>"
+    return f'<p class="{style}">{sentence(text)}</p>' if style else f"<p>{sentence(text)}</p>"
 
 
 def facts(pairs: Iterable[tuple[str, str]]) -> str:
@@ -118,5 +134,5 @@ def facts(pairs: Iterable[tuple[str, str]]) -> str:
 
 def listed(texts: Iterable[str], style: str = "") -> str:
     """Return texts one below the other."""
-    items = "".join(f"<li>{escape(text)}</li>" for text in texts)
+    items = "".join(f"<li>{sentence(text)}</li>" for text in texts)
     return f'<ul class="{style}">{items}</ul>' if items else ""

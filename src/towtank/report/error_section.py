@@ -10,7 +10,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.report.chart import Chart, Line, chart_svg
-from towtank.report.elements import figure, grid, paragraph, section
+from towtank.report.elements import figure, grid, paragraph, section, unit_text
 from towtank.report.prediction_section import scale_and_unit
 from towtank.report.verdict import NAMES
 from towtank.validation import CHANNELS, Prediction
@@ -81,7 +81,7 @@ def _growth_figure(predictions: Sequence[Prediction], name: str) -> str:
         width=330,
         height=150,
     )
-    return figure(chart_svg(chart), f"{name} <small>{NAMES[name]}, {escape(unit)}</small>")
+    return figure(chart_svg(chart), f"{name} <small>{NAMES[name]}, {unit_text(unit)}</small>")
 
 
 def _error_figure(prediction: Prediction, name: str) -> str:
@@ -104,4 +104,4 @@ def _error_figure(prediction: Prediction, name: str) -> str:
         height=150,
         columns=_COLUMNS,
     )
-    return figure(chart_svg(chart), f"{name} <small>{NAMES[name]}, {escape(unit)}</small>")
+    return figure(chart_svg(chart), f"{name} <small>{NAMES[name]}, {unit_text(unit)}</small>")

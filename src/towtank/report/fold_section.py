@@ -6,7 +6,7 @@ import math
 from html import escape
 
 from towtank.digits import measured, percent, short
-from towtank.report.elements import Cell, cell, listed, number, paragraph, section, table
+from towtank.report.elements import Cell, cell, listed, number, paragraph, section, table, unit_text
 from towtank.validation import CrossValidation
 
 __all__ = ["fold_section"]
@@ -59,7 +59,7 @@ def _coefficients(found: CrossValidation) -> str:
                 cell(number(one.value, value, key=f"{key}.value"), "n"),
                 cell(number(one.claimed, claimed, key=f"{key}.std"), "n"),
                 cell(number(one.spread, short(one.spread, 2), key=f"{key}.folds_std"), "n"),
-                cell(escape(one.unit), "u"),
+                cell(unit_text(one.unit), "u"),
                 cell(f"{known} of {one.values.size}", "n"),
                 cell(f'<span class="tag {"fair" if one.overconfident else ""}">{word}</span>'),
             ]

@@ -20,8 +20,8 @@ from towtank.report.verdict import NAMES, learn_verdict
 __all__ = ["report_html"]
 
 METHODS = {
-    "joint": "joint Kalman filter",
-    "output-error": "output error (free runs)",
+    "joint": "joint filter",
+    "output-error": "output error",
     "paper": "filtered regressors",
 }
 
@@ -54,10 +54,10 @@ def _sums(facts: LearnFacts) -> list[tuple[str, str]]:
     identified = sum(estimate.identified)
     delay = "" if facts.delay != facts.delay else f"{number(facts.delay, f'{1e3 * facts.delay:.1f}', key='delay_s')} ms"
     return [
-        ("Coefficients identified", f"{identified} of {len(estimate.names)}"),
+        ("Coefficients learned", f"{identified} of {len(estimate.names)}"),
         ("Learned from", f"{number(estimate.duration, short(estimate.duration, 5), key='duration_s')} s"),
         ("Samples", number(estimate.samples, f"{estimate.samples}", key="samples")),
-        ("Delay, command to thrust", delay),
-        (f"Best fit ({NAMES[best[1]]})" if best else "", f"{fit_number(best[0], f'fit.{best[1]}')} %" if best else ""),
+        ("Delay", delay),
+        (f"Fit, {NAMES[best[1]]}" if best else "", f"{fit_number(best[0], f'fit.{best[1]}')} %" if best else ""),
         ("Method", METHODS.get(facts.method, facts.method)),
     ]

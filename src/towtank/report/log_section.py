@@ -12,7 +12,7 @@ from towtank.identification.axes import AXES
 from towtank.identification.noise import NoiseLevel, noise_levels
 from towtank.recording import Recording
 from towtank.recording.channel_facts import ChannelFacts, channel_facts
-from towtank.report.elements import Cell, cell, listed, number, paragraph, section, table
+from towtank.report.elements import Cell, cell, listed, number, paragraph, section, table, unit_text
 
 __all__ = ["log_section"]
 
@@ -59,7 +59,7 @@ def _channel(each: ChannelFacts, level: NoiseLevel | None) -> list[Cell]:
     held = each.changes is not None
     return [
         cell(escape(each.name), "name"),
-        cell(escape(each.unit), "u"),
+        cell(unit_text(each.unit), "u"),
         cell(number(each.rate_hz, short(each.rate_hz, 3)), "n"),
         cell(number(each.samples, f"{each.samples}"), "n"),
         cell("held" if held else number(each.missing, f"{each.missing}"), "n"),
@@ -91,7 +91,7 @@ def _levels(noise: Mapping[str, Mapping[str, object]], disturbance: Mapping[str,
             std = level.get("std")
             if isinstance(std, float) and math.isfinite(std):
                 text = number(std, f"{std:.2g}", key=f"{key}.{name}.std")
-                told.append(f"{names.get(name, name)} {text} {escape(str(level.get('unit', '')))}")
+                told.append(f"{names.get(name, name)} {text} {unit_text(str(level.get('unit', '')))}")
         if told:
             parts.append(f"<h3>{title}</h3><p>{said}{', '.join(told)}.</p>")
     return "".join(parts)

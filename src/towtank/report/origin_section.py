@@ -37,6 +37,6 @@ def footer(origin: Origin) -> str:
     version = origin.versions.get("towtank", "")
     made = f", {origin.made}" if origin.made else ""
     return (
-        f"Made by towtank {version}{made}. All quantities in SI; body axes forward, starboard, down; world north, east, "
-        "down."
+        f"Made by towtank {version}{made}. All quantities in SI; body axes forward, starboard, down; world north, "
+        "east, down."
     )

@@ -8,6 +8,7 @@ from functools import cache
 from html import escape, unescape
 from importlib.resources import files
 
+from towtank.report.elements import sentence
 from towtank.report.verdict import Verdict
 
 __all__ = ["page"]
@@ -48,7 +49,7 @@ def page(
             '<meta name="color-scheme" content="light dark">\n<link rel="icon" href="data:,">',
             f"<title>{escape(title)}: {escape(kind)}</title>\n<style>{_style()}</style>\n</head>\n<body>\n<main>",
             f'<div class="kind">{escape(kind)}</div>\n<h1>{escape(title)}</h1>',
-            f'<div class="verdict {verdict.grade}"><p class="lead">{escape(verdict.text)}</p></div>',
+            f'<div class="verdict {verdict.grade}"><p class="lead">{sentence(verdict.text)}</p></div>',
             f'<dl class="sums">{boxes}</dl>',
             f'<nav aria-label="Contents">{links}</nav>',
             *[part for part in sections if part],

@@ -9,16 +9,18 @@ from pathlib import PurePath
 
 import numpy as np
 
+from towtank.core.arrays import Array
 from towtank.digits import short
 from towtank.recording.standard import STANDARD
 from towtank.report.chart import Chart, Line, chart_svg
-from towtank.report.elements import Cell, cell, figure, fit_number, grid, number, paragraph, section, table
+from towtank.report.elements import Cell, cell, figure, fit_number, grid, number, paragraph, section, table, unit_text
 from towtank.report.verdict import NAMES
 from towtank.validation import CHANNELS, Prediction
 
 __all__ = ["fit_table", "prediction_figures", "prediction_section"]
 
 _MOST = 6  # logs that are drawn
+_LEAVES = 0.4  # of the span of what was measured, that a prediction is shown beyond it
 _POINTS = 26_000  # columns of all charts together: what keeps the page small
 _LEGEND = (
     '<div class="legend"><span><i class="measured"></i>measured</span>'
@@ -36,7 +38,7 @@ def prediction_section(
     if not any(value is not None for value in fit.values()):
         return ""
     note = (
-        f"The model alone, driven by the commands of {predicted} from one measured state on. A fit of 100 % is "
+        f"The model alone, from one measured state on, driven by the commands of {predicted}. A fit of 100 % is "
         "perfect, 0 % no better than the mean of the measurement."
     )
     return section(
@@ -63,11 +65,11 @@ def fit_table(fit: Mapping[str, float | None], rmse: Mapping[str, float | None],
                 cell(fit_number(value, f"{key}fit.{name}"), "n"),
                 cell(f'<span class="bar"><i style="width:{share:.0f}%"></i></span>'),
                 *([cell(number(error, short(error, 3), key=f"{key}rmse.{name}"), "n")] if rmse else []),
-                cell(escape(STANDARD[name].unit), "u"),
+                cell(unit_text(STANDARD[name].unit), "u"),
             ]
         )
     heads = ["Channel", ">Fit %", ""] + ([">RMS error"] if rmse else []) + ["Unit"]
-    return table(heads, rows)
+    return table(heads, rows, style="tight")
 
 
 def prediction_figures(predictions: Sequence[Prediction], fit: Mapping[str, float | None], *, most: int = _MOST) -> str:
@@ -93,8 +95,6 @@ def _figure(prediction: Prediction, name: str, fit: Mapping[str, float | None], 
     known = scale * measured[np.isfinite(measured)]
     if not known.size:
         return ""
-    low, high = float(known.min()), float(known.max())
-    room = 0.3 * (high - low) or 0.1
     started = prediction.t >= prediction.restarts[0]
     chart = Chart(
         label=f"{NAMES[name]} measured and predicted over time",
@@ -104,7 +104,7 @@ def _figure(prediction: Prediction, name: str, fit: Mapping[str, float | None], 
         ],
         x_name="s",
         x_range=(float(prediction.t[0]), float(prediction.t[-1])),
-        y_range=(low - room, high + room),
+        y_range=_range(known, scale * predicted[started]),
         columns=columns,
     )
     value = fit.get(name)
@@ -113,8 +113,18 @@ def _figure(prediction: Prediction, name: str, fit: Mapping[str, float | None], 
         if alone and value is not None
         else ""
     )
-    title = f"{name} <small>{NAMES[name]}, {escape(unit)}</small>"
+    title = f"{name} <small>{NAMES[name]}, {unit_text(unit)}</small>"
     return figure(chart_svg(chart), title, right=right)
+
+
+def _range(known: Array, predicted: Array) -> tuple[float, float]:
+    """Return what to show: all that was measured, and of the prediction what does not leave it by much."""
+    low, high = float(known.min()), float(known.max())
+    span = (high - low) or 0.2
+    finite = predicted[np.isfinite(predicted)]
+    below, above = (float(finite.min()), float(finite.max())) if finite.size else (low, high)
+    low, high = min(low, max(below, low - _LEAVES * span)), max(high, min(above, high + _LEAVES * span))
+    return low - 0.08 * span, high + 0.08 * span
 
 
 def scale_and_unit(name: str) -> tuple[float, str]:

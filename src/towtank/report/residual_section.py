@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from html import escape
 
 from towtank.digits import measured, short
 from towtank.recording.standard import STANDARD
 from towtank.report.chart import Band, Chart, Stem, chart_svg
-from towtank.report.elements import Cell, cell, figure, grid, listed, number, paragraph, section, table
+from towtank.report.elements import Cell, cell, figure, grid, listed, number, paragraph, section, table, unit_text
 from towtank.report.verdict import NAMES
 from towtank.validation import Residual
 from towtank.validation.verdicts import CHANCE
@@ -58,12 +57,12 @@ def _table(residuals: Mapping[str, Residual], key: str) -> str:
                 cell(told(slow, short(slow, 2), "slow"), "n"),
                 cell(told(white, short(white, 2), "noise"), "n"),
                 cell(told(bias, short(bias, 2), "constant"), "n"),
-                cell(escape(STANDARD[name].unit), "u"),
+                cell(unit_text(STANDARD[name].unit), "u"),
                 cell(_white(one)),
             ]
         )
     heads = ["Channel", ">Errors", ">Last for s", ">Slow part", ">Noise", ">Constant", "Unit", "One step ahead"]
-    return table(heads, rows)
+    return table(heads, rows, style="tight")
 
 
 def _white(one: Residual) -> str:

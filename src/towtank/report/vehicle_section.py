@@ -18,14 +18,13 @@ def vehicle_section(vehicle: Vehicle) -> str:
     inertia = body.inertia if isinstance(body.inertia[0], float) else tuple(body.tensor.diagonal())
     told = facts(
         [
-            ("Name", escape(vehicle.name)),
             ("Description", escape(vehicle.description)),
             ("Mass", f"{short(body.mass)} kg (weight {short(vehicle.weight)} N)"),
             ("Inertia about the centre of gravity", f"{_row(inertia)} kg m²"),
             ("Centre of gravity", f"{_row(body.centre_of_gravity)} m"),
             ("Buoyancy", f"{short(vehicle.buoyant_force)} N at {_row(vehicle.buoyancy.centre)} m"),
             ("Source", escape(vehicle.provenance.source)),
-            ("Notes", escape("; ".join(vehicle.provenance.notes))),
+            ("Notes", escape(" ".join(vehicle.provenance.notes))),
         ]
     )
     drawings = [figure(svg, escape(caption)) for caption, svg in thrusters_svg(vehicle)]

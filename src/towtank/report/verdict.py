@@ -33,13 +33,15 @@ def state_of(each: Learned) -> tuple[str, str]:
     """Return a word on what is known of a coefficient, and its grade.
 
     "known" to 10 %, "roughly known" to 50 %, "sign only" to 100 %, "near zero" beyond; and of those that were not
-    learned "merged" (another one stands for it), "held" (at the vehicle's value) or "not identifiable".
+    learned "merged" (another one stands for it), "zero", "held" (at the vehicle's value) or "not identifiable".
     """
     if not each.identified:
         reason = each.reason or ""
         if any(words in reason for words in _MERGED):
             return "merged", ""
-        return ("held", "") if "held at the vehicle" in reason else ("not identifiable", "poor")
+        if "not different from 0" in reason:
+            return "zero", ""
+        return ("held", "") if "held at the vehicle" in reason else ("not identifiable", "")
     share = each.std / abs(each.value) if each.value else float("inf")
     if share <= _SURE:
         return "known", "good"
