@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 __all__ = ["Judged", "against_others", "alone", "by_folds", "write_validate_report"]
 
 
+_SPARK = 16  # characters
+
+
 @dataclass(frozen=True)
 class Judged:
     """What was found: scores, how to print it, its part of the document, and what a report tells of it."""
@@ -39,10 +42,26 @@ def alone(vehicle: Vehicle, recordings: Sequence[Recording], options: dict[str, 
 
     def show(output: Output) -> None:
         output.line()
-        show_fits(found.fit, found.rmse, output)
+        show_fits(found.fit, found.rmse, output, _sparks(found, ascii_only=output.ascii))
         show_residuals(errors, output)
 
     return Judged(found, show, {"residuals": residual_document(errors)}, {"residuals": errors})
+
+
+def _sparks(found: Validation, *, ascii_only: bool) -> dict[str, str]:
+    """Return the size of each channel's errors over time, recording after recording, as spark lines."""
+    import numpy as np
+
+    from towtank.app.spark import error_spark
+
+    out = {}
+    for name in found.fit:
+        pairs = [prediction.channels[name] for prediction in found.predictions if name in prediction.channels]
+        if pairs:
+            with np.errstate(invalid="ignore", over="ignore"):
+                errors = np.concatenate([measured - predicted for measured, predicted in pairs])
+            out[name] = error_spark(errors, _SPARK, ascii_only=ascii_only)
+    return out
 
 
 def against_others(

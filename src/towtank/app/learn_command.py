@@ -118,7 +118,7 @@ def learn(
         model = _with_provenance(learning, logs, prior)
         tell("predicting", 0.9)
         scores, unfit = _fit(model, learning.grids)
-        fit = {} if scores is None else scores.fit
+        fit, rmse = ({}, {}) if scores is None else (scores.fit, scores.rmse)
         if model_file is not None:
             save_vehicle(model, model_file)
         warnings = [*output.warnings, *learning_warnings(learning, recordings), *unfit]
@@ -145,7 +145,9 @@ def learn(
     if report is not None:
         output.line(f"report written to {report}")
     output.line(f"Next: {judge}" if model_file else f"Next: the same with -o MODEL.toml, then {judge}", "dim")
-    output.document({"vehicle": known.name, "logs": logs, "prior": prior, **learn_document(learning, fit, warnings)})
+    output.document(
+        {"vehicle": known.name, "logs": logs, "prior": prior, **learn_document(learning, fit, warnings, rmse)}
+    )
 
 
 def _fit(model: Vehicle, grids: Sequence[Grid]) -> tuple[Validation | None, list[str]]:

@@ -139,7 +139,12 @@ def _before(learning: LogLearning, name: str) -> float | None:
         return None
 
 
-def learn_document(learning: LogLearning, fit: Mapping[str, float | None], warnings: Sequence[str]) -> dict[str, Any]:
+def learn_document(
+    learning: LogLearning,
+    fit: Mapping[str, float | None],
+    warnings: Sequence[str],
+    rmse: Mapping[str, float | None] | None = None,
+) -> dict[str, Any]:
     """Return the part of the JSON document that learning fills."""
     estimate = learning.estimate
     return {
@@ -160,6 +165,7 @@ def learn_document(learning: LogLearning, fit: Mapping[str, float | None], warni
         "disturbance": disturbance_document(learning.levels, learning.sources),
         "noise": noise_document(learning.levels, learning.grids),
         "fit": {**{name: fit.get(name) for name in _VELOCITIES}, **fit},
+        "rmse": dict(rmse or {}),
         "warnings": list(warnings),
     }
 

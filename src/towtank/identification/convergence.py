@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -178,7 +179,7 @@ def _parts(grid: Grid, every: int) -> Iterator[Grid]:
     for first in range(0, len(grid), every):
         rows = slice(first, first + every)
         end = float(grid.t[rows][-1])
-        now = {}
+        now: dict[str, Any] = {}
         for kind in ("command", "wrench"):
             stamps = getattr(grid, f"{kind}_t")
             came = (stamps > before) & (stamps <= end)

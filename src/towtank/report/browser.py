@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import BinaryIO
 
 from towtank.errors import InputError
 from towtank.outputs import write_atomically
@@ -60,7 +61,11 @@ def print_pdf(html: str, path: Path) -> None:
         if why or not printed.is_file() or not printed.stat().st_size:
             raise InputError(f"--report {path}: {browser} printed no PDF ({why or 'it said nothing'}); {_WHERE}")
         data = printed.read_bytes()
-    write_atomically(path, lambda stream: stream.write(data) and None)
+    write_atomically(path, lambda stream: _put(stream, data))
+
+
+def _put(stream: BinaryIO, data: bytes) -> None:
+    stream.write(data)
 
 
 def _sandbox() -> tuple[str, ...]:

@@ -64,7 +64,7 @@ class Chart:
     Attributes:
         label: what a screen reader says. parts: drawn in their order. x_name: beneath the axis.
         y_range: of the axis; all parts by default. x_range: likewise. levels: y and style of level lines; they do not
-            widen the range. cuts: x of vertical lines. shaded: (start, end) of x behind it all.
+            widen the range. cuts: x of vertical lines.
         width, height: in pixels of a screen; the page scales it. columns: of decimation, the width by default.
     """
 
@@ -75,7 +75,6 @@ class Chart:
     x_range: tuple[float, float] | None = None
     levels: Sequence[tuple[float, str]] = ()
     cuts: Sequence[float] = ()
-    shaded: Sequence[tuple[float, float]] = ()
     width: int = 420
     height: int = 190
     columns: int = 0
@@ -113,11 +112,6 @@ def chart_svg(chart: Chart) -> str:
         f'<svg class="chart" viewBox="0 0 {chart.width} {chart.height}" role="img" '
         f'aria-label="{escape(chart.label, quote=True)}">',
     ]
-    for start, end in chart.shaded:
-        a, b = (float(v) for v in np.clip(frame.across(np.array([start, end])), _LEFT, right))
-        out.append(
-            f'<rect class="shade" x="{a:.1f}" y="{_TOP}" width="{max(b - a, 0.0):.1f}" height="{floor - _TOP}"/>'
-        )
     out += _grid(frame, chart.x_name)
     box = f"{_LEFT} {_TOP} {right - _LEFT} {floor - _TOP}"  # an inner <svg> clips what it holds
     sides = f'x="{_LEFT}" y="{_TOP}" width="{right - _LEFT}" height="{floor - _TOP}"'
@@ -164,13 +158,13 @@ def _drawn(part: Line | Band | Point | Stem, frame: _Frame, columns: int) -> lis
     if isinstance(part, Stem):
         zero = float(frame.down(np.array(0.0)))
         tops = zip(frame.across(part.x), frame.down(part.y), strict=True)
-        lines = "".join(f"M{x:.1f} {zero:.1f}V{y:.1f}" for x, y in tops if y == y)
+        lines = "".join(f"M{a:.1f} {zero:.1f}V{b:.1f}" for a, b in tops if b == b)
         return [f'<path class="{part.style}" d="{lines}"/>']
-    x = float(frame.across(np.array(part.x)))
-    y, low, high = (float(v) for v in frame.down(np.array([part.y, part.low, part.high])))
+    at = float(frame.across(np.array(part.x)))
+    middle, bottom, top = (float(v) for v in frame.down(np.array([part.y, part.low, part.high])))
     return [
-        f'<path class="{part.style}" d="M{x:.1f} {low:.1f}V{high:.1f}"/>',
-        f'<circle class="{part.style}" cx="{x:.1f}" cy="{y:.1f}" r="3"/>',
+        f'<path class="{part.style}" d="M{at:.1f} {bottom:.1f}V{top:.1f}"/>',
+        f'<circle class="{part.style}" cx="{at:.1f}" cy="{middle:.1f}" r="3"/>',
     ]
 
 

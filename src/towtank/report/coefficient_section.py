@@ -46,7 +46,7 @@ def words_for(name: str) -> str:
 
 
 def _row(each: Learned, facts: LearnFacts) -> list[Cell]:
-    key = f"coefficients.{each.name}"
+    key = f"coefficients/{each.name}"
     value, std = number_and_std(each.value, each.std, key)
     word, grade = state_of(each)
     truth = []
@@ -86,7 +86,7 @@ def _interval(value: float, std: float, key: str) -> str:
     bounds = interval(value, std)
     if bounds is None:
         return number(None)
-    low, high = (number(bound, measured(bound, std)[0], key=f"{key}.interval.{k}") for k, bound in enumerate(bounds))
+    low, high = (number(bound, measured(bound, std)[0], key=f"{key}/interval/{k}") for k, bound in enumerate(bounds))
     return f"{low} … {high}"
 
 
@@ -95,7 +95,7 @@ def _sums(facts: LearnFacts) -> str:
         return ""
     rows = []
     for total in facts.estimate.sums:
-        key = f"sums.{total.name}"
+        key = f"sums/{total.name}"
         value, std = number_and_std(total.value, total.std, key)
         interval_html = _interval(total.value, total.std, key)
         rows.append(
@@ -135,7 +135,7 @@ def held_section(facts: LearnFacts) -> str:
             rows.append(
                 [
                     _name(each.name),
-                    cell(number(value, short(value), key=f"coefficients.{each.name}.value"), "n"),
+                    cell(number(value, short(value), key=f"coefficients/{each.name}/value"), "n"),
                     cell(unit_text(each.unit), "u"),
                     cell(f'<span class="tag {grade}">{word}</span>'),
                 ]

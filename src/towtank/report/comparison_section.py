@@ -21,12 +21,13 @@ def comparison_section(found: Comparison | None) -> str:
     for channel, one in found.channels.items():
         rows.append([cell(f"<b>{channel}</b> {NAMES[channel]}, {unit_text(STANDARD[channel].unit)}")])
         for name, judged in found.validations.items():
+            place = name.replace("~", "~0").replace("/", "~1")  # as in a JSON pointer
             fit, error = judged.fit[channel], judged.rmse[channel]
             rows.append(
                 [
                     cell(escape(name), "name"),
-                    cell(number(fit, percent(fit), key=f"comparison.fit.{name}|{channel}"), "n"),
-                    cell(number(error, short(error, 3), key=f"comparison.rmse.{name}|{channel}"), "n"),
+                    cell(number(fit, percent(fit), key=f"comparison/fit/{place}/{channel}"), "n"),
+                    cell(number(error, short(error, 3), key=f"comparison/rmse/{place}/{channel}"), "n"),
                     cell(_words(one, name)),
                 ]
             )

@@ -35,6 +35,6 @@ def decimated(x: Array, y: Array, columns: int, span: tuple[float, float]) -> tu
     ends = np.concatenate([starts[1:], [x.size]])
     rows: list[int] = []
     for first, last in zip(starts, ends, strict=True):
-        least, most = first + int(np.argmin(y[first:last])), first + int(np.argmax(y[first:last]))
+        least, most = int(first + np.argmin(y[first:last])), int(first + np.argmax(y[first:last]))
         rows += [min(least, most), max(least, most)] if least != most else [least]
     return x[rows], y[rows]

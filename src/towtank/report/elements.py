@@ -42,7 +42,8 @@ def number(value: float | None, text: str | None = None, *, key: str = "") -> st
     """Return a number as HTML: its rounded text, and in `data-value` all of it as JSON has it.
 
     Args:
-        text: as it is shown; four digits by default. key: where in the JSON document it stands, as `fit.u`.
+        text: as it is shown; four digits by default. key: where in the JSON document it stands, as
+            `fit/u`; a `/` in a name is `~1`, as in a JSON pointer.
     """
     if value is None or not math.isfinite(value):
         return '<span class="none">–</span>'
@@ -54,7 +55,7 @@ def number(value: float | None, text: str | None = None, *, key: str = "") -> st
 def number_and_std(value: float, std: float | None, key: str) -> tuple[str, str]:
     """Return a value and its deviation with the places that the deviation is worth."""
     a, b = measured(value, std)
-    return number(value, a, key=f"{key}.value"), number(std, b, key=f"{key}.std")
+    return number(value, a, key=f"{key}/value"), number(std, b, key=f"{key}/std")
 
 
 def fit_number(value: float | None, key: str) -> str:

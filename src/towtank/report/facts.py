@@ -51,7 +51,8 @@ class LearnFacts:
         predicted: which logs these are, in words. residuals: errors of the predictions, per channel.
         recordings: what was learned from, or its recent part. noise, disturbance: name -> {"std", "unit"}.
         convergence: how the coefficients settled. truth: the vehicle that was simulated, where one was.
-        title: of the page; the vehicle's name by default. warnings: in plain words.
+        title: of the page; the vehicle's name by default. verdict: the first sentence; found from the facts by default.
+        warnings: in plain words.
     """
 
     vehicle: Vehicle
@@ -78,6 +79,7 @@ class LearnFacts:
     convergence: Convergence | None = None
     truth: Vehicle | None = None
     title: str = ""
+    verdict: str = ""
     warnings: Sequence[str] = ()
     origin: Origin = Origin()
 

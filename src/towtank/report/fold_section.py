@@ -24,11 +24,11 @@ def fold_section(found: CrossValidation | None) -> str:
             (f"log {log + 1}: " if several else "") + f"{short(start)} to {short(end)} s"
             for log, start, end in fold.windows
         )
-        key = f"cross_validation.folds.{k}.fit"
-        rows.append([cell(escape(where)), *(_fit(fold.fit[name], f"{key}.{name}") for name in channels)])
-    rows.append([cell("<b>all windows</b>"), *(_fit(found.scores.fit[name], f"fit.{name}") for name in channels)])
-    key = "cross_validation.fit_seen"
-    rows.append([cell("seen while learning"), *(_fit(found.seen.fit[name], f"{key}.{name}") for name in channels)])
+        key = f"cross_validation/folds/{k}/fit"
+        rows.append([cell(escape(where)), *(_fit(fold.fit[name], f"{key}/{name}") for name in channels)])
+    rows.append([cell("<b>all windows</b>"), *(_fit(found.scores.fit[name], f"fit/{name}") for name in channels)])
+    key = "cross_validation/fit_seen"
+    rows.append([cell("seen while learning"), *(_fit(found.seen.fit[name], f"{key}/{name}") for name in channels)])
     note = "Fit in percent of each window, by a model learned on all the others."
     return section(
         "folds",
@@ -52,13 +52,13 @@ def _coefficients(found: CrossValidation) -> str:
         word = (
             "too few folds" if not math.isfinite(one.spread) else "spreads more" if one.overconfident else "as claimed"
         )
-        key = f"cross_validation.coefficients.{one.name}"
+        key = f"cross_validation/coefficients/{one.name}"
         rows.append(
             [
                 cell(escape(one.name), "name"),
-                cell(number(one.value, value, key=f"{key}.value"), "n"),
-                cell(number(one.claimed, claimed, key=f"{key}.std"), "n"),
-                cell(number(one.spread, short(one.spread, 2), key=f"{key}.folds_std"), "n"),
+                cell(number(one.value, value, key=f"{key}/value"), "n"),
+                cell(number(one.claimed, claimed, key=f"{key}/std"), "n"),
+                cell(number(one.spread, short(one.spread, 2), key=f"{key}/folds_std"), "n"),
                 cell(unit_text(one.unit), "u"),
                 cell(f"{known} of {one.values.size}", "n"),
                 cell(f'<span class="tag {"fair" if one.overconfident else ""}">{word}</span>'),

@@ -12,6 +12,7 @@ from towtank.core.arrays import Array
 __all__ = ["correlation", "heatmap_svg", "strongest"]
 
 _CELL, _MARGIN = 44, 76
+_DEEPEST = 0.7  # opacity of a whole correlation: the value stays readable on it
 
 
 def correlation(covariance: Array) -> Array:
@@ -49,12 +50,12 @@ def heatmap_svg(names: Sequence[str], matrix: Array) -> str:
                 continue
             x, y = _MARGIN + j * _CELL, _MARGIN + i * _CELL
             style = "own" if i == j else "plus" if value >= 0.0 else "minus"
-            text = "1" if i == j else f"{value:+.2f}".replace("-", "−")
+            text = "1" if i == j else "0" if abs(value) < 0.005 else f"{value:+.2f}".replace("-", "−")
             strong = " strong" if abs(value) > 0.6 and i != j else ""
             out.append(
                 f"<g><title>{escape(name)} and {escape(names[j])}: {value:+.3f}</title>"
                 f'<rect class="{style}" x="{x}" y="{y}" width="{_CELL - 2}" height="{_CELL - 2}" rx="3" '
-                f'style="fill-opacity:{abs(value):.2f}"/>'
+                f'style="fill-opacity:{_DEEPEST * abs(value):.2f}"/>'
                 f'<text class="cell{strong}" x="{x + _CELL / 2 - 1:.0f}" y="{y + _CELL / 2 + 3:.0f}">{text}</text></g>'
             )
     return "".join([*out, "</svg>"])

@@ -54,6 +54,6 @@ def _lag(facts: LearnFacts) -> str:
 def _gains(facts: LearnFacts) -> str:
     told = []
     for name, (gain, std) in facts.gains.items():
-        value = number(gain, f"{gain:.3f}", key=f"gains.{name}.value")
-        told.append(f"{escape(name)} {value} ± {number(std, f'{std:.3f}', key=f'gains.{name}.std')}")
+        value = number(gain, f"{gain:.3f}", key=f"gains/{name}/value")
+        told.append(f"{escape(name)} {value} ± {number(std, f'{std:.3f}', key=f'gains/{name}/std')}")
     return ", ".join(told)

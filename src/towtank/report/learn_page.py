@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from towtank.digits import short
 from towtank.report.coefficient_section import coefficient_section, held_section
 from towtank.report.convergence_section import convergence_section
@@ -43,6 +45,7 @@ def report_html(facts: LearnFacts) -> str:
         origin_section(facts.origin),
     ]
     verdict = learn_verdict(facts.estimate, facts.fit, facts.predicted)
+    verdict = replace(verdict, text=facts.verdict) if facts.verdict else verdict
     return page(
         "What was learned", facts.title or facts.vehicle.name, verdict, _sums(facts), sections, footer(facts.origin)
     )
@@ -58,6 +61,6 @@ def _sums(facts: LearnFacts) -> list[tuple[str, str]]:
         ("Learned from", f"{number(estimate.duration, short(estimate.duration, 5), key='duration_s')} s"),
         ("Samples", number(estimate.samples, f"{estimate.samples}", key="samples")),
         ("Delay", delay),
-        (f"Fit, {NAMES[best[1]]}" if best else "", f"{fit_number(best[0], f'fit.{best[1]}')} %" if best else ""),
+        (f"Fit, {NAMES[best[1]]}" if best else "", f"{fit_number(best[0], f'fit/{best[1]}')} %" if best else ""),
         ("Method", METHODS.get(facts.method, facts.method)),
     ]

@@ -90,7 +90,7 @@ def _levels(noise: Mapping[str, Mapping[str, object]], disturbance: Mapping[str,
         for name, level in levels.items():
             std = level.get("std")
             if isinstance(std, float) and math.isfinite(std):
-                text = number(std, f"{std:.2g}", key=f"{key}.{name}.std")
+                text = number(std, f"{std:.2g}", key=f"{key}/{name}/std")
                 told.append(f"{names.get(name, name)} {text} {unit_text(str(level.get('unit', '')))}")
         if told:
             parts.append(f"<h3>{title}</h3><p>{said}{', '.join(told)}.</p>")

@@ -62,9 +62,9 @@ def fit_table(fit: Mapping[str, float | None], rmse: Mapping[str, float | None],
         rows.append(
             [
                 cell(f"{name}<small>{NAMES[name]}</small>", "name"),
-                cell(fit_number(value, f"{key}fit.{name}"), "n"),
+                cell(fit_number(value, f"{key}fit/{name}"), "n"),
                 cell(f'<span class="bar"><i style="width:{share:.0f}%"></i></span>'),
-                *([cell(number(error, short(error, 3), key=f"{key}rmse.{name}"), "n")] if rmse else []),
+                *([cell(number(error, short(error, 3), key=f"{key}rmse/{name}"), "n")] if rmse else []),
                 cell(unit_text(STANDARD[name].unit), "u"),
             ]
         )
@@ -109,7 +109,7 @@ def _figure(prediction: Prediction, name: str, fit: Mapping[str, float | None], 
     )
     value = fit.get(name)
     right = (
-        f"fit {fit_number(value, f'fit.{name}')}{'' if value <= -999.0 else ' %'}"
+        f"fit {fit_number(value, f'fit/{name}')}{'' if value <= -999.0 else ' %'}"
         if alone and value is not None
         else ""
     )

@@ -37,10 +37,10 @@ def residual_section(residuals: Mapping[str, Residual], key: str = "") -> str:
 def _table(residuals: Mapping[str, Residual], key: str) -> str:
     rows: list[list[Cell]] = []
     for name, one in residuals.items():
-        place = f"{key}.{name}" if key else ""
+        place = f"{key}/{name}" if key else ""
 
         def told(value: float | None, text: str | None = None, field: str = "", place: str = place) -> str:
-            return number(value, text, key=f"{place}.{field}" if place and field else "")
+            return number(value, text, key=f"{place}/{field}" if place and field else "")
 
         memory = one.memory
         time, spread = ("–", "") if one.time is None else measured(one.time, one.time_std)

@@ -63,13 +63,13 @@ def _sums(facts: ValidateFacts) -> list[tuple[str, str]]:
     judged = facts.judged
     told = {name: value for name, value in judged.fit.items() if value is not None}
     start, end = judged.window
-    window = f"{number(start, short(start, 5), key='window.0')} to {number(end, short(end, 5), key='window.1')} s"
+    window = f"{number(start, short(start, 5), key='window/0')} to {number(end, short(end, 5), key='window/1')} s"
     restart = "none" if facts.horizon is None else f"every {number(facts.horizon, key='horizon_s')} s"
     out = [("Window", window), ("Restarts", restart)]
     if told:
         best, worst = max(told, key=lambda name: told[name]), min(told, key=lambda name: told[name])
-        out.append((f"Best fit ({NAMES[best]})", f"{fit_number(told[best], f'fit.{best}')} %"))
+        out.append((f"Best fit ({NAMES[best]})", f"{fit_number(told[best], f'fit/{best}')} %"))
         if worst != best:
             unit = "" if told[worst] <= -999.0 else " %"
-            out.append((f"Least fit ({NAMES[worst]})", f"{fit_number(told[worst], f'fit.{worst}')}{unit}"))
+            out.append((f"Least fit ({NAMES[worst]})", f"{fit_number(told[worst], f'fit/{worst}')}{unit}"))
     return out
