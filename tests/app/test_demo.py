@@ -87,7 +87,7 @@ def test_piped_output_is_plain_lines(ran: Ran) -> None:
 
 def test_the_page_stands_alone(ran: Ran) -> None:
     page = (ran.folder / "demo.html").read_text(encoding="utf-8")
-    assert page.count('class="chart"') > 2 * len(FREE)
+    assert page.count('class="chart"') == len(FREE) + 6 + 6  # settling, predictions, their errors
     assert "<script" not in page
     assert "src=" not in page
     assert str(ran.folder) not in page

@@ -11,7 +11,7 @@ from towtank.core.arrays import Array
 
 __all__ = ["correlation", "heatmap_svg", "strongest"]
 
-_CELL, _MARGIN = 44, 76
+_CELL, _MARGIN = 44, 88
 _DEEPEST = 0.7  # opacity of a whole correlation: the value stays readable on it
 
 
@@ -34,7 +34,7 @@ def strongest(names: Sequence[str], matrix: Array, least: float) -> list[tuple[s
 def heatmap_svg(names: Sequence[str], matrix: Array) -> str:
     """Return the matrix as an `<svg>` element, a cell for each pair with its value in it."""
     n = len(names)
-    width, height = _MARGIN + n * _CELL + 4, _MARGIN + n * _CELL + 4
+    width, height = _MARGIN + n * _CELL + 30, _MARGIN + n * _CELL + 4
     out = [
         f'<svg class="heat" viewBox="0 0 {width} {height}" style="width:{width}px" role="img" '
         f'aria-label="Correlations of {escape(", ".join(names), quote=True)}">'
