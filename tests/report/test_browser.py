@@ -55,6 +55,19 @@ def test_it_opens_offline_and_fits(
     context.close()
 
 
+@pytest.mark.parametrize("kind", ["learned", "judged"])
+def test_nothing_is_wider_than_the_paper(kind: str, chromium, request: pytest.FixtureRequest) -> None:
+    made: Made = request.getfixturevalue(kind)
+    page = chromium.new_page(viewport={"width": 687, "height": 1000}, color_scheme="dark")  # 182 mm of A4
+    page.emulate_media(media="print")
+    page.goto(made.path.as_uri())
+    cut = "[...document.querySelectorAll('table, figure, svg')].map(e => e.getBoundingClientRect().right)"
+    assert max(page.evaluate(cut)) <= 688
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    assert page.evaluate("getComputedStyle(document.querySelector('.legend i')).display") == "inline-block"
+    page.close()
+
+
 def test_it_prints_on_a_few_pages(learned: Made, logs: Path, tmp_path: Path) -> None:
     need_browser()
     path = tmp_path / "learned.pdf"

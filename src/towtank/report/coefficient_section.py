@@ -20,6 +20,10 @@ _CAPTION = (
     "Value ± one standard deviation; in 95 of 100 cases the interval holds the truth. “Before” is what the vehicle "
     "file said. Known: to 10 % or better; roughly known: to 50 %."
 )
+_CAPTION_TRUTH = (
+    "Value ± one standard deviation; in 95 of 100 cases the interval holds the truth, which is the simulator's here. "
+    "Off by: the error in standard deviations. Known: to 10 % or better; roughly known: to 50 %."
+)
 
 
 def coefficient_section(facts: LearnFacts) -> str:
@@ -27,14 +31,14 @@ def coefficient_section(facts: LearnFacts) -> str:
     learned = [each for each in facts.estimate.coefficients if each.identified]
     if not learned:
         return section("coefficients", "Coefficients", paragraph("No coefficient could be identified from this log."))
-    head = ["Coefficient", ">Value", ">± std", ">95 % interval", ">Before"]
-    head += [">Truth", ">Off by"] if facts.truth is not None else []
+    head = ["Coefficient", ">Value", ">± std", ">95 % interval"]
+    head += [">Before"] if facts.truth is None else [">Truth", ">Off by"]
     rows = [_row(each, facts) for each in learned]
     return section(
         "coefficients",
         "Coefficients",
         table([*head, "Unit", "Verdict"], rows),
-        paragraph(_CAPTION, "note"),
+        paragraph(_CAPTION if facts.truth is None else _CAPTION_TRUTH, "note"),
         _sums(facts),
     )
 
@@ -49,17 +53,17 @@ def _row(each: Learned, facts: LearnFacts) -> list[Cell]:
     key = f"coefficients/{each.name}"
     value, std = number_and_std(each.value, each.std, key)
     word, grade = state_of(each)
-    truth = []
-    if facts.truth is not None:
+    if facts.truth is None:
+        beside = [cell(_before(facts.vehicle, each.name), "n")]
+    else:
         true = facts.truth.coefficient(each.name)
-        truth = [cell(number(true), "n"), cell(_off(each.value, true, each.std), "n")]
+        beside = [cell(number(true), "n"), cell(_off(each.value, true, each.std), "n")]
     return [
         _name(each.name),
         cell(value, "n"),
         cell(std, "n"),
         cell(_interval(each.value, each.std, key), "n"),
-        cell(_before(facts.vehicle, each.name), "n"),
-        *truth,
+        *beside,
         cell(unit_text(each.unit), "u"),
         cell(f'<span class="tag {grade}">{word}</span>'),
     ]

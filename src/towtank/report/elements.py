@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from html import escape
 
@@ -26,6 +27,8 @@ __all__ = [
 ]
 
 Cell = tuple[str, str]  # class, HTML
+
+_MINUS = re.compile(r"(?<=[ (])-(?=\d)")
 
 
 def _signed(text: str) -> str:
@@ -119,7 +122,8 @@ def sentence(text: str) -> str:
     """Return a line of the program's as HTML: with a capital where it begins with a word, not with a name."""
     first = text.split(" ", 1)[0]
     capital = first.isalpha() and first.islower() and len(first) > 1
-    return escape((text[0].upper() + text[1:] if capital else text).replace("+-", "±"))
+    said = (text[0].upper() + text[1:] if capital else text).replace("+-", "±")
+    return escape(_MINUS.sub("−", said))
 
 
 def paragraph(text: str, style: str = "") -> str:
