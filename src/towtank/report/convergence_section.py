@@ -18,7 +18,7 @@ _SETTLING = 0.25  # share of the log that may lie outside the picture
 _METHODS = {
     "joint": "the joint filter's",
     "output-error": "the joint filter's, beside which the free runs that had the last word may lie",
-    "paper": "that of plain least squares at the delay found; the result lies where instruments have taken its bias out, "
+    "paper": "that of plain least squares at the delay found; the result lies where instruments took its bias out, "
     "and its interval holds what the delay leaves open, too",
 }
 
