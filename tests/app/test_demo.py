@@ -87,10 +87,13 @@ def test_piped_output_is_plain_lines(ran: Ran) -> None:
 
 def test_the_page_stands_alone(ran: Ran) -> None:
     page = (ran.folder / "demo.html").read_text(encoding="utf-8")
-    assert page.count("data:image/png;base64,") == 2
-    assert "://" not in page
+    assert page.count('class="chart"') == len(FREE) + 6 + 6  # settling, predictions, their errors
+    assert "<script" not in page
+    assert "src=" not in page
     assert str(ran.folder) not in page
-    assert "m - X_udot" in page
+    assert "m − X_udot" in page
+    assert "of the truth" in page
+    assert 'class="truth"' in page
 
 
 def test_the_model_and_the_logs_can_be_read_again(ran: Ran) -> None:

@@ -164,7 +164,7 @@ def test_validate_in_windows(workshop: Path) -> None:
         (["--method", "paper", "--prior", "seamor"], "the method paper takes none"),
         (["--prior", "seamor"], "--prior seamor: no coefficient bears a std"),
         (["--prior", "nothing.toml"], "nothing.toml: no such file"),
-        (["--report", "r.html"], "this version writes no HTML report"),
+        (["--report", "r.txt"], "expected a name that ends in .html or .pdf"),
         (["--free", "X_zz"], "X_zz"),
         (["--free", ","], "expected names of coefficients"),
         (["--window", "5"], "expected START,END"),
@@ -180,6 +180,5 @@ def test_wrong_options(words: list[str], expected: str, workshop: Path) -> None:
     assert expected in refused("learn", workshop / "yaw.csv", *start, *words)
 
 
-def test_validate_refuses_a_report_and_a_horizon_of_nothing(workshop: Path) -> None:
-    assert "no HTML report" in refused("validate", "vlbv300", workshop / "yaw.csv", "--report", "r.html")
+def test_validate_refuses_a_horizon_of_nothing(workshop: Path) -> None:
     assert "--horizon: found 0" in refused("validate", "vlbv300", workshop / "yaw.csv", "--horizon", 0)

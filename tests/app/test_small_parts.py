@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from towtank.app.arguments import Window, numbers
-from towtank.app.digits import measured, short
 from towtank.app.document import json_text, plain
 from towtank.app.text_plot import text_plot
+from towtank.digits import measured, short
 from towtank.errors import InputError
 from towtank.recording import Recording
 

@@ -23,7 +23,6 @@ __all__ = [
     "Report",
     "Window",
     "WindowText",
-    "no_report",
     "numbers",
     "output_place",
     "positive",
@@ -50,7 +49,12 @@ WindowText = Annotated[
     ),
 ]
 Report = Annotated[
-    Path | None, typer.Option("--report", metavar="FILE.html", help="HTML report; not in this version yet.")
+    Path | None,
+    typer.Option(
+        "--report",
+        metavar="FILE.html",
+        help="Report to write, one page with tables and figures; .pdf where Chromium, Chrome or Edge is installed.",
+    ),
 ]
 
 
@@ -123,9 +127,3 @@ def output_place(option: str, path: Path | None, suffixes: tuple[str, ...]) -> P
     if path.is_dir():
         raise InputError(f"{path}: this is a folder, expected the name of a file to write")
     return path
-
-
-def no_report(path: Path | None) -> None:
-    """Raise InputError where a report is asked for."""
-    if path is not None:
-        raise InputError(f"--report {path}: this version writes no HTML report; leave --report out, or use --json")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from towtank.app.digits import percent, short
 from towtank.app.output import Output
+from towtank.digits import percent, short
 from towtank.recording import STANDARD
 from towtank.validation.comparison import ChannelComparison, Comparison, Contest
 

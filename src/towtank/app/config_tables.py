@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from towtank.app.digits import measured, short
 from towtank.app.output import Output
+from towtank.digits import measured, short
 from towtank.vehicle.configurations import Configuration
 from towtank.vehicle.differences import Difference, Differences, differences
 

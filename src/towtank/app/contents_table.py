@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from towtank.app.digits import short
 from towtank.app.output import Output
+from towtank.digits import short
 from towtank.recording import Content, Recording
 
 __all__ = ["contents_document", "show_contents"]

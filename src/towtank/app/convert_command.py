@@ -28,8 +28,8 @@ def convert(
       towtank convert surge.csv surge.parquet
     """
     from towtank.app.contents_table import contents_document
-    from towtank.app.digits import short
     from towtank.app.output import Output
+    from towtank.digits import short
     from towtank.readers import read
     from towtank.recording.writing import WRITABLE
 

@@ -20,6 +20,7 @@ from towtank.app.demo_stream import Moment, stream
 from towtank.app.demo_table import Screen, coefficient_table
 from towtank.app.demo_warmup import warm_up
 from towtank.app.demo_words import commands, fit_text, plan, verdict
+from towtank.app.output import Output
 from towtank.errors import InputError
 from towtank.identification import Learner, LogLearning, learn_recordings
 from towtank.outputs import write_text
@@ -71,7 +72,7 @@ def run_demo(
     model = learning.model
     unseen = unseen_session()
     judged = validate(model, [unseen.recording])
-    files = write_demo(output, session, unseen, model, judged, course)
+    files = write_demo(output, session, unseen, learning, judged, course)
     console.print()
     console.print(coefficient_table(course, ascii_only=screen.ascii_only, final=True))
     console.print()
@@ -91,7 +92,8 @@ def run_demo(
 def _second_pass(console: Console, session: Session, course: Course) -> LogLearning:
     """Learn once more from the whole recording, as `towtank learn` does, and add the result to the course."""
     _say(console, "second pass over the recording, as `towtank learn` takes a log")
-    learning = learn_recordings(session.known, [session.recording], free=FREE)
+    with Output().progress("second pass") as tell:
+        learning = learn_recordings(session.known, [session.recording], free=FREE, progress=tell)
     course.read(session.recording.duration, learning.estimate)
     return learning
 

@@ -14,12 +14,14 @@ from rich.text import Text
 from towtank.app.demo_progress import SETTLED, SETTLING, WAITING, Course
 from towtank.app.demo_session import Session
 from towtank.app.demo_stream import Moment
-from towtank.app.digits import measured, short
+from towtank.app.spark import spark
+from towtank.digits import measured, short
 
 __all__ = ["Screen", "coefficient_table", "estimate_text"]
 
 _STYLES = {WAITING: "dim", SETTLING: "yellow", SETTLED: "green"}
 _BAR = 30
+_SPARK = 8  # characters
 
 
 def estimate_text(value: float, std: float, ascii_only: bool = False) -> str:
@@ -31,7 +33,11 @@ def estimate_text(value: float, std: float, ascii_only: bool = False) -> str:
 
 
 def coefficient_table(course: Course, axis: str = "", *, ascii_only: bool = False, final: bool = False) -> Table:
-    """Return the table of coefficients; the rows of `axis` are marked as being excited. `final`: without states."""
+    """Return the table of coefficients; the rows of `axis` are marked as being excited.
+
+    Args:
+        final: errors in deviations in place of states.
+    """
     box = None if ascii_only else SIMPLE_HEAD
     table = Table(box=box, pad_edge=False, padding=(0, int(ascii_only), 0, 0), show_edge=False, header_style="bold")
     table.add_column("", width=1)
@@ -40,10 +46,12 @@ def coefficient_table(course: Course, axis: str = "", *, ascii_only: bool = Fals
     table.add_column("Truth", justify="right", no_wrap=True, min_width=7)
     table.add_column("Estimate +- std" if ascii_only else "Estimate ± std", justify="right", no_wrap=True, min_width=15)
     table.add_column("Error %", justify="right", no_wrap=True, min_width=7)
-    table.add_column("in std", justify="right", no_wrap=True, min_width=6)
+    if final:
+        table.add_column("in std", justify="right", no_wrap=True, min_width=6)
+    table.add_column("Course", no_wrap=True, min_width=_SPARK)
     if not final:
         table.add_column("State", no_wrap=True, min_width=8)
-    for (quantity, value, std), state in zip(course.latest(), course.states, strict=True):
+    for i, ((quantity, value, std), state) in enumerate(zip(course.latest(), course.states, strict=True)):
         known = value == value
         style = _STYLES[state]
         excited = axis in quantity.axes
@@ -54,7 +62,8 @@ def coefficient_table(course: Course, axis: str = "", *, ascii_only: bool = Fals
             short(quantity.truth, 5),
             Text(estimate_text(value, std, ascii_only), style=style if known else "dim"),
             f"{100.0 * (value / quantity.truth - 1.0):+.2f}" if known else "",
-            f"{abs(value - quantity.truth) / std:.1f}" if known else "",
+            *([f"{abs(value - quantity.truth) / std:.1f}" if known else ""] if final else []),
+            spark([row[i] for row in course.values], _SPARK, ascii_only=ascii_only),
             *([] if final else [Text(state, style=style)]),
         )
     return table

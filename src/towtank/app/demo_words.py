@@ -6,7 +6,7 @@ from pathlib import Path
 
 from towtank.app.demo_progress import Course
 from towtank.app.demo_session import DELAY, DISTURBANCE, MOCAP, SEED
-from towtank.app.digits import short
+from towtank.digits import short
 from towtank.validation import Validation
 
 __all__ = ["LOG", "MODEL", "UNSEEN", "commands", "fit_text", "plan", "setting", "verdict"]

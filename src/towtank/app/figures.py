@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from towtank.app.digits import percent
 from towtank.core.arrays import Array
+from towtank.digits import percent
 from towtank.validation import Prediction
 
 if TYPE_CHECKING:

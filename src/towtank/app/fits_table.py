@@ -4,24 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from towtank.app.digits import percent, short
 from towtank.app.output import Output
+from towtank.digits import percent, short
 from towtank.recording import STANDARD
 
 __all__ = ["show_fits"]
 
 
-def show_fits(fit: Mapping[str, float | None], rmse: Mapping[str, float | None] | None, output: Output) -> None:
-    """Print the fit [%] of every channel that was measured, and its error where `rmse` is given."""
+def show_fits(
+    fit: Mapping[str, float | None],
+    rmse: Mapping[str, float | None] | None,
+    output: Output,
+    errors: Mapping[str, str] | None = None,
+) -> None:
+    """Print the fit [%] of every channel that was measured, and its error where `rmse` is given.
+
+    Args:
+        errors: spark lines of the errors over time.
+    """
     measured = {name: value for name, value in fit.items() if value is not None}
     if not measured:
         output.line("nothing to compare with: no motion was measured")
         return
     columns = ("Channel", ">Fit %", "") if rmse is None else ("Channel", ">Fit %", "", ">RMS error", "Unit")
-    table = output.table(*columns)
+    table = output.table(*columns, *(() if errors is None else ("Error over time",)))
     for name, value in measured.items():
         row = [name, percent(value), f"{output.bar(value / 100.0):<20}"]
         if rmse is not None:
             row += [short(rmse.get(name), 3), STANDARD[name].unit]
+        if errors is not None:
+            row.append(errors.get(name, ""))
         table.add_row(*row)
     output.show(table)

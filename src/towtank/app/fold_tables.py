@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from towtank.app.digits import measured, percent, short
 from towtank.app.output import Output
+from towtank.digits import measured, percent, short
 from towtank.validation.cross_validation import CrossValidation, FoldedCoefficient
 
 __all__ = ["fold_document", "show_folds"]

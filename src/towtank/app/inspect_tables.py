@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from towtank.app.channel_facts import ChannelFacts
 from towtank.app.contents_table import show_contents
-from towtank.app.digits import short
 from towtank.app.inspection import AxisVerdict, Inspection
 from towtank.app.levels_tables import disturbance_cells
 from towtank.app.output import Output
+from towtank.digits import short
 from towtank.identification.axes import AXES
 from towtank.identification.noise import NoiseLevel
+from towtank.recording.channel_facts import ChannelFacts
 from towtank.recording.standard import EULER
 
 __all__ = ["show_inspection"]

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from towtank.app.channel_facts import ChannelFacts, channel_facts
 from towtank.app.contents_table import contents_document
 from towtank.app.first_look import DRIVEN, first_look
 from towtank.app.learn_report import delay_deviation
@@ -20,6 +19,7 @@ from towtank.identification.log_learning import Levels
 from towtank.identification.noise import NoiseLevel, noise_levels
 from towtank.identification.outlook import Outlook, Prospect, liveliest, outlook
 from towtank.recording import Grid, Recording, align, bind_thrusters
+from towtank.recording.channel_facts import ChannelFacts, channel_facts
 from towtank.recording.repairs import Repairs
 from towtank.recording.standard import MOTION, QUATERNION, WORLD_VELOCITY
 from towtank.vehicle import Vehicle

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from towtank.app.arguments import LOG_KINDS, Json, Map, Report, Window, WindowText, no_report, output_place, positive
+from towtank.app.arguments import LOG_KINDS, Json, Map, Report, Window, WindowText, output_place, positive
+from towtank.app.report_output import command_text, report_place
 from towtank.errors import InputError, nearest
 
 if TYPE_CHECKING:
     from towtank.identification import LogLearning
     from towtank.recording import Grid
+    from towtank.validation import Validation
     from towtank.vehicle import Vehicle
 
 __all__ = ["learn", "names_of"]
@@ -78,18 +80,19 @@ def learn(
 
     \b
     Examples:
-      towtank learn surge.csv --vehicle vlbv300 -o learned.toml
+      towtank learn surge.csv --vehicle vlbv300 -o learned.toml --report learned.html
       towtank learn surge.csv --vehicle vlbv300 --prior learned.toml
     """
     _known_method(method, prior)
     if current and method != "joint":
         raise InputError(f"--current: method {method} knows none; use joint, or leave it out")
-    no_report(report)
     stretch = Window.parse(window)
     output_place("--output", model_file, (".toml",))
+    report_place(report)
     positive("--delay", delay, zero=True)
     wanted = names_of(free)
 
+    from towtank.app.learn_facts import write_learn_report
     from towtank.app.learn_report import learn_document, show_learning
     from towtank.app.output import Output
     from towtank.app.repairs_text import learning_warnings
@@ -114,27 +117,47 @@ def learn(
         )
         model = _with_provenance(learning, logs, prior)
         tell("predicting", 0.9)
-        fit, unfit = _fit(model, learning.grids)
+        scores, unfit = _fit(model, learning.grids)
+        fit, rmse = ({}, {}) if scores is None else (scores.fit, scores.rmse)
         if model_file is not None:
             save_vehicle(model, model_file)
-    warnings = [*output.warnings, *learning_warnings(learning, recordings), *unfit]
+        warnings = [*output.warnings, *learning_warnings(learning, recordings), *unfit]
+        judge = f"towtank validate {model_file or 'MODEL.toml'} ANOTHER_LOG" + (f" --map {mapping}" if mapping else "")
+        if report is not None:
+            tell("report", 0.95)
+            again = {
+                "--vehicle": vehicle,
+                "--method": None if method == "joint" else method,
+                "--free": free,
+                "--window": window,
+                "--map": mapping,
+                "--delay": delay,
+                "--prior": prior,
+                "--current": current,
+                "-o": model_file,
+            }
+            commands = [command_text("learn", logs, again), judge]
+            write_learn_report(report, learning, model, scores, recordings, logs, warnings, prior, commands)
     show_learning(learning, fit, logs, warnings, output, asked=method, prior=prior)
     output.line()
     if model_file is not None:
         output.line(f"model written to {model_file}")
-    judge = f"towtank validate {model_file or 'MODEL.toml'} ANOTHER_LOG" + (f" --map {mapping}" if mapping else "")
+    if report is not None:
+        output.line(f"report written to {report}")
     output.line(f"Next: {judge}" if model_file else f"Next: the same with -o MODEL.toml, then {judge}", "dim")
-    output.document({"vehicle": known.name, "logs": logs, "prior": prior, **learn_document(learning, fit, warnings)})
+    output.document(
+        {"vehicle": known.name, "logs": logs, "prior": prior, **learn_document(learning, fit, warnings, rmse)}
+    )
 
 
-def _fit(model: Vehicle, grids: Sequence[Grid]) -> tuple[dict[str, float | None], list[str]]:
-    """Return the fit [%] of the model on the logs; where they do not allow a prediction, a warning instead."""
+def _fit(model: Vehicle, grids: Sequence[Grid]) -> tuple[Validation | None, list[str]]:
+    """Return how the model predicts the logs; where they do not allow a prediction, a warning instead."""
     from towtank.validation import predict, score
 
     try:
-        return score([predict(model, grid) for grid in grids]).fit, []
+        return score([predict(model, grid) for grid in grids]), []
     except InputError as error:
-        return {}, [f"no fit: {error}"]
+        return None, [f"no fit: {error}"]
 
 
 def _known_method(method: str, prior: str | None) -> None:

@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from towtank.app.digits import measured, short
 from towtank.app.fits_table import show_fits
-from towtank.app.intervals import interval, interval_text
 from towtank.app.levels_tables import disturbance_document, noise_document, show_levels
 from towtank.app.output import Output
+from towtank.digits import measured, short
 from towtank.identification import Estimate
 from towtank.identification.logs import LogLearning
+from towtank.intervals import interval, interval_text
 
 __all__ = ["delay_deviation", "estimate_document", "learn_document", "show_learning"]
 
@@ -139,7 +139,12 @@ def _before(learning: LogLearning, name: str) -> float | None:
         return None
 
 
-def learn_document(learning: LogLearning, fit: Mapping[str, float | None], warnings: Sequence[str]) -> dict[str, Any]:
+def learn_document(
+    learning: LogLearning,
+    fit: Mapping[str, float | None],
+    warnings: Sequence[str],
+    rmse: Mapping[str, float | None] | None = None,
+) -> dict[str, Any]:
     """Return the part of the JSON document that learning fills."""
     estimate = learning.estimate
     return {
@@ -160,6 +165,7 @@ def learn_document(learning: LogLearning, fit: Mapping[str, float | None], warni
         "disturbance": disturbance_document(learning.levels, learning.sources),
         "noise": noise_document(learning.levels, learning.grids),
         "fit": {**{name: fit.get(name) for name in _VELOCITIES}, **fit},
+        "rmse": dict(rmse or {}),
         "warnings": list(warnings),
     }
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from towtank.app.digits import measured, short
+from towtank.digits import measured, short
 from towtank.live.learning import Learnt
 from towtank.live.status import SourceStatus, Status
 

@@ -12,12 +12,14 @@ from rich.text import Text
 
 from towtank.app.live_table import clock, coefficient_rows, link_lines, measures
 from towtank.app.output import Output
+from towtank.app.spark import spark
 from towtank.live.status import Status
 from towtank.vehicle import Vehicle
 
 __all__ = ["LiveView"]
 
 _LINE = 5.0  # s between two plain lines
+_SPARK, _LONGEST = 12, 480  # characters; values kept of a course
 _SURE, _FAIR = 0.05, 0.2  # relative deviations that are shown in green, in yellow
 
 
@@ -28,6 +30,7 @@ class LiveView:
         self._output, self._console = output, output.console
         self._title = f"{vehicle.name}, method {method}"
         self._told = time.monotonic()
+        self._courses: dict[str, list[float]] = {}
 
     @contextlib.contextmanager
     def showing(self) -> Iterator[Callable[[Status], None] | None]:
@@ -52,18 +55,30 @@ class LiveView:
         rows, rest = coefficient_rows(learnt, ascii_only=self._output.ascii)
         parts.append(Text())
         header = ">Estimate +- std" if self._output.ascii else ">Estimate ± std"
-        table = self._output.table("Coefficient", header, ">Rel. std", "Unit")
+        table = self._output.table("Coefficient", header, ">Rel. std", "Unit", "Course")
+        courses = self._followed(status)
         relative = [
             each.std / abs(each.value) for each in learnt.estimate.coefficients if each.identified and each.value
         ]
         styles = ["green" if x <= _SURE else "yellow" if x <= _FAIR else "dim" for x in relative]
         for k, row in enumerate(rows):
-            table.add_row(*row, style=styles[k] if len(styles) == len(rows) else "")
+            course = spark(courses[row[0]], _SPARK, ascii_only=self._output.ascii)
+            table.add_row(*row, course, style=styles[k] if len(styles) == len(rows) else "")
         parts.append(table if rows else Text("no coefficient is known yet", style="dim"))
         if rest:
             names = ", ".join(name for group in rest.values() for name in group)
             parts.append(Text(f"not known: {names}", style="dim"))
         return Group(*parts)  # type: ignore[arg-type]
+
+    def _followed(self, status: Status) -> dict[str, list[float]]:
+        """Return the course of every coefficient that is identified, thinned where it becomes long."""
+        for each in status.learnt.estimate.coefficients:
+            if each.identified:
+                course = self._courses.setdefault(each.name, [])
+                course.append(each.value)
+                if len(course) > _LONGEST:
+                    del course[::2]
+        return self._courses
 
     def _line(self, status: Status) -> None:
         now = time.monotonic()

@@ -10,7 +10,7 @@ from typing import Any
 
 from rich.box import ASCII, SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -107,7 +107,8 @@ class Output:
             yield lambda text, share: None
             return
         console = Console(stderr=True, highlight=False, markup=False, emoji=False)
-        columns = (TextColumn("{task.description}"), BarColumn(bar_width=30), TimeElapsedColumn())
+        times = (TimeElapsedColumn(), TimeRemainingColumn(compact=True), TextColumn("left"))
+        columns = (TextColumn("{task.description}"), BarColumn(bar_width=20), *times)
         with Progress(*columns, console=console, transient=True) as bar:
             task = bar.add_task(text, total=1.0, visible=False)
             began = time.monotonic()

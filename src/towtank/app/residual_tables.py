@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from towtank.app.digits import measured, short
 from towtank.app.output import Output
+from towtank.digits import measured, short
 from towtank.recording import STANDARD
 from towtank.validation.autocorrelation import Autocorrelation, Portmanteau
 from towtank.validation.command_trace import CommandTrace

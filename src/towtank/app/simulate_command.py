@@ -33,8 +33,8 @@ def list_manoeuvres(json: Json = False) -> None:
     Example:
       towtank manoeuvre list
     """
-    from towtank.app.digits import short
     from towtank.app.output import Output
+    from towtank.digits import short
     from towtank.simulation import AXES, FORMS, MANOEUVRES
 
     output = Output(json=json)

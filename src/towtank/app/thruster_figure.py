@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from towtank.app.digits import short
+from towtank.digits import short
 from towtank.outputs import write_atomically
 from towtank.vehicle import ThrusterFit, curve_force
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from towtank.app.digits import short
 from towtank.app.output import Output
 from towtank.app.text_plot import text_plot
+from towtank.digits import short
 from towtank.vehicle import ThrusterFit, curve_force, curve_text
 
 __all__ = ["fit_document", "show_fit"]

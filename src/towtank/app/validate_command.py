@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from towtank.app.arguments import LOG_KINDS, Json, Map, Report, Window, WindowText, no_report, positive
+from towtank.app.arguments import LOG_KINDS, Json, Map, Report, Window, WindowText, positive
+from towtank.app.report_output import command_text, report_place
 from towtank.errors import InputError
 
 if TYPE_CHECKING:
-    from towtank.app.output import Output, Teller
     from towtank.recording import Recording
-    from towtank.validation import Validation
-    from towtank.validation.cross_validation import Learn
-    from towtank.vehicle import Vehicle
 
 __all__ = ["validate"]
 
@@ -67,17 +63,18 @@ def validate(
       towtank validate learned.toml surge.csv --against vlbv300
       towtank validate learned.toml surge.csv --folds 5
     """
-    no_report(report)
     positive("--horizon", horizon)
     positive("--delay", delay, zero=True)
     stretch = Window.parse(window)
     models = _models(model, against or [])
     _folds_alone(folds, method, against)
+    report_place(report)
 
-    from towtank.app.digits import short
+    from towtank.app.judging import against_others, alone, by_folds, write_validate_report
     from towtank.app.output import Output
     from towtank.app.relearning import learn_by
     from towtank.app.sources import read_logs, read_vehicle
+    from towtank.digits import short
 
     output = Output(json=json)
     with output.progress("predicting") as tell:
@@ -86,17 +83,35 @@ def validate(
         options = {"horizon": horizon, "delay": delay}
         if folds is not None:
             recordings = recordings if common is None else [recording.window(*common) for recording in recordings]
-            judged = _by_folds(vehicles[model], recordings, folds, learn_by(method, delay), logs, options, tell)
+            judged = by_folds(vehicles[model], recordings, folds, learn_by(method, delay), logs, options, tell)
         elif len(vehicles) > 1:
-            judged = _against(vehicles, recordings, {"window": common, **options}, tell)
+            judged = against_others(vehicles, recordings, {"window": common, **options}, tell)
         else:
-            judged = _alone(vehicles[model], recordings, {"window": common, **options}, tell)
+            judged = alone(vehicles[model], recordings, {"window": common, **options}, tell)
         found = judged.found
+        if report is not None:
+            tell("report", 0.95)
+            again = {
+                "--window": window,
+                "--horizon": horizon,
+                "--delay": delay,
+                "--against": against,
+                "--folds": folds,
+                "--method": method,
+                "--map": mapping,
+            }
+            told = {"horizon": horizon, "delay": delay, "warnings": tuple(output.warnings), "recordings": recordings}
+            write_validate_report(
+                report, model, vehicles[model], judged, logs, [command_text("validate", [model, *logs], again)], told
+            )
     output.line(f"{model} on {', '.join(log.name for log in logs)}", "bold")
     restart = "" if horizon is None else f", set back to the measured state every {short(horizon)} s"
     late = "" if delay is None else f", delay {1e3 * delay:.4g} ms"
     output.line(f"{short(found.window[0])} to {short(found.window[1])} s{restart}{late}")
     judged.show(output)
+    if report is not None:
+        output.line()
+        output.line(f"report written to {report}")
     output.document(
         {
             "model": model,
@@ -110,65 +125,6 @@ def validate(
             "warnings": output.warnings,
         }
     )
-
-
-@dataclass(frozen=True)
-class _Judged:
-    """What was found: scores, how to print it, and its part of the document."""
-
-    found: Validation
-    show: Callable[[Output], None]
-    document: dict[str, Any]
-
-
-def _alone(vehicle: Vehicle, recordings: Sequence[Recording], options: dict[str, Any], tell: Teller) -> _Judged:
-    from towtank.app.fits_table import show_fits
-    from towtank.app.residual_tables import residual_document, show_residuals
-    from towtank.validation import residuals
-    from towtank.validation import validate as judge
-
-    found = judge(vehicle, recordings, progress=tell, **options)
-    errors = residuals(found.predictions, progress=tell)
-
-    def show(output: Output) -> None:
-        output.line()
-        show_fits(found.fit, found.rmse, output)
-        show_residuals(errors, output)
-
-    return _Judged(found, show, {"residuals": residual_document(errors)})
-
-
-def _against(
-    vehicles: Mapping[str, Vehicle], recordings: Sequence[Recording], options: dict[str, Any], tell: Teller
-) -> _Judged:
-    from towtank.app.comparison_tables import comparison_document, show_comparison
-    from towtank.app.residual_tables import residual_document
-    from towtank.validation import compare, residuals
-
-    found = compare(vehicles, recordings, progress=tell, **options)
-    first = next(iter(found.validations.values()))
-    document = {
-        "residuals": residual_document(residuals(first.predictions, progress=tell)),
-        "comparison": comparison_document(found),
-    }
-    return _Judged(first, lambda output: show_comparison(found, output), document)
-
-
-def _by_folds(
-    vehicle: Vehicle,
-    recordings: Sequence[Recording],
-    folds: int,
-    learn: Learn,
-    logs: Sequence[Path],
-    options: dict[str, Any],
-    tell: Teller,
-) -> _Judged:
-    from towtank.app.fold_tables import fold_document, show_folds
-    from towtank.validation import cross_validate
-
-    found = cross_validate(vehicle, recordings, windows=folds, learn=learn, progress=tell, **options)
-    document = {"cross_validation": fold_document(found, logs)}
-    return _Judged(found.scores, lambda output: show_folds(found, logs, output), document)
 
 
 def _models(model: str, against: Sequence[str]) -> list[str]:

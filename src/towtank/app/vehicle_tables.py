@@ -5,8 +5,8 @@ from __future__ import annotations
 import warnings
 from typing import Any
 
-from towtank.app.digits import measured, short, signed_list
 from towtank.app.output import Output
+from towtank.digits import measured, short, signed_list
 from towtank.vehicle import (
     RESTORING,
     Thruster,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from towtank.app.digits import measured
+from towtank.digits import measured
 
 __all__ = ["interval", "interval_text"]
 

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from towtank.recording import Channel, Recording, find_gaps, sampling_rate
+from towtank.recording.channel import Channel
+from towtank.recording.recording import Recording
 from towtank.recording.standard import is_held
+from towtank.recording.timing import find_gaps, sampling_rate
 
 __all__ = ["ChannelFacts", "channel_facts"]
 

@@ -1,0 +1,123 @@
+"""The ways to judge a model: alone, against others, by folds; what each shows, says in the document and reports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from towtank.app.output import Output, Teller
+    from towtank.recording import Recording
+    from towtank.validation import Validation
+    from towtank.validation.cross_validation import Learn
+    from towtank.vehicle import Vehicle
+
+__all__ = ["Judged", "against_others", "alone", "by_folds", "write_validate_report"]
+
+
+_SPARK = 16  # characters
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What was found: scores, how to print it, its part of the document, and what a report tells of it."""
+
+    found: Validation
+    show: Callable[[Output], None]
+    document: dict[str, Any]
+    reported: Mapping[str, Any] = field(default_factory=dict)
+
+
+def alone(vehicle: Vehicle, recordings: Sequence[Recording], options: dict[str, Any], tell: Teller) -> Judged:
+    """Judge one model."""
+    from towtank.app.fits_table import show_fits
+    from towtank.app.residual_tables import residual_document, show_residuals
+    from towtank.validation import residuals
+    from towtank.validation import validate as judge
+
+    found = judge(vehicle, recordings, progress=tell, **options)
+    errors = residuals(found.predictions, progress=tell)
+
+    def show(output: Output) -> None:
+        output.line()
+        show_fits(found.fit, found.rmse, output, _sparks(found, ascii_only=output.ascii))
+        show_residuals(errors, output)
+
+    return Judged(found, show, {"residuals": residual_document(errors)}, {"residuals": errors})
+
+
+def _sparks(found: Validation, *, ascii_only: bool) -> dict[str, str]:
+    """Return the size of each channel's errors over time, recording after recording, as spark lines."""
+    import numpy as np
+
+    from towtank.app.spark import error_spark
+
+    out = {}
+    for name in found.fit:
+        pairs = [prediction.channels[name] for prediction in found.predictions if name in prediction.channels]
+        if pairs:
+            with np.errstate(invalid="ignore", over="ignore"):
+                errors = np.concatenate([measured - predicted for measured, predicted in pairs])
+            out[name] = error_spark(errors, _SPARK, ascii_only=ascii_only)
+    return out
+
+
+def against_others(
+    vehicles: Mapping[str, Vehicle], recordings: Sequence[Recording], options: dict[str, Any], tell: Teller
+) -> Judged:
+    """Judge several models on the same logs."""
+    from towtank.app.comparison_tables import comparison_document, show_comparison
+    from towtank.app.residual_tables import residual_document
+    from towtank.validation import compare, residuals
+
+    found = compare(vehicles, recordings, progress=tell, **options)
+    first = next(iter(found.validations.values()))
+    errors = residuals(first.predictions, progress=tell)
+    document = {"residuals": residual_document(errors), "comparison": comparison_document(found)}
+    reported = {"residuals": errors, "comparison": found}
+    return Judged(first, lambda output: show_comparison(found, output), document, reported)
+
+
+def by_folds(
+    vehicle: Vehicle,
+    recordings: Sequence[Recording],
+    folds: int,
+    learn: Learn,
+    logs: Sequence[Path],
+    options: dict[str, Any],
+    tell: Teller,
+) -> Judged:
+    """Judge a model on windows, each learned anew on the others."""
+    from towtank.app.fold_tables import fold_document, show_folds
+    from towtank.validation import cross_validate
+
+    found = cross_validate(vehicle, recordings, windows=folds, learn=learn, progress=tell, **options)
+    document = {"cross_validation": fold_document(found, logs)}
+    return Judged(found.scores, lambda output: show_folds(found, logs, output), document, {"folds": found})
+
+
+def write_validate_report(
+    path: Path,
+    name: str,
+    model: Vehicle,
+    judged: Judged,
+    logs: Sequence[Path],
+    commands: Sequence[str],
+    told: Mapping[str, Any],
+) -> None:
+    """Write the report of a validation; `told` are further facts of it. Raises InputError."""
+    from towtank.app.report_output import origin_of, write_report
+    from towtank.report import ValidateFacts
+    from towtank.report.validate_page import validate_html
+
+    facts = ValidateFacts(
+        name=name,
+        model=model,
+        judged=judged.found,
+        origin=origin_of(logs, commands),
+        **judged.reported,
+        **told,
+    )
+    write_report(path, validate_html(facts))

@@ -1,0 +1,111 @@
+"""What a report is made of, as frozen records with optional parts: what is not there is left out of the page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from towtank.identification import Estimate
+from towtank.identification.convergence import Convergence
+from towtank.recording import Recording
+from towtank.validation import Comparison, CrossValidation, Prediction, Residual, Validation
+from towtank.vehicle import Vehicle
+
+__all__ = ["LearnFacts", "LogFile", "Origin", "ValidateFacts"]
+
+
+@dataclass(frozen=True)
+class LogFile:
+    """A log as it was read: its name, its size in bytes, its SHA-256 in hexadecimal."""
+
+    name: str
+    size: int
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a report comes from.
+
+    Attributes:
+        made: when, for a person. logs: the files. commands: that make it again, in order. versions: name -> version.
+    """
+
+    made: str = ""
+    logs: Sequence[LogFile] = ()
+    commands: Sequence[str] = ()
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class LearnFacts:
+    """What was learned, and from what.
+
+    Attributes:
+        vehicle: as it was known before. model: with what was learned. estimate: coefficients.
+        method: that they come from. asked: the method asked for. remarks: how it was learned, in plain words.
+        delay, delay_std, lag, lag_std: [s], NaN where not known. delay_given: it was not searched for.
+        gains: of thrusters, value and deviation. prior: what was known beforehand, as it was named.
+        fit, rmse: of the free-running prediction, per channel. predictions: one per log.
+        predicted: which logs these are, in words. residuals: errors of the predictions, per channel.
+        recordings: what was learned from, or its recent part. noise, disturbance: name -> {"std", "unit"}.
+        convergence: how the coefficients settled. truth: the vehicle that was simulated, where one was.
+        title: of the page; the vehicle's name by default. verdict: the first sentence; found from the facts by default.
+        warnings: in plain words.
+    """
+
+    vehicle: Vehicle
+    model: Vehicle
+    estimate: Estimate
+    method: str = "joint"
+    asked: str = ""
+    remarks: Sequence[str] = ()
+    delay: float = math.nan
+    delay_std: float | None = None
+    delay_given: bool = False
+    lag: float = math.nan
+    lag_std: float = math.nan
+    gains: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    prior: str | None = None
+    fit: Mapping[str, float | None] = field(default_factory=dict)
+    rmse: Mapping[str, float | None] = field(default_factory=dict)
+    predictions: Sequence[Prediction] = ()
+    predicted: str = "the logs that it was learned from"
+    residuals: Mapping[str, Residual] = field(default_factory=dict)
+    recordings: Sequence[Recording] = ()
+    noise: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
+    disturbance: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
+    convergence: Convergence | None = None
+    truth: Vehicle | None = None
+    title: str = ""
+    verdict: str = ""
+    warnings: Sequence[str] = ()
+    origin: Origin = Origin()
+
+    def of(self, origin: Origin) -> LearnFacts:
+        """Return the same facts with where they come from."""
+        return replace(self, origin=origin)
+
+
+@dataclass(frozen=True)
+class ValidateFacts:
+    """How well a model predicts, and what its errors are.
+
+    Attributes:
+        name: of the model as it was given. model: the vehicle. judged: its scores and predictions.
+        horizon, delay: [s] as asked for, None where not. residuals: errors per channel.
+        comparison: with other models. folds: cross-validation; `judged` is then of its windows.
+    """
+
+    name: str
+    model: Vehicle
+    judged: Validation
+    horizon: float | None = None
+    delay: float | None = None
+    residuals: Mapping[str, Residual] = field(default_factory=dict)
+    comparison: Comparison | None = None
+    folds: CrossValidation | None = None
+    recordings: Sequence[Recording] = ()
+    warnings: Sequence[str] = ()
+    origin: Origin = Origin()

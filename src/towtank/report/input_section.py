@@ -1,0 +1,59 @@
+"""From command to thrust: delay, lag, gains."""
+
+from __future__ import annotations
+
+import math
+from html import escape
+
+from towtank.digits import measured, short
+from towtank.report.elements import facts as pairs_of
+from towtank.report.elements import number, section
+from towtank.report.facts import LearnFacts
+
+__all__ = ["input_section"]
+
+
+def input_section(facts: LearnFacts) -> str:
+    """Return what was found of the way from command to thrust."""
+    scale = facts.vehicle.scale_std
+    return section(
+        "input",
+        "From command to thrust",
+        pairs_of(
+            [
+                ("Delay", _delay(facts)),
+                ("Lag of the thrusters", _lag(facts)),
+                ("Gain of thrusters, times their curves", _gains(facts)),
+                (
+                    "Scale of thrust",
+                    f"known to {100.0 * scale:.3g} %, within every deviation above" if scale else "",
+                ),
+            ]
+        ),
+    )
+
+
+def _delay(facts: LearnFacts) -> str:
+    if math.isnan(facts.delay):
+        return "not known yet"
+    std = facts.delay_std
+    spread = "" if std is None else f" ± {number(std, f'{1e3 * std:.1f}', key='delay_std_s')}"
+    found = "given" if facts.delay_given else "found from the log"
+    return f"{number(facts.delay, f'{1e3 * facts.delay:.1f}', key='delay_s')}{spread} ms, {found}"
+
+
+def _lag(facts: LearnFacts) -> str:
+    if math.isfinite(facts.lag):
+        value, std = measured(1e3 * facts.lag, 1e3 * facts.lag_std)
+        spread = f" ± {number(facts.lag_std, std, key='lag_std_s')}" if std else ""
+        return f"{number(facts.lag, value, key='lag_s')}{spread} ms, first order, found from the log"
+    lags = sorted({thruster.time_constant for thruster in facts.vehicle.thrusters if thruster.time_constant})
+    return f"{', '.join(short(1e3 * lag) for lag in lags)} ms, first order, of the vehicle file" if lags else ""
+
+
+def _gains(facts: LearnFacts) -> str:
+    told = []
+    for name, (gain, std) in facts.gains.items():
+        value = number(gain, f"{gain:.3f}", key=f"gains/{name}/value")
+        told.append(f"{escape(name)} {value} ± {number(std, f'{std:.3f}', key=f'gains/{name}/std')}")
+    return ", ".join(told)

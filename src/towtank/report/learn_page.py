@@ -1,0 +1,66 @@
+"""The report on what was learned, as one HTML page."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from towtank.digits import short
+from towtank.report.coefficient_section import coefficient_section, held_section
+from towtank.report.convergence_section import convergence_section
+from towtank.report.elements import fit_number, listed, number, section
+from towtank.report.facts import LearnFacts
+from towtank.report.identifiability_section import identifiability_section
+from towtank.report.input_section import input_section
+from towtank.report.log_section import log_section
+from towtank.report.origin_section import footer, origin_section
+from towtank.report.page import page
+from towtank.report.prediction_section import prediction_section
+from towtank.report.residual_section import residual_section
+from towtank.report.vehicle_section import vehicle_section
+from towtank.report.verdict import NAMES, learn_verdict
+
+__all__ = ["report_html"]
+
+METHODS = {
+    "joint": "joint filter",
+    "output-error": "output error",
+    "paper": "filtered regressors",
+}
+
+
+def report_html(facts: LearnFacts) -> str:
+    """Return the report; parts that there is nothing to say of are left out. Pure: the same facts, the same text."""
+    sections = [
+        section("warnings", "Warnings", listed(facts.warnings, "warnings")),
+        coefficient_section(facts),
+        held_section(facts),
+        prediction_section(facts.predictions, facts.fit, facts.rmse, facts.predicted),
+        residual_section(facts.residuals),
+        convergence_section(facts),
+        identifiability_section(facts.estimate),
+        input_section(facts),
+        log_section(facts.recordings, facts.noise, facts.disturbance),
+        vehicle_section(facts.vehicle),
+        section("how", "How it was learned", listed(facts.remarks)),
+        origin_section(facts.origin),
+    ]
+    verdict = learn_verdict(facts.estimate, facts.fit, facts.predicted)
+    verdict = replace(verdict, text=facts.verdict) if facts.verdict else verdict
+    return page(
+        "What was learned", facts.title or facts.vehicle.name, verdict, _sums(facts), sections, footer(facts.origin)
+    )
+
+
+def _sums(facts: LearnFacts) -> list[tuple[str, str]]:
+    estimate = facts.estimate
+    best = max(((v, name) for name, v in facts.fit.items() if v is not None), default=None)
+    identified = sum(estimate.identified)
+    delay = "" if facts.delay != facts.delay else f"{number(facts.delay, f'{1e3 * facts.delay:.1f}', key='delay_s')} ms"
+    return [
+        ("Coefficients learned", f"{identified} of {len(estimate.names)}"),
+        ("Learned from", f"{number(estimate.duration, short(estimate.duration, 5), key='duration_s')} s"),
+        ("Samples", number(estimate.samples, f"{estimate.samples}", key="samples")),
+        ("Delay", delay),
+        (f"Fit, {NAMES[best[1]]}" if best else "", f"{fit_number(best[0], f'fit/{best[1]}')} %" if best else ""),
+        ("Method", METHODS.get(facts.method, facts.method)),
+    ]

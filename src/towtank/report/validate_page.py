@@ -1,0 +1,75 @@
+"""The report on how well a model predicts, as one HTML page."""
+
+from __future__ import annotations
+
+from towtank.digits import short
+from towtank.report.comparison_section import comparison_section
+from towtank.report.elements import fit_number, listed, number, paragraph, section
+from towtank.report.error_section import error_section
+from towtank.report.facts import ValidateFacts
+from towtank.report.fold_section import fold_section
+from towtank.report.log_section import log_section
+from towtank.report.origin_section import footer, origin_section
+from towtank.report.page import page
+from towtank.report.prediction_section import fit_table, prediction_figures
+from towtank.report.residual_section import residual_section
+from towtank.report.vehicle_section import vehicle_section
+from towtank.report.verdict import NAMES, validate_verdict
+
+__all__ = ["validate_html"]
+
+
+def validate_html(facts: ValidateFacts) -> str:
+    """Return the report. Pure: the same facts, the same text."""
+    judged = facts.judged
+    sections = [
+        section("warnings", "Warnings", listed(facts.warnings, "warnings")),
+        section(
+            "prediction",
+            "Prediction against measurement",
+            paragraph(_how(facts), "note"),
+            fit_table(judged.fit, judged.rmse),
+            prediction_figures(judged.predictions, judged.fit, most=4),
+        )
+        if any(value is not None for value in judged.fit.values())
+        else "",
+        comparison_section(facts.comparison),
+        fold_section(facts.folds),
+        error_section(judged.predictions, facts.horizon),
+        residual_section(facts.residuals, "residuals"),
+        log_section(facts.recordings, {}, {}),
+        vehicle_section(facts.model),
+        origin_section(facts.origin),
+    ]
+    kinds = [one.verdict.kind for one in facts.residuals.values()]
+    verdict = validate_verdict(facts.name, judged.fit, kinds)
+    return page("How well a model predicts", facts.model.name, verdict, _sums(facts), sections, footer(facts.origin))
+
+
+def _how(facts: ValidateFacts) -> str:
+    if facts.horizon is None:
+        restart = "from one measured state on, never corrected"
+    else:
+        restart = f"set back to the measured state every {short(facts.horizon)} s"
+    late = "" if facts.delay is None else f", commands taken to act {1e3 * facts.delay:.4g} ms late"
+    whose = "each window by a model that has not seen it" if facts.folds is not None else "the model alone"
+    return (
+        f"{whose[0].upper()}{whose[1:]}, driven by the commands, {restart}{late}. A fit of 100 % is perfect, 0 % no "
+        "better than the mean of the measurement. Measured: grey; predicted: blue."
+    )
+
+
+def _sums(facts: ValidateFacts) -> list[tuple[str, str]]:
+    judged = facts.judged
+    told = {name: value for name, value in judged.fit.items() if value is not None}
+    start, end = judged.window
+    window = f"{number(start, short(start, 5), key='window/0')} to {number(end, short(end, 5), key='window/1')} s"
+    restart = "none" if facts.horizon is None else f"every {number(facts.horizon, key='horizon_s')} s"
+    out = [("Window", window), ("Restarts", restart)]
+    if told:
+        best, worst = max(told, key=lambda name: told[name]), min(told, key=lambda name: told[name])
+        out.append((f"Best fit ({NAMES[best]})", f"{fit_number(told[best], f'fit/{best}')} %"))
+        if worst != best:
+            unit = "" if told[worst] <= -999.0 else " %"
+            out.append((f"Least fit ({NAMES[worst]})", f"{fit_number(told[worst], f'fit/{worst}')}{unit}"))
+    return out

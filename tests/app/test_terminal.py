@@ -1,0 +1,66 @@
+"""The terminal: 80 columns, no control codes in a pipe, spark lines."""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from towtank.app.spark import error_spark, spark
+
+from .commands import Ran, command, process
+
+
+def fits(ran: Ran) -> None:
+    assert ran.code == 0, ran
+    assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f]", ran.out + ran.err), ran
+    assert max(map(len, ran.out.splitlines())) <= 80, ran
+    assert "…" not in ran.out
+
+
+def test_every_command_fits_80_columns(workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    fits(command("learn", workshop / "yaw.csv", "--vehicle", "vlbv300", "--method", "paper", "--delay", 0))
+    fits(command("validate", workshop / "learned.toml", workshop / "yaw.csv"))
+    fits(command("inspect", workshop / "yaw.csv"))
+
+
+def test_a_pipe_of_an_old_terminal_gets_plain_ascii(workshop: Path) -> None:
+    ran = process("validate", "learned.toml", "yaw.csv", cwd=workshop, COLUMNS="80", PYTHONIOENCODING="ascii")
+    fits(ran)
+    assert ran.out.isascii()
+    assert "Error over time" in ran.out
+
+
+def test_a_spark_line_rises_with_its_values() -> None:
+    assert spark(np.arange(8.0), 8) == "▁▂▃▄▅▆▇█"
+    assert spark(np.arange(8.0), 8, ascii_only=True) == "_.:-=+*#"
+    assert spark([], 4) == "    "
+    assert spark([np.nan, np.nan, 1.0, 2.0], 4) == "  ▁█"
+    assert spark([3.0, 3.0], 2) == "▁▁"
+    assert spark([1.0, 2.0], 4) == "▁▁██"
+
+
+def test_errors_start_from_nothing() -> None:
+    errors = np.array([-1.0, 1.0, 0.5, -0.5, np.inf, np.nan])
+    assert error_spark(errors, 3) == "█▅ "
+
+
+def test_a_bar_tells_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    from towtank.app import output
+
+    written = io.StringIO()
+    monkeypatch.setattr(written, "isatty", lambda: True)
+    monkeypatch.setattr(output.sys, "stderr", written)
+    monkeypatch.setattr(output, "_PATIENCE", -1.0)
+    screen = Console(force_terminal=True, width=80, file=written)
+    monkeypatch.setattr(output, "Console", lambda **settings: screen)
+    with output.Output(json=True).progress("learning") as tell:
+        for k in range(5):
+            tell("learning", 0.2 * k)
+    assert "left" in written.getvalue()
+    assert "learning" in written.getvalue()

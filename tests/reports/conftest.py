@@ -1,0 +1,50 @@
+"""Logs, documents and pages that the tests of the reports share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from .pages import Page, run
+
+
+class Made(NamedTuple):
+    """A report beside the JSON document of the same run."""
+
+    path: Path
+    page: Page
+    document: dict[str, Any]
+
+
+@pytest.fixture(scope="session")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with `yaw.csv` and `surge.csv`, 12 s each."""
+    folder = tmp_path_factory.mktemp("report")
+    sensed = ("--sensors", "ins", "--disturbance", 0.3, "--seed", 1)
+    for name in ("surge", "yaw"):
+        run("simulate", "vlbv300", f"{name}-square", "-o", folder / f"{name}.csv", "--duration", 12, *sensed)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def make(logs: Path) -> Any:
+    """Run a command with --report and --json and return both."""
+
+    def make(name: str, *words: object) -> Made:
+        path = logs / f"{name}.html"
+        document = run(*words, "--report", path)
+        return Made(path, Page(path.read_text(encoding="utf-8")), document)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def learned(make: Any, logs: Path) -> Made:
+    return make("learned", "learn", logs / "yaw.csv", "--vehicle", "vlbv300", "-o", logs / "learned.toml")
+
+
+@pytest.fixture(scope="session")
+def judged(make: Any, logs: Path, learned: Made) -> Made:
+    return make("judged", "validate", logs / "learned.toml", logs / "yaw.csv", "--horizon", 3)
