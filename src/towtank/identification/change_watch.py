@@ -4,10 +4,10 @@ Every half second a filter is split off the first one, with inertia, drag, weigh
 are known, the gains of the thrusters widened by what a payload or a fouled thruster would do to them. What its samples
 say by themselves (`change_window`) is the evidence of a change at that moment, of any parts. A change is one that has
 an evidence beyond `_SURE` twice in a row, and of which it is clear whether body or thruster is to blame. Then the
-filter that saw it goes on in place of the first one, told that all other coefficients stayed what they were: nothing has to be
-learned again. The moment is sought in steps of 0.1 s, by replay: a filter that began before the change has seen both
-vehicles, and blames whatever bends most easily. Without motion a split filter learns nothing, its evidence stays zero,
-and the first filter, whose coefficients do not walk, waits as it is.
+filter that saw it goes on in place of the first one, told that all other coefficients stayed what they were: nothing
+has to be learned again. The moment is sought in steps of 0.1 s, by replay: a filter that began before the change has
+seen both vehicles, and blames whatever bends most easily. Without motion a split filter learns nothing, its evidence
+stays zero, and the first filter, whose coefficients do not walk, waits as it is.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.identification.change_doubt import Doubt
 from towtank.identification.change_fork import (
     Fork,
     copied,
@@ -113,6 +114,7 @@ class Watch:
     def __init__(self, vehicle: Vehicle, buffer: Buffer, known: Mapping[str, Vehicle]) -> None:
         self.vehicle, self.known = vehicle, dict(known)
         self._rows = buffer
+        self.doubt = Doubt()
         self._recent = Recent(_LIVES_LONG + _EVERY)
         self._forks: list[Fork] = []
         self._ways: tuple[Hypothesis, ...] = ()
@@ -184,15 +186,21 @@ class Watch:
         self._count += 1
         lives = _LIVES_LONG if self._count % _OLD_ONE == 0 else _LIVES
         doubted = None if self._suspect is None else self._suspect[0]
+        for fork in self._forks:
+            if self._suspect is None and fork.until <= t and fork.until - fork.t < _LIVES_LONG:
+                self.doubt.learn(fork.window(), fork.steps)
         self._forks = [fork for fork in self._forks if fork.until > t or fork is doubted]
         self._forks.append(split_off(t, state, held, free, self._wide, self._steps, t + lives))
         self._next_split = t + _EVERY
 
     def _ask(self, t: float, free: FreeParameters) -> Change | None:
+        if not self.doubt.known:
+            return None
+        sure = _SURE * np.sqrt(self.doubt.factor)  # where windows err more, they err wildly more often, too
         asked = [(fork, fork.window()) for fork in self._forks if t - fork.t >= _YOUNG]
-        asked = [(fork, window) for fork, window in asked if window.most(fork.steps) > _SURE]
-        verdict = judged([window for _, window in asked], self._ways) if asked else None
-        if verdict is None or not verdict.evidence > _SURE:
+        asked = [(fork, window) for fork, window in asked if window.most(fork.steps) > sure * self.doubt.factor]
+        verdict = judged([window.tempered(self.doubt.factor) for _, window in asked], self._ways) if asked else None
+        if verdict is None or not verdict.evidence > sure:
             self._suspect = None
             return None
         fork = asked[verdict.window][0]
@@ -202,7 +210,7 @@ class Watch:
         if times < _AGAIN or (thrusters and t - since < _PERSISTS):
             return None
         finer = self._finely(fork, free, t)
-        verdict = judged([each.window() for each in finer], self._ways)
+        verdict = judged([each.window().tempered(self.doubt.factor) for each in finer], self._ways)
         if verdict.clear < _CLEAR and t - since < _WAITS:
             return None
         return self._change(t, finer[verdict.window], verdict, free)
@@ -237,7 +245,7 @@ class Watch:
     def _compare(self, t: float, state: JointState, held: HeldInput) -> Recognised | None:
         referee = self._referee
         assert referee is not None
-        window = referee.fork.window()
+        window = referee.fork.window().tempered(self.doubt.factor)
         verdict = judged([window], referee.ways)
         shares = likeness(window, referee.known, verdict.changed)
         self.likely = {one.name: float(share) for one, share in zip(referee.known, shares, strict=False)}

@@ -16,7 +16,7 @@ inequality): a threshold has a meaning. For a wide Q it is Hausman's test: (thet
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,12 +54,26 @@ class Window:
 
     def most(self, steps: Array) -> float:
         """Return what the log Bayes factor of any change within `steps` (n,) is at most: fit alone, at no price."""
+        wide, narrow = self._responses(steps)
+        return 0.5 * float(self.score @ (wide - narrow) @ self.score)
 
-        def fit(covariance: Array) -> float:
-            held = np.eye(self.score.size) + self.information @ covariance
-            return 0.5 * float(self.score @ covariance @ np.linalg.solve(held, self.score))
+    def usual(self, steps: Array) -> float:
+        """Return what `most` is on average where nothing changes and information and disturbances are as modelled."""
+        wide, narrow = self._responses(steps)
+        spread = self.information + self.information @ self.P0 @ self.information
+        return 0.5 * float(np.trace((wide - narrow) @ spread))
 
-        return fit(self.P0 + np.diag(steps**2)) - fit(self.P0)
+    def tempered(self, doubt: float) -> Window:
+        """Return the window as it counts when it, and what was known before, err `doubt` times as much (variance)."""
+        return replace(self, P0=self.P0 * doubt, information=self.information / doubt, score=self.score / doubt)
+
+    def _responses(self, steps: Array) -> tuple[Array, Array]:
+        """Return C (I + Lambda C)^-1 (n, n) for C = P0 + diag(steps^2) and for C = P0."""
+        one = np.eye(self.score.size)
+        wide = self.P0 + np.diag(steps**2)
+        found = np.linalg.solve(one + wide @ self.information, wide)
+        least = np.linalg.solve(one + self.P0 @ self.information, self.P0)
+        return np.asarray(found, dtype=np.float64), np.asarray(least, dtype=np.float64)
 
     def change(self, steps: Array) -> float:
         """Return the log Bayes factor of a step d ~ N(0, diag(steps^2)) (n,) beside P0, against none."""
