@@ -14,7 +14,9 @@ export interface Settings {
   band?: boolean; // the last two lines are the edges of a band, and are not drawn themselves
   step?: boolean;
   range?: (low: number, high: number) => [number, number];
+  least?: number; // of the height, so that noise does not fill it
   marks?: () => number[]; // times of events
+  legend?: Element; // a place that several charts share
 }
 
 export const charts: Chart[] = [];
@@ -38,12 +40,13 @@ export class Chart {
     this.place.setAttribute("role", "img");
     this.place.setAttribute("aria-label", `${settings.title}: ${settings.y} over ${settings.x}`);
     this.figure.append(this.caption, this.place);
-    if (settings.lines.filter((line) => line.name).length > 1) this.figure.append(this.legend());
+    if (settings.legend) settings.legend.replaceChildren(this.legend());
+    else if (settings.lines.filter((line) => line.name).length > 1) this.figure.append(this.legend());
     parent.append(this.figure);
     new ResizeObserver(() => this.resize()).observe(this.place);
     new IntersectionObserver((entries) => {
       this.seen = entries[entries.length - 1].isIntersecting;
-    }).observe(this.place);
+    }, { rootMargin: "150px" }).observe(this.place);
     onTheme(() => this.make());
     charts.push(this);
   }
@@ -96,7 +99,7 @@ export class Chart {
   }
 
   private options(width: number): uPlot.Options {
-    const { x, y, lines, band, step, range, marks } = this.settings;
+    const { x, y, lines, band, step, marks } = this.settings;
     const colours = palette();
     const axis = { stroke: colours.ink, font: FONT, labelFont: FONT, labelSize: 16, labelGap: 0, gap: 3 };
     const grid = { stroke: colours.grid, width: 1 };
@@ -110,10 +113,10 @@ export class Chart {
       cursor: { show: false },
       scales: {
         x: { time: false },
-        y: { range: (_, low, high) => this.within(range ? range(low, high) : [low, high]) },
+        y: { range: (_, low, high) => this.within(this.settings.range?.(low, high) ?? [low, high]) },
       },
       axes: [
-        { ...axis, grid, ticks: grid, size: 22, label: x, space: 60 },
+        { ...axis, grid, ticks: grid, size: 24, label: x, labelSize: 18, space: 60 },
         { ...axis, grid, ticks: grid, size: 46, label: y, space: 26, values: (_, at) => at.map((v) => tick(v, at)) },
       ],
       series: [
@@ -132,7 +135,7 @@ export class Chart {
 
   private within([low, high]: [number, number]): [number, number] {
     if (!Number.isFinite(low) || !Number.isFinite(high)) return [-1, 1];
-    const room = Math.max(0.08 * (high - low), 1e-6 * Math.max(Math.abs(low), Math.abs(high)), 1e-6);
+    const room = Math.max(0.08 * (high - low), ((this.settings.least ?? 0) - (high - low)) / 2, 1e-6 * Math.max(Math.abs(low), Math.abs(high)), 1e-6);
     return [low - room, high + room];
   }
 
@@ -153,7 +156,8 @@ export class Chart {
 
   private recolour(): void {
     const { lines } = palette();
-    for (const item of this.figure.querySelectorAll<HTMLElement>(".legend li"))
+    const place = this.settings.legend ?? this.figure;
+    for (const item of place.querySelectorAll<HTMLElement>(".legend li"))
       item.querySelector("line")!.setAttribute("stroke", lines[Number(item.dataset.colour) % lines.length]);
   }
 }

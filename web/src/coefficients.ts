@@ -2,7 +2,7 @@
 
 import { Chart } from "./chart";
 import { byId, fill, write } from "./dom";
-import { measured, percent, short } from "./numbers";
+import { measured, percent, short, unit } from "./numbers";
 import type { Hello, State } from "./protocol";
 import type { Course } from "./series";
 
@@ -24,7 +24,7 @@ export class Coefficients {
     );
     const place = document.querySelector("#convergence .charts")!;
     this.charts = hello.coefficients.map((each) => new Chart(place, {
-      title: each.name, x: "time, s", y: each.unit, band: true, marks: this.marks,
+      title: each.name, x: "time, s", y: unit(each.unit), band: true, marks: this.marks,
       lines: [{ name: "", colour: 0, dash: 0, width: 2 }, { name: "", colour: 1, dash: 1 }, { name: "" }, { name: "" }],
     }));
   }
@@ -39,16 +39,16 @@ export class Coefficients {
       if (!found.identified || found.value === null) {
         const reason = found.reason ?? "not known yet";
         unknown.set(reason, [...(unknown.get(reason) ?? []), each.name]);
-        rows.push([each.name, "not known", each.unit, "–", short(each.reference, 5)]);
+        rows.push([each.name, "not known", unit(each.unit), "–", short(each.reference, 5)]);
         chart.say("not known yet");
         return;
       }
       const [value, std] = measured(found.value, found.std);
       const text = std ? `${value} ± ${std}` : value;
       const relative = percent(found.relative_std);
-      rows.push([each.name, text, each.unit, relative, short(each.reference, 5)]);
+      rows.push([each.name, text, unit(each.unit), relative, short(each.reference, 5)]);
       chart.say(text);
-      chart.describe(`${each.name} is ${text} ${each.unit}, relative deviation ${relative}`);
+      chart.describe(`${each.name} is ${text} ${unit(each.unit)}, relative deviation ${relative}`);
     });
     const body = document.querySelector("#coefficients tbody")!;
     fill(body, rows, [1, 3, 4]);

@@ -38,6 +38,11 @@ export function percent(share: number | null | undefined): string {
   return share < 10 ? `${short(100 * share, 2)} %` : "> 1000 %";
 }
 
+/** A unit with its powers raised. */
+export function unit(text: string): string {
+  return text.replace(/\^2/g, "²").replace(/\^3/g, "³");
+}
+
 /** A duration as 1:02:03. */
 export function clock(seconds: number): string {
   const whole = Math.floor(seconds);

@@ -9,15 +9,15 @@ const PITCH = 1.6; // units of the drawing per degree
 
 const HORIZON = `
 <svg viewBox="-100 -100 200 200" role="img" aria-label="attitude not known yet">
-  <defs><clipPath id="disc"><circle r="78"/></clipPath></defs>
+  <defs><clipPath id="disc"><circle r="74"/></clipPath></defs>
   <g clip-path="url(#disc)"><g id="tilt">
     <rect class="sky" x="-200" y="-300" width="400" height="300"/><rect class="sea" x="-200" y="0" width="400" height="300"/>
     <line class="rim" x1="-200" x2="200" y1="0" y2="0"/>
     ${[-40, -30, -20, -10, 10, 20, 30, 40].map((at) => `<line class="step" x1="-18" x2="18" y1="${-at * PITCH}" y2="${-at * PITCH}"/><text x="24" y="${-at * PITCH + 4}">${Math.abs(at)}</text>`).join("")}
   </g></g>
-  <circle class="ring" r="78"/>
-  <g id="compass">${["N", "E", "S", "W"].map((name, k) => `<text class="point" transform="rotate(${90 * k}) translate(0,-84)" text-anchor="middle">${name}</text>`).join("")}</g>
-  <path class="craft" d="M-46 0h28l8 9M46 0h-28l-8 9M0-3v6"/><path class="index" d="M0-77l-6 12h12z"/>
+  <circle class="ring" r="74"/>
+  <g id="compass">${["N", "E", "S", "W"].map((name, k) => `<text class="point" transform="rotate(${90 * k}) translate(0,-81)" text-anchor="middle">${name}</text>`).join("")}</g>
+  <path class="craft" d="M-46 0h28l8 9M46 0h-28l-8 9M0-3v6"/><path class="index" d="M0-73l-6 12h12z"/>
 </svg><p class="value" id="attitude"></p>`;
 
 export class Horizon {

@@ -13,6 +13,7 @@ const TITLES: Record<string, string> = {
   position: "Position", attitude: "Attitude", velocity: "Velocity", rates: "Turn rates", acceleration: "Specific force",
   force: "Force asked for", moment: "Moment asked for", commands: "Commands", voltage: "Supply",
 };
+const LEAST: Record<string, number> = { position: 0.2, attitude: 4, velocity: 0.1, rates: 4, acceleration: 0.5, force: 2, moment: 0.2, voltage: 0.5 };
 const SYMBOLS: Record<string, string> = { phi: "roll φ", theta: "pitch θ", psi: "heading ψ" };
 
 const unitOf = (k: number) => (k < 3 ? "m/s" : "°/s");
@@ -29,7 +30,7 @@ export class Velocities {
     );
     const place = document.querySelector("#velocity .charts")!;
     this.charts = hello.axes.map((axis, k) => new Chart(place, {
-      title: axis.name, x: "time, s", y: `${axis.velocity}, ${unitOf(k)}`,
+      title: axis.name, x: "time, s", y: `${axis.velocity}, ${unitOf(k)}`, least: k < 3 ? 0.1 : 4, legend: byId("velocity-legend"),
       lines: [{ name: "measured", colour: 5, dash: 0, width: 2.25 }, { name: "predicted", colour: 1, dash: 1, width: 2.25 }],
     }));
   }
@@ -70,7 +71,7 @@ export class Signals {
     for (const [name, columns] of groups) {
       const { unit, scale } = hello.signals[columns[0]];
       const chart = new Chart(place, {
-        title: TITLES[name] ?? name, x: "time, s", y: unit, step: name === "commands",
+        title: TITLES[name] ?? name, x: "time, s", y: unit, step: name === "commands", least: LEAST[name],
         lines: columns.map((k, j) => {
           const signal = hello.signals[k].name;
           return { name: SYMBOLS[signal] ?? signal, colour: j % 8, dash: (j + Math.floor(j / 8)) % 8, width: 1.5 };

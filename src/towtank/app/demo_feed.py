@@ -30,7 +30,7 @@ class DemoFeed:
         truth = session.truth
         names = (*truth.hydrodynamics, "BG_z")
         self.about = About(
-            title="towtank demo: a simulated tank session",
+            title="towtank demo",
             vehicle=session.known,
             method="joint",
             reference={name: truth.coefficient(name) for name in names},

@@ -15,7 +15,6 @@ __all__ = ["AxisKnowledge", "axes_known", "verdict"]
 
 _WELL = 0.05  # relative deviation
 _SLOWEST = 1e-3  # m/s, rad/s
-_NUMBERS = ("no", "one", "two", "three", "four", "five", "six")
 
 
 @dataclass(frozen=True)
@@ -83,14 +82,13 @@ def verdict(axes: Sequence[AxisKnowledge]) -> str:
     if not wanted:
         return "No axis is being learned."
     well = [each for each in wanted if each.known <= _WELL]
-    count = "all" if len(well) == len(wanted) else _NUMBERS[len(well)]
     if len(well) == len(wanted):
         return "All axes are known to 5 % or better: save the model, or go on to make it surer."
-    unknown = [each for each in wanted if not each.known == each.known]
+    unknown = [each for each in wanted if math.isnan(each.known)]
     rest = unknown or [max((e for e in wanted if e.known > _WELL), key=lambda each: each.known)]
     doing = [each for each in wanted if each.asked > 0.0 and not each.known <= _WELL]
     names = _listed([each.axis for each in rest])
-    told = f"{count.capitalize()} of {len(wanted)} axes known to 5 % or better."
+    told = f"{len(well)} of {len(wanted)} axes known to 5 % or better."
     if doing and all(each.axis in {e.axis for e in doing} for each in rest):
         return f"{told} Keep driving {names}, with changes of speed."
     return f"{told} Next: drive {names}."

@@ -29,10 +29,10 @@ async def look(socket: WebSocket, pump: Pump, access: Access, refusals: Refusals
         refusals.add(peer, "a socket without the token")
         await socket.close(_POLICY)
         return
-    await socket.accept()
     if pump.viewers >= VIEWERS:
-        await socket.close(_LATER, "too many viewers")
+        await socket.close(_LATER)
         return
+    await socket.accept()
     box = Mailbox()
     box.replace("you", _you(access.known(socket.headers, socket.cookies)))
     pump.join(box)
