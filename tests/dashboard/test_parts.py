@@ -214,4 +214,3 @@ def test_the_option_may_stand_alone(words: list[str], page: str | None, sources:
     app.command(cls=PagedCommand)(command)
     assert CliRunner().invoke(app, words).exit_code == 0
     assert found == [page, sources]
-

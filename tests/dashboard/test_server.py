@@ -4,25 +4,33 @@ from __future__ import annotations
 
 import base64
 import http.client
+import io
 import json
 import os
+import re
 import socket
 import struct
-import subprocess
-import sys
+import threading
 import time
+import urllib.request
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 from websockets.sync.client import ClientConnection, connect
 
+from towtank import load_vehicle
+from towtank.app.demo import run_demo
+from towtank.app.live_session import LiveOptions, run_live
+from towtank.app.output import Output
 from towtank.dashboard.access import Address
 from towtank.dashboard.frames import Kind, decode
 from towtank.dashboard.page import Page
 from towtank.errors import InputError
 from towtank.readers import read
+from towtank.simulation import manoeuvre, simulate
 from towtank.vehicle import parse_vehicle
 
 from .rig import Rig, needs_page, wait_until
@@ -190,7 +198,9 @@ def test_no_other_method_is_answered(rig: Rig) -> None:
 
 @pytest.mark.parametrize("declared", [True, False])
 def test_a_body_of_a_gigabyte_is_refused_after_its_first_bytes(rig: Rig, declared: bool) -> None:
-    head = f"POST /api/mark HTTP/1.1\r\nHost: {rig.page.address.text}\r\nAuthorization: Bearer {rig.page.access.token}\r\n"
+    head = (
+        f"POST /api/mark HTTP/1.1\r\nHost: {rig.page.address.text}\r\nAuthorization: Bearer {rig.page.access.token}\r\n"
+    )
     head += f"Content-Length: {10**9}\r\n\r\n" if declared else "Transfer-Encoding: chunked\r\n\r\n"
     sent = 0
     piece = b"x" * 65536
@@ -322,27 +332,74 @@ def test_an_address_that_is_taken_is_one_line(rig: Rig) -> None:
         Page(rig.feed, Address("127.0.0.1", rig.page.address.port))
 
 
+def test_a_report_is_served_where_there_is_one(rig: Rig) -> None:
+    with Page(rig.feed, Address("127.0.0.1", 0), reports=lambda: b"<h1>report</h1>") as page:
+        outside = Rig.__new__(Rig)
+        outside.page = page
+        status, body, headers = ask(outside, "GET", "/api/report")
+        assert (status, body) == (200, b"<h1>report</h1>")
+        assert headers["content-disposition"] == 'attachment; filename="report.html"'
+        with stream(outside) as viewer:
+            told = [json.loads(viewer.recv(5)) for _ in range(2)]
+            assert told[1]["report"] is True
+
+
+class Told(Output):
+    """An output whose lines can be waited for."""
+
+    def __init__(self) -> None:
+        super().__init__(json=True)
+        self.lines: list[str] = []
+
+    def say(self, text: str) -> None:
+        self.lines.append(text)
+
+    @property
+    def address(self) -> str:
+        return next((line.split()[1] for line in self.lines if line.startswith("page: ")), "")
+
+
+def state_of(url: str) -> dict[str, Any]:
+    with urllib.request.urlopen(f"{url.partition('?')[0]}api/state", timeout=10) as answer:
+        found: dict[str, Any] = json.loads(answer.read())
+        return found
+
+
+def test_live_serves_its_page(tmp_path: Path) -> None:
+    vehicle = load_vehicle("seamor")
+    plan = manoeuvre("surge-sine", vehicle, duration=30.0, dt=0.02, seed=1)
+    simulate(vehicle, commands=plan.commands, dt=0.02, sensors="mocap", seed=1).write(tmp_path / "a.csv")
+    told = Told()
+    options = LiveOptions((f"replay:{tmp_path / 'a.csv'}@4",), "seamor", free=("X_udot", "X_uu"), page="127.0.0.1:0")
+    run = threading.Thread(target=run_live, args=(options, told))
+    run.start()
+    wait_until(lambda: told.address, 60.0)
+    wait_until(lambda: state_of(told.address).get("samples", 0) > 200)
+    state = state_of(told.address)
+    assert state["links"][0]["text"] == options.sources[0]
+    assert set(state["coefficients"]) == {"X_udot", "X_uu"}
+    base, _, token = told.address.partition("?token=")
+    body, headers = json.dumps({"text": "here"}).encode(), {"Authorization": f"Bearer {token}"}
+    urllib.request.urlopen(urllib.request.Request(f"{base}api/mark", body, headers), timeout=10).close()
+    assert state_of(told.address)["samples"] > state["samples"]
+    run.join(60)
+    assert not run.is_alive()
+
+
 def test_the_demo_serves_its_page(tmp_path: Path) -> None:
-    words = ["demo", "--seconds", "6", "--page", "127.0.0.1:0", "--no-browser", "-o", "out", "--json"]
-    run = subprocess.Popen(
-        [sys.executable, "-m", "towtank", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
-    )
-    assert run.stderr is not None
-    address = next(line.split()[1] for line in run.stderr if line.startswith("page: "))
-    where, _, token = address.partition("/?token=")
-    link = http.client.HTTPConnection(where.removeprefix("http://"), timeout=10)
-    for _ in range(500):
-        link.request("GET", "/api/state")
-        state = json.loads(link.getresponse().read())
-        if state.get("samples", 0) > 100:
-            break
-        time.sleep(0.02)
-    assert state["samples"] > 100
+    shown = Console(file=io.StringIO(), width=80, force_terminal=False)
+    assert isinstance(shown.file, io.StringIO)
+    found: dict[str, Any] = {}
+
+    def demo() -> None:
+        found.update(run_demo(tmp_path / "out", seconds=6.0, page="127.0.0.1:0", console=shown))
+
+    run = threading.Thread(target=demo)
+    run.start()
+    wait_until(lambda: "page: http" in shown.file.getvalue(), 60.0)
+    url = re.search(r"page: (\S+)", shown.file.getvalue())[1]
+    wait_until(lambda: state_of(url).get("samples", 0) > 100)
+    state = state_of(url)
     assert state["t"] > 0.9
-    link.request("POST", "/api/mark", json.dumps({"text": "here"}), {"Authorization": f"Bearer {token}"})
-    answer = link.getresponse()
-    answer.read()
-    assert answer.status == 204
-    out, _ = run.communicate(timeout=120)
-    assert run.returncode == 0
-    assert json.loads(out)["samples"] == 600  # the page took none of them
+    run.join(60)
+    assert found["samples"] == 600  # the page took none of them

@@ -117,7 +117,7 @@ export class Chart {
       },
       axes: [
         { ...axis, grid, ticks: grid, size: 24, label: x, labelSize: 18, space: 60 },
-        { ...axis, grid, ticks: grid, size: 46, label: y, space: 26, values: (_, at) => at.map((v) => tick(v, at)) },
+        { ...axis, grid, ticks: grid, size: 52, label: y, space: 26, values: (_, at) => at.map((v) => tick(v, at)) },
       ],
       series: [
         {},

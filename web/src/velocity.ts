@@ -26,7 +26,7 @@ export class Velocities {
     for (const chart of this.charts) chart.remove();
     write(
       byId("velocity-note"),
-      `Free run of the model as learned now: started ${hello.prediction_seconds} s ago from the measured state, driven by the commands alone. The newest 0.2 s of a velocity taken from poses is not known yet.`,
+      `Free run of the model as learned now: started ${hello.prediction_seconds} s ago from the measured state, driven by the commands alone. Rms: of the difference.`,
     );
     const place = document.querySelector("#velocity .charts")!;
     this.charts = hello.axes.map((axis, k) => new Chart(place, {
@@ -39,9 +39,9 @@ export class Velocities {
     const rms = state.prediction?.rms;
     this.charts.forEach((chart, k) => {
       const off = rms?.[k];
-      const text = off == null ? "" : `off by ${short(off * scaleOf(k), 2)} ${unitOf(k)} rms`;
+      const text = off == null ? "" : `rms ${short(off * scaleOf(k), 2)} ${unitOf(k)}`;
       chart.say(text);
-      chart.describe(`${chart.settings.title}, measured and predicted; ${text || "nothing to compare yet"}`);
+      chart.describe(`${chart.settings.title}, measured and predicted; ${text ? `difference ${text}` : "nothing to compare yet"}`);
     });
   }
 

@@ -45,5 +45,7 @@ def demo(
     positive("--seconds", seconds)
     out = Output(json=json)
     console = Console(stderr=json, highlight=False)
-    document = run_demo(output, seconds=seconds, fast=fast, browser=browser, page=page, console=console, json_output=json)
+    document = run_demo(
+        output, seconds=seconds, fast=fast, browser=browser, page=page, console=console, json_output=json
+    )
     out.document(document)

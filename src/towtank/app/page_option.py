@@ -83,9 +83,7 @@ def serving(page: Page | None, say: Callable[[str], None], *, browser: bool = Fa
         yield page
 
 
-def new_page(
-    feed: Feed, text: str | None, tell: Callable[[str], None], reports: Reports | None = None
-) -> Page | None:
+def new_page(feed: Feed, text: str | None, tell: Callable[[str], None], reports: Reports | None = None) -> Page | None:
     """Return the page for a feed, bound to its address but not serving yet; None where none is asked for.
 
     Raises:

@@ -75,8 +75,9 @@ class Access:
     def known(self, headers: Mapping[str, str], cookies: Mapping[str, str]) -> bool:
         """Whether the request bears the token, as a cookie or as `Authorization: Bearer`."""
         scheme, _, told = headers.get("authorization", "").partition(" ")
-        given = [cookies.get(self.cookie, ""), told.strip() if scheme.lower() == "bearer" else ""]
-        return any([self.right(each) for each in given])
+        by_cookie = self.right(cookies.get(self.cookie, ""))
+        by_header = self.right(told.strip()) and scheme.lower() == "bearer"
+        return by_cookie or by_header
 
     def may_look(self, headers: Mapping[str, str], cookies: Mapping[str, str]) -> bool:
         """Whether the request may see the page."""
@@ -95,7 +96,7 @@ class Access:
     def _ours(self, host: str) -> bool:
         name, _, port = host.rpartition(":")
         if port != str(self.address.port):
-            if self.address.port != 80 or port.isdecimal() and name:
+            if self.address.port != 80 or (port.isdecimal() and name):
                 return False
             name = host
         name = name.removeprefix("[").removesuffix("]").lower()

@@ -44,5 +44,7 @@ def page_assets() -> dict[str, Asset]:
                 path = INDEX if entry.name == "index.html" else f"/{entry.name}"
                 found[path] = Asset(body, media_type, f'"{hashlib.sha256(body).hexdigest()[:16]}"')
     if INDEX not in found:
-        raise InputError("--page: the page's files are not built; run `npm ci && npm run build` in web/, or `make demo`")
+        raise InputError(
+            "--page: the page's files are not built; run `npm ci && npm run build` in web/, or `make demo`"
+        )
     return found

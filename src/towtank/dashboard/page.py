@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import secrets
 import socket
@@ -85,10 +86,8 @@ class Page:
         """Tell the viewers that the session has ended, and stop."""
         loop, server = self._loop, self._server
         if loop is not None and server is not None and self._thread.is_alive():
-            try:
+            with contextlib.suppress(TimeoutError, RuntimeError):
                 asyncio.run_coroutine_threadsafe(self.pump.end(), loop).result(_PATIENCE)
-            except (TimeoutError, RuntimeError):
-                pass
             server.should_exit = True
             self._thread.join(_PATIENCE)
         self._socket.close()
@@ -135,10 +134,8 @@ class Page:
 
     def _standing(self) -> dict[str, Any]:
         told = {"refused": self.refusals.total, "trouble": self.pump.trouble}
-        try:
+        with contextlib.suppress(AttributeError, OSError):  # not on every system
             told["cpu_s"] = time.clock_gettime(time.pthread_getcpuclockid(self._thread.ident or 0))
-        except (AttributeError, OSError):
-            pass
         return told
 
 

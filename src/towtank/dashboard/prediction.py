@@ -20,6 +20,7 @@ __all__ = ["SECONDS", "FreeRun", "free_run"]
 SECONDS = 10.0  # s that the free run lasts
 _RATE = 25.0  # Hz
 _HALF = 5  # steps to either side, for a velocity taken from the pose
+_DIVERGED = 1e3  # m/s, rad/s: a model that is hardly known may feed energy in
 _LONGEST = 0.3  # s between two samples that are still joined
 
 
@@ -51,6 +52,7 @@ def free_run(
     except InputError:
         return None
     predicted = np.where(np.isfinite(measured).any(axis=0), found.states[:, 7:13], np.nan)
+    predicted[~(np.abs(predicted) < _DIVERGED)] = np.nan
     away = np.where(np.isfinite(measured), predicted - measured, np.nan)
     count = np.isfinite(away).sum(axis=0)
     rms = np.sqrt(np.nansum(away**2, axis=0) / np.maximum(count, 1))

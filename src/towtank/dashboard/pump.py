@@ -182,7 +182,9 @@ class Pump:
             self._course = Course(2 * len(self._names), step=_STATE)
             self._place("hello", json.dumps(self._greeting()))
         identified = np.array(estimate.identified, dtype=bool)
-        row = np.concatenate([np.where(identified, estimate.values, np.nan), np.where(identified, estimate.std, np.nan)])
+        row = np.concatenate(
+            [np.where(identified, estimate.values, np.nan), np.where(identified, estimate.std, np.nan)]
+        )
         if np.isfinite(now.t) and self._course.add(now.t, row):
             self._send(encode(Kind.COEFFICIENTS, np.array([now.t]), row[None], self._sequence))
 

@@ -146,7 +146,9 @@ class _Pages:
         if recording is None:
             return PlainTextResponse("nothing is recorded in this session", 404)
         headers = {**_saved_as(recording.path.name), "content-length": str(recording.size)}
-        return StreamingResponse(_pieces(recording.path, recording.size), media_type="application/octet-stream", headers=headers)
+        return StreamingResponse(
+            _pieces(recording.path, recording.size), media_type="application/octet-stream", headers=headers
+        )
 
     async def report(self, request: Request) -> Response:
         assert self._reports is not None

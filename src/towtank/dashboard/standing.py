@@ -23,7 +23,9 @@ def number(value: float, scale: float = 1.0) -> float | None:
     return float(value) * scale if math.isfinite(value) else None
 
 
-def greeting(about: About, names: Sequence[str], units: Mapping[str, str], session: str, *, report: bool) -> dict[str, Any]:
+def greeting(
+    about: About, names: Sequence[str], units: Mapping[str, str], session: str, *, report: bool
+) -> dict[str, Any]:
     """Return what a viewer is told once: names, units and what the session is about."""
     reference = {name: number(value) for name, value in about.reference.items() if name in units}
     return {
@@ -89,7 +91,9 @@ def state_document(
             for each in now.estimate.sums
         },
         "axes": {each.axis: _axis(each) for each in axes},
-        "prediction": None if run is None else {"rms": _numbers(run.rms), "t": [number(run.t[0]), number(run.t[-1])]},
+        "prediction": None
+        if run is None
+        else {"rms": _numbers(tuple(run.rms)), "t": [number(run.t[0]), number(run.t[-1])]},
         "pose": _numbers(pose),
         "delay_s": number(now.delay),
         "lag_s": number(now.lag),
