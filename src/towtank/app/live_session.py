@@ -80,6 +80,10 @@ def run_live(options: LiveOptions, output: Output) -> None:
     output.say("making ready: compiling what is not compiled yet (up to a minute the first time)")
     with output.progress("making ready") as tell:
         warm_up(vehicle, fresh(), tell)
+        if options.page is not None:
+            from towtank.dashboard.warm_up import warm_up as warm_page_up
+
+            warm_page_up(vehicle)
     epoch = round(time.time(), 3) if before is None else before.epoch
     learner = learner if before is None or before.learner is None else before.learner
     log = _log(options, vehicle, epoch, going_on=before is not None)
@@ -113,14 +117,12 @@ def run_live(options: LiveOptions, output: Output) -> None:
 
 
 def _page(options: LiveOptions, session: Session, vehicle: Vehicle, output: Output) -> Page | None:
-    """Return the live page of a session, compiled for and bound; None where none is asked for."""
+    """Return the live page of a session, bound to its address; None where none is asked for."""
     if options.page is None:
         return None
     from towtank.dashboard.feed import About
     from towtank.dashboard.live_feed import LiveFeed
-    from towtank.dashboard.warm_up import warm_up as warm_page_up
 
-    warm_page_up(vehicle)
     names = (*vehicle.hydrodynamics, *RESTORING)
     before = {name: value for name in names if (value := vehicle.coefficient(name))}
     about = About(title=", ".join(options.sources), vehicle=vehicle, method=options.method, reference=before)
