@@ -15,6 +15,7 @@ __all__ = ["AxisKnowledge", "axes_known", "verdict"]
 
 _WELL = 0.05  # relative deviation
 _SLOWEST = 1e-3  # m/s, rad/s
+_LEAST = 0.05  # N, N m: what is asked for below that is what an allocation leaves over
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ def _axis(estimate: Estimate, axis: Axis, speed: float, asked: float) -> AxisKno
     if axis.added_mass not in estimate.names:
         inertia = 0.0
     learned = bool(drags) or axis.added_mass in estimate.names
-    return AxisKnowledge(axis.name, learned, inertia, drag, speed, asked)
+    return AxisKnowledge(axis.name, learned, inertia, drag, speed, asked if asked > _LEAST else 0.0)
 
 
 def verdict(axes: Sequence[AxisKnowledge]) -> str:
