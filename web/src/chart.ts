@@ -116,7 +116,7 @@ export class Chart {
         y: { range: (_, low, high) => this.within(this.settings.range?.(low, high) ?? [low, high]) },
       },
       axes: [
-        { ...axis, grid, ticks: grid, size: 24, label: x, labelSize: 18, space: 60 },
+        { ...axis, grid, ticks: grid, size: 24, label: x, labelSize: 18, space: 40 },
         { ...axis, grid, ticks: grid, size: 52, label: y, space: 26, values: (_, at) => at.map((v) => tick(v, at)) },
       ],
       series: [
