@@ -33,7 +33,7 @@ RATE = 100.0
 THRUSTERS = 28
 GROWTH, SHARE, FRAMES = 20.0, 10.0, 15.0  # MB, %, 1/s
 LOOP = 1.2  # times
-SETTLING, SLICE = 40.0, 5.0  # s
+SETTLING, SLICE = 130.0, 5.0  # s; the filter looks back at what it has seen for two minutes
 FLAGS = (
     "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
     "--disable-component-update --disable-sync --enable-precise-memory-info"
