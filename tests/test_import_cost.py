@@ -13,7 +13,7 @@ import towtank
 
 HEAVY = [
     *("h5py", "matplotlib", "mcap", "numba", "numpy", "pyarrow", "pydantic", "pymavlink", "rich", "rosbags", "scipy"),
-    *("tomlkit", "typer"),
+    *("starlette", "tomlkit", "typer", "uvicorn", "websockets"),
 ]
 
 
