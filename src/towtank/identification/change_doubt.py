@@ -7,6 +7,8 @@ average at most, so that a true change does not hide itself.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from towtank.core.arrays import Array
 from towtank.identification.change_window import Window
 
@@ -33,6 +35,15 @@ class Doubt:
     def known(self) -> bool:
         """Whether enough windows have been seen."""
         return self._seen >= _NEEDED
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """What was learned, for `restore`."""
+        return self._shown, self._expected, self._seen
+
+    def restore(self, numbers: Sequence[float]) -> None:
+        """Go on with the numbers of another one."""
+        self._shown, self._expected, self._seen = (float(each) for each in numbers)
 
     def learn(self, window: Window, steps: Array) -> None:
         """Take a window in which nothing is known to have changed."""

@@ -15,7 +15,7 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["Story"]
 
-_SETTLES = 8.0  # s after which a change's numbers are left as they are
+_FIRST, _SETTLES = 1.0, 8.0  # s after which a change is told anew, ever later, and at last
 
 
 class Story:
@@ -31,6 +31,7 @@ class Story:
         self.vehicle = vehicle
         self.events: tuple[Event, ...] = ()
         self._open: tuple[Change, int] | None = None  # the last change, its place among the events
+        self._again = _FIRST  # s after it was noticed that it is told anew
 
     def add(self, found: Change | Recognised, state: JointState) -> None:
         """Add a change, or a configuration that was recognised."""
@@ -51,7 +52,7 @@ class Story:
             self._open = replace(found, t=before[0].t, noticed=before[0].noticed, before=before[0].before), before[1]
             self.tell(found.noticed, found.free, state)
             return
-        self._open = found, len(self.events)
+        self._open, self._again = (found, len(self.events)), _FIRST
         self._put(self._event(found, found.free, state))
 
     def mended(self, t: float) -> None:
@@ -65,9 +66,13 @@ class Story:
         if self._open is None:
             return
         change, place = self._open
-        if t > change.noticed + _SETTLES or free.names != change.free.names:
+        if free.names != change.free.names:
             self._open = None
+        if self._open is None or t < change.noticed + self._again:
             return
+        self._again *= 2.0
+        if self._again > _SETTLES:
+            self._open = None
         self.events = (*self.events[:place], self._event(change, free, state), *self.events[place + 1 :])
 
     def restore(self, events: tuple[Event, ...]) -> None:

@@ -108,13 +108,13 @@ class Watch:
 
     Args:
         vehicle: what is known. buffer: an empty one, of the inputs that are used; commands tell thrusters apart.
-        known: configurations by name.
+        known: configurations by name. doubt: how much windows err, learned along.
     """
 
-    def __init__(self, vehicle: Vehicle, buffer: Buffer, known: Mapping[str, Vehicle]) -> None:
+    def __init__(self, vehicle: Vehicle, buffer: Buffer, known: Mapping[str, Vehicle], doubt: Doubt) -> None:
         self.vehicle, self.known = vehicle, dict(known)
         self._rows = buffer
-        self.doubt = Doubt()
+        self.doubt = doubt
         self._recent = Recent(_LIVES_LONG + _EVERY)
         self._forks: list[Fork] = []
         self._ways: tuple[Hypothesis, ...] = ()

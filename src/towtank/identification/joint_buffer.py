@@ -42,6 +42,10 @@ class Buffer:
         self.input_t[self.inputs], self.input_force[self.inputs] = t, force
         self.inputs += 1
 
+    def fresh(self) -> Buffer:
+        """Return an empty one of the same inputs."""
+        return Buffer(self.shape, self.lag, commands=self.commands)
+
     def clear(self) -> None:
         """Forget everything."""
         self.rows = self.inputs = 0

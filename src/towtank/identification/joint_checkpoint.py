@@ -10,6 +10,7 @@ import json
 import math
 import os
 import zipfile
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -27,11 +28,12 @@ from towtank.identification.log_learning import Levels
 from towtank.identification.parameters import free_parameters
 from towtank.identification.samples import Samples
 from towtank.outputs import write_atomically
+from towtank.recording.event import Event
 from towtank.vehicle import Vehicle
 
 __all__ = ["load_learner", "save_learner"]
 
-_VERSION = 1
+_VERSION = 2
 _BUFFER = ("t", "values", "input_t", "input_force")
 
 
@@ -57,6 +59,9 @@ def save_learner(learner: JointLearner, path: str | os.PathLike[str]) -> None:
         "last_one": stream._last_one and not busy,
         "seen": stream.seen,
         "mended": stream.mended,
+        "watching": stream.changes.watching,
+        "doubt": stream.changes.doubt,
+        "events": [[each.t, each.kind, each.text, dict(each.details)] for each in stream.changes.events],
         "next_check": stream._next_check,
         "schedule": {**asdict(stream._schedule), **({"next": stream.seen} if busy else {})},
         "last_t": stream._last_t if math.isfinite(stream._last_t) else None,
@@ -84,12 +89,17 @@ def save_learner(learner: JointLearner, path: str | os.PathLike[str]) -> None:
 
 
 def load_learner(
-    path: str | os.PathLike[str], vehicle: Vehicle, *, prior: Vehicle | None = None, background: bool = False
+    path: str | os.PathLike[str],
+    vehicle: Vehicle,
+    *,
+    prior: Vehicle | None = None,
+    background: bool = False,
+    known: Mapping[str, Vehicle] | None = None,
 ) -> JointLearner:
     """Return the learner that was written to `path`; it goes on as if it had never stopped.
 
     Args:
-        vehicle: the one that it was made with. prior, background: as of `JointLearner`.
+        vehicle: the one that it was made with. prior, background, known: as of `JointLearner`.
 
     Raises:
         InputError: the file is missing, damaged, of another version, or of another vehicle.
@@ -106,7 +116,7 @@ def load_learner(
                 f'{path}: this checkpoint was made with other numbers of the vehicle "{about["vehicle"]}"; give the '
                 "vehicle file that the session began with"
             )
-        return _restored(arrays, about, vehicle, prior, background=background)
+        return _restored(arrays, about, vehicle, prior, known, background=background)
     except FileNotFoundError:
         raise InputError(f"{path}: no such checkpoint") from None
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
@@ -114,7 +124,13 @@ def load_learner(
 
 
 def _restored(
-    arrays: dict[str, Any], about: dict[str, Any], vehicle: Vehicle, prior: Vehicle | None, *, background: bool
+    arrays: dict[str, Any],
+    about: dict[str, Any],
+    vehicle: Vehicle,
+    prior: Vehicle | None,
+    known: Mapping[str, Vehicle] | None,
+    *,
+    background: bool,
 ) -> JointLearner:
     learner = JointLearner(
         vehicle,
@@ -123,8 +139,13 @@ def _restored(
         prior=prior,
         background=background,
         current=about["current"],
+        changes=about["watching"],
+        known=known,
     )
     stream = learner._stream
+    stream.changes.restore(
+        [Event(t, kind, text, details) for t, kind, text, details in about["events"]], about["doubt"]
+    )
     stream.looking, stream._last_one = bool(about["looking"]), bool(about["last_one"])
     stream.seen, stream.mended = float(about["seen"]), int(about["mended"])
     stream._next_check, stream._schedule = float(about["next_check"]), Schedule(**about["schedule"])

@@ -130,7 +130,7 @@ class JointLearner(Learner):
         before = stream.rows
         self._estimate = None
         pushed = i = 0
-        while i < len(samples) and (stream.looking or stream.watching):
+        while i < len(samples) and (stream.looking or stream.changes.watching):
             while pushed < len(samples.input_t) and samples.input_t[pushed] <= samples.t[i]:
                 t, force = float(samples.input_t[pushed]), samples.input_force[pushed]
                 stream.take_input(t, force, commands=samples.commands)
@@ -198,12 +198,12 @@ class JointLearner(Learner):
     @property
     def events(self) -> tuple[Event, ...]:
         """What happened to the vehicle; see `Learner.events`."""
-        return self._stream.story.events
+        return self._stream.changes.events
 
     @property
     def likely(self) -> dict[str, float]:
         """Known configurations and how probable each is, since the last change."""
-        return self._stream.likely
+        return self._stream.changes.likely
 
     @property
     def estimate(self) -> Estimate:

@@ -16,25 +16,17 @@ from dataclasses import replace
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.change_story import Story
-from towtank.identification.change_watch import Watch
-from towtank.identification.estimate import Estimate
+from towtank.identification.change_follow import Follow
 from towtank.identification.held_input import HeldInput, held_push
-from towtank.identification.joint import bounded, held_of, told_of
+from towtank.identification.joint import held_of
+from towtank.identification.joint_begin import look_levels, look_starts
 from towtank.identification.joint_buffer import Buffer
 from towtank.identification.joint_health import Sound, has_moved, mended, sound_of
 from towtank.identification.joint_job import Beside, LookJob
 from towtank.identification.joint_kernel import joint_events, joint_step
 from towtank.identification.joint_look import Look, axes_seen, bank_of_delays, names_now
 from towtank.identification.joint_schedule import EARLY, Schedule
-from towtank.identification.joint_start import (
-    prior_information,
-    rows_noise,
-    rows_rough,
-    start_theta,
-    tuning_for,
-    usual_disturbance,
-)
+from towtank.identification.joint_start import prior_information, tuning_for, usual_disturbance
 from towtank.identification.joint_state import (
     C_ROWS,
     C_STARTED,
@@ -46,16 +38,13 @@ from towtank.identification.log_learning import Levels
 from towtank.identification.paper_learner import PaperLearner
 from towtank.identification.parameters import DELAY, LAG, FreeParameters, free_parameters
 from towtank.identification.samples import N_MEASURED, Samples
-from towtank.identification.transition import N_FIXED
 from towtank.vehicle import Vehicle, configuration_matrix
 
 __all__ = ["JointStream"]
 
 _ROUNDS, _ROUNDS_LATE = 1, 3  # passes more at most of an early look and of a late one, with the levels that it shows
 _ADAPT = 10.0  # s over which the live filter follows the disturbance
-_LAG = 0.05  # s, to begin with
 _CHECKED, _CHECKED_EARLY = 1.0, 0.25  # s from one check of the filter's health to the next, and while it looks back
-_WATCHED = 15.0  # s of motion from which on changes are watched for
 _CHUNK = 1000  # rows, likewise, of a recording
 
 
@@ -100,9 +89,7 @@ class JointStream:
         self._schedule, self._next_check, self._last_one = Schedule(), 0.0, False
         self._last_t = -np.inf
         self._sound: Sound | None = None
-        self.known = known
-        self._watch: Watch | None = None
-        self.story = Story(vehicle)
+        self.changes = Follow(vehicle, known)
 
     # -- data in
 
@@ -121,8 +108,7 @@ class JointStream:
             self._buffer.add_input(t, force)
         if self._held is not None:
             held_push(self._held, t, force)
-            if self._watch is not None:
-                self._watch.take_input(t, force)
+            self.changes.take_input(t, force)
 
     def take_row(self, t: float, z: Array) -> bool:
         """Take the measurements z (15,) of time t [s]; return whether they taught anything."""
@@ -139,8 +125,8 @@ class JointStream:
         learned = False
         if self.state is not None and self._held is not None:
             learned = joint_step(self.state, self._held, t, z, True)
-            if self.known is not None:
-                self._look_for_change(self.known, t, z)
+            if self.changes.watching:
+                self._look_for_change(t, z)
             if self.seen >= self._next_check:
                 self._next_check = self.seen + (_CHECKED_EARLY if self.looking else _CHECKED)
                 self._check()
@@ -177,8 +163,7 @@ class JointStream:
         if self.state is not None and self.free is not None:
             self.state.clock[C_STARTED] = 0.0
             self._held = self._fresh_held(self.free, self.state.anchor)
-        if self._watch is not None:
-            self._watch.restart()
+        self.changes.restart()
 
     # -- what is known
 
@@ -186,16 +171,6 @@ class JointStream:
     def rows(self) -> int:
         """Rows that taught something."""
         return 0 if self.state is None else int(self.state.clock[C_ROWS])
-
-    @property
-    def watching(self) -> bool:
-        """Whether changes of the vehicle are watched for."""
-        return self.known is not None
-
-    @property
-    def likely(self) -> dict[str, float]:
-        """Known configurations and how probable each is, since the last change."""
-        return {} if self._watch is None else dict(self._watch.likely)
 
     @property
     def busy(self) -> bool:
@@ -257,7 +232,8 @@ class JointStream:
         if not any(each.input_t.size for each in stretches) or not names:
             return None
         free = free_parameters(self.vehicle, names)
-        own, cold = self._starts(free, found)
+        known = None if self.state is None or self.free is None else (self.free, self.state)
+        own, cold = look_starts(self.vehicle, known, free, found, self.delay)
         starts = [cold] if own is None else []
         if self._schedule.other_starts(self.seen):
             starts = [cold]
@@ -270,7 +246,7 @@ class JointStream:
             free,
             own,
             starts,
-            self._levels_of(longest, first=own is None),
+            look_levels(longest, self.levels, first=own is None),
             self._tuning,
             delay=self.delay,
             prior=None if self.prior is None else prior_information(self.prior, free),
@@ -288,8 +264,7 @@ class JointStream:
         self.state.options[O_ADAPT] = _ADAPT
         self.state.options[O_FOLLOW] = 0.0
         self.state.sigma[:] = self.levels.sigma
-        if self._watch is not None:
-            self._watch.restart()
+        self.changes.restart()
         for new, each in self._buffer.since(job.rows, job.inputs):
             if new:
                 self.state.clock[C_STARTED] = 0.0
@@ -302,39 +277,13 @@ class JointStream:
                 held_push(held, each.input_t[k], each.input_force[k])
         self._sound = sound_of(self.state)
 
-    def _starts(self, free: FreeParameters, found: Estimate | None) -> tuple[Array | None, Array]:
-        """Return what the filter knows by now (n,), None before it knows anything, and what least squares says (n,)."""
-        known = self.vehicle
-        if found is not None:
-            changes = {each.name: each.value for each in found.coefficients if each.identified}
-            known = known.with_coefficients(changes) if changes else known
-        cold = start_theta(self.vehicle, known, free, delay=self.delay, lag=_LAG)
-        if self.state is None or self.free is None:
-            return None, cold
-        theta = dict(zip(self.free.names, self.state.theta, strict=True))
-        anchor = dict(zip(self.free.names, self.state.anchor, strict=True))
-        own = np.array([theta.get(name, cold[k]) for k, name in enumerate(free.names)])
-        about = np.array([anchor.get(name, own[k]) for k, name in enumerate(free.names)])
-        std = dict(zip(self.free.names, np.sqrt(np.diag(self.state.P)[N_FIXED:]), strict=False))
-        known_std = np.array([std.get(name, np.inf) for name in free.names])
-        return told_of(free, bounded(free, own, about, linear=True), known_std, cold), cold
-
-    def _levels_of(self, rows: Samples, *, first: bool) -> Levels:
-        """Return the levels that a look starts with: noise as the rows show it, the rest as found before."""
-        noise, rough = rows_noise(rows.t, rows.values), self.levels.rough
-        beside = rows.measured[6:12] if not first else np.zeros(6, dtype=bool)
-        noise[:6] = np.where(beside, np.maximum(noise[:6], self.levels.noise[:6]), noise[:6])
-        unknown = np.isnan(rough)
-        if unknown.any():
-            rough = np.where(unknown, rows_rough(rows.t, rows.values), rough)
-        return Levels(noise, self.levels.sigma, rough)
-
     def _go_on_alone(self) -> None:
         assert self._buffer is not None
         self.looking = False
         if self.state is not None:
             self.state.options[O_FOLLOW] = 1.0
-        self._buffer = self._fresh_buffer(self._buffer)
+        self._buffer = self._buffer.fresh()
+        self._beside = None  # what still runs there is of no use any more
 
     def _check(self) -> None:
         """Mend a filter that has lost itself; look soon where a coefficient has left its point of linearisation."""
@@ -353,39 +302,25 @@ class JointStream:
         self.mended += 1
         self.state = mended(state, self._sound, np.array(self.vehicle.parameters), free, self._tuning)
         self._held = self._fresh_held(free, self.state.anchor)
-        if self._watch is not None:
-            self._watch.restart()
-        self.story.mended(self._last_t)
+        self.changes.mended(self._last_t)
 
-    def _look_for_change(self, known: Mapping[str, Vehicle], t: float, z: Array) -> None:
+    def _look_for_change(self, t: float, z: Array) -> None:
         """Go on with the filter that saw a change, where one did."""
         assert self._buffer is not None
         assert self.state is not None
         assert self._held is not None
         assert self.free is not None
-        if self._watch is None:
-            self._watch = Watch(self.vehicle, self._fresh_buffer(self._buffer), known)
-        watch = self._watch
-        watch.take_row(t, z)
-        if self.seen < _WATCHED or not watch.due(t):
-            return
-        self.story.tell(t, self.free, self.state)
-        found = watch.look(t, self.state, self._held, self.free)
+        found = self.changes.take_row(t, z, self.seen, (self.free, self.state, self._held), self._buffer)
         if found is None:
             return
         self.free, self.state, self._held = found.free, found.state, found.held
         self._sound = sound_of(self.state) or self._sound
-        self.story.add(found, self.state)
         if self.looking:
             self._go_on_alone()
 
-    @staticmethod
-    def _fresh_buffer(like: Buffer) -> Buffer:
-        return Buffer(like.shape, like.lag, commands=like.commands)
-
     def _fresh_held(self, free: FreeParameters, theta: Array) -> HeldInput:
         assert self._buffer is not None
-        empty = self._fresh_buffer(self._buffer)
+        empty = self._buffer.fresh()
         empty.add_row(0.0, np.full(N_MEASURED, np.nan))
         return held_of(empty.stretches[0], free, theta, self.delay)
 

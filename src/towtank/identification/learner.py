@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -105,19 +106,24 @@ class Learner:
 
     @staticmethod
     def load(
-        path: str | os.PathLike[str], vehicle: Vehicle, *, prior: Vehicle | None = None, background: bool = False
+        path: str | os.PathLike[str],
+        vehicle: Vehicle,
+        *,
+        prior: Vehicle | None = None,
+        background: bool = False,
+        known: Mapping[str, Vehicle] | None = None,
     ) -> Learner:
         """Return the learner that `save` wrote; it goes on as if it had never stopped.
 
         Args:
-            vehicle: the one that it was made with. prior, background: as of `JointLearner`.
+            vehicle: the one that it was made with. prior, background, known: as of `JointLearner`.
 
         Raises:
             InputError: the file is missing, damaged, of another version, or of another vehicle.
         """
         from towtank.identification.joint_checkpoint import load_learner
 
-        return load_learner(path, vehicle, prior=prior, background=background)
+        return load_learner(path, vehicle, prior=prior, background=background, known=known)
 
     @property
     def estimate(self) -> Estimate:

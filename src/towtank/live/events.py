@@ -21,13 +21,13 @@ class EventLog:
     """Events in the order of noticing.
 
     Attributes:
-        listener: called with each new event, by the thread that adds it.
+        listener: called with each event that is new or told anew, by the thread that adds it.
     """
 
     def __init__(self, listener: Callable[[Event], None] | None = None) -> None:
         self.listener = listener
         self._events: deque[Event] = deque(maxlen=_MOST)
-        self._foreign: set[tuple[float, str, str]] = set()
+        self._foreign: list[Event] = []
         self._lock = threading.Lock()
 
     def add(self, event: Event) -> None:
@@ -38,12 +38,17 @@ class EventLog:
             self.listener(event)
 
     def take(self, events: Iterable[Event]) -> None:
-        """Add those of a learner's `events` that are not there yet."""
-        for event in events:
-            key = (event.t, event.kind, event.text)
-            if key not in self._foreign:
-                self._foreign.add(key)
+        """Take a learner's events in their order; one that is told anew takes the place of what was told before."""
+        for k, event in enumerate(events):
+            if k == len(self._foreign):
+                self._foreign.append(event)
                 self.add(event)
+            elif event is not self._foreign[k]:
+                before, self._foreign[k] = self._foreign[k], event
+                with self._lock:
+                    self._events = deque((event if each is before else each for each in self._events), maxlen=_MOST)
+                if self.listener is not None:
+                    self.listener(event)
 
     @property
     def all(self) -> tuple[Event, ...]:
