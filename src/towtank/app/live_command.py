@@ -20,9 +20,10 @@ def live(
         list[str],
         typer.Argument(
             metavar="SOURCE",
-            help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, /dev/NAME,BAUD (MAVLink); ros2:[DOMAIN] (ROS 2); "
-            "json:HOST:PORT, - (JSON lines over UDP, on standard input); replay:FILE[@SPEED] (a log, @0 as fast as "
-            "possible). Of several, the one named first is learned from where both measure the same.",
+            help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, /dev/NAME,BAUD (MAVLink); ros2:[DOMAIN], "
+            "dds:[DOMAIN] (ROS 2); qtm:HOST[/BODY], natnet:HOST[/BODY] (motion capture); json:HOST:PORT, - (JSON lines "
+            "over UDP, on standard input); replay:FILE[@SPEED] (a log, @0 as fast as possible). Of "
+            "several, the one named first is learned from where both measure the same.",
         ),
     ],
     vehicle: Annotated[
