@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from towtank.identification import Estimate, Learner
 from towtank.live.checkpoint import Checkpoint
+from towtank.live.errands import Errands
+from towtank.live.events import EventLog, Sight
 from towtank.live.excitation import Excitation
 from towtank.live.instants import Instants
 from towtank.live.lane import Ended, Gap, Lane
@@ -17,6 +20,7 @@ from towtank.live.latency import Latency
 from towtank.live.preference import Preference
 from towtank.live.recorded import Row
 from towtank.live.sorter import Arrival, Sorter
+from towtank.recording.event import Event
 from towtank.vehicle import Vehicle
 
 __all__ = ["Learning", "Learnt"]
@@ -37,7 +41,7 @@ class Learnt:
         latency: from datagram to updated estimate [ms]: "median", "p99", "max". processing: without the time for which
             samples are held back.
         excitation: root mean square (6,) of the wrench asked for over ten seconds; empty where none was.
-        trouble: why learning has stopped, "" where it has not.
+        trouble: why learning has stopped, "" where it has not. paused: whether somebody has halted it.
     """
 
     t: float
@@ -49,6 +53,7 @@ class Learnt:
     processing: dict[str, float]
     excitation: tuple[float, ...]
     trouble: str = ""
+    paused: bool = False
 
 
 class Learning:
@@ -59,10 +64,13 @@ class Learning:
         checkpoint: written every five seconds.
         interval: [s] between two readings of the estimate.
         timed: whether latencies mean anything: not where samples are read as fast as they are learned from.
+        events: takes what happens.
 
     Attributes:
         learner: touched by the learning thread alone while that runs.
         now: where learning stands, renewed every `interval` [s].
+        errands: what other threads ask of the learner.
+        tap: called with time [s] and arguments of every instant, by the learning thread; must be quick.
     """
 
     def __init__(
@@ -75,6 +83,7 @@ class Learning:
         checkpoint: Checkpoint | None = None,
         interval: float = 0.25,
         timed: bool = True,
+        events: EventLog | None = None,
     ) -> None:
         self.learner, self.preference = learner, Preference()
         self._lane, self._sorter = lane, sorter
@@ -87,6 +96,10 @@ class Learning:
         self._taken = 0
         self._resumed = False
         self._trouble = ""
+        self._paused = False
+        self._events, self._sight = EventLog() if events is None else events, Sight()
+        self.errands = Errands()
+        self.tap: Callable[[float, Mapping[str, Any]], None] | None = None
         self.now = self._standing()
         self._read = self._saved = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="learning", daemon=True)
@@ -108,11 +121,20 @@ class Learning:
             self._update(t, dict(zip(names, values, strict=True)))
             self.learner.settle()
         self._resumed = math.isfinite(self._last)
+        if self._resumed:
+            self._events.add(Event(self._last, "resume", f"gone on with, {self._taken} instants learned from again"))
         self.now = self._standing()
 
     def start(self) -> None:
         """Begin to learn."""
         self._thread.start()
+
+    def pause(self, paused: bool) -> None:
+        """Halt learning, or go on; samples are recorded and shown all the same."""
+        if paused != self._paused:
+            self._paused = paused
+            word = "paused" if paused else "gone on with"
+            self._events.add(Event(max(self._pending_t, 0.0), "mark", f"learning {word}"))
 
     def join(self) -> None:
         """Wait until everything in the lane is learned from; the lane must be closed."""
@@ -135,6 +157,7 @@ class Learning:
         except Exception as error:  # recording goes on, whatever a learner does
             self._trouble = f"learning has stopped: {type(error).__name__}: {' '.join(str(error).split())}"
         self.now = self._standing()
+        self.errands.close()
         while more:  # no link waits for a learner that is gone
             more = self._lane.get(_IDLE)[1]
 
@@ -142,11 +165,14 @@ class Learning:
         """Take what has come and learn from what is due; return whether more may come."""
         wait = min(self._sorter.wait(time.monotonic()), _IDLE)
         items, more = self._lane.get(wait)
+        self.errands.run()
         for item in items:
             if isinstance(item, Arrival):
                 self._sorter.put(item)
             elif isinstance(item, Gap):
                 self._drain(math.inf)
+                text = "learning could not keep up: samples are passed over"
+                self._events.add(Event(max(self._last, 0.0), "overload", text))
                 self._break_off()
             elif isinstance(item, Ended):
                 self._sorter.ended(item.rank)
@@ -174,7 +200,7 @@ class Learning:
     def _flush(self) -> None:
         """Learn from the instant that is put together."""
         if self._pending:
-            if self._resumed or self._pending_t - self._last > _BREAK:
+            if not self._paused and (self._resumed or self._pending_t - self._last > _BREAK):
                 self._break_off()
             self._update(self._pending_t, self._pending)
             self._pending = {}
@@ -187,7 +213,14 @@ class Learning:
 
     def _update(self, t: float, sample: dict[str, float]) -> None:
         arguments = self._instants.arguments(sample)
-        if arguments:
+        if self.tap is not None:
+            self.tap(t, arguments)
+        back = self._sight.see(t, arguments)
+        if back is not None:
+            self._events.add(back)
+        if self._paused:
+            self._resumed = True  # a new stretch follows
+        elif arguments:
             self.learner.update(t, **arguments)
             self._excitation.see(t, arguments)
             self._last = t
@@ -202,6 +235,7 @@ class Learning:
 
     def _standing(self) -> Learnt:
         learner = self.learner
+        self._events.take(getattr(learner, "events", ()))
         return Learnt(
             t=self._last,
             instants=self._taken,
@@ -212,4 +246,5 @@ class Learning:
             processing=self._processing.milliseconds(),
             excitation=self._excitation.rms,
             trouble=self._trouble,
+            paused=self._paused,
         )

@@ -12,12 +12,14 @@ from towtank.identification import Learner
 from towtank.live.checkpoint import Checkpoint
 from towtank.live.clock import SourceClock
 from towtank.live.commands import CommandNames
+from towtank.live.events import EventLog
 from towtank.live.lane import Lane
 from towtank.live.learning import Learning
 from towtank.live.recorder import Recorder, RecordingState
 from towtank.live.sorter import Arrival, Sorter
 from towtank.live.source import Raw, Sample, Source
 from towtank.live.status import SourceStatus, Status
+from towtank.recording.event import Event
 from towtank.recording.mcap_log import McapLog
 from towtank.vehicle import Vehicle
 
@@ -67,6 +69,7 @@ class Session:
         self._sorter = Sorter(window, len(self._sources), patient=self._patient)
         self._recorder = None if log is None else Recorder(log)
         self._checkpoint = checkpoint
+        self.events = EventLog(None if self._recorder is None else self._recorder.put_event)
         self.learning = Learning(
             vehicle,
             learner,
@@ -75,6 +78,7 @@ class Session:
             checkpoint=checkpoint,
             interval=interval,
             timed=not self._patient,
+            events=self.events,
         )
         self._stop = threading.Event()
         self._began = time.monotonic()
@@ -147,7 +151,12 @@ class Session:
             waiting=len(self._lane) + len(self._sorter),
             doubled=tuple(self.learning.preference.doubled),
             warnings=self._warnings(recording),
+            events=self.events.all,
         )
+
+    def mark(self, text: str) -> None:
+        """Add an event of somebody's own to the session and its recording."""
+        self.events.add(Event(max(self._newest, 0.0), "mark", text))
 
     @property
     def _passed(self) -> float:
@@ -179,10 +188,13 @@ class Session:
             while not (ended or self._stop.is_set()):
                 items = source.read(_READ)
                 came, now = time.monotonic(), time.time()
+                restarts = clock.restarts
                 raw = [(item.received - self._epoch, item) for item in items if isinstance(item, Raw)]
                 for item in items:
                     if not isinstance(item, Raw) and clock.believes(item.t, item.received):
                         early.append((commands.bound(item), came - min(max(now - item.received, 0.0), 1.0)))
+                if clock.restarts > restarts:
+                    self.events.add(Event(max(self._newest, 0.0), "clock", f"{text}: its clock was set anew"))
                 ended = not items and source.state().ended
                 since = min(since, came) if early else math.inf
                 waits = not clock.settled and came - since < _SETTLING

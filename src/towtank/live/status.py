@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from towtank.live.learning import Learnt
 from towtank.live.recorder import RecordingState
 from towtank.live.source import SourceState
+from towtank.recording.event import Event
 
 __all__ = ["SourceStatus", "Status"]
 
@@ -38,6 +39,7 @@ class Status:
         dropped: samples passed over because learning could not keep up. gaps: how often that began.
         late: samples that came after later ones had been learned from. waiting: samples to be learned from.
         doubled: channels that several links measure. warnings: what a person had better know.
+        events: what happened, in the order of noticing.
     """
 
     elapsed: float
@@ -50,6 +52,7 @@ class Status:
     waiting: int
     doubled: tuple[str, ...]
     warnings: tuple[str, ...]
+    events: tuple[Event, ...] = ()
 
     @property
     def bad(self) -> int:

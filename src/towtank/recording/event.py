@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-__all__ = ["EVENT_KINDS", "Event"]
+__all__ = ["EVENT_ENCODING", "EVENT_KINDS", "EVENT_SCHEMA", "EVENT_TOPIC", "Event", "event_json"]
+
+EVENT_TOPIC, EVENT_ENCODING = "/towtank/events", "json"
 
 EVENT_KINDS = ("change", "thruster", "configuration", "mended", "occlusion", "overload", "clock", "mark", "resume")
 
@@ -30,3 +34,24 @@ class Event:
     kind: str
     text: str
     details: Mapping[str, float | str] = field(default_factory=lambda: _NOTHING)
+
+
+_FORM = {
+    "type": "object",
+    "properties": {
+        "t": {"type": "number", "description": "s, on the clock of the recording"},
+        "kind": {"type": "string", "enum": list(EVENT_KINDS)},
+        "text": {"type": "string"},
+        "details": {"type": "object"},
+    },
+}
+EVENT_SCHEMA = ("towtank.Event", "jsonschema", json.dumps(_FORM).encode())  # name, encoding, text
+
+
+def event_json(event: Event) -> str:
+    """Return an event as one JSON object; numbers that are not finite become null."""
+    details = {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in event.details.items()
+    }
+    return json.dumps({"t": event.t, "kind": event.kind, "text": event.text, "details": details}, allow_nan=False)

@@ -24,6 +24,7 @@ from typing import Self
 import numpy as np
 
 from towtank.errors import InputError
+from towtank.recording.event import EVENT_ENCODING, EVENT_SCHEMA, EVENT_TOPIC, Event, event_json
 from towtank.recording.mcap_file import McapFile, Messages
 from towtank.recording.mcap_format import ABOUT, ENCODING, LIBRARY, RAW_ENCODING, About, Quantity, SourceFormat
 from towtank.recording.mcap_resume import Interrupted, interrupted
@@ -89,6 +90,7 @@ class McapLog:
         self._sources: dict[str, tuple[int, struct.Struct, int]] = {}
         self._columns: dict[str, tuple[str, ...]] = {}
         self._raw: dict[str, int] = {}
+        self._events: int | None = None
         self._pending = _Pending()
         self._flushed = time.monotonic()
         self._closed = False
@@ -162,6 +164,7 @@ class McapLog:
             layout = struct.Struct(f"<4s{1 + count}d")
             log._sources[form.topic.lstrip("/")] = identity, layout, count
             log._columns[form.topic.lstrip("/")] = tuple(each.name for each in form.quantities)
+        log._events = before.events
         log._raw.update({topic.removeprefix("/raw/"): identity for identity, topic in before.raw.items()})
         return log
 
@@ -216,6 +219,17 @@ class McapLog:
             self.lost += 1
             return
         self._add(self._raw[name], t, data)
+
+    def write_event(self, event: Event) -> None:
+        """Append an event, as JSON on a topic of its own."""
+        try:
+            if self._events is None:
+                self._events = self._file.channel(EVENT_TOPIC, EVENT_ENCODING, {}, EVENT_SCHEMA)
+        except OSError as error:
+            self.trouble = f"{self.path}: {error.strerror or error}"
+            self.lost += 1
+            return
+        self._add(self._events, event.t, event_json(event).encode())
 
     def flush(self) -> bool:
         """Write what waits and see it to the disk; return whether everything is there now."""
