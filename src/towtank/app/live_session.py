@@ -15,6 +15,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from towtank.app.live_fit import judged
 from towtank.app.live_report import live_document, live_line, show_end
 from towtank.app.live_view import LiveView
 from towtank.app.output import Output
@@ -162,11 +163,12 @@ def _end(session: Session, status: Status, options: LiveOptions, vehicle: Vehicl
         note = f"learned live from {', '.join(options.sources)} ({status.learnt.estimate.duration:.5g} s)"
         provenance = Provenance(source=kept.provenance.source, notes=(*kept.provenance.notes, note))
         save_vehicle(kept.model_copy(update={"provenance": provenance}), place)
-    document = live_document(status, learner, options.sources, options.prior, options.method, output.warnings)
+    fit = judged(session.learning, options.record)
+    document = live_document(status, learner, options.sources, options.prior, options.method, output.warnings, fit)
     if options.json_lines:
         _write(live_line(status) | {"final": True, **document})
         return
-    show_end(status, vehicle, options.method, output)
+    show_end(status, vehicle, options.method, fit, output)
     if place is not None:
         output.line(f"model written to {place}")
     else:

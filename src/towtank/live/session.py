@@ -170,6 +170,9 @@ class Session:
             found.append(f"recording: {recording.lost} samples and packets lost")
         if self._checkpoint is not None and self._checkpoint.trouble:
             found.append(f"checkpoint: {self._checkpoint.trouble}")
+        silent = self.learning.now.silent
+        if silent is not None:
+            found.append(f"no commands since {silent:.1f} s while motion comes; learning waits for them")
         if self._lane.dropped:
             found.append(f"learning could not keep up: {self._lane.dropped} samples passed over (they are recorded)")
         for (text, _), names in zip(self._sources, self._commands, strict=True):
