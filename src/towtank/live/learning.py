@@ -75,6 +75,7 @@ class Learning:
         now: where learning stands, renewed every `interval` [s].
         errands: what other threads ask of the learner. recent: what was learned from in the last minute.
         tap: called with time [s] and arguments of every instant, by the learning thread; must be quick.
+        listeners: called likewise.
     """
 
     def __init__(
@@ -105,6 +106,7 @@ class Learning:
         self._silence, self.recent = Silence(), Recent()
         self.errands = Errands()
         self.tap: Callable[[float, Mapping[str, Any]], None] | None = None
+        self.listeners: tuple[Callable[[float, Mapping[str, Any]], None], ...] = ()
         self.now = self._standing()
         self._read = self._saved = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="learning", daemon=True)
@@ -218,8 +220,9 @@ class Learning:
 
     def _update(self, t: float, sample: dict[str, float]) -> None:
         arguments = self._instants.arguments(sample)
-        if self.tap is not None:
-            self.tap(t, arguments)
+        for listener in (self.tap, *self.listeners):
+            if listener is not None:
+                listener(t, arguments)
         back = self._sight.see(t, arguments)
         if back is not None:
             self._events.add(back)
