@@ -7,11 +7,13 @@ KERNEL_TESTS := $(addprefix tests/identification/test_, axis_rows.py held_input.
 
 BIN   := .venv/bin
 READY := .venv/.ready
+PAGE  := src/towtank/dashboard/static/index.html
+WEB   := $(wildcard web/*.json web/*.ts web/*.html web/public/* web/src/*)
 SHELL := bash
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo test lint types layers tests kernels docs bench peers lock clean
+.PHONY: help demo test lint types layers tests browser kernels docs bench peers lock clean
 
 help:
 	@echo 'make demo    a simulated tank session, learned sample by sample   (DEMO="--fast" passes options on)'
@@ -23,7 +25,7 @@ help:
 	@echo 'make clean   removes .venv and everything built or cached'
 	@echo 'Set PYTHON=... to choose the interpreter (3.11 or newer) that .venv is made with.'
 
-demo: $(READY)
+demo: $(READY) $(PAGE)
 	@$(BIN)/towtank demo --output demo-output $(DEMO)
 
 test: lint types layers tests kernels docs
@@ -35,6 +37,10 @@ if out=$$( { $(2); } 2>&1 ); then printf 'ok %4d s\n' $$((SECONDS - start)); \
 else printf 'FAILED after %d s\n%s\n' $$((SECONDS - start)) "$$out"; exit 1; fi
 endef
 
+# $(call from_debian,COMMAND,PACKAGES): where the command is missing, and only as root on a Debian.
+from_debian = command -v $(1) >/dev/null || [ "$$(id -u)" != 0 ] || ! command -v apt-get >/dev/null || { \
+	echo '$(1) is missing: installing $(2)'; { apt-get -qq update && apt-get -qq install -y --no-install-recommends $(2); } >/dev/null 2>&1 || true; }
+
 # The environment: made from the lock, again only when the lock or the project's own metadata change.
 $(READY): pyproject.toml requirements.lock
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
@@ -43,6 +49,19 @@ $(READY): pyproject.toml requirements.lock
 	$(call quietly,  libraries from requirements.lock,$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements.lock)
 	$(call quietly,  towtank itself,$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .)
 	@touch $@
+
+# The live page. Without npm there is none, and everything else works.
+$(PAGE): $(WEB)
+	@$(call from_debian,npm,nodejs npm)
+	@if command -v npm >/dev/null; then \
+	printf '%-46s' 'the live page (npm)'; start=$$SECONDS; \
+	if out=$$(cd web && npm ci --loglevel=error 2>&1 && npm run --silent build 2>&1); then touch $@; printf 'ok %4d s\n' $$((SECONDS - start)); \
+	else printf 'FAILED after %d s, there is no live page\n%s\n' $$((SECONDS - start)) "$$out"; fi; \
+	else echo 'npm is missing (Node 20.19 or newer): there is no live page, everything else works'; fi
+
+# A browser for the tests of the page, which are skipped without one.
+browser:
+	@$(call from_debian,chromium,chromium)
 
 lint: $(READY)
 	$(call quietly,style (ruff),$(BIN)/ruff check --quiet .)
@@ -53,7 +72,7 @@ types: $(READY)
 layers: $(READY)
 	$(call quietly,layers (import-linter),$(BIN)/lint-imports)
 
-tests: $(READY)
+tests: $(READY) $(PAGE) browser
 	@echo 'tests, kernels compiled'
 	@$(BIN)/python -m pytest -q -n $(WORKERS)
 
@@ -61,7 +80,7 @@ kernels: $(READY)
 	@echo 'tests of the kernels, as plain Python'
 	@NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q -n $(WORKERS) tests/core $(KERNEL_TESTS)
 
-docs: $(READY)
+docs: $(READY) $(PAGE)
 	$(call quietly,documentation (sphinx),$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs docs/_build/html)
 
 bench: $(READY)
@@ -87,5 +106,5 @@ lock:
 	$(call quietly,resolving requirements.lock,.lock-venv/bin/uv pip compile --quiet --universal --python-version 3.11 --fork-strategy fewest --all-extras --upgrade --generate-hashes --no-emit-index-url --no-header --output-file requirements.lock pyproject.toml)
 
 clean:
-	rm -rf .venv .lock-venv .peers build dist docs/_build .benchmarks .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	rm -rf .venv .lock-venv .peers web/node_modules src/towtank/dashboard/static build dist docs/_build .benchmarks .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -20,6 +20,7 @@ from towtank.app import (
     vehicle_commands,
 )
 from towtank.app.guard import Commands, PlainCommand
+from towtank.app.page_option import PagedCommand
 
 __all__ = ["app", "main"]
 
@@ -59,13 +60,13 @@ def towtank(
     """
 
 
-app.command("demo", cls=PlainCommand)(demo_command.demo)
+app.command("demo", cls=PagedCommand)(demo_command.demo)
 app.add_typer(vehicle_commands.commands, name="vehicle")
 app.add_typer(simulate_command.commands, name="manoeuvre")
 app.command("simulate", cls=PlainCommand)(simulate_command.simulate)
 app.command("inspect", cls=PlainCommand)(inspect_command.inspect)
 app.command("learn", cls=PlainCommand)(learn_command.learn)
-app.command("live", cls=PlainCommand)(live_command.live)
+app.command("live", cls=PagedCommand)(live_command.live)
 app.command("validate", cls=PlainCommand)(validate_command.validate)
 app.command("convert", cls=PlainCommand)(convert_command.convert)
 

@@ -7,8 +7,10 @@ and at the end a vehicle file.
 from __future__ import annotations
 
 import sys
+import threading
+from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.text import Text
@@ -20,10 +22,15 @@ from towtank.app.demo_stream import Moment, stream
 from towtank.app.demo_table import Screen, coefficient_table
 from towtank.app.demo_warmup import warm_up
 from towtank.app.demo_words import commands, fit_text, plan, verdict
+from towtank.app.page_option import new_page, page_address, serving
 from towtank.errors import InputError
 from towtank.identification import Learner, LogLearning, learn_recordings
 from towtank.outputs import write_text
 from towtank.validation import Validation, validate
+
+if TYPE_CHECKING:
+    from towtank.app.demo_feed import DemoFeed
+    from towtank.dashboard.page import Page
 
 __all__ = ["run_demo"]
 
@@ -37,6 +44,7 @@ def run_demo(
     seconds: float | None = None,
     fast: bool = False,
     browser: bool = False,
+    page: str | None = None,
     console: Console,
     json_output: bool = False,
 ) -> dict[str, Any]:
@@ -46,14 +54,30 @@ def run_demo(
         output: folder for model, recordings, figures and page; made where it does not exist.
         seconds: length of the session, default 180. fast: do not wait for the clock.
         browser: open the page at the end, where standard output is a terminal.
+        page: HOST:PORT of the live page, opened at the start instead; None: there is none.
         console: takes table, progress and messages. json_output: standard output belongs to the document alone.
 
     Raises:
-        InputError: the folder cannot be made, or the length is out of range.
+        InputError: the folder or the page cannot be made, or the length is out of range.
     """
+    with ExitStack() as stack:
+        return _run(stack, output, seconds, fast, browser, page, console, json_output)
+
+
+def _run(
+    stack: ExitStack,
+    output: Path,
+    seconds: float | None,
+    fast: bool,
+    browser: bool,
+    page: str | None,
+    console: Console,
+    json_output: bool,
+) -> dict[str, Any]:
     duration = DURATION if seconds is None else float(seconds)
     if not _SHORTEST <= duration <= _LONGEST:
         raise InputError(f"--seconds: found {duration:g}, expected {_SHORTEST:g} to {_LONGEST:g}")
+    page_address(page)
     _make_folder(output)
     _say(console, _TITLE, "bold")
     warm_up(lambda: _say(console, "compiling kernels (first run only)", "yellow"))
@@ -63,12 +87,17 @@ def run_demo(
 
     learner = Learner(session.known, free=FREE)
     course = Course(quantities(session.truth))
+    watched = not json_output and sys.stdout.isatty()
+    feed, live = _page(session, learner, page, console)
+    stack.enter_context(serving(live, lambda line: _whole(console, line), browser=browser and watched))
     screen = Screen(console, session)
     with screen.showing() as show:
-        last = stream(session, learner, course, paced=not fast, show=show)
+        last = stream(session, learner, course, paced=not fast, show=show, watch=feed)
 
     learning = _second_pass(console, session, course)
     model = learning.model
+    if feed is not None:
+        feed.finish(learning.estimate, model, learning.delay)
     unseen = unseen_session()
     judged = validate(model, [unseen.recording])
     files = write_demo(output, session, unseen, model, judged, course)
@@ -80,12 +109,33 @@ def run_demo(
     console.print()
     _say(console, f"written to {output}: {', '.join(path.name for path in files)}")
     _say(console, "next, with a log of your own vehicle:")
-    console.print(Text(f"  {commands(output)[0][1]}"), soft_wrap=True)
-    if browser and not json_output and sys.stdout.isatty():
+    _whole(console, f"  {commands(output)[0][1]}")
+    if live is not None and watched:
+        _stay(console)
+    elif browser and watched:
         import webbrowser
 
         webbrowser.open(files[0].resolve().as_uri())
     return _document(session, learning, course, judged, files, last)
+
+
+def _page(
+    session: Session, learner: Learner, place: str | None, console: Console
+) -> tuple[DemoFeed | None, Page | None]:
+    """Return what the live page shows, and the page; nothing where none is asked for."""
+    if place is None:
+        return None, None
+    from towtank.app.demo_feed import DemoFeed
+
+    feed = DemoFeed(session, learner)
+    return feed, new_page(feed, place, lambda line: _say(console, line))
+
+
+def _stay(console: Console) -> None:
+    """Keep the page until Ctrl-C."""
+    _say(console, "the page stays until Ctrl-C")
+    with suppress(KeyboardInterrupt):
+        threading.Event().wait()
 
 
 def _second_pass(console: Console, session: Session, course: Course) -> LogLearning:
@@ -98,6 +148,11 @@ def _second_pass(console: Console, session: Session, course: Course) -> LogLearn
 
 def _say(console: Console, text: str, style: str = "") -> None:
     console.print(Text(text, style=style))
+
+
+def _whole(console: Console, text: str) -> None:
+    """Print a text that is to be copied, never wrapped."""
+    console.print(Text(text), soft_wrap=True)
 
 
 def _make_folder(output: Path) -> None:

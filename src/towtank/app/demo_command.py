@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from towtank.app.arguments import Json, positive
+from towtank.app.page_option import PageOption
 
 __all__ = ["demo"]
 
@@ -21,8 +22,9 @@ def demo(
     ] = None,
     fast: Annotated[bool, typer.Option("--fast", help="Do not wait for the clock.")] = False,
     browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", help="Open the page of figures at the end.")
+        bool, typer.Option("--browser/--no-browser", help="Open the live page, or the page of figures at the end.")
     ] = True,
+    page: PageOption = None,
     json: Json = False,
 ) -> None:
     """Learn a simulated vehicle live, sample by sample.
@@ -33,6 +35,7 @@ def demo(
     \b
     Example:
       towtank demo --fast --no-browser --output demo-output
+      towtank demo --page
     """
     from rich.console import Console
 
@@ -42,5 +45,5 @@ def demo(
     positive("--seconds", seconds)
     out = Output(json=json)
     console = Console(stderr=json, highlight=False)
-    document = run_demo(output, seconds=seconds, fast=fast, browser=browser, console=console, json_output=json)
+    document = run_demo(output, seconds=seconds, fast=fast, browser=browser, page=page, console=console, json_output=json)
     out.document(document)

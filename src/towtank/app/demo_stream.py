@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
 from towtank.app.demo_progress import Course
 from towtank.app.demo_session import Session
 from towtank.core.arrays import Array
-from towtank.identification import Learner
+from towtank.identification import Estimate, Learner
 
-__all__ = ["Moment", "pose_and_commands", "stream"]
+__all__ = ["Moment", "Watch", "pose_and_commands", "stream"]
 
 _POSE = ("x", "y", "z", "phi", "theta", "psi")
 _READING = 0.25  # s of the session between two readings of the estimate
 _SHOWING = 0.2  # s of the clock between two showings
+
+
+class Watch(Protocol):
+    """Somebody beside the stream, as the live page."""
+
+    def before(self, t: float, arguments: Mapping[str, Any]) -> bool:
+        """Take an instant; return whether it is to be learned from."""
+
+    def after(self, seconds: float) -> None:
+        """Take how long that took."""
+
+    def read(self, estimate: Estimate) -> None:
+        """Take a reading of the estimate."""
 
 
 @dataclass(frozen=True)
@@ -60,13 +74,19 @@ def pose_and_commands(session: Session) -> tuple[Array, Array, Array]:
 
 
 def stream(
-    session: Session, learner: Learner, course: Course, *, paced: bool, show: Callable[[Moment], None]
+    session: Session,
+    learner: Learner,
+    course: Course,
+    *,
+    paced: bool,
+    show: Callable[[Moment], None],
+    watch: Watch | None = None,
 ) -> Moment:
     """Feed the session to the learner, in its own time where `paced`, else as fast as the machine can.
 
     Args:
         course: takes a reading of the estimate every quarter of a second of the session.
-        show: called about five times a second of the clock, and at the end.
+        show: called about five times a second of the clock, and at the end. watch: sees every instant.
     """
     times, poses, commands = pose_and_commands(session)
     n, end = times.size, session.recording.duration
@@ -79,13 +99,21 @@ def stream(
             wait = began + t - time.perf_counter()
             if wait > 0.0:
                 time.sleep(wait)
+        arguments = {"pose": poses[i], "commands": commands[i]}
+        learns = watch is None or watch.before(t, arguments)
         start = time.perf_counter()
-        learner.update(t, pose=poses[i], commands=commands[i])
+        if learns:
+            learner.update(t, **arguments)
         now = time.perf_counter()
         latencies[i] = now - start
+        if learns and watch is not None:
+            watch.after(now - start)
         if t >= reading:
             reading += _READING
-            course.read(t, learner.estimate)
+            estimate = learner.estimate
+            course.read(t, estimate)
+            if watch is not None:
+                watch.read(estimate)
         if now - shown >= _SHOWING:
             shown = now
             show(Moment(t, end, i + 1, now - began, latencies[: i + 1], course))

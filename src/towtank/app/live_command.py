@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from towtank.app.arguments import Json, Map, output_place, positive
+from towtank.app.page_option import PageOption, page_address
 from towtank.errors import InputError, nearest
 
 __all__ = ["live"]
@@ -85,6 +86,7 @@ def live(
             help="Vehicle file to write at the end; default: beside the recording, where there is one.",
         ),
     ] = None,
+    page: PageOption = None,
     json: Json = False,
     json_lines: Annotated[
         bool,
@@ -100,6 +102,7 @@ def live(
     Examples:
       towtank live udpin:0.0.0.0:14550 --vehicle bluerov2_heavy --record dive.mcap -o mine.toml
       towtank live json:127.0.0.1:5005 udpin:0.0.0.0:14550 --vehicle mine.toml --map mocap.toml
+      towtank live udpin:0.0.0.0:14550 --vehicle bluerov2_heavy --page
       towtank live replay:dive.mcap@0 --vehicle bluerov2_heavy --json
     """
     if method not in _METHODS:
@@ -115,6 +118,7 @@ def live(
     positive("--window", window, zero=True)
     output_place("--output", model_file, (".toml",))
     output_place("--record", record, (".mcap",))
+    page_address(page)
 
     from towtank.app.learn_command import names_of
     from towtank.app.live_session import LiveOptions, run_live
@@ -133,5 +137,6 @@ def live(
         mapping=mapping,
         model_file=model_file,
         json_lines=json_lines,
+        page=page,
     )
     run_live(options, Output(json=json or json_lines))

@@ -13,12 +13,13 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from towtank.app.live_fit import judged
 from towtank.app.live_report import live_document, live_line, show_end
 from towtank.app.live_view import LiveView
 from towtank.app.output import Output
+from towtank.app.page_option import new_page, serving
 from towtank.app.sources import read_prior, read_vehicle
 from towtank.errors import InputError
 from towtank.identification import Learner
@@ -31,6 +32,10 @@ from towtank.live.warm_up import new_learner, warm_up
 from towtank.recording import load_mapping
 from towtank.recording.mcap_log import McapLog
 from towtank.vehicle import Provenance, Vehicle, save_vehicle
+from towtank.vehicle.names import RESTORING
+
+if TYPE_CHECKING:
+    from towtank.dashboard.page import Page
 
 __all__ = ["LiveOptions", "run_live"]
 
@@ -54,6 +59,7 @@ class LiveOptions:
     mapping: Path | None = None
     model_file: Path | None = None
     json_lines: bool = False
+    page: str | None = None
 
 
 def run_live(options: LiveOptions, output: Output) -> None:
@@ -86,13 +92,14 @@ def run_live(options: LiveOptions, output: Output) -> None:
         window=options.window,
         log=log,
         checkpoint=checkpoint,
-        interval=0.25 if output.console.is_terminal or options.json_lines else 1.0,
+        interval=0.25 if output.console.is_terminal or options.json_lines or options.page else 1.0,
     )
     try:
         if before is not None:
             with output.progress("learning from what was recorded") as tell:
                 session.learning.catch_up(before.rows(tell), since=before.since, inputs=before.inputs)
             output.say(_gone_on(options, before, session))
+        page = _page(options, session, vehicle, output)
         session.open()
     except BaseException:
         if log is not None:
@@ -101,9 +108,24 @@ def run_live(options: LiveOptions, output: Output) -> None:
                 log.path.unlink(missing_ok=True)
         raise
     output.say(f"listening to {', '.join(options.sources)}")
-    with _ends() as stop:
+    with _ends() as stop, serving(page, output.say):
         status = _run(session, stop, options, vehicle, output)
     _end(session, status, options, vehicle, output)
+
+
+def _page(options: LiveOptions, session: Session, vehicle: Vehicle, output: Output) -> Page | None:
+    """Return the live page of a session, compiled for and bound; None where none is asked for."""
+    if options.page is None:
+        return None
+    from towtank.dashboard.feed import About
+    from towtank.dashboard.live_feed import LiveFeed
+    from towtank.dashboard.warm_up import warm_up as warm_page_up
+
+    warm_page_up(vehicle)
+    names = (*vehicle.hydrodynamics, *RESTORING)
+    before = {name: value for name in names if (value := vehicle.coefficient(name))}
+    about = About(title=", ".join(options.sources), vehicle=vehicle, method=options.method, reference=before)
+    return new_page(LiveFeed(session, about), options.page, output.say)
 
 
 def _earlier(options: LiveOptions, vehicle: Vehicle, **settings: Any) -> tuple[Checkpoint | None, Earlier | None]:

@@ -1,0 +1,87 @@
+"""A live session as the page sees it."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from towtank.dashboard.feed import About, Instant, Link, Now, RecordingFile
+from towtank.live.session import Session
+from towtank.vehicle import Vehicle
+
+__all__ = ["LiveFeed", "Tap"]
+
+_KEPT = 5000  # instants
+
+
+class Tap:
+    """Takes instants from the learning thread and hands them to the page's; neither waits."""
+
+    def __init__(self) -> None:
+        self._instants: deque[Instant] = deque(maxlen=_KEPT)
+
+    def __call__(self, t: float, arguments: Mapping[str, Any]) -> None:
+        """Take one."""
+        self._instants.append((t, arguments))
+
+    def drain(self) -> list[Instant]:
+        """Return those that came since the last call."""
+        found = []
+        for _ in range(len(self._instants)):
+            found.append(self._instants.popleft())
+        return found
+
+
+class LiveFeed:
+    """A `Session`; to be made before that runs."""
+
+    def __init__(self, session: Session, about: About) -> None:
+        self.about, self._session, self._tap = about, session, Tap()
+        session.learning.tap = self._tap
+
+    def now(self) -> Now:
+        """Return where the session stands."""
+        status = self._session.status()
+        learnt, recording = status.learnt, status.recording
+        return Now(
+            elapsed=status.elapsed,
+            t=learnt.t,
+            estimate=learnt.estimate,
+            delay=learnt.delay,
+            lag=learnt.lag,
+            latency=learnt.latency,
+            processing=learnt.processing,
+            excitation=learnt.excitation,
+            samples=status.samples,
+            instants=learnt.instants,
+            dropped=status.dropped,
+            late=status.late,
+            rejected=status.bad,
+            waiting=status.waiting,
+            paused=learnt.paused,
+            links=tuple(
+                Link(each.text, each.samples, each.state.rates, each.state.asked, each.state.said)
+                for each in status.sources
+            ),
+            recording=None if recording is None else RecordingFile(recording.path, recording.size, recording.lost),
+            warnings=status.warnings,
+            events=status.events,
+        )
+
+    def taken(self) -> Sequence[Instant]:
+        """Return the instants that came since the last call."""
+        return self._tap.drain()
+
+    def model(self) -> Vehicle:
+        """Return the model as learned by now."""
+        learning = self._session.learning
+        return learning.errands.ask(learning.learner.model)
+
+    def pause(self, paused: bool) -> None:
+        """Halt learning, or go on."""
+        self._session.learning.pause(paused)
+
+    def mark(self, text: str) -> None:
+        """Add an event of somebody's own."""
+        self._session.mark(text)

@@ -1,0 +1,88 @@
+"""The last half minute of all signals, out of the instants that a session hands over."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.dashboard.feed import Instant
+from towtank.dashboard.signals import ACCELERATION, COMMANDS, POSE, VELOCITY, WRENCH, signals_of
+from towtank.vehicle import Vehicle, thruster_wrench
+
+__all__ = ["Motion"]
+
+_STEP = 0.0095  # s: what comes within it is one row, so that no more than about 100 rows are drawn a second
+_SPAN = 3000  # rows that are kept
+_VECTORS = {"pose": POSE, "velocity": VELOCITY, "acceleration": ACCELERATION, "wrench": WRENCH}
+
+
+class Motion:
+    """Rows of signals over time, the newest `_SPAN` of them; NaN where nothing was measured or commanded."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+        self._width = len(signals_of(vehicle))
+        self._t = np.empty(2 * _SPAN)
+        self._rows = np.empty((2 * _SPAN, self._width))
+        self._count = 0
+        self._open: Array | None = None  # the row that may still grow
+        self._open_t = -np.inf
+        self._voltage: float | None = None
+
+    def add(self, instants: Sequence[Instant]) -> tuple[Array, Array]:
+        """Take instants; return times (n,) [s] and values (n, width) of the rows that they completed."""
+        t, rows = [], []
+        for stamp, arguments in instants:
+            if stamp < self._open_t:
+                continue
+            if self._open is None or stamp - self._open_t >= _STEP:
+                if self._open is not None:
+                    t.append(self._open_t)
+                    rows.append(self._open)
+                self._open, self._open_t = np.full(self._width, np.nan), stamp
+            self._put(self._open, arguments)
+        if not rows:
+            return np.empty(0), np.empty((0, self._width))
+        values, times = np.array(rows), np.array(t)
+        self._fill_wrench(values)
+        self._keep(times, values)
+        return times, values
+
+    def last(self, seconds: float) -> tuple[Array, Array]:
+        """Return times (n,) [s] and values (n, width) of the last `seconds`; not copied."""
+        t = self._t[: self._count]
+        first = int(np.searchsorted(t, t[-1] - seconds)) if t.size else 0
+        return t[first:], self._rows[first : self._count]
+
+    def _put(self, row: Array, arguments: Mapping[str, Any]) -> None:
+        for name, value in arguments.items():
+            if name == "commands":
+                row[COMMANDS : COMMANDS + len(value)] = value
+            elif name == "voltage":
+                row[-1] = value
+            elif name in _VECTORS:
+                place = row[_VECTORS[name]]
+                np.copyto(place, value, where=np.isfinite(value))
+
+    def _fill_wrench(self, values: Array) -> None:
+        """Put in the wrench of the thrusters at steady state, where they were told something."""
+        commands = values[:, COMMANDS:-1]
+        told = np.isfinite(commands).all(axis=1) if commands.shape[1] else np.zeros(len(values), dtype=bool)
+        if told.any():
+            voltage = values[told, -1] if np.isfinite(values[told, -1]).all() else None
+            values[told, WRENCH] = thruster_wrench(self._vehicle, commands[told], voltage)
+
+    def _keep(self, t: Array, rows: Array) -> None:
+        t, rows = t[-_SPAN:], rows[-_SPAN:]
+        n = t.size
+        if self._count + n > 2 * _SPAN:
+            kept = _SPAN - n
+            self._t[:kept] = self._t[self._count - kept : self._count]
+            self._rows[:kept] = self._rows[self._count - kept : self._count]
+            self._count = kept
+        self._t[self._count : self._count + n] = t
+        self._rows[self._count : self._count + n] = rows
+        self._count += n

@@ -1,0 +1,138 @@
+"""What the model as learned makes of the last seconds: a free run from the measured state, driven by the commands."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.dashboard.signals import ACCELERATION, COMMANDS, POSE, VELOCITY, WRENCH
+from towtank.errors import InputError
+from towtank.identification import Estimate
+from towtank.recording import Grid
+from towtank.validation import predict
+from towtank.vehicle import Vehicle
+
+__all__ = ["SECONDS", "FreeRun", "free_run"]
+
+SECONDS = 10.0  # s that the free run lasts
+_RATE = 25.0  # Hz
+_HALF = 5  # steps to either side, for a velocity taken from the pose
+_LONGEST = 0.3  # s between two samples that are still joined
+
+
+@dataclass(frozen=True)
+class FreeRun:
+    """Times (n,) [s], velocities measured and predicted (n, 6), and the root mean square (6,) of their difference."""
+
+    t: Array
+    measured: Array
+    predicted: Array
+    rms: Array
+
+
+def free_run(
+    vehicle: Vehicle, estimate: Estimate, delay: float, t: Array, rows: Array, seconds: float = SECONDS
+) -> FreeRun | None:
+    """Return the free run of the vehicle with what was learned put in; None where there is too little to start from.
+
+    Args:
+        t, rows: signals as of `Motion`, newest last.
+    """
+    if t.size < 10 or t[-1] - t[0] < 1.0:
+        return None
+    model = estimate.model(vehicle)
+    grid = _grid(vehicle, t, rows, seconds)
+    measured = _velocity(grid)
+    try:
+        found = predict(model, grid, delay=delay if math.isfinite(delay) else None)
+    except InputError:
+        return None
+    predicted = np.where(np.isfinite(measured).any(axis=0), found.states[:, 7:13], np.nan)
+    away = np.where(np.isfinite(measured), predicted - measured, np.nan)
+    count = np.isfinite(away).sum(axis=0)
+    rms = np.sqrt(np.nansum(away**2, axis=0) / np.maximum(count, 1))
+    return FreeRun(grid.t, measured, predicted, np.where(count > 0, rms, np.nan))
+
+
+def _grid(vehicle: Vehicle, t: Array, rows: Array, seconds: float) -> Grid:
+    n = int(min(seconds, t[-1] - t[0]) * _RATE) + 1
+    times = t[-1] + (np.arange(n) - (n - 1)) / _RATE
+    pose = _between(times, t, rows[:, POSE], turning=True)
+    velocity = _between(times, t, rows[:, VELOCITY])
+    acceleration = _between(times, t, rows[:, ACCELERATION])
+    voltage = _between(times, t, rows[:, -1:])[:, 0]
+    commands, wrench = rows[:, COMMANDS:-1], rows[:, WRENCH]
+    told = np.isfinite(commands).all(axis=1) if commands.shape[1] else np.zeros(t.size, dtype=bool)
+    pushed = np.isfinite(wrench).any(axis=1) & ~told.any()
+    empty = np.full((n, 6), np.nan)
+    return Grid(
+        t=times,
+        rate=_RATE,
+        pose=pose,
+        velocity=velocity,
+        acceleration=acceleration,
+        fresh=np.isfinite(np.hstack([pose, velocity, acceleration])),
+        wrench=empty,
+        voltage=voltage,
+        thrusters=tuple(thruster.name for thruster in vehicle.thrusters),
+        commands=np.full((n, commands.shape[1]), np.nan),
+        command_t=t[told],
+        command_values=commands[told],
+        wrench_t=t[pushed],
+        wrench_values=wrench[pushed],
+        source="the last seconds",
+    )
+
+
+def _between(times: Array, t: Array, columns: Array, *, turning: bool = False) -> Array:
+    """Return columns (k, m) of t (k,) at `times` (n,), NaN where the next sample is far; angles are unwrapped."""
+    out = np.full((times.size, columns.shape[1]), np.nan)
+    for j, column in enumerate(columns.T):
+        known = np.isfinite(column)
+        if known.sum() < 2:
+            continue
+        stamps, values = t[known], column[known]
+        if turning and j >= 3:
+            values = np.unwrap(values)
+        after = np.clip(np.searchsorted(stamps, times), 1, stamps.size - 1)
+        near = (stamps[after] - stamps[after - 1] <= _LONGEST) & (times >= stamps[0] - 1e-9)
+        out[near, j] = np.interp(times, stamps, values)[near]
+    return out
+
+
+def _velocity(grid: Grid) -> Array:
+    """Return the measured body velocity (n, 6); where it was not, from the slope of the pose over 0.4 s."""
+    out = np.array(grid.velocity)
+    missing = ~np.isfinite(out).any(axis=0)
+    if not missing.any() or len(grid) < 2 * _HALF + 1:
+        return out
+    steps = np.arange(-_HALF, _HALF + 1)
+    weights = steps[::-1] * grid.rate / float(steps @ steps)
+    rate = np.full((len(grid), 6), np.nan)
+    for j in range(6):
+        rate[_HALF:-_HALF, j] = np.convolve(grid.pose[:, j], weights, mode="valid")
+    derived = _body(grid.pose[:, 3:], rate)
+    out[:, missing] = derived[:, missing]
+    return out
+
+
+def _body(angles: Array, rate: Array) -> Array:
+    """Return body velocities (n, 6) of rates of x y z and Euler angles (n, 6) at those angles (n, 3)."""
+    phi, theta, psi = angles.T
+    s1, c1, s2, c2, s3, c3 = np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta), np.sin(psi), np.cos(psi)
+    x, y, z, f, g, h = rate.T
+    forward, right = c3 * x + s3 * y, c3 * y - s3 * x  # horizontal, ahead and to the right
+    down = s2 * forward + c2 * z
+    return np.column_stack(
+        [
+            c2 * forward - s2 * z,
+            c1 * right + s1 * down,
+            c1 * down - s1 * right,
+            f - s2 * h,
+            c1 * g + s1 * c2 * h,
+            c1 * c2 * h - s1 * g,
+        ]
+    )

@@ -1,0 +1,40 @@
+// Small helpers: elements by id, texts that are written only where they change.
+
+export function byId<T extends HTMLElement>(id: string): T {
+  const found = document.getElementById(id);
+  if (!found) throw new Error(`no element ${id}`);
+  return found as T;
+}
+
+export function write(element: Element, text: string): void {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+/** Make a table's body hold these rows; cells are rewritten only where they change. */
+export function fill(body: Element, rows: string[][], numbers: number[] = [], heading = true): void {
+  while (body.children.length > rows.length) body.lastElementChild!.remove();
+  rows.forEach((cells, k) => {
+    let row = body.children[k] as HTMLTableRowElement | undefined;
+    if (!row || row.children.length !== cells.length) {
+      const fresh = document.createElement("tr");
+      cells.forEach((_, j) => {
+        const cell = document.createElement(heading && j === 0 ? "th" : "td");
+        if (cell.tagName === "TH") cell.setAttribute("scope", "row");
+        if (numbers.includes(j)) cell.className = "number";
+        fresh.append(cell);
+      });
+      if (row) row.replaceWith(fresh);
+      else body.append(fresh);
+      row = fresh;
+    }
+    cells.forEach((text, j) => write(row.children[j], text));
+  });
+}
+
+export function list(parent: Element, texts: string[]): void {
+  while (parent.children.length > texts.length) parent.lastElementChild!.remove();
+  texts.forEach((text, k) => {
+    const item = parent.children[k] ?? parent.appendChild(document.createElement("li"));
+    write(item, text);
+  });
+}

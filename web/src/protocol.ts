@@ -1,0 +1,59 @@
+// What the server sends: binary frames of numbers, and JSON for the rest. See docs/design/page.md.
+
+export interface Coefficient { name: string; unit: string; axis: string; reference: number | null }
+export interface Signal { name: string; chart: string; unit: string; scale: number }
+
+export interface Hello {
+  type: "hello"; session: string; title: string; vehicle: string; method: string; seconds: number | null; report: boolean;
+  prediction_seconds: number; reference_word: string; coefficients: Coefficient[]; signals: Signal[];
+  axes: { name: string; velocity: string; wrench: string }[];
+}
+
+export interface Known {
+  learned: boolean; known: number | null; inertia: number | null; drag: number | null; speed: number | null;
+  asked_rms: number | null;
+}
+
+export interface State {
+  type: "state"; sequence: number; ended: boolean; paused: boolean; elapsed_s: number; t: number | null; verdict: string;
+  coefficients: Record<string, {
+    value: number | null; std: number | null; relative_std: number | null; unit: string; identified: boolean;
+    reason: string | null;
+  }>;
+  axes: Record<string, Known>;
+  prediction: { rms: (number | null)[]; t: number[] } | null;
+  pose: (number | null)[];
+  delay_s: number | null; lag_s: number | null;
+  latency_ms: Record<string, number | null>; processing_ms: Record<string, number | null>;
+  samples: number; instants: number; dropped: number; late: number; rejected: number; waiting: number;
+  links: {
+    text: string; samples: number; rates_hz: Record<string, number | null>; asked_hz: Record<string, number | null>;
+    said: string[];
+  }[];
+  recording: { file: string; bytes: number; lost: number } | null;
+  warnings: string[];
+  page: { viewers: number; skipped: number; refused: number; trouble: string };
+}
+
+export interface Happening { t: number; kind: string; text: string }
+export interface Events { type: "events"; events: Happening[] }
+export interface You { type: "you"; steers: boolean }
+export type Message = Hello | State | Events | You;
+
+export enum Kind { Signals = 1, Coefficients = 2, Prediction = 3, Track = 4 }
+
+export interface Frame { kind: Kind; sequence: number; t: Float64Array; columns: Float32Array[] }
+
+const HEADER = 16;
+const VERSION = 1;
+
+/** Take a frame apart; null where it is none of this version. */
+export function decode(data: ArrayBuffer): Frame | null {
+  if (data.byteLength < HEADER) return null;
+  const head = new DataView(data, 0, HEADER);
+  const count = head.getUint16(2, true);
+  const rows = head.getUint32(4, true);
+  if (head.getUint8(0) !== VERSION || data.byteLength !== HEADER + rows * (8 + 4 * count)) return null;
+  const columns = Array.from({ length: count }, (_, k) => new Float32Array(data, HEADER + rows * (8 + 4 * k), rows));
+  return { kind: head.getUint8(1), sequence: head.getUint32(8, true), t: new Float64Array(data, HEADER, rows), columns };
+}
