@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from towtank.app.arguments import Json, Map, output_place, positive
-from towtank.app.page_option import PageOption, page_address
+from towtank.app.page_option import FoxgloveOption, PageOption, page_address
 from towtank.errors import InputError, nearest
 
 __all__ = ["live"]
@@ -87,6 +87,7 @@ def live(
         ),
     ] = None,
     page: PageOption = None,
+    foxglove: FoxgloveOption = None,
     json: Json = False,
     json_lines: Annotated[
         bool,
@@ -138,5 +139,6 @@ def live(
         model_file=model_file,
         json_lines=json_lines,
         page=page,
+        foxglove=foxglove,
     )
     run_live(options, Output(json=json or json_lines))

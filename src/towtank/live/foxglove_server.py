@@ -25,9 +25,8 @@ from towtank.live.told import Form, Told
 from towtank.recording.event import EVENT_SCHEMA, EVENT_TOPIC, event_json
 from towtank.vehicle import Vehicle, thruster_wrench
 
-__all__ = ["DEFAULT_ADDRESS", "FoxgloveServer"]
+__all__ = ["FoxgloveServer"]
 
-DEFAULT_ADDRESS = "127.0.0.1:8765"
 _PERIOD, _SLOW = 0.05, 1.0  # s between two looks at what has come, and between two readings of the session
 _WAITING = 1000  # instants
 _BACKLOG = 1024  # messages that wait for one viewer
@@ -43,12 +42,13 @@ class FoxgloveServer:
         address: HOST:PORT to listen at.
     """
 
-    def __init__(self, session: Session, vehicle: Vehicle, epoch: float, address: str = DEFAULT_ADDRESS) -> None:
+    def __init__(self, session: Session, vehicle: Vehicle, epoch: float, address: str) -> None:
         self._session, self._vehicle, self._epoch = session, vehicle, epoch
         self._host, self._port = _parts(address)
         self._came: deque[tuple[float, Mapping[str, Any]]] = deque(maxlen=_WAITING)
         self._events = 0
         self._server: Any = None
+        self._context: Any = None
         self._channels: dict[str, Any] = {}
         self._frames: Any = None
         self._stop = threading.Event()
@@ -62,7 +62,7 @@ class FoxgloveServer:
         import foxglove
         from foxglove.channels import FrameTransformsChannel
 
-        context = foxglove.Context()
+        self._context = context = foxglove.Context()  # its channels close with it
         try:
             self._server = foxglove.start_server(
                 name="towtank", host=self._host, port=self._port, context=context, message_backlog_size=_BACKLOG
