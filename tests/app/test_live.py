@@ -117,6 +117,18 @@ def test_without_a_recording_the_last_minute_is_judged(log: Path, tmp_path: Path
     assert set(early["fit"].values()) == {None}
 
 
+def test_foxglove_is_served_where_it_says(log: Path, tmp_path: Path) -> None:
+    asked = (f"replay:{log}@0", "--vehicle", VEHICLE, "--free", FREE, "--json")
+    done = towtank(*asked, "--foxglove", "127.0.0.1:0", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "foxglove: ws://127.0.0.1:" in done.stderr
+    assert json.loads(done.stdout)["live"]["samples"] == 1601
+    wrong = towtank(*asked, "--foxglove=nowhere", cwd=tmp_path)
+    assert wrong.returncode == 2
+    assert "--foxglove" in wrong.stderr
+    assert "Traceback" not in wrong.stderr
+
+
 def test_killed_and_gone_on_with(log: Path, tmp_path: Path) -> None:
     feed, port = datagrams(log), free_port()
     arguments = (f"json:127.0.0.1:{port}", "--record", "dive.mcap", "--json-lines")
