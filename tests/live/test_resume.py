@@ -165,7 +165,7 @@ def test_a_damaged_checkpoint_is_passed_over(vehicle: Vehicle, run: Recording, t
 
 def test_a_checkpoint_that_cannot_be_written_is_said_and_no_more(tmp_path: Path) -> None:
     checkpoint = Checkpoint(tmp_path / "gone" / "dive.mcap", {})
-    assert not checkpoint.save(Kept([1.0]), 1.0)  # type: ignore[arg-type]
+    assert not checkpoint.save(Kept([1.0]), 1.0, wait=True)  # type: ignore[arg-type]
     assert "dive.mcap.state" in checkpoint.trouble
 
 
