@@ -24,6 +24,8 @@ _DEPTH = 1000  # messages that wait for us
 _TOPIC = "rt/"  # before the name of every topic of ROS 2
 _KIND = re.compile(r"(\w+)::msg::dds_::(\w+)_")
 _NANO = 1_000_000_000
+_CONFIG = """<CycloneDDS><Domain Id="any"><Compatibility><IgnoreTypeInformation>1.1,1.15,1.16</IgnoreTypeInformation>
+</Compatibility></Domain></CycloneDDS>"""  # of RTI, Fast DDS, Cyclone: types are matched by their names
 _NUMBERS = {
     "bool": "bool", "byte": "uint8", "octet": "uint8", "char": "uint8", "int8": "int8", "uint8": "uint8",
     "int16": "int16", "uint16": "uint16", "int32": "int32", "uint32": "uint32", "int64": "int64", "uint64": "uint64",
@@ -41,6 +43,7 @@ class DdsLink:
         if importlib.util.find_spec("cyclonedds") is None:
             raise InputError(f'source "{text}": cyclonedds is not installed; pip install "towtank[dds]"')
         self._text, self._number = text, domain_of(int(match[1]) if match[1] else None)
+        self._domain: Any = None
         self._participant: Any = None
         self._endpoints: Any = None
         self._waiting: Any = None
@@ -53,7 +56,9 @@ class DdsLink:
         try:
             core: Any = importlib.import_module("cyclonedds.core")
             builtin: Any = importlib.import_module("cyclonedds.builtin")
-            self._participant = importlib.import_module("cyclonedds.domain").DomainParticipant(self._number)
+            domains: Any = importlib.import_module("cyclonedds.domain")
+            self._domain = _lenient(domains, core, self._number)
+            self._participant = domains.DomainParticipant(self._number)
             self._endpoints = builtin.BuiltinDataReader(self._participant, builtin.BuiltinTopicDcpsPublication)
             self._waiting = core.WaitSet(self._participant)
         except Exception as error:  # of the library's own kinds, and of a shared object that does not load
@@ -122,7 +127,7 @@ class DdsLink:
             for _, _, _, unread in self._readers:
                 self._waiting.detach(unread)
         self._readers, self._published = [], {}
-        self._endpoints = self._waiting = self._participant = None
+        self._endpoints = self._waiting = self._participant = self._domain = None
 
 
 class _Bytes:
@@ -135,6 +140,20 @@ class _Bytes:
         self.sample_info: Any = None
 
 
+def _lenient(domains: Any, core: Any, number: int) -> Any:
+    """Return the domain, set up to believe that a writer's type is what its name says; None where it exists already.
+
+    Of a writer that tells its type Cyclone asks for all types within. Fast DDS answers with the outermost one alone,
+    and then no reader is ever matched.
+    """
+    import os
+
+    told = [os.environ.get("CYCLONEDDS_URI", ""), _CONFIG]
+    with contextlib.suppress(core.DDSException):
+        return domains.Domain(number, ",".join(filter(None, told)))
+    return None
+
+
 @cache
 def _struct(kind: str) -> Any:
     """Return the type of a message for DDS, whose samples are left as bytes.
@@ -144,6 +163,7 @@ def _struct(kind: str) -> Any:
     """
     message = _nested(kind, types_of(kind, "", "ros2msg", False))
     message.deserialize = staticmethod(lambda data, *rest, **more: _Bytes(bytes(data)))
+    message.deserialize_key = message.deserialize  # of a writer that has gone
     return message
 
 
