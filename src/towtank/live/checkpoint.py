@@ -74,7 +74,8 @@ class Checkpoint:
         """Return where the learner writes: in memory where the system has a folder there, to wait for no disk."""
         if self._quick is None and os.access(_MEMORY, os.W_OK):
             with contextlib.suppress(OSError):
-                self._quick = Path(tempfile.mkdtemp(prefix="towtank-", dir=_MEMORY))
+                _clear_after_the_killed()
+                self._quick = Path(tempfile.mkdtemp(prefix=f"towtank-{os.getpid()}-", dir=_MEMORY))
                 weakref.finalize(self, shutil.rmtree, self._quick, ignore_errors=True)
         return self._beside("part") if self._quick is None else self._quick / "part"
 
@@ -135,3 +136,11 @@ def _sync_folder(folder: Path) -> None:
             os.fsync(handle)
         finally:
             os.close(handle)
+
+
+def _clear_after_the_killed() -> None:
+    """Remove our folders in memory whose processes are gone without a chance to."""
+    for folder in Path(_MEMORY).glob("towtank-*-*"):
+        number = folder.name.split("-")[1]
+        if number.isdecimal() and not Path("/proc", number).exists() and folder.stat().st_uid == os.getuid():
+            shutil.rmtree(folder, ignore_errors=True)
