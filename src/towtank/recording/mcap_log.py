@@ -224,18 +224,22 @@ class McapLog:
 
     def write_event(self, event: Event) -> None:
         """Append an event, as JSON on a topic of its own."""
-        self.write_text(EVENT_TOPIC, EVENT_SCHEMA, event.t, event_json(event))
+        if not self.write_text(EVENT_TOPIC, EVENT_SCHEMA, event.t, event_json(event)):
+            self.lost += 1
 
-    def write_text(self, topic: str, schema: tuple[str, str, bytes], t: float, text: str) -> None:
-        """Append JSON of time t [s] on a topic of its own, whose schema (name, encoding, text) describes it."""
+    def write_text(self, topic: str, schema: tuple[str, str, bytes], t: float, text: str) -> bool:
+        """Append JSON of time t [s] on a topic of its own, described by a schema (name, encoding, text).
+
+        Return whether there is such a topic: where the disk did not take a new one, nothing is appended.
+        """
         try:
             if topic not in self._texts:
                 self._texts[topic] = self._file.channel(topic, EVENT_ENCODING, {}, schema)
         except OSError as error:
             self.trouble = f"{self.path}: {error.strerror or error}"
-            self.lost += 1
-            return
+            return False
         self._add(self._texts[topic], t, text.encode())
+        return True
 
     def flush(self) -> bool:
         """Write what waits and see it to the disk; return whether everything is there now."""
