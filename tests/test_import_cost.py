@@ -34,6 +34,10 @@ def test_errors_are_free_too() -> None:
     assert loaded_after("from towtank import InputError").isdisjoint(HEAVY)
 
 
+def test_a_file_that_is_no_log_is_known_without_libraries() -> None:
+    assert loaded_after("from towtank.readers import recognised").isdisjoint(HEAVY)
+
+
 def test_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="module 'towtank' has no attribute 'simulat'"):
         _ = towtank.simulat

@@ -1,16 +1,17 @@
 """`towtank live` with real peers on this machine: what it learns of surge and yaw against the truth.
 
-    make peers            (or: python benchmarks/peers/run_peers.py [mavsdk|ros2|json ...])
+    make peers            (or: python benchmarks/peers/run_peers.py [mavsdk|ros2|dds|json ...])
 
 The same simulated BlueROV2 Heavy is played in real time by three peers, each in a process of its own, over loopback:
 
     mavsdk   MAVSDK as autopilot over UDP: HEARTBEAT, ATTITUDE, LOCAL_POSITION_NED, SERVO_OUTPUT_RAW, EKF_STATUS_REPORT,
              parameters; ArduSub's slow rates until they are asked for faster
     ros2     rclpy over Fast DDS: nav_msgs/Odometry and geometry_msgs/WrenchStamped
+    dds      the same ROS 2, heard by Cyclone DDS without anything of ROS
     json     JSON lines over UDP
 
 `towtank live` begins with coefficients that are 0.6 times the true ones. X_udot, X_u, X_uu, N_rdot and N_rr must come
-out within 5 % of the truth. The first two peers have environments of their own, in .peers.
+out within 5 % of the truth. All peers but the last have environments of their own, in .peers.
 """
 
 from __future__ import annotations
@@ -33,9 +34,14 @@ HERE, ROOT = Path(__file__).parent, Path(__file__).parents[2]
 TOLERANCE = 5.0  # %
 START = 0.6  # of the true coefficients
 PYTHON = {name: ROOT / ".peers" / name / "bin" / "python" for name in ("mavsdk", "ros2")} | {
+    "dds": ROOT / ".peers" / "ros2" / "bin" / "python",
     "json": Path(sys.executable)
 }
-LOOPBACK = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": "77"}
+CYCLONE = """<CycloneDDS><Domain Id="any"><General><AllowMulticast>false</AllowMulticast>
+<Interfaces><NetworkInterface name="lo"/></Interfaces></General>
+<Discovery><ParticipantIndex>auto</ParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers></Discovery>
+</Domain></CycloneDDS>"""
+LOOPBACK = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": "77", "CYCLONEDDS_URI": CYCLONE}
 
 
 def wrong_start(folder: Path) -> Path:
@@ -54,9 +60,14 @@ def wrong_start(folder: Path) -> Path:
 def session(name: str, folder: Path, start: Path) -> dict[str, object]:
     """Let a peer play the vehicle to `towtank live`; return its document."""
     port = free_port()
-    source = {"mavsdk": f"udpin:127.0.0.1:{port}", "ros2": "ros2:77", "json": f"json:127.0.0.1:{port}"}[name]
+    source = {
+        "mavsdk": f"udpin:127.0.0.1:{port}",
+        "ros2": "ros2:77",
+        "dds": "dds:77",
+        "json": f"json:127.0.0.1:{port}",
+    }[name]
     trajectory = folder / f"{name}.jsonl"
-    write_trajectory(trajectory, by_wrench=name == "ros2")
+    write_trajectory(trajectory, by_wrench=name in ("ros2", "dds"))
     python = PYTHON["ros2"] if name == "ros2" else Path(sys.executable)  # rclpy is in the peer's environment
     command = [str(python), "-m", "towtank", "live", source, "--vehicle", str(start), "--json", "--free", FREE]
     recording = folder / f"{name}.mcap"
@@ -77,7 +88,7 @@ def session(name: str, folder: Path, start: Path) -> dict[str, object]:
         else:
             raise SystemExit(f"{name}: towtank live does not start:\n{''.join(told)}")
         peer = subprocess.run(
-            [str(PYTHON[name]), str(HERE / f"{name}_peer.py"), str(trajectory), str(port)],
+            [str(PYTHON[name]), str(HERE / f"{'ros2' if name == 'dds' else name}_peer.py"), str(trajectory), str(port)],
             env=environment,
             capture_output=True,
             text=True,

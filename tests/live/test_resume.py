@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from datetime import UTC, datetime
 from pathlib import Path
@@ -163,9 +164,26 @@ def test_a_damaged_checkpoint_is_passed_over(vehicle: Vehicle, run: Recording, t
         assert earlier(path, vehicle, checkpoint).learner is None
 
 
+def test_nothing_of_killed_sessions_stays_in_memory(tmp_path: Path) -> None:
+    memory = Path("/dev/shm")
+    if not memory.is_dir():
+        pytest.skip("no folder in memory")
+    left = memory / "towtank-4194305-test"  # a number that no process has
+    left.mkdir(exist_ok=True)
+    (left / "part").write_bytes(b"part")
+    others = set(memory.glob(f"towtank-{os.getpid()}-*"))
+    checkpoint = Checkpoint(tmp_path / "dive.mcap", {})
+    assert checkpoint.save(Kept([1.0]), 1.0, wait=True)  # type: ignore[arg-type]
+    assert not left.exists()
+    [own] = set(memory.glob(f"towtank-{os.getpid()}-*")) - others
+    assert list(own.iterdir()) == []
+    del checkpoint
+    assert not own.exists()
+
+
 def test_a_checkpoint_that_cannot_be_written_is_said_and_no_more(tmp_path: Path) -> None:
     checkpoint = Checkpoint(tmp_path / "gone" / "dive.mcap", {})
-    assert not checkpoint.save(Kept([1.0]), 1.0)  # type: ignore[arg-type]
+    assert not checkpoint.save(Kept([1.0]), 1.0, wait=True)  # type: ignore[arg-type]
     assert "dive.mcap.state" in checkpoint.trouble
 
 

@@ -294,7 +294,7 @@ def test_json_over_udp_is_learned_from_and_recorded_as_it_came(
     assert status.waiting == 0
     assert status.learnt.latency["p99"] >= 99.0  # ms: the window
     kept = read(tmp_path / "a.mcap")
-    assert {each.name: each.count for each in kept.contents} == {
+    assert {each.name: each.count for each in kept.contents if not each.name.startswith("/towtank/")} == {
         f"/json/port_{port}": 200,
         f"/raw/json/port_{port}": 220,
     }

@@ -97,6 +97,7 @@ def dive_bin(
     dvl: bool = True,
     flags: int = 0b10000000101101111,
     start: float = 100.0,
+    beyond: bool = False,
 ) -> DataFlashWriter:
     """Return a short dive: IMU at 50 Hz, the rest at 10 Hz; every channel is a function of time that tests know.
 
@@ -109,6 +110,8 @@ def dive_bin(
     log.define("IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
     log.define("ATT", "QccccCCB", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,AEKF")
     log.define("RCOU", "QHHHHHHHH", "TimeUS,C1,C2,C3,C4,C5,C6,C7,C8")
+    if beyond:  # outputs 15 and 16
+        log.define("RCO2", "QHH", "TimeUS,C15,C16")
     log.define("BARO", "QBfff", "TimeUS,I,Alt,Press,Temp")
     log.define("BAT", "QBff", "TimeUS,Inst,Volt,Curr")
     log.define("VISO", "Qffffffff", "TimeUS,dt,AngDX,AngDY,AngDZ,PosDX,PosDY,PosDZ,conf")
@@ -128,6 +131,8 @@ def dive_bin(
             continue
         log.add("ATT", us, 0.0, 1.0 + t, 0.0, -2.0, 0.0, 350.0, 3)
         log.add("RCOU", us, *(round(1500 + 10 * n + 5 * t) for n in range(1, 7)), 0, 1100)
+        if beyond:
+            log.add("RCO2", us, 1700 + k // 5, 1600 - k // 5)
         log.add("BARO", us, 0, -80.0, 102_800.0, 20.0)
         log.add("BARO", us, 1, -(2.0 + 0.1 * t), 100_000.0 + 9800.0 * (2.0 + 0.1 * t), 12.0)
         log.add("BAT", us, 0, 16.0 - 0.1 * t, 1.0)

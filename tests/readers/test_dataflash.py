@@ -120,6 +120,18 @@ def test_outputs_without_parameters_are_said(tmp_path: Path) -> None:
     assert any("no SERVOn_FUNCTION" in note and "outputs 1 to 6" in note for note in run.notes)
 
 
+def test_thrusters_beyond_the_fourteenth_output_are_joined(tmp_path: Path) -> None:
+    parameters = {**SIX, "SERVO16_FUNCTION": 39.0, "SERVO15_FUNCTION": 40.0}
+    run = read(written(tmp_path, dive_bin(parameters=parameters, beyond=True).data))
+    assert [name for name in run if name.startswith("cmd_")] == [f"cmd_{n}" for n in range(1, 9)]
+    np.testing.assert_allclose(run["cmd_7"].measured.values, 1600.0 - np.arange(40))
+    np.testing.assert_allclose(run["cmd_8"].measured.values, 1700.0 + np.arange(40))
+    np.testing.assert_allclose(run["cmd_1"].measured.values, 1510.0 + 5.0 * run["cmd_1"].measured.t, atol=0.5)
+    assert used(run)["RCOU"] == tuple(f"cmd_{n}" for n in range(1, 9))
+    assert reasons(run)["RCO2"] == "commands: joined to RCOU"
+    assert any("thrusters of RCO2 are joined" in note for note in run.notes)
+
+
 def test_mapping_takes_what_it_names_at_its_own_times(tmp_path: Path) -> None:
     path = written(tmp_path, dive_bin().data)
     mapping = {

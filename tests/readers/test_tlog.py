@@ -11,8 +11,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from towtank.errors import InputError
 from towtank.readers import read
+from towtank.readers.mavlink_checksum import checksum
 from towtank.readers.mavlink_format import layouts
 from towtank.readers.tlog import decode
+from towtank.readers.tlog_scan import scan_tlog
 from towtank.recording import ColumnMapping, Recording
 
 from .encoders import TlogWriter, dive_tlog
@@ -300,3 +302,59 @@ def test_layouts_are_pymavlinks() -> None:
     for number, layout in layouts().items():
         kind = mavlink.mavlink_map[number]
         assert (layout.name, layout.dtype.itemsize) == (kind.msgname, kind.unpacker.size)
+
+
+def test_outputs_of_the_second_port_are_joined(tmp_path: Path) -> None:
+    log = dive_tlog(parameters={**SIX, "SERVO17_FUNCTION": 39.0})
+    for k in range(40):
+        servos = {f"servo{n}_raw": 1500 + (k if n == 1 else 0) for n in range(1, 17)}
+        log.add(0.1 * k + 0.02, mavlink.MAVLink_servo_output_raw_message(round(1e5 * k), 1, **servos))
+    run = read(written(tmp_path, log.data))
+    assert [name for name in run if name.startswith("cmd_")] == [f"cmd_{n}" for n in range(1, 8)]
+    np.testing.assert_allclose(run["cmd_7"].measured.values, 1500.0 + np.arange(40))
+    assert any("are joined to those of SERVO_OUTPUT_RAW[0]" in note for note in run.notes)
+
+
+@pytest.mark.parametrize(
+    ("flags", "refused"), [(0b1111111, ""), (0b10100111, "the filter reports that nothing aids it")]
+)
+def test_px4_tells_its_aiding_in_a_message_of_its_own(tmp_path: Path, flags: int, refused: str) -> None:
+    log = TlogWriter()
+    for k in range(50):
+        t = 0.1 * k
+        log.add(t, mavlink.MAVLink_heartbeat_message(12, 12, 0, 0, 0, 3))  # submarine, PX4
+        log.add(t, mavlink.MAVLink_estimator_status_message(round(1e5 * k), flags, *([0.1] * 8)))
+        log.add(t, mavlink.MAVLink_local_position_ned_message(100 * k, t, 0.0, 1.0, 1.0 + t, 0.0, 0.0))
+        log.add(t, mavlink.MAVLink_attitude_message(100 * k, 0.01 * k, 0.0, 0.0, 0.1, 0.0, 0.0))
+    run = read(written(tmp_path, log.data))
+    assert ("vn" in run or "u" in run) is not refused
+    assert refused in reasons(run)["LOCAL_POSITION_NED"]
+
+
+def test_a_file_that_is_mostly_something_else_costs_a_bounded_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = []
+    monkeypatch.setattr("towtank.readers.tlog_scan.checksum", lambda data: tried.append(1) or checksum(data))
+    monkeypatch.setattr("towtank.readers.tlog_scan._MANY_VAIN", 100)
+    monkeypatch.setattr("towtank.readers.tlog_scan._MOST_VAIN", 300)
+    good = bytes(dive_tlog(parameters=SIX).data)
+    whole = scan_tlog(good, layouts())
+    noise = b"\0" * 20 + b"\xfe\x01\x02\0" * 2000  # might all be packets of version 1, type 0 or 254
+    found = scan_tlog(good + noise + good, layouts())  # behind a time packets are found after any number of others
+    assert not found.given_up
+    assert sum(len(each.payloads) for each in found.groups.values()) >= 2 * sum(
+        len(each.payloads) for each in whole.groups.values()
+    )
+    tried.clear()
+    stamped = b"\0\x05\0\0\0\0\0\0\xfe\x00\0\0\0\0\x01\x02" * 2000
+    lost = scan_tlog(good + b"\0" * 20 + stamped, layouts())
+    assert lost.given_up
+    assert len(tried) <= 400 + len(whole.groups) + sum(len(each.payloads) for each in whole.groups.values())
+
+
+def test_the_checksum_is_that_of_mavlink() -> None:
+    from pymavlink.generator.mavcrc import x25crc
+
+    chance = np.random.default_rng(1)
+    for size in range(300):
+        data = chance.bytes(size)
+        assert checksum(data) == x25crc(data).crc

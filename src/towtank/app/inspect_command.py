@@ -27,16 +27,18 @@ def inspect(
     Example:
       towtank inspect surge.csv --vehicle vlbv300
     """
-    from towtank.app.inspect_tables import show_inspection
-    from towtank.app.inspection import inspect_recording
     from towtank.app.output import Output
     from towtank.app.sources import cut, read_logs, read_vehicle
 
     stretch = Window.parse(window)
     output = Output(json=json)
     with output.progress("inspecting") as tell:
-        known = None if vehicle is None else read_vehicle(vehicle, output)
         [recording] = cut(read_logs([log], mapping, tell), stretch)
+        known = None if vehicle is None else read_vehicle(vehicle, output)
+        from towtank.app.inspection import inspect_recording  # a second of libraries: a file that is none is told first
+
         found = inspect_recording(str(log), recording, known, tell)
+    from towtank.app.inspect_tables import show_inspection
+
     show_inspection(found, output)
     output.document({**found.document(), "vehicle": None if known is None else known.name})

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from towtank.app.arguments import Json, Map, output_place, positive
-from towtank.app.page_option import PageOption, page_address
+from towtank.app.page_option import FoxgloveOption, PageOption, page_address
 from towtank.errors import InputError, nearest
 
 __all__ = ["live"]
@@ -21,9 +21,10 @@ def live(
         list[str],
         typer.Argument(
             metavar="SOURCE",
-            help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, /dev/NAME,BAUD (MAVLink); ros2:[DOMAIN] (ROS 2); "
-            "json:HOST:PORT, - (JSON lines over UDP, on standard input); replay:FILE[@SPEED] (a log, @0 as fast as "
-            "possible). Of several, the one named first is learned from where both measure the same.",
+            help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, /dev/NAME,BAUD (MAVLink); ros2:[DOMAIN], "
+            "dds:[DOMAIN] (ROS 2); qtm:HOST[/BODY], natnet:HOST[/BODY] (motion capture); json:HOST:PORT, - (JSON lines "
+            "over UDP, on standard input); replay:FILE[@SPEED] (a log, @0 as fast as possible). Of "
+            "several, the one named first is learned from where both measure the same.",
         ),
     ],
     vehicle: Annotated[
@@ -86,6 +87,7 @@ def live(
         ),
     ] = None,
     page: PageOption = None,
+    foxglove: FoxgloveOption = None,
     json: Json = False,
     json_lines: Annotated[
         bool,
@@ -137,5 +139,6 @@ def live(
         model_file=model_file,
         json_lines=json_lines,
         page=page,
+        foxglove=foxglove,
     )
     run_live(options, Output(json=json or json_lines))

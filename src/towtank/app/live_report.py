@@ -6,7 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from towtank.app.fits_table import show_fits
 from towtank.app.learn_report import estimate_document
+from towtank.app.live_fit import LiveFit
 from towtank.app.live_table import coefficient_rows, link_lines, measures
 from towtank.app.output import Output
 from towtank.identification import Learner
@@ -25,10 +27,12 @@ def live_document(
     prior: str | None,
     method: str,
     warnings: Sequence[str],
+    judged: LiveFit,
 ) -> dict[str, Any]:
     """Return the document of `learn --json`, with what only a live session can say under "live".
 
-    A stream is not judged by free runs: "fit" holds null; `towtank validate` on the recording fills it.
+    "fit" is that of a free run over the recording, else over the last minute: "fit_of" says which, "fit_reason" why
+    there is none.
     """
     learnt = status.learnt
     level = getattr(learner, "disturbance", None)
@@ -49,8 +53,10 @@ def live_document(
         "disturbance": {}
         if level is None
         else {name: {"std": float(x), "unit": STANDARD[name].unit} for name, x in zip(WRENCH, level, strict=True) if x},
-        "noise": {},
-        "fit": dict.fromkeys(VELOCITIES),
+        "noise": judged.noise,
+        "fit": judged.fit,
+        "fit_of": judged.of,
+        "fit_reason": judged.reason or None,
         "warnings": [*warnings, *status.warnings],
         "live": live_part(status),
     }
@@ -122,7 +128,7 @@ def live_line(status: Status) -> dict[str, Any]:
     }
 
 
-def show_end(status: Status, vehicle: Vehicle, method: str, output: Output) -> None:
+def show_end(status: Status, vehicle: Vehicle, method: str, judged: LiveFit, output: Output) -> None:
     """Print how a session ended."""
     learnt = status.learnt
     output.line()
@@ -137,6 +143,10 @@ def show_end(status: Status, vehicle: Vehicle, method: str, output: Output) -> N
         output.heading("Not identified: held in the model, and why")
         for reason, names in rest.items():
             output.item(f"{', '.join(names)}: {reason}")
+    if judged.of is not None:
+        output.heading(f"Fit of the free-running prediction on {judged.of}")
+        speeds = {name: judged.fit.get(name) for name in VELOCITIES}
+        show_fits(speeds if any(value is not None for value in speeds.values()) else judged.fit, None, output)
     output.line()
     for line in (*measures(status), *link_lines(status)):
         output.line(line)

@@ -15,6 +15,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
+from towtank.app.live_fit import judged
 from towtank.app.live_report import live_document, live_line, show_end
 from towtank.app.live_view import LiveView
 from towtank.app.output import Output
@@ -59,6 +60,7 @@ class LiveOptions:
     model_file: Path | None = None
     json_lines: bool = False
     page: str | None = None
+    foxglove: str | None = None
 
 
 def run_live(options: LiveOptions, output: Output) -> None:
@@ -95,7 +97,7 @@ def run_live(options: LiveOptions, output: Output) -> None:
         window=options.window,
         log=log,
         checkpoint=checkpoint,
-        interval=0.25 if output.console.is_terminal or options.json_lines or options.page else 1.0,
+        interval=0.25 if output.console.is_terminal or options.json_lines or options.page or options.foxglove else 1.0,
     )
     try:
         if before is not None:
@@ -103,6 +105,7 @@ def run_live(options: LiveOptions, output: Output) -> None:
                 session.learning.catch_up(before.rows(tell), since=before.since, inputs=before.inputs)
             output.say(_gone_on(options, before, session))
         page = _page(options, session, vehicle, output)
+        viewers = _foxglove(options, session, vehicle, epoch, output)
         session.open()
     except BaseException:
         if log is not None:
@@ -111,7 +114,7 @@ def run_live(options: LiveOptions, output: Output) -> None:
                 log.path.unlink(missing_ok=True)
         raise
     output.say(f"listening to {', '.join(options.sources)}")
-    with _ends() as stop, serving(page, output.say):
+    with _ends() as stop, serving(page, output.say), viewers:
         status = _run(session, stop, options, vehicle, output)
     _end(session, status, options, vehicle, output)
 
@@ -127,6 +130,19 @@ def _page(options: LiveOptions, session: Session, vehicle: Vehicle, output: Outp
     before = {name: value for name in names if (value := vehicle.coefficient(name))}
     about = About(title=", ".join(options.sources), vehicle=vehicle, method=options.method, reference=before)
     return new_page(LiveFeed(session, about), options.page, output.say)
+
+
+def _foxglove(
+    options: LiveOptions, session: Session, vehicle: Vehicle, epoch: float, output: Output
+) -> contextlib.AbstractContextManager[object]:
+    """Return a server for Foxglove, listening already; nothing where none is asked for."""
+    if options.foxglove is None:
+        return contextlib.nullcontext()
+    from towtank.live.foxglove_server import FoxgloveServer
+
+    server = FoxgloveServer(session, vehicle, epoch, options.foxglove)
+    output.say(f"foxglove: ws://{server.open()}")
+    return contextlib.closing(server)
 
 
 def _earlier(options: LiveOptions, vehicle: Vehicle, **settings: Any) -> tuple[Checkpoint | None, Earlier | None]:
@@ -186,11 +202,12 @@ def _end(session: Session, status: Status, options: LiveOptions, vehicle: Vehicl
         note = f"learned live from {', '.join(options.sources)} ({status.learnt.estimate.duration:.5g} s)"
         provenance = Provenance(source=kept.provenance.source, notes=(*kept.provenance.notes, note))
         save_vehicle(kept.model_copy(update={"provenance": provenance}), place)
-    document = live_document(status, learner, options.sources, options.prior, options.method, output.warnings)
+    fit = judged(session.learning, options.record)
+    document = live_document(status, learner, options.sources, options.prior, options.method, output.warnings, fit)
     if options.json_lines:
         _write(live_line(status) | {"final": True, **document})
         return
-    show_end(status, vehicle, options.method, output)
+    show_end(status, vehicle, options.method, fit, output)
     if place is not None:
         output.line(f"model written to {place}")
     else:

@@ -1,4 +1,4 @@
-"""The option `--page [HOST:PORT]` of the commands that run a session, and the page itself around that."""
+"""The options `--page` and `--foxglove [HOST:PORT]` of commands that run a session, and the page itself around that."""
 
 from __future__ import annotations
 
@@ -16,9 +16,20 @@ if TYPE_CHECKING:
     from towtank.dashboard.page import Page
     from towtank.dashboard.routes import Reports
 
-__all__ = ["PageOption", "PagedCommand", "new_page", "page_address", "serving"]
+__all__ = ["FoxgloveOption", "PageOption", "PagedCommand", "new_page", "page_address", "serving"]
 
 _OPTION, _DEFAULT = "--page", "127.0.0.1:8765"
+_FOXGLOVE = "127.0.0.1:8766"
+_ALONE = {_OPTION: _DEFAULT, "--foxglove": _FOXGLOVE}  # options that may stand without a value, and what they mean then
+FoxgloveOption = Annotated[
+    str | None,
+    typer.Option(
+        "--foxglove",
+        metavar="[HOST:PORT]",
+        help=f"Serve the session to Foxglove, default {_FOXGLOVE}. Its protocol knows no token: at any other address "
+        "whoever is on the network may look.",
+    ),
+]
 PageOption = Annotated[
     str | None,
     typer.Option(
@@ -31,15 +42,15 @@ PageOption = Annotated[
 
 
 class PagedCommand(PlainCommand):
-    """A command whose `--page` may stand alone; what follows it is its value only where that is an address."""
+    """A command whose `--page` and `--foxglove` may stand alone; what follows is a value only if it is an address."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> Any:
         """Parse the arguments."""
         given = []
         for k, word in enumerate(args):
             following = args[k + 1] if k + 1 < len(args) else ""
-            alone = word == _OPTION and not _is_address(following)
-            given.append(f"{_OPTION}={_DEFAULT}" if alone else word)
+            alone = word in _ALONE and not _is_address(following)
+            given.append(f"{word}={_ALONE[word]}" if alone else word)
         return super().parse_args(ctx, given)
 
 

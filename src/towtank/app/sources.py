@@ -48,7 +48,10 @@ def read_prior(name_or_file: str, output: Output) -> Vehicle:
 
 def read_logs(logs: Sequence[Path], mapping: Path | None, tell: Teller) -> list[Recording]:
     """Return the recordings of some logs, all with one mapping; a velocity in the world is turned into the body."""
-    from towtank.readers import read
+    from towtank.readers import read, recognised
+
+    for log in logs:  # before anything that is slow to import
+        recognised(log)
     from towtank.recording import load_mapping, with_body_velocity
 
     columns = None if mapping is None else load_mapping(mapping)

@@ -1,13 +1,20 @@
 """What was learned so far, beside the recording: written whole every few seconds, so that a new start goes on from it.
 
-The file holds one line of JSON and then what `Learner.save` writes. A learner that cannot be saved has none; then, as
-where the file is missing or damaged, the recording is learned from once more.
+The file holds one line of JSON and then what `Learner.save` writes. It is seen to the disk before it takes the place of
+the one before, and so is the folder: a power cut leaves one of the two. Only the learner's own part is written by the
+thread that learns; the rest, which waits for the disk, by a thread of its own. A learner that cannot be saved has none;
+then, as where the file is missing or damaged, the recording is learned from once more.
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
+import os
+import shutil
+import tempfile
+import threading
+import weakref
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,6 +26,7 @@ from towtank.vehicle import Vehicle
 __all__ = ["Checkpoint"]
 
 _VERSION = 1
+_MEMORY = "/dev/shm"
 
 
 class Checkpoint:
@@ -33,28 +41,65 @@ class Checkpoint:
         """`about`: settings of the learner, plain data; a checkpoint of others is not gone on from."""
         self.path = recording.with_name(f"{recording.name}.state")
         self.trouble = ""
+        self._writing: threading.Thread | None = None
+        self._quick: Path | None = None  # a folder in memory, of this process alone
         self._about = json.loads(json.dumps({"version": _VERSION, **about}))
 
-    def save(self, learner: Learner, t: float) -> bool:
-        """Write what was learned up to t [s of the recording]; return whether that was done."""
+    def save(self, learner: Learner, t: float, *, wait: bool = False) -> bool:
+        """Write what was learned up to t [s of the recording]; return whether that was begun, or done.
+
+        Args:
+            wait: until it is on the disk. Else nothing is begun while the one before still waits for the disk.
+        """
         if not learner.keeps_checkpoints:
             return False
-        part, whole = self._beside("part"), self._beside("tmp")
+        if self._writing is not None:
+            if not wait and self._writing.is_alive():
+                return False
+            self._writing.join()
+        part = self._part()
         try:
             learner.save(part)
-            head = json.dumps({**self._about, "t": t}).encode() + b"\n"
-            whole.write_bytes(head + part.read_bytes())
-            whole.replace(self.path)
         except (OSError, InputError) as error:
-            self.trouble = f"{self.path}: {getattr(error, 'strerror', None) or error}"
-            with contextlib.suppress(OSError):
-                whole.unlink(missing_ok=True)
+            self._failed(error)
             return False
+        head = json.dumps({**self._about, "t": t}).encode() + b"\n"
+        self._writing = threading.Thread(target=self._put, args=(head, part), name="checkpoint", daemon=True)
+        self._writing.start()
+        if wait:
+            self._writing.join()
+        return not (wait and self.trouble)
+
+    def _part(self) -> Path:
+        """Return where the learner writes: in memory where the system has a folder there, to wait for no disk."""
+        if self._quick is None and os.access(_MEMORY, os.W_OK):
+            with contextlib.suppress(OSError):
+                _clear_after_the_killed()
+                self._quick = Path(tempfile.mkdtemp(prefix=f"towtank-{os.getpid()}-", dir=_MEMORY))
+                weakref.finalize(self, shutil.rmtree, self._quick, ignore_errors=True)
+        return self._beside("part") if self._quick is None else self._quick / "part"
+
+    def _put(self, head: bytes, part: Path) -> None:
+        """Make the file of its two parts, and see it to the disk."""
+        whole = self._beside("tmp")
+        try:
+            with whole.open("wb") as stream:
+                stream.write(head)
+                stream.write(part.read_bytes())
+                stream.flush()
+                os.fsync(stream.fileno())
+            whole.replace(self.path)
+            _sync_folder(self.path.parent)
+            self.trouble = ""
+        except OSError as error:
+            self._failed(error)
         finally:
             with contextlib.suppress(OSError):
+                whole.unlink(missing_ok=True)
                 part.unlink(missing_ok=True)
-        self.trouble = ""
-        return True
+
+    def _failed(self, error: OSError | InputError) -> None:
+        self.trouble = f"{self.path}: {getattr(error, 'strerror', None) or error}"
 
     def load(self, vehicle: Vehicle, **settings: Any) -> tuple[Learner, float] | None:
         """Return the learner and the time [s of the recording] it has come to; None where none can be had.
@@ -63,7 +108,7 @@ class Checkpoint:
             vehicle: the one it was made with.
             settings: of `Learner.load`.
         """
-        part = self._beside("part")
+        part = self._beside("load")
         try:
             head, _, body = self.path.read_bytes().partition(b"\n")
             about = json.loads(head)
@@ -81,3 +126,21 @@ class Checkpoint:
 
     def _beside(self, suffix: str) -> Path:
         return self.path.with_name(f"{self.path.name}.{suffix}")
+
+
+def _sync_folder(folder: Path) -> None:
+    """See a new name to the disk, where the system can."""
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _clear_after_the_killed() -> None:
+    """Remove our folders in memory whose processes are gone without a chance to."""
+    for folder in Path(_MEMORY).glob("towtank-*-*"):
+        number = folder.name.split("-")[1]
+        if number.isdecimal() and not Path("/proc", number).exists() and folder.stat().st_uid == os.getuid():
+            shutil.rmtree(folder, ignore_errors=True)

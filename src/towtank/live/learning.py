@@ -18,7 +18,9 @@ from towtank.live.instants import Instants
 from towtank.live.lane import Ended, Gap, Lane
 from towtank.live.latency import Latency
 from towtank.live.preference import Preference
+from towtank.live.recent import Recent
 from towtank.live.recorded import Row
+from towtank.live.silence import Silence
 from towtank.live.sorter import Arrival, Sorter
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle
@@ -42,6 +44,7 @@ class Learnt:
             samples are held back.
         excitation: root mean square (6,) of the wrench asked for over ten seconds; empty where none was.
         trouble: why learning has stopped, "" where it has not. paused: whether somebody has halted it.
+        silent: time [s] of the last commands, where they came steadily and have stopped; None while they come.
     """
 
     t: float
@@ -54,6 +57,7 @@ class Learnt:
     excitation: tuple[float, ...]
     trouble: str = ""
     paused: bool = False
+    silent: float | None = None
 
 
 class Learning:
@@ -69,8 +73,9 @@ class Learning:
     Attributes:
         learner: touched by the learning thread alone while that runs.
         now: where learning stands, renewed every `interval` [s].
-        errands: what other threads ask of the learner.
+        errands: what other threads ask of the learner. recent: what was learned from in the last minute.
         tap: called with time [s] and arguments of every instant, by the learning thread; must be quick.
+        listeners: called likewise.
     """
 
     def __init__(
@@ -98,8 +103,10 @@ class Learning:
         self._trouble = ""
         self._paused = False
         self._events, self._sight = EventLog() if events is None else events, Sight()
+        self._silence, self.recent = Silence(), Recent()
         self.errands = Errands()
         self.tap: Callable[[float, Mapping[str, Any]], None] | None = None
+        self.listeners: tuple[Callable[[float, Mapping[str, Any]], None], ...] = ()
         self.now = self._standing()
         self._read = self._saved = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="learning", daemon=True)
@@ -153,7 +160,7 @@ class Learning:
             self._drain(math.inf)
             self.learner.settle()
             if self._checkpoint is not None and math.isfinite(self._last):
-                self._checkpoint.save(self.learner, self._last)
+                self._checkpoint.save(self.learner, self._last, wait=True)
         except Exception as error:  # recording goes on, whatever a learner does
             self._trouble = f"learning has stopped: {type(error).__name__}: {' '.join(str(error).split())}"
         self.now = self._standing()
@@ -213,22 +220,31 @@ class Learning:
 
     def _update(self, t: float, sample: dict[str, float]) -> None:
         arguments = self._instants.arguments(sample)
-        if self.tap is not None:
-            self.tap(t, arguments)
+        for listener in (self.tap, *self.listeners):
+            if listener is not None:
+                listener(t, arguments)
         back = self._sight.see(t, arguments)
         if back is not None:
             self._events.add(back)
         if self._paused:
             self._resumed = True  # a new stretch follows
         elif arguments:
+            gone = self._silence.see(t, arguments)
+            if gone is not None:
+                self._events.add(gone)
+                self._break_off(silent=True)
             self.learner.update(t, **arguments)
             self._excitation.see(t, arguments)
+            self.recent.add(t, sample)
             self._last = t
             self._taken += 1
 
-    def _break_off(self) -> None:
+    def _break_off(self, *, silent: bool = False) -> None:
         """Begin a new stretch; which commands are in force is not known any more."""
         self._resumed = False
+        self.recent.break_off()
+        if not silent:
+            self._silence.forget()
         if math.isfinite(self._last):
             self.learner.restart()
             self._instants.forget()
@@ -247,4 +263,5 @@ class Learning:
             excitation=self._excitation.rms,
             trouble=self._trouble,
             paused=self._paused,
+            silent=self._silence.since,
         )

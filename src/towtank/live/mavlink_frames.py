@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from towtank.readers.mavlink_checksum import checksum
 from towtank.readers.mavlink_format import MessageLayout
 from towtank.readers.mavlink_senders import Sender
 
@@ -43,9 +44,7 @@ class Framer:
     """
 
     def __init__(self, layouts: Mapping[int, MessageLayout], *, stream: bool) -> None:
-        from pymavlink.generator.mavcrc import x25crc
-
-        self._layouts, self._stream, self._crc = layouts, stream, x25crc
+        self._layouts, self._stream = layouts, stream
         self._rest = b""
         self._lost = False
         self.bad = self.unknown = 0
@@ -87,8 +86,9 @@ class Framer:
             number, sender, version = data[at + 5], Sender(data[at + 3], data[at + 4]), 1
         layout = self._layouts.get(number)
         if layout is not None:
-            crc = self._crc(data[at + 1 : end] + layout.crc_extra).crc
-            if crc == data[end] | data[end + 1] << 8 and (version == 1 or data[at + 2] <= _SIGNED):
+            told = data[end] | data[end + 1] << 8
+            right = checksum(data[at + 1 : end] + layout.crc_extra) == told
+            if right and (version == 1 or data[at + 2] <= _SIGNED):
                 found.append(Frame(number, sender, data[at + head : end], version))
                 self._lost = False
                 return after

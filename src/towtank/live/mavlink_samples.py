@@ -7,7 +7,6 @@ decided here from the last seconds, again and again.
 
 from __future__ import annotations
 
-import re
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -23,7 +22,13 @@ from towtank.live.source import Sample
 from towtank.readers.aiding import Aiding
 from towtank.readers.mavlink_autopilot import DVL
 from towtank.readers.mavlink_format import MessageLayout
-from towtank.readers.mavlink_meaning import aiding_of_messages, mavlink_sources, pressures_of, sources_of_messages
+from towtank.readers.mavlink_meaning import (
+    aiding_of_messages,
+    mavlink_sources,
+    pressures_of,
+    pulses_of,
+    sources_of_messages,
+)
 from towtank.readers.mavlink_senders import ANOTHER, Autopilot, Sender, autopilot_of, message_of, named_tables
 from towtank.readers.mavlink_tables import tables_by_instance
 from towtank.readers.sources import Source
@@ -37,7 +42,7 @@ _Key = tuple[int, Sender]
 _HISTORY = 6.0  # s
 _MOST_ROWS, _MOST_KEYS = 1500, 200
 _RATE_WINDOW = 3.0  # s
-_OUTPUTS, _STATUS = "SERVO_OUTPUT_RAW", "EKF_STATUS_REPORT"
+_OUTPUTS, _STATUS = "SERVO_OUTPUT_RAW", ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
 _PLACE = ("VISO_POS_X", "VISO_POS_Y", "VISO_POS_Z")
 
 
@@ -95,7 +100,7 @@ class MavlinkSamples:
         self, layout: MessageLayout, sender: Sender, rows: list[int], arrivals: Sequence[Arrival]
     ) -> Iterable[tuple[int, Sample]]:
         own = sender == self.autopilot.sender
-        if own and layout.name == _STATUS:
+        if own and layout.name in _STATUS:
             self._watch(layout, arrivals[rows[-1]][0])
         if not (own and layout.name == _OUTPUTS) and (layout.number, sender) not in self._useful:
             return
@@ -226,15 +231,3 @@ class MavlinkSamples:
         if numbers and len(numbers) != self._thrusters:
             found.append(f"the autopilot drives {len(numbers)} thrusters, the vehicle has {self._thrusters}")
         return found
-
-
-def pulses_of(table: Table) -> dict[int, Array]:
-    """Return the pulses (n,) [us] by number of the output; NaN in the rows of another group of outputs."""
-    port = table["port"] if "port" in table else np.zeros(len(table))
-    found: dict[int, Array] = {}
-    for group in sorted(set(port.tolist())):
-        for field in table.columns:
-            match = re.fullmatch(r"servo(\d+)_raw", field)
-            if match:
-                found[int(match[1]) + 16 * int(group)] = np.where(port == group, table[field], np.nan)
-    return found

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from towtank.live.sorter import Arrival
 from towtank.live.source import Raw
+from towtank.live.told import Told
 from towtank.recording.event import Event
 from towtank.recording.mcap_log import McapLog, Quantity
 from towtank.recording.standard import standard_of
@@ -40,7 +41,7 @@ class Recorder:
 
     def __init__(self, log: McapLog) -> None:
         self._log = log
-        self._queue: deque[Arrival | Event | tuple[float, Raw]] = deque()
+        self._queue: deque[Arrival | Event | Told | tuple[float, Raw]] = deque()
         self._waiting = self._lost = self._count = 0  # bytes, items, items
         self._changed = threading.Condition()
         self._closing = False
@@ -70,6 +71,13 @@ class Recorder:
             self._queue.extend(raw)
             self._count += len(arrivals) + len(raw)
             self._changed.notify()
+
+    def put_text(self, told: Told) -> None:
+        """Take something told in JSON."""
+        with self._changed:
+            if self._waiting <= _PATIENCE:
+                self._queue.append(told)
+                self._changed.notify()
 
     def put_event(self, event: Event) -> None:
         """Take an event."""
@@ -108,11 +116,13 @@ class Recorder:
                     self._fault = f"{type(error).__name__}: {' '.join(str(error).split())}"
             self._log.flush_if_due()
 
-    def _write(self, item: Arrival | Event | tuple[float, Raw]) -> None:
+    def _write(self, item: Arrival | Event | Told | tuple[float, Raw]) -> None:
         if isinstance(item, Arrival):
             self._sample(item)
         elif isinstance(item, Event):
             self._log.write_event(item)
+        elif isinstance(item, Told):
+            self._log.write_text(item.form.topic, item.form.schema, item.t, item.text)
         else:
             self._log.write_raw(f"{item[1].source}/{item[1].topic.strip('/')}", item[0], item[1].data)
 

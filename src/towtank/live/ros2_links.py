@@ -16,7 +16,19 @@ from typing import Any, NamedTuple, Protocol
 
 from towtank.errors import InputError
 
-__all__ = ["Message", "RclpyLink", "Ros2Link", "ZenohLink", "link_of", "topic_of_key", "topic_of_token"]
+__all__ = [
+    "DOMAIN_LAST",
+    "Message",
+    "RclpyLink",
+    "Ros2Link",
+    "ZenohLink",
+    "domain_of",
+    "link_of",
+    "topic_of_key",
+    "topic_of_token",
+]
+
+DOMAIN_LAST = 232  # that DDS has ports for
 
 _DEPTH = 1000  # messages that wait for us
 _ENDPOINT = "tcp/localhost:7447"  # of the router of rmw_zenoh
@@ -58,11 +70,15 @@ class Ros2Link(Protocol):
 
 
 def link_of(text: str) -> Ros2Link:
-    """Return the link for ros2:[DOMAIN][@ENDPOINT]. Raises InputError where there is none."""
+    """Return the link for ros2:[DOMAIN][@ENDPOINT] or dds:[DOMAIN]. Raises InputError where there is none."""
+    if text.startswith("dds"):
+        from towtank.live.dds_link import DdsLink
+
+        return DdsLink(text)
     match = re.fullmatch(r"ros2:?(\d*)(?:@(.+))?", text)
-    if match is None or (match[1] and int(match[1]) > 232):
+    if match is None or (match[1] and int(match[1]) > DOMAIN_LAST):
         raise InputError(
-            f'source "{text}": expected ros2:[DOMAIN] with a domain of 0 to 232, or ros2:[DOMAIN]@ENDPOINT'
+            f'source "{text}": expected ros2:[DOMAIN] with a domain of 0 to {DOMAIN_LAST}, or ros2:[DOMAIN]@ENDPOINT'
         )
     domain = int(match[1]) if match[1] else None
     if match[2] is None and importlib.util.find_spec("rclpy") is not None:
@@ -71,11 +87,12 @@ def link_of(text: str) -> Ros2Link:
         return ZenohLink(text, domain, match[2] or _ENDPOINT)
     raise InputError(
         f'source "{text}": neither rclpy nor zenoh is installed; source a ROS 2 installation for this Python, or '
-        'pip install "towtank[ros2]" and run the zenoh router of ROS 2'
+        'pip install "towtank[ros2]" and run the zenoh router of ROS 2, or "towtank[dds]" and name dds:DOMAIN'
     )
 
 
-def _domain(domain: int | None) -> int:
+def domain_of(domain: int | None) -> int:
+    """Return the domain that was given, else that of ROS_DOMAIN_ID, else 0."""
     import os
 
     told = os.environ.get("ROS_DOMAIN_ID", "")
@@ -162,7 +179,7 @@ class ZenohLink:
     """A zenoh session as client of a router; topics are known by the tokens that rmw_zenoh declares."""
 
     def __init__(self, text: str, domain: int | None, endpoint: str) -> None:
-        self._text, self._number, self._endpoint = text, _domain(domain), endpoint
+        self._text, self._number, self._endpoint = text, domain_of(domain), endpoint
         self._session: Any = None
         self._subscriptions: list[Any] = []
         self._came: deque[Message] = deque(maxlen=100 * _DEPTH)

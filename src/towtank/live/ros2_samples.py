@@ -18,9 +18,11 @@ from towtank.live.source import Sample
 from towtank.readers.raw_messages import RawMessages, Topic
 from towtank.readers.ros_doubts import judged
 from towtank.readers.ros_meaning import meaning_of
+from towtank.readers.ros_thrusters import thruster_order, thruster_sources
 from towtank.readers.rosbag_tables import table_of
 from towtank.readers.tables import Table
 from towtank.recording.mapping import ColumnMapping
+from towtank.recording.standard import COMMAND_PREFIX
 
 __all__ = ["Ros2Samples"]
 
@@ -40,6 +42,7 @@ class Ros2Samples:
         self._clocks: dict[str, SourceClock] = {}
         self._velocity = BodyVelocity()
         self._origin = 0
+        self._thrusters: dict[str, int] = {}  # topic -> number of its thruster, where each has its own
         self.quantities = Quantities()
         self.notes: tuple[str, ...] = ()
         self.decided = mapping is not None
@@ -67,7 +70,7 @@ class Ros2Samples:
     def _samples(self, messages: Sequence[Message], rows: list[int]) -> Iterator[tuple[int, Sample]]:
         """Yield each row's sample; all rows are of one topic."""
         topic = messages[rows[0]].topic
-        if self.decided and self._mapping is None and not self.quantities.of(topic):
+        if self.decided and self._mapping is None and not (self.quantities.of(topic) or topic in self._thrusters):
             return
         table, damaged = self._table([messages[i] for i in rows])
         self.bad += damaged
@@ -97,6 +100,8 @@ class Ros2Samples:
 
     def _channels(self, table: Table) -> dict[str, Array]:
         if self._mapping is None:
+            if table.name in self._thrusters:
+                return {f"{COMMAND_PREFIX}{self._thrusters[table.name]}": table["data"]}
             wanted = self.quantities.of(table.name)
             return {
                 name: values
@@ -150,7 +155,11 @@ class Ros2Samples:
             if len(table):
                 tables[table.name] = table
         sources = [source for table in tables.values() for source in meaning_of(table)]
-        self.quantities.decide(judged(sources, tables))
+        single = thruster_sources(tables)
+        self.quantities.decide(judged([*sources, *single], tables))
+        sources += single
+        alone = bool(single) and self.quantities.used.get("commands") == single[0].table
+        self._thrusters = thruster_order((name, table.kind) for name, table in tables.items()) if alone else {}
         used = {(quantity, table) for quantity, table in self.quantities.used.items()}
         self.notes = tuple(
             dict.fromkeys(each.note for each in sources if (each.quantity, each.table) in used and each.note)

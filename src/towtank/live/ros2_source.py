@@ -26,7 +26,7 @@ class Ros2Source:
     """Topics of ROS 2.
 
     Args:
-        text: ros2:[DOMAIN], or ros2:[DOMAIN]@ENDPOINT for zenoh.
+        text: ros2:[DOMAIN], ros2:[DOMAIN]@ENDPOINT for zenoh, or dds:[DOMAIN].
         mapping: names topics and fields, as "/dvl.velocity.x"; without it topics are known by their types.
     """
 

@@ -13,6 +13,7 @@ from towtank.live.checkpoint import Checkpoint
 from towtank.live.clock import SourceClock
 from towtank.live.commands import CommandNames
 from towtank.live.events import EventLog
+from towtank.live.kept import Kept
 from towtank.live.lane import Lane
 from towtank.live.learning import Learning
 from towtank.live.recorder import Recorder, RecordingState
@@ -116,9 +117,11 @@ class Session:
         """
         self._began = time.monotonic()
         self._longest = math.inf if seconds is None or not self._patient else seconds
-        self.learning.start()
         if self._recorder is not None:
+            kept = Kept(self._recorder.put_text, lambda: self.learning.now, self._epoch)
+            self.learning.listeners += (kept.see,)
             self._recorder.start()
+        self.learning.start()
         for thread in self._threads:
             thread.start()
         try:
@@ -170,6 +173,9 @@ class Session:
             found.append(f"recording: {recording.lost} samples and packets lost")
         if self._checkpoint is not None and self._checkpoint.trouble:
             found.append(f"checkpoint: {self._checkpoint.trouble}")
+        silent = self.learning.now.silent
+        if silent is not None:
+            found.append(f"no commands since {silent:.1f} s while motion comes; learning waits for them")
         if self._lane.dropped:
             found.append(f"learning could not keep up: {self._lane.dropped} samples passed over (they are recorded)")
         for (text, _), names in zip(self._sources, self._commands, strict=True):

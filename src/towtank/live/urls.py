@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 __all__ = ["KINDS", "open_source"]
 
 KINDS = (
-    "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, /dev/NAME,BAUD (MAVLink), ros2:[DOMAIN], "
-    "json:HOST:PORT, - (JSON lines on standard input), replay:FILE[@SPEED]"
+    "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, /dev/NAME,BAUD (MAVLink), ros2:[DOMAIN], dds:[DOMAIN] "
+    "(ROS 2), qtm:HOST[/BODY], natnet:HOST[/BODY] (motion capture), json:HOST:PORT, - (JSON lines on standard input), "
+    "replay:FILE[@SPEED]"
 )
 _MAVLINK = re.compile(r"(mavlink|udp|udpin|udpout|udpbcast|tcp|tcpin|serial):|/dev/|COM\d", re.IGNORECASE)
 
@@ -40,7 +41,15 @@ def open_source(text: str, vehicle: Vehicle, mapping: ColumnMapping | None = Non
         from towtank.live.replay_source import ReplaySource
 
         return ReplaySource(text, vehicle, mapping)
-    if text == "ros2" or text.startswith("ros2:"):
+    if text.startswith("qtm:"):
+        from towtank.live.qtm_source import QtmSource
+
+        return QtmSource(text, mapping)
+    if text.startswith("natnet:"):
+        from towtank.live.natnet_source import NatnetSource
+
+        return NatnetSource(text, mapping)
+    if text in ("ros2", "dds") or text.startswith(("ros2:", "dds:")):
         from towtank.live.ros2_source import Ros2Source
 
         return Ros2Source(text, mapping)

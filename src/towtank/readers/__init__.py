@@ -14,7 +14,7 @@ from towtank.readers.registry import READERS, SUFFIXES, Mapping, Reader, formats
 if TYPE_CHECKING:
     from towtank.recording.recording import Recording
 
-__all__ = ["READERS", "SUFFIXES", "Reader", "read"]
+__all__ = ["READERS", "SUFFIXES", "Reader", "read", "recognised"]
 
 
 def read(path: str | os.PathLike[str], mapping: Mapping = None) -> Recording:
@@ -30,11 +30,10 @@ def read(path: str | os.PathLike[str], mapping: Mapping = None) -> Recording:
         InputError: the file is missing, cannot be read, or nothing in it can be used. Nothing else escapes, however
             broken the file is.
     """
+    path = Path(path)
+    reader = recognised(path)
     import numpy as np
 
-    path = Path(path)
-    head, suffix = _look(path)
-    reader = _reader_of(path, head, suffix)
     try:
         with np.errstate(invalid="ignore", over="ignore"):  # a broken file holds any number
             return reader.read(path, mapping)
@@ -45,6 +44,15 @@ def read(path: str | os.PathLike[str], mapping: Mapping = None) -> Recording:
     except Exception as error:
         text = str(error).strip() or type(error).__name__
         raise InputError(f"{path}: damaged, cannot be read as {reader.name} ({text.splitlines()[0][:200]})") from error
+
+
+def recognised(path: Path) -> Reader:
+    """Return the reader of a file by its first bytes; nothing that is slow to import is needed for that.
+
+    Raises:
+        InputError: it is missing, empty, or of no kind that can be read.
+    """
+    return _reader_of(path, *_look(path))
 
 
 def _look(path: Path) -> tuple[bytes, str]:

@@ -13,7 +13,7 @@ from towtank.readers.dvl import displacement_source
 from towtank.readers.reading import DEGREE, Reading, in_order, sources_of_table
 from towtank.readers.sources import Source
 from towtank.readers.tables import Table, Tables
-from towtank.readers.thruster_outputs import command_source, thruster_outputs
+from towtank.readers.thruster_outputs import command_sources
 from towtank.readers.water_pressure import Pressure, depth_sources
 
 __all__ = ["DVL", "dataflash_reasons", "dataflash_sources", "sources_of_messages"]
@@ -107,20 +107,12 @@ def _displacement(table: Table) -> Source:
 
 def _commands(tables: Tables) -> list[Source]:
     """Return the thruster commands; which outputs drive thrusters is chosen over the whole log."""
-    found: list[Source] = []
-    whole: dict[int, Array] = {}
-    outputs: list[tuple[Table, dict[int, Array]]] = []
-    for kind in ("RCOU", "RCO2", "RCO3"):
-        for table in tables.named(kind):
-            own = {int(name[1:]): table[name] for name in table.columns if re.fullmatch(r"C\d+", name)}
-            outputs.append((table, own))
-            whole = {**own, **whole}
-    thrusters = thruster_outputs(tables.parameters, whole)
-    for table, own in outputs:
-        source = command_source(table.name, table.t, own, thrusters)
-        if source is not None:
-            found.append(source)
-    return found
+    parts = [
+        (table.name, table.t, {int(name[1:]): table[name] for name in table.columns if re.fullmatch(r"C\d+", name)})
+        for kind in ("RCOU", "RCO2", "RCO3")
+        for table in tables.named(kind)
+    ]
+    return command_sources(parts, tables.parameters)
 
 
 def _depths(tables: Tables) -> list[Source]:

@@ -20,7 +20,7 @@ from towtank.readers.mavlink_senders import Autopilot, Sender, autopilot_of, mes
 from towtank.readers.reading import Reading, in_order, sources_of_table, times_of
 from towtank.readers.sources import Source
 from towtank.readers.tables import Table, Tables
-from towtank.readers.thruster_outputs import command_source, thruster_outputs
+from towtank.readers.thruster_outputs import command_sources
 from towtank.readers.water_pressure import Pressure, depth_sources
 from towtank.recording.recording import Recording
 
@@ -29,6 +29,7 @@ __all__ = [
     "mavlink_recording",
     "mavlink_sources",
     "pressures_of",
+    "pulses_of",
     "sources_of_messages",
     "with_autopilot",
 ]
@@ -71,6 +72,7 @@ _READINGS: tuple[Reading, ...] = (
     Reading("LOCAL_POSITION_NED", "depth", {"z": "z"}, 2),
     Reading("GLOBAL_POSITION_INT", "depth", {"z": ("relative_alt", -_MILLI)}, 2),
 )
+_STATUS = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")  # of ArduPilot, of PX4: the bits mean the same
 _FILTERED = ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
 _PRESSURES = {"SCALED_PRESSURE": 0, "SCALED_PRESSURE2": 1, "SCALED_PRESSURE3": 2}
 _SURFACE = (  # by sensor; the second names are those of ArduSub before 4.1
@@ -231,24 +233,23 @@ def _voltage(table: Table) -> list[Source]:
 
 def _commands(own: list[Table], parameters: Mapping[str, float]) -> list[Source]:
     """Return the thruster commands; which outputs drive thrusters is chosen over the whole log."""
-    found: list[Source] = []
-    whole: dict[int, Array] = {}
-    outputs: list[tuple[Table, dict[int, Array]]] = []
-    for table in own:
-        if message_of(table.name) == "SERVO_OUTPUT_RAW":
-            port = int(table["port"][0]) if "port" in table and len(table) else 0
-            pulses = {
-                int(match[1]) + 16 * port: table[field]
-                for field in table.columns
-                if (match := re.fullmatch(r"servo(\d+)_raw", field))
-            }
-            outputs.append((table, pulses))
-            whole = {**pulses, **whole}
-    thrusters = thruster_outputs(parameters, whole)
-    for table, pulses in outputs:
-        source = command_source(table.name, times_of(table), pulses, thrusters)
-        if source is not None:
-            found.append(source)
+    parts = [
+        (table.name, times_of(table), pulses_of(table))
+        for table in own
+        if message_of(table.name) == "SERVO_OUTPUT_RAW"
+    ]
+    return command_sources(parts, parameters)
+
+
+def pulses_of(table: Table) -> dict[int, Array]:
+    """Return the pulses (n,) [us] by number of the output; NaN in the rows of another group of outputs."""
+    port = table["port"] if "port" in table else np.zeros(len(table))
+    found: dict[int, Array] = {}
+    for group in sorted(set(port[np.isfinite(port)].tolist())):
+        for field in table.columns:
+            match = re.fullmatch(r"servo(\d+)_raw", field)
+            if match:
+                found[int(match[1]) + 16 * int(group)] = np.where(port == group, table[field], np.nan)
     return found
 
 
@@ -267,7 +268,7 @@ def pressures_of(own: Sequence[Table], parameters: Mapping[str, float]) -> list[
 
 
 def _evidence(own: list[Table], told: list[Table], tables: Tables, sources: list[Source]) -> Evidence:
-    reports = next((table for table in own if message_of(table.name) == "EKF_STATUS_REPORT"), None)
+    reports = next((table for name in _STATUS for table in own if message_of(table.name) == name), None)
     heard = {message_of(table.name) for table in told if len(table)}
     depth = next((source for source in sources if source.quantity == "depth" and not source.refused), None)
     sent = any(message_of(name) == "GPS_INPUT" for name in tables.tables)

@@ -164,6 +164,7 @@ def _contents(content: McapContent, sources: list[_Source], channels: dict[str, 
             lines.append(Content(topic.name, "towtank", len(topic), rate, used, "" if used else "no sample"))
         else:
             raw = topic.encoding == RAW_ENCODING
-            reason = "bytes as they were received" if raw else "not among the samples"
+            told = topic.name.startswith("/towtank/")
+            reason = "bytes as they were received" if raw else "kept for viewers" if told else "not among the samples"
             lines.append(Content(topic.name, topic.kind or topic.encoding, len(topic), rate, (), reason))
     return tuple(lines)

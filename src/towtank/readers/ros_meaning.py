@@ -23,6 +23,7 @@ from towtank.readers.ros_frames import (
     world_of,
     world_vector,
 )
+from towtank.readers.ros_thrusters import SCALARS, is_thruster_topic
 from towtank.readers.sources import Quantity, Source
 from towtank.readers.tables import Table
 from towtank.recording.standard import WRENCH
@@ -43,6 +44,8 @@ _WATER, _GRAVITY, _AIR = 1000.0, 9.80665, 101_325.0  # kg/m^3, m/s^2, Pa
 
 def has_meaning(name: str, kind: str) -> bool:
     """Whether anything is taken from a topic by itself, so that its messages are worth decoding."""
+    if kind in SCALARS:
+        return is_thruster_topic(name, kind)
     if kind in _ARRAYS:
         return bool(_COMMANDS.search(name.lower()))
     return kind in MEANINGS

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -16,6 +16,8 @@ from towtank.readers.raw_messages import Integers, Topic
 from towtank.readers.ros_clock import reconciled
 from towtank.readers.ros_doubts import judged
 from towtank.readers.ros_meaning import LISTED, has_meaning, meaning_of
+from towtank.readers.ros_thrusters import thruster_sources
+from towtank.readers.ros_transforms import at_base_link, is_static
 from towtank.readers.rosbag_layout import decode
 from towtank.readers.rosbag_types import numbers_of, types_of
 from towtank.readers.tables import Table, Tables
@@ -40,7 +42,7 @@ class RosLog:
 def is_wanted(name: str, kind: str, mapping: ColumnMapping | None) -> bool:
     """Whether a topic is worth decoding: its type means something, or the mapping names it."""
     if mapping is None:
-        return has_meaning(name, kind)
+        return has_meaning(name, kind) or is_static(name, kind)
     return any(column.source.startswith(f"{name}.") for column in mapping.channels().values())
 
 
@@ -71,9 +73,11 @@ def ros_recording(log: RosLog, mapping: ColumnMapping | None) -> Recording:
     """Return the recording of the tables: by the mapping, else by what the messages mean."""
     if mapping is not None:
         return with_command_end(mapped_recording(log.tables, mapping))
-    tables = log.tables.tables
+    tables, notes, static = at_base_link(log.tables.tables)
     sources = [source for table in tables.values() if len(table) for source in meaning_of(table)]
-    return with_command_end(recording_of(log.tables, judged(sources, tables), reasons=log.reasons))
+    sources += thruster_sources(tables)
+    whole = replace(log.tables, tables=tables, notes=(*log.tables.notes, *notes))
+    return with_command_end(recording_of(whole, judged(sources, tables), reasons={**log.reasons, **static}))
 
 
 def table_of(topic: Topic, origin: int) -> tuple[Table, str, int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from towtank.core.arrays import Array
 from towtank.readers.sources import Source
 from towtank.recording.standard import COMMAND_PREFIX
 
-__all__ = ["ThrusterOutputs", "command_source", "thruster_outputs"]
+__all__ = ["ThrusterOutputs", "command_source", "command_sources", "thruster_outputs"]
 
 _MOTORS = {**{32.0 + n: n for n in range(1, 9)}, **{73.0 + n: n for n in range(9, 13)}}  # SERVOn_FUNCTION -> motor
 _THROTTLES = {73.0: 1, 74.0: 2}  # left and right, of a surface craft
@@ -92,6 +92,45 @@ def command_source(table: str, t: Array, outputs: Mapping[int, Array], thrusters
             mirrored = 2.0 * _NEUTRAL - pulses if thruster in thrusters.mirrored else pulses
             channels[f"{COMMAND_PREFIX}{thruster}"] = mirrored
     return Source(table, "commands", t, channels, note=thrusters.note) if channels else None
+
+
+def command_sources(
+    parts: Sequence[tuple[str, Array, Mapping[int, Array]]], parameters: Mapping[str, float]
+) -> list[Source]:
+    """Return the commands of a log whose outputs may stand in several tables; where they do, they are joined to one.
+
+    Args:
+        parts: name of a table, times (n,) [s], number of an output -> pulses (n,) [us].
+        parameters: of the autopilot.
+    """
+    whole: dict[int, Array] = {}
+    for _, _, outputs in parts:
+        whole = {**outputs, **whole}
+    thrusters = thruster_outputs(parameters, whole)
+    found = [command_source(name, t, outputs, thrusters) for name, t, outputs in parts]
+    sources = sorted((each for each in found if each is not None), key=lambda each: -len(each.channels))
+    names = [name for each in sources for name in each.channels]
+    ordered = all(np.isfinite(each.t).all() for each in sources)
+    if len(sources) < 2 or len(set(names)) < len(names) or not ordered:
+        return sources
+    main, *others = sources
+    t = np.unique(np.concatenate([each.t for each in sources]))
+    channels = {}
+    for each in sources:
+        rows = np.searchsorted(t, each.t)
+        for name, pulses in each.channels.items():
+            channels[name] = np.full(t.size, np.nan)
+            channels[name][rows] = pulses
+    joined = ", ".join(each.table for each in others)
+    note = "; ".join(filter(None, (main.note, f"thrusters of {joined} are joined to those of {main.table}")))
+    return [
+        Source(main.table, "commands", t, {name: channels[name] for name in sorted(channels, key=_number)}, note=note),
+        *(replace(each, refused=f"joined to {main.table}", note="") for each in others),
+    ]
+
+
+def _number(channel: str) -> int:
+    return int(channel.removeprefix(COMMAND_PREFIX))
 
 
 def _pulses(values: Array) -> Array:

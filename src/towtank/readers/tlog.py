@@ -89,4 +89,6 @@ def _repairs(packets: Packets, stray: int, known: dict[int, MessageLayout]) -> R
         details.append(f"{packets.unknown.total()} messages of unknown numbers ({numbers}) were skipped")
     if packets.skipped:
         details.append(f"{packets.skipped} bytes that are no message were skipped")
+    if packets.given_up:
+        details.append("the file is mostly something else; the search for messages was given up in the last stretch")
     return Repairs(damaged=packets.wrong.total() + packets.stretches + stray, details=tuple(details))

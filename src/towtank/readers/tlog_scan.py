@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from towtank.readers.mavlink_checksum import checksum
 from towtank.readers.mavlink_format import MessageLayout
 
 __all__ = ["Group", "Packets", "scan_tlog"]
@@ -19,6 +20,8 @@ __all__ = ["Group", "Packets", "scan_tlog"]
 _STAMP = 8
 _MAVLINK_1, _MAVLINK_2 = 0xFE, 0xFD
 _MAGIC = re.compile(b"[\xfd\xfe]")
+_STAMPED = re.compile(b"\0[\0-\x0e][\0-\xff]{6}[\xfd\xfe]")
+_MANY_VAIN, _MOST_VAIN = 20_000, 500_000  # checksums that were wrong where no packet was
 _SIGNED = 1
 _CRC = 2
 
@@ -41,6 +44,7 @@ class Packets:
         wrong: (message number, system, component) -> packets with a wrong checksum.
         unknown: packets of message numbers that the dialect lacks, so that they cannot be checked.
         stretches: stretches of bytes that are no packets. skipped: how many bytes these are.
+        given_up: whether the search for packets was given up in the last one.
     """
 
     groups: Mapping[tuple[int, int, int], Group]
@@ -48,16 +52,15 @@ class Packets:
     unknown: Counter[int]
     stretches: int
     skipped: int
+    given_up: bool = False
 
 
 def scan_tlog(data: bytes, layouts: Mapping[int, MessageLayout]) -> Packets:
     """Find the packets of a file."""
-    from pymavlink.generator.mavcrc import x25crc
-
     groups: dict[tuple[int, int, int], Group] = {}
     wrong: Counter[tuple[int, int, int]] = Counter()
     unknown: Counter[int] = Counter()
-    stretches = skipped = at = 0
+    stretches = skipped = at = vain = 0
     lost_since = -1
     size = len(data)
     while at + _STAMP + 3 <= size:
@@ -72,6 +75,7 @@ def scan_tlog(data: bytes, layouts: Mapping[int, MessageLayout]) -> Packets:
         end = start + head + data[start + 1]
         after = end + _CRC + tail
         good = follows = False
+        layout = None
         if head and after <= size:
             if magic == _MAVLINK_2:
                 key = int.from_bytes(data[start + 7 : start + 10], "little"), data[start + 5], data[start + 6]
@@ -79,7 +83,7 @@ def scan_tlog(data: bytes, layouts: Mapping[int, MessageLayout]) -> Packets:
                 key = data[start + 5], data[start + 3], data[start + 4]
             layout = layouts.get(key[0])
             if layout is not None:
-                good = x25crc(data[start + 1 : end] + layout.crc_extra).crc == data[end] | data[end + 1] << 8
+                good = checksum(data[start + 1 : end] + layout.crc_extra) == data[end] | data[end + 1] << 8
             follows = after + _STAMP < size and data[after + _STAMP] in (_MAVLINK_1, _MAVLINK_2)
         if good:
             group = groups.get(key)
@@ -96,17 +100,20 @@ def scan_tlog(data: bytes, layouts: Mapping[int, MessageLayout]) -> Packets:
         else:
             if lost_since < 0:
                 lost_since = at
-            at = _next_magic(data, start + 1) - _STAMP
+            vain += layout is not None
+            if vain > _MOST_VAIN:
+                break
+            at = _next_start(data, start + 1, stamped=vain > _MANY_VAIN) - _STAMP
             continue
         if lost_since >= 0:
             stretches, skipped, lost_since = stretches + 1, skipped + at - lost_since, -1
         at = after
     if lost_since >= 0 or at < size:
         stretches, skipped = stretches + 1, skipped + size - (at if lost_since < 0 else lost_since)
-    return Packets(groups, wrong, unknown, stretches, skipped)
+    return Packets(groups, wrong, unknown, stretches, skipped, given_up=vain > _MOST_VAIN)
 
 
-def _next_magic(data: bytes, at: int) -> int:
-    """Return where a packet may next begin; the size of the file where none does."""
-    found = _MAGIC.search(data, at)
-    return found.start() if found else len(data)
+def _next_start(data: bytes, at: int, *, stamped: bool) -> int:
+    """Return where a packet may next begin, if `stamped` behind a time before 2100; else the size of the file."""
+    found = _STAMPED.search(data, at - _STAMP) if stamped else _MAGIC.search(data, at)
+    return found.end() - 1 if found else len(data)

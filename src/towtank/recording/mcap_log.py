@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import os
 import struct
+import threading
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -90,9 +91,10 @@ class McapLog:
         self._sources: dict[str, tuple[int, struct.Struct, int]] = {}
         self._columns: dict[str, tuple[str, ...]] = {}
         self._raw: dict[str, int] = {}
-        self._events: int | None = None
+        self._texts: dict[str, int] = {}
         self._pending = _Pending()
         self._flushed = time.monotonic()
+        self._syncing: threading.Thread | None = None
         self._closed = False
 
     @classmethod
@@ -164,7 +166,7 @@ class McapLog:
             layout = struct.Struct(f"<4s{1 + count}d")
             log._sources[form.topic.lstrip("/")] = identity, layout, count
             log._columns[form.topic.lstrip("/")] = tuple(each.name for each in form.quantities)
-        log._events = before.events
+        log._texts.update(before.texts)
         log._raw.update({topic.removeprefix("/raw/"): identity for identity, topic in before.raw.items()})
         return log
 
@@ -222,24 +224,59 @@ class McapLog:
 
     def write_event(self, event: Event) -> None:
         """Append an event, as JSON on a topic of its own."""
+        if not self.write_text(EVENT_TOPIC, EVENT_SCHEMA, event.t, event_json(event)):
+            self.lost += 1
+
+    def write_text(self, topic: str, schema: tuple[str, str, bytes], t: float, text: str) -> bool:
+        """Append JSON of time t [s] on a topic of its own, described by a schema (name, encoding, text).
+
+        Return whether there is such a topic: where the disk did not take a new one, nothing is appended.
+        """
         try:
-            if self._events is None:
-                self._events = self._file.channel(EVENT_TOPIC, EVENT_ENCODING, {}, EVENT_SCHEMA)
+            if topic not in self._texts:
+                self._texts[topic] = self._file.channel(topic, EVENT_ENCODING, {}, schema)
         except OSError as error:
             self.trouble = f"{self.path}: {error.strerror or error}"
-            self.lost += 1
-            return
-        self._add(self._events, event.t, event_json(event).encode())
+            return False
+        self._add(self._texts[topic], t, text.encode())
+        return True
 
     def flush(self) -> bool:
         """Write what waits and see it to the disk; return whether everything is there now."""
+        if not self._written_out():
+            return False
+        try:
+            os.fsync(self._descriptor)
+        except OSError as error:
+            self.trouble = f"{self.path}: {error.strerror or error}"
+            return False
+        return True
+
+    def flush_if_due(self) -> None:
+        """Flush where the last time was longer than the interval ago; to be called when nothing arrives."""
+        if time.monotonic() - self._flushed >= self._interval:
+            self._flush_beside()
+
+    def _flush_beside(self) -> None:
+        """Write what waits, which outlives this process; a thread sees it to the disk, however busy that is."""
+        if self._written_out() and (self._syncing is None or not self._syncing.is_alive()):
+            self._syncing = threading.Thread(target=self._sync, name="disk", daemon=True)
+            self._syncing.start()
+
+    def _sync(self) -> None:
+        try:
+            os.fsync(self._descriptor)
+        except OSError as error:
+            self.trouble = f"{self.path}: {error.strerror or error}"
+
+    def _written_out(self) -> bool:
+        """Hand what waits to the system; return whether it took everything."""
         self._flushed = time.monotonic()
         pending = self._pending
         try:
             if pending.count:
                 self._file.chunk(bytes(pending.records), pending.messages)
                 self._pending = _Pending()
-            os.fsync(self._descriptor)
         except OSError as error:
             self.trouble = f"{self.path}: {error.strerror or error}"
             if len(pending.records) >= _PATIENCE:
@@ -249,16 +286,13 @@ class McapLog:
         self.trouble = ""
         return True
 
-    def flush_if_due(self) -> None:
-        """Flush where the last time was longer than the interval ago; to be called when nothing arrives."""
-        if time.monotonic() - self._flushed >= self._interval:
-            self.flush()
-
     def close(self, notes: Sequence[str] = ()) -> None:
         """Flush, add notes and what was lost, and write the index; a file without it is read all the same."""
         if self._closed:
             return
         self._closed = True
+        if self._syncing is not None:
+            self._syncing.join()
         self.flush()
         self.lost += self._pending.count
         lost = [f"{self.lost} samples could not be written ({self.trouble or 'the disk was full'})"] * bool(self.lost)
@@ -282,7 +316,7 @@ class McapLog:
         self._pending.add(identity, log_time, data)
         full = len(self._pending.records) >= (_PATIENCE if self.trouble else _LONGEST)
         if full or time.monotonic() - self._flushed >= self._interval:
-            self.flush()
+            self._flush_beside()
 
     def _append(self, data: bytes) -> None:
         """Append whole records or nothing: what a full disk cuts short is taken back."""

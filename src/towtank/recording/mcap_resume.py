@@ -18,7 +18,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, MessageIndex, Metadata, MetadataIndex, Schema
 
 from towtank.errors import InputError
-from towtank.recording.event import EVENT_TOPIC
+from towtank.recording.event import EVENT_ENCODING
 from towtank.recording.mcap_file import MAGIC, Summary
 from towtank.recording.mcap_format import ABOUT, RAW_ENCODING, About, SourceFormat
 
@@ -35,7 +35,7 @@ class Interrupted:
     Attributes:
         length: bytes of whole records. summary: what they hold.
         sources: our sources by the id of their channel. raw: topics of bytes by the id of theirs.
-        events: id of the channel of events, None where there is none.
+        texts: id of the channel of each topic of JSON.
     """
 
     length: int = 0
@@ -43,7 +43,7 @@ class Interrupted:
     summary: Summary = field(default_factory=Summary)
     sources: dict[int, SourceFormat] = field(default_factory=dict)
     raw: dict[int, str] = field(default_factory=dict)
-    events: int | None = None
+    texts: dict[str, int] = field(default_factory=dict)
 
 
 def interrupted(path: Path) -> Interrupted:
@@ -133,5 +133,5 @@ def _take(found: Interrupted, opcode: int, stream: BinaryIO, at: int, size: int)
             found.sources[channel.id] = form
         elif channel.message_encoding == RAW_ENCODING:
             found.raw[channel.id] = channel.topic
-        elif channel.topic == EVENT_TOPIC:
-            found.events = channel.id
+        elif channel.message_encoding == EVENT_ENCODING:
+            found.texts[channel.topic] = channel.id
