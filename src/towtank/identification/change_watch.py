@@ -131,7 +131,8 @@ class Watch:
         self._forks.clear()
         self._rows.clear()
         self._recent.clear()
-        self._suspect, self._next_split = None, -np.inf
+        self._suspect = None
+        self._next_split = self._next_look = -np.inf
         if not referee:
             self._referee = None
 

@@ -1,0 +1,201 @@
+"""A vehicle that changes while it is learned: noticed, named, followed; and quiet where nothing changes."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import towtank as tt
+from towtank.core.arrays import Array
+from towtank.identification.change_words import change_words
+from towtank.identification.parameters import free_parameters
+from towtank.recording import Recording
+from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre
+from towtank.vehicle import Vehicle
+
+FREE = ("X_udot", "X_uu", "Y_vdot", "Y_vv", "N_rdot", "N_rr")
+LEARNED, CALM, AFTER, DT = 60.0, 6.0, 8.0, 0.02
+FORCE = OrnsteinUhlenbeck(std=(0.25, 0.25, 0.25, 0.025, 0.025, 0.025), time_constant=2.0)
+
+
+@cache
+def truth() -> Vehicle:
+    """The vLBV300 with its horizontal thrusters at the height of the origin: it moves in the plane alone."""
+    vehicle = tt.load_vehicle("vlbv300")
+    flat = [
+        each.model_copy(
+            update={"position": (*each.position[:2], 0.0 if each.direction[2] == 0.0 else each.position[2])}
+        )
+        for each in vehicle.thrusters
+    ]
+    return vehicle.model_copy(update={"thrusters": tuple(flat)})
+
+
+@cache
+def commands() -> Array:
+    """Thruster commands (n, m) on surge, sway and yaw together."""
+    random = np.random.default_rng(4)
+    steps = round((LEARNED + CALM + AFTER + 20.0) / 0.8)
+    held = np.repeat(random.choice([-25.0, 25.0], (steps, 3)), round(0.8 / DT), axis=0)
+    vehicle = truth()
+    wrench = np.zeros((len(held), 6))
+    wrench[:, [0, 1, 5]] = held * np.array([1.0, 1.0, 0.25]) * 0.6
+    plan = manoeuvre("surge-square", vehicle, duration=1.0, dt=DT).commands
+    assert plan is not None
+    matrix = np.array([np.asarray(tt.thruster_wrench(vehicle, 20.0 * row)) for row in np.eye(plan.shape[1])]).T
+    share = np.linalg.pinv(matrix[[0, 1, 5]]) @ wrench[:, [0, 1, 5]].T
+    return np.asarray(np.clip(20.0 * share.T, -60.0, 60.0))
+
+
+def run_of(changes: list[tuple[float, Vehicle]], seed: int, duration: float = LEARNED + CALM + AFTER) -> Recording:
+    """Return a run as motion capture sees it."""
+    return tt.simulate(
+        truth(), commands=commands(), dt=DT, duration=duration, sensors=Mocap(), disturbance=FORCE, seed=seed,
+        changes=changes,
+    )  # fmt: skip
+
+
+def learned(run: Recording, **settings: object) -> tt.Learner:
+    """Return a learner that has taken the run."""
+    learner = tt.Learner(truth(), free=FREE, delay=0.0, **settings)
+    learner.run(run)
+    return learner
+
+
+def payload() -> Vehicle:
+    """Return the vehicle with +2 kg in surge and sway, +30 % of their drags."""
+    vehicle = truth()
+    names = {"X_udot": 2.0, "Y_vdot": 2.0}
+    return vehicle.with_coefficients(
+        {name: vehicle.coefficient(name) - kg for name, kg in names.items()}
+        | {name: 1.3 * vehicle.coefficient(name) for name in ("X_uu", "Y_vv")}
+    )
+
+
+def weak(k: int) -> Vehicle:
+    """Return the vehicle with a thruster at 60 %."""
+    thrusters = list(truth().thrusters)
+    thrusters[k] = thrusters[k].model_copy(update={"gain": 0.6})
+    return truth().model_copy(update={"thrusters": tuple(thrusters)})
+
+
+WHEN = LEARNED + CALM
+
+
+@cache
+def _loaded_run() -> Recording:
+    return run_of([(WHEN, payload())], 3)
+
+
+@pytest.fixture
+def loaded() -> tuple[tt.Learner, Recording]:
+    """A learner that has seen a payload taken up, and the run."""
+    run = _loaded_run()
+    return learned(run), run
+
+
+def test_a_payload_is_noticed_named_and_followed(loaded: tuple[tt.Learner, Recording]) -> None:
+    learner, _ = loaded
+    assert [event.kind for event in learner.events] == ["change"]
+    event = learner.events[0]
+    assert 0.0 < float(event.details["noticed"]) - WHEN < 3.0
+    assert abs(event.t - WHEN) < 1.0
+    assert "drag +" in event.text
+    assert "inertia +" in event.text
+    for name in ("X_udot", "Y_vdot", "X_uu", "Y_vv"):
+        step = payload().coefficient(name) - truth().coefficient(name)
+        told, std = float(event.details[name]), float(event.details[f"{name}_std"])
+        assert abs(told - step) < 4.0 * std
+        assert std < 0.5 * abs(step)
+    for name, limit in (("X_uu", 0.06), ("Y_vv", 0.06), ("N_rr", 0.2)):
+        found = next(c for c in learner.estimate.coefficients if c.name == name)
+        assert found.value == pytest.approx(payload().coefficient(name), rel=limit)
+
+
+def test_streaming_and_logs_notice_the_same(loaded: tuple[tt.Learner, Recording]) -> None:
+    learner, run = loaded
+    other = tt.Learner(truth(), free=FREE, delay=0.0)
+    poses = np.column_stack([run[name].values for name in ("x", "y", "z", "phi", "theta", "psi")])
+    held = np.column_stack([run[f"cmd_{thruster.name}"].values for thruster in truth().thrusters])
+    for k, t in enumerate(run["x"].t):
+        other.update(float(t), pose=poses[k], commands=held[k] if k < len(held) else None)
+    assert [event.text for event in other.events] == [event.text for event in learner.events]
+    np.testing.assert_array_equal(other.estimate.values, learner.estimate.values)
+
+
+def test_a_fouled_thruster_is_told_apart_from_a_payload() -> None:
+    learner = learned(run_of([(WHEN, weak(1))], 5))
+    assert [event.kind for event in learner.events] == ["thruster"]
+    event = learner.events[0]
+    assert event.details["thruster"] == truth().thrusters[1].name
+    assert "60" in event.text or "59" in event.text or "61" in event.text
+    gains = {each.name: each.gain for each in learner.model().thrusters}
+    assert gains.pop(truth().thrusters[1].name) == pytest.approx(0.6, abs=0.03)
+    assert set(gains.values()) == {1.0}
+    surge = next(c for c in learner.estimate.coefficients if c.name == "X_uu")
+    assert surge.value == pytest.approx(truth().coefficient("X_uu"), rel=0.05)
+
+
+def test_nothing_is_noticed_where_nothing_changes_or_nobody_watches() -> None:
+    run = run_of([], 6)
+    assert learned(run).events == ()
+    changed = run_of([(WHEN, payload())], 3)
+    assert learned(changed, changes=False).events == ()
+
+
+def test_a_configuration_met_before_is_recognised_and_another_is_not() -> None:
+    def stored(vehicle: Vehicle) -> Vehicle:
+        return vehicle.with_coefficients(
+            {name: {"value": vehicle.coefficient(name), "std": 0.01 * abs(vehicle.coefficient(name))} for name in FREE}
+        )
+
+    light = truth().with_coefficients(
+        {"X_uu": 0.8 * truth().coefficient("X_uu"), "N_rr": 1.5 * truth().coefficient("N_rr")}
+    )
+    run = run_of([(WHEN, payload())], 3)
+    learner = learned(run, known={"with gripper": stored(payload()), "light": stored(light)})
+    assert [event.kind for event in learner.events] == ["change", "configuration"]
+    assert learner.events[1].details["configuration"] == "with gripper"
+    assert learner.events[1].t < WHEN + 5.0
+    assert learner.likely["with gripper"] > 0.98
+    drag = next(c for c in learner.estimate.coefficients if c.name == "X_uu")
+    assert drag.value == pytest.approx(payload().coefficient("X_uu"), rel=0.02)
+    stranger = learned(run, known={"light": stored(light)})
+    assert [event.kind for event in stranger.events] == ["change"]
+    assert stranger.likely["light"] < 0.02
+
+
+def test_checkpoints_keep_what_happened(loaded: tuple[tt.Learner, Recording], tmp_path: Path) -> None:
+    learner, _ = loaded
+    learner.save(tmp_path / "state.npz")
+    again = tt.Learner.load(tmp_path / "state.npz", truth())
+    assert [(each.t, each.kind, each.text) for each in again.events] == [
+        (each.t, each.kind, each.text) for each in learner.events
+    ]
+    np.testing.assert_array_equal(again.estimate.values, learner.estimate.values)
+    for one in (again, learner):
+        one.run(run_of([], 9, duration=4.0))  # put down again
+        assert [event.kind for event in one.events] == ["change", "change"]
+        assert one.events[1].t < 1.0
+        assert "drag −2" in one.events[1].text
+
+
+def test_words_name_what_is_sure_and_by_how_much() -> None:
+    vehicle = tt.load_vehicle("vlbv300")
+    free = free_parameters(vehicle, ("Z_wdot", "Z_ww", "BG_z", "W_minus_B", "gain_" + vehicle.thrusters[0].name))
+    theta = free.theta(vehicle, delay=0.0, lag=0.1)
+    small = np.full(len(free), 1e-9)
+    now = theta + np.array([0.0, np.log(1.3), -0.22 * theta[2], 4.1, 0.0])
+    now[0] = np.log(np.exp(theta[0]) + 1.9)
+    std = np.array([0.4 / np.exp(now[0]), 0.03, 0.05 * abs(theta[2]), 0.3, 1e-9])
+    text = change_words(vehicle, free, (theta, small), (now, std), thruster=None)
+    assert "net weight +4.10 ± 0.30 N" in text or "net weight +4.1 ± 0.3 N" in text
+    assert "heave inertia +1.9 ± 0.4 kg" in text
+    assert "heave drag +30 ± 4 %" in text
+    assert "roll and pitch stiffness −22 ± 5 %" in text
+    now[4], std[4] = np.log(0.6), 0.02
+    text = change_words(vehicle, free, (theta, small), (now, std), thruster=vehicle.thrusters[0].name)
+    assert text == f"thruster {vehicle.thrusters[0].name}: 60 ± 1 % of its thrust"
