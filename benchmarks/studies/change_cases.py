@@ -21,8 +21,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from change_vehicles import FREE, as_stored, changed_vehicle, heavier, payload
 from excitation import coupled_commands
-from experiments import COUPLED_FREE, DT, SURGE_FREE, experiment
+from experiments import DT, SURGE_FREE, experiment
 
 from towtank.core.arrays import Array
 from towtank.identification import Learner
@@ -30,7 +31,6 @@ from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import Vehicle
 
 __all__ = [
-    "FREE",
     "KINDS",
     "SIX",
     "WRENCH",
@@ -41,12 +41,11 @@ __all__ = [
     "known",
     "learned_base",
     "surge",
-    "two_kilograms_more",
+    "surge_course",
 ]
 
 KINDS = ("ballast", "righting", "payload", "thruster")
 SIX = 6
-FREE = (*COUPLED_FREE, "W_minus_B")
 BEFORE, AFTER = 90.0, 12.0  # s of surge before the change at least, and after it
 _BASE, _BASES = 150.0, 4  # s of all axes before, and how many different ones
 _CALM, _JITTER, _RUN = 12.0, 3.0, 27.0  # s
@@ -81,17 +80,45 @@ class Changed:
 
 def surge(seed: int) -> Changed:
     """Run the surge experiment."""
-    case = experiment("s1-1mm-square")
-    truth = case.truth
-    when = round(BEFORE + 5.0 * np.random.default_rng(seed).random(), 2)
-    other = _heavier(truth, ("X_udot",), ("X_uu",))
-    commands = manoeuvre("paper-square", truth, duration=when + AFTER, dt=DT).commands
-    run = simulate(
-        truth, commands=commands, dt=DT, sensors=Mocap(), disturbance=_SURGE, seed=seed, changes=[(when, other)]
-    )
-    learner = Learner(case.start, free=SURGE_FREE, delay=0.0)
+    learner, run, other, when = _surge_run(seed)
     course = _followed(learner, run, SURGE_FREE, start=0.0)
-    return _outcome("surge", seed, learner, when, course, truth, other, SURGE_FREE)
+    return _outcome("surge", seed, learner, when, course, experiment("s1-1mm-square").truth, other, SURGE_FREE)
+
+
+def surge_course(seed: int) -> tuple[Array, Array, float, float]:
+    """Run it once to be drawn.
+
+    Returns:
+        Time, total inertia and drag and their deviations (m, 5); both (2, 2) before and after; when it changed [s];
+        s from then until it was noticed.
+    """
+    learner, run, other, when = _surge_run(seed)
+    out = []
+
+    def read(t: float) -> None:
+        if t > when - 5.0:
+            estimate = learner.estimate
+            std = {each.name: each.std for each in estimate.coefficients}
+            out.append([t, *_quantities(learner, learner.vehicle, SURGE_FREE), *(std[name] for name in SURGE_FREE)])
+
+    feed(learner, run, 0.0, read)
+    truth = [
+        [abs(_quantity(vehicle, name, vehicle.coefficient(name))) for name in SURGE_FREE]
+        for vehicle in (experiment("s1-1mm-square").truth, other)
+    ]
+    noticed = min(float(event.details["noticed"]) for event in learner.events if "noticed" in event.details)
+    return np.array(out), np.array(truth), when, noticed - when
+
+
+def _surge_run(seed: int) -> tuple[Learner, Any, Vehicle, float]:
+    case = experiment("s1-1mm-square")
+    when = round(BEFORE + 5.0 * np.random.default_rng(seed).random(), 2)
+    other = heavier(case.truth, ("X_udot",), ("X_uu",))
+    commands = manoeuvre("paper-square", case.truth, duration=when + AFTER, dt=DT).commands
+    run = simulate(
+        case.truth, commands=commands, dt=DT, sensors=Mocap(), disturbance=_SURGE, seed=seed, changes=[(when, other)]
+    )
+    return Learner(case.start, free=SURGE_FREE, delay=0.0), run, other, when
 
 
 def alarms(seed: int, seconds: float = 1800.0) -> Changed:
@@ -110,7 +137,7 @@ def all_axes(kind: str, seed: int, folder: Path) -> Changed:
     """Run one of `KINDS`, from a base that `learned_base` left in the folder."""
     case = experiment("coupled-pose")
     random = np.random.default_rng(seed)
-    other, thruster = _other(kind, random)
+    other, thruster = changed_vehicle(kind, random)
     run, when = _coupled_run(other, seed, random)
     learner = Learner.load(learned_base(seed % _BASES, folder), case.start)
     learner.restart()
@@ -127,8 +154,8 @@ def known(index: int, seed: int, folder: Path) -> Changed:
     """Run a vehicle that becomes one of six known ones (index 0 .. 5), or another one (6)."""
     case = experiment("coupled-pose")
     random = np.random.default_rng(10_000 + seed)
-    vehicles = [_payload(np.random.default_rng([seed, k])) for k in range(SIX + 1)]
-    stored = {f"configuration {k}": _as_stored(vehicles[k], random) for k in range(SIX)}
+    vehicles = [payload(np.random.default_rng([seed, k])) for k in range(SIX + 1)]
+    stored = {f"configuration {k}": as_stored(vehicles[k], random) for k in range(SIX)}
     run, when = _coupled_run(vehicles[index], seed, random)
     learner = Learner.load(learned_base(seed % _BASES, folder), case.start, known=stored)
     learner.restart()
@@ -261,59 +288,3 @@ def _outcome(
         seconds=float(course[-1, 0]),
         texts=tuple(f"{t:+.2f} {event.kind}: {event.text}" for t, event in told),
     )
-
-
-def _heavier(truth: Vehicle, masses: tuple[str, ...], drags: tuple[str, ...]) -> Vehicle:
-    return truth.with_coefficients(
-        {
-            **{name: truth.coefficient(name) - 2.0 for name in masses},
-            **{name: 1.3 * truth.coefficient(name) for name in drags},
-        }
-    )
-
-
-def two_kilograms_more(truth: Vehicle) -> Vehicle:
-    """Return the vehicle with +2 kg in surge, sway and heave, and +30 % of their drags."""
-    return _heavier(truth, ("X_udot", "Y_vdot", "Z_wdot"), ("X_uu", "Y_vv", "Z_ww"))
-
-
-def _other(kind: str, random: np.random.Generator) -> tuple[Vehicle, str | None]:
-    truth = experiment("coupled-pose").truth
-    if kind == "payload":
-        return two_kilograms_more(truth), None
-    if kind == "ballast":
-        return truth.with_coefficients({"W_minus_B": 2.0 * float(random.choice([-1, 1]))}), None
-    if kind == "righting":
-        return truth.with_coefficients({"BG_z": 0.75 * truth.coefficient("BG_z")}), None
-    thrusters = list(truth.thrusters)
-    k = int(random.integers(0, len(thrusters)))
-    thrusters[k] = thrusters[k].model_copy(update={"gain": 0.6 * thrusters[k].gain})
-    return truth.model_copy(update={"thrusters": tuple(thrusters)}), thrusters[k].name
-
-
-def _payload(random: np.random.Generator) -> Vehicle:
-    """Return the vehicle with a payload drawn at random."""
-    truth = experiment("coupled-pose").truth
-    mass, drag = random.uniform(0.5, 5.0), random.uniform(1.0, 1.5, 3)
-    turning = 1.0 + 0.03 * mass * random.random(3)
-    rigid = np.diag(truth.rigid_body_matrix)
-    changes = {name: truth.coefficient(name) - mass for name in ("X_udot", "Y_vdot", "Z_wdot")}
-    for k, name in enumerate(("K_pdot", "M_qdot", "N_rdot"), 3):
-        total = rigid[k] - truth.coefficient(name)
-        changes[name] = rigid[k] - turning[k - 3] * total
-    changes |= {name: f * truth.coefficient(name) for name, f in zip(("X_uu", "Y_vv", "Z_ww"), drag, strict=True)}
-    changes["W_minus_B"] = random.uniform(-4.0, 4.0)
-    changes["BG_z"] = truth.coefficient("BG_z") * random.uniform(0.7, 1.2)
-    return truth.with_coefficients(changes)
-
-
-def _as_stored(vehicle: Vehicle, random: np.random.Generator) -> Vehicle:
-    """Return a vehicle as it would be in a file once learned: off by its deviations."""
-    changes: dict[str, Any] = {}
-    for name in FREE:
-        value = vehicle.coefficient(name)
-        kind = name[1:]
-        total = experiment("coupled-pose").quantity(name, value)
-        std = 0.1 if name == "W_minus_B" else (0.005 if kind.endswith("dot") or name == "BG_z" else 0.02) * abs(total)
-        changes[name] = {"value": value + std * random.standard_normal(), "std": std}
-    return vehicle.with_coefficients(changes)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from change_cases import FREE, WRENCH, feed, two_kilograms_more
+from change_cases import WRENCH, feed
+from change_vehicles import FREE, two_kilograms_more
 from experiments import experiment
 
 from towtank.core.arrays import Array

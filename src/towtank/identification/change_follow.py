@@ -60,6 +60,7 @@ class Follow:
 
     def restart(self) -> None:
         """Begin anew: the filter is another one, or its motion is."""
+        self.story.settle()
         if self.watch is not None:
             self.watch.restart()
 

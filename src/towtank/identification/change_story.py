@@ -55,9 +55,13 @@ class Story:
         self._open, self._again = (found, len(self.events)), _FIRST
         self._put(self._event(found, found.free, state))
 
+    def settle(self) -> None:
+        """Leave the last change as it has been told."""
+        self._open = None
+
     def mended(self, t: float) -> None:
         """Add that the filter had lost itself and was set right."""
-        self._open = None
+        self.settle()
         text = "the filter had lost itself; it goes on with what it knew, less sure"
         self._put(Event(t, "mended", text))
 
