@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 
 from towtank.core.arrays import Array
 from towtank.identification.change_doubt import Doubt
+from towtank.identification.change_found import Change, Recognised
 from towtank.identification.change_story import Story
-from towtank.identification.change_watch import Change, Recognised, Watch
+from towtank.identification.change_watch import Watch
 from towtank.identification.held_input import HeldInput
 from towtank.identification.joint_buffer import Buffer
 from towtank.identification.joint_state import JointState
@@ -87,7 +88,7 @@ class Follow:
         if self.watch is None:
             self.watch = Watch(self._vehicle, like.fresh(), self._known, self._doubt)
         self.watch.take_row(t, z)
-        if seen < _WATCHED or not self.watch.due(t):
+        if seen < _WATCHED:
             return None
         free, state, held = filter_
         self.story.tell(t, free, state)

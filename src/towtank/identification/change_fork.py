@@ -35,6 +35,7 @@ class Fork:
         theta0, P0: coordinates (n,) and covariance (n, n) before they were widened.
         first, inputs: copies of the filter that it was split off, as it was then.
         until: when it ends [s]. resets: times that its motion had begun anew by then.
+        said, most: what it said when it was read last, and the most that any change can have for it then.
     """
 
     t: float
@@ -48,6 +49,8 @@ class Fork:
     inputs: HeldInput
     until: float
     resets: float
+    said: Window | None = None
+    most: float = 0.0
 
     def take(self, rows: Samples) -> None:
         """Take rows and inputs that came since."""
@@ -65,6 +68,12 @@ class Fork:
             and np.isfinite(self.state.P).all()
             and (np.diag(self.state.P)[: N_FIXED + len(self.free)] >= 0.0).all()
         )
+
+    def read(self) -> None:
+        """Keep what the samples so far say."""
+        if self.sound:
+            self.said = self.window()
+            self.most = self.said.most(self.steps)
 
     def window(self) -> Window:
         """Return what the samples since it was split off say by themselves."""

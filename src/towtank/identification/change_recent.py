@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from towtank.identification.joint_buffer import Buffer
 from towtank.identification.samples import Samples
 
 __all__ = ["Recent"]
@@ -22,22 +23,23 @@ class Recent:
         self._seconds = seconds
         self._pieces: list[Samples] = []
 
-    def add(self, rows: Samples) -> None:
-        """Keep a copy of rows and inputs, and forget what is too old."""
-        if not len(rows) and not rows.input_t.size:
-            return
-        self._pieces.append(
-            replace(
-                rows,
-                t=rows.t.copy(),
-                values=rows.values.copy(),
-                input_t=rows.input_t.copy(),
-                input_force=rows.input_force.copy(),
-            )
+    def add(self, buffer: Buffer) -> Samples:
+        """Take what is in a buffer, empty it, and forget what is too old; return what was taken."""
+        rows = buffer.whole
+        piece = replace(
+            rows,
+            t=rows.t.copy(),
+            values=rows.values.copy(),
+            input_t=rows.input_t.copy(),
+            input_force=rows.input_force.copy(),
         )
-        newest = rows.t[-1] if len(rows) else rows.input_t[-1]
-        while self._pieces and len(self._pieces[0]) and self._pieces[0].t[-1] < newest - self._seconds:
-            self._pieces.pop(0)
+        buffer.clear()
+        if len(piece) or piece.input_t.size:
+            self._pieces.append(piece)
+            newest = piece.t[-1] if len(piece) else piece.input_t[-1]
+            while len(self._pieces[0]) and self._pieces[0].t[-1] < newest - self._seconds:
+                self._pieces.pop(0)
+        return piece
 
     def since(self, t: float) -> Samples:
         """Return what came after t [s], in one; t is the time of a row."""

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from towtank.identification.change_watch import Change, Recognised, deviations
+from towtank.identification.change_found import Change, Recognised
+from towtank.identification.change_watch import deviations
 from towtank.identification.change_words import change_details, change_words
 from towtank.identification.joint_state import JointState
 from towtank.identification.parameters import FreeParameters

@@ -12,8 +12,8 @@ stays zero, and the first filter, whose coefficients do not walk, waits as it is
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from towtank.identification.change_fork import (
     with_coordinates,
     without_change_of,
 )
+from towtank.identification.change_found import Change, Recognised, Referee
 from towtank.identification.change_kinds import Hypothesis, hypotheses, steps_of
 from towtank.identification.change_known import Known, known_as, likeness
 from towtank.identification.change_recent import Recent
@@ -36,10 +37,11 @@ from towtank.identification.held_input import HeldInput
 from towtank.identification.joint_buffer import Buffer
 from towtank.identification.joint_state import O_FOLLOW, JointState
 from towtank.identification.parameters import GAIN_PREFIX, FreeParameters, free_parameters
+from towtank.identification.samples import Samples
 from towtank.identification.transition import N_FIXED
 from towtank.vehicle import Vehicle
 
-__all__ = ["Change", "Recognised", "Watch", "deviations"]
+__all__ = ["Watch", "deviations"]
 
 _EVERY, _LIVES = 0.5, 3.0  # s: a filter is split off so often, and lives for so long;
 _OLD_ONE, _LIVES_LONG = 4, 8.0  # every so many-th lives longer, for what shows slowly
@@ -52,55 +54,6 @@ _PERSISTS, _AGED = 0.4, 0.2  # when it has lasted so long, if thrusters may be t
 _AGAIN = 2  # looks in a row
 _REFEREE = 15.0  # s for which a change is compared with known configurations
 _TAKEN, _DROPPED = 0.98, 0.3  # probability at which a known configuration is taken as prior, and given up
-
-
-@dataclass(frozen=True, eq=False)
-class Change:
-    """A change that was noticed, and the filter that goes on.
-
-    Attributes:
-        t, noticed: when it began, as far as known, and now [s]. verdict: what speaks for it.
-        free, state, held: the filter from here on. before: coordinates (n,) before, and their deviations (n,).
-    """
-
-    t: float
-    noticed: float
-    verdict: Verdict
-    free: FreeParameters
-    state: JointState
-    held: HeldInput
-    before: tuple[Array, Array]
-
-
-@dataclass(frozen=True, eq=False)
-class Recognised:
-    """A configuration met before that the vehicle has become, or, where it was given up, has not.
-
-    Attributes:
-        t: now [s]. name: of the configuration. probability: of it. taken: as prior; False where it is given up.
-        free, state, held: the filter from here on.
-    """
-
-    t: float
-    name: str
-    probability: float
-    taken: bool
-    free: FreeParameters
-    state: JointState
-    held: HeldInput
-
-
-@dataclass(eq=False)
-class _Referee:
-    """A split filter that goes on beside a change, to compare it with what is known."""
-
-    fork: Fork
-    ways: tuple[Hypothesis, ...]
-    keeps: FreeParameters
-    steps: Array
-    until: float
-    taken: str | None = None
-    known: list[Known] = field(default_factory=list)
 
 
 class Watch:
@@ -117,13 +70,16 @@ class Watch:
         self.doubt = doubt
         self._recent = Recent(_LIVES_LONG + _EVERY)
         self._forks: list[Fork] = []
+        self._batch: Samples | None = None  # rows that filters catch up with, one after the other
+        self._waiting: list[Fork] = []
+        self._last = -np.inf
         self._ways: tuple[Hypothesis, ...] = ()
         self._steps = np.empty(0)
         self._wide: FreeParameters | None = None
         self._next_split = self._next_look = -np.inf
         self._count = 0
         self._suspect: tuple[Fork, int, float] | None = None
-        self._referee: _Referee | None = None
+        self._referee: Referee | None = None
         self.likely: dict[str, float] = {}  # configurations, with their probabilities, since the last change
 
     def restart(self, *, referee: bool = False) -> None:
@@ -131,7 +87,8 @@ class Watch:
         self._forks.clear()
         self._rows.clear()
         self._recent.clear()
-        self._suspect = None
+        self._waiting.clear()
+        self._batch = self._suspect = None
         self._next_split = self._next_look = -np.inf
         if not referee:
             self._referee = None
@@ -146,36 +103,47 @@ class Watch:
         if self._forks or self._referee is not None:
             self._rows.add_row(t, z)
 
-    def due(self, t: float) -> bool:
-        """Whether it is time to look."""
-        return bool(t >= self._next_look)
-
     def look(self, t: float, state: JointState, held: HeldInput, free: FreeParameters) -> Change | Recognised | None:
-        """Let the filters catch up, ask them, and split off the next one."""
-        self._next_look = t + _LOOKS
-        self._catch_up()
-        found = self._ask(t, free) if self._forks else None
-        if found is not None:
-            return found
-        recognised = self._compare(t, state, held) if self._referee is not None else None
-        if recognised is not None:
-            return recognised
-        if t >= self._next_split:
-            self._split(t, state, held, free)
+        """Do what is due at t [s], a little with every row: let filters catch up, ask them, split off the next one."""
+        span, self._last = t - self._last, t
+        if self._waiting:
+            share = min(1.0, max(span / _LOOKS, 0.0))
+            for _ in range(max(1, math.ceil(2.0 * share * len(self._forks)))):
+                if self._waiting:
+                    self._serve(self._waiting.pop())
+            if self._waiting:
+                return None
+            found = self._ask(t, free)
+            if found is not None:
+                return found
+            return self._compare(t, state, held) if self._referee is not None else None
+        if t >= self._next_look:
+            self._next_look = t + _LOOKS
+            self._batch = self._recent.add(self._rows)
+            self._waiting = [fork for fork in self._all if fork.sound]
+            if t >= self._next_split:
+                self._split(t, state, held, free)
         return None
 
     # -- inside
 
+    @property
+    def _all(self) -> list[Fork]:
+        return self._forks if self._referee is None else [*self._forks, self._referee.fork]
+
+    def _serve(self, fork: Fork) -> None:
+        """Let a filter take the rows of the batch, and read what it says."""
+        if self._batch is not None:
+            fork.take(self._batch)
+            fork.read()
+
     def _catch_up(self) -> None:
-        rows = self._rows.whole
-        for fork in self._forks:
-            fork.take(rows)
-        if self._referee is not None:
-            self._referee.fork.take(rows)
-            if not self._referee.fork.sound:
-                self._referee = None
-        self._recent.add(rows)
-        self._rows.clear()
+        """Let every filter take all that there is."""
+        while self._waiting:
+            self._serve(self._waiting.pop())
+        self._batch = self._recent.add(self._rows)
+        for fork in self._all:
+            self._serve(fork)
         self._forks = [fork for fork in self._forks if fork.sound]
 
     def _split(self, t: float, state: JointState, held: HeldInput, free: FreeParameters) -> None:
@@ -188,33 +156,48 @@ class Watch:
         lives = _LIVES_LONG if self._count % _OLD_ONE == 0 else _LIVES
         doubted = None if self._suspect is None else self._suspect[0]
         for fork in self._forks:
-            if self._suspect is None and fork.until <= t and fork.until - fork.t < _LIVES_LONG:
-                self.doubt.learn(fork.window(), fork.steps)
-        self._forks = [fork for fork in self._forks if fork.until > t or fork is doubted]
+            short = fork.until - fork.t < _LIVES_LONG
+            if self._suspect is None and fork.until <= t and short and fork.sound and fork.said is not None:
+                self.doubt.learn(fork.said, fork.steps)
+        self._forks = [fork for fork in self._forks if fork.sound and (fork.until > t or fork is doubted)]
         self._forks.append(split_off(t, state, held, free, self._wide, self._steps, t + lives))
         self._next_split = t + _EVERY
 
     def _ask(self, t: float, free: FreeParameters) -> Change | None:
         if not self.doubt.known:
             return None
-        sure = _SURE * np.sqrt(self.doubt.factor)  # where windows err more, they err wildly more often, too
-        asked = [(fork, fork.window()) for fork in self._forks if t - fork.t >= _YOUNG]
-        asked = [(fork, window) for fork, window in asked if window.most(fork.steps) > sure * self.doubt.factor]
-        verdict = judged([window.tempered(self.doubt.factor) for _, window in asked], self._ways) if asked else None
-        if verdict is None or not verdict.evidence > sure:
+        verdict, fork = self._verdict(t)
+        if verdict is None or fork is None:
             self._suspect = None
             return None
-        fork = asked[verdict.window][0]
         times, since = (1, t) if self._suspect is None else (self._suspect[1] + 1, self._suspect[2])
         self._suspect = fork, times, since
         thrusters = any(way.thruster is not None for way in self._ways)
         if times < _AGAIN or (thrusters and t - since < _PERSISTS):
+            return None
+        self._catch_up()
+        verdict, fork = self._verdict(t)
+        if verdict is None or fork is None:
             return None
         finer = self._finely(fork, free, t)
         verdict = judged([each.window().tempered(self.doubt.factor) for each in finer], self._ways)
         if verdict.clear < _CLEAR and t - since < _WAITS:
             return None
         return self._change(t, finer[verdict.window], verdict, free)
+
+    def _verdict(self, t: float) -> tuple[Verdict | None, Fork | None]:
+        """Return what the filters say at t [s], and which fits best; None where nothing is sure."""
+        doubt = self.doubt.factor
+        sure = _SURE * math.sqrt(doubt)  # where windows err more, they err wildly more often, too
+        asked = [
+            (fork, fork.said)
+            for fork in self._forks
+            if t - fork.t >= _YOUNG and fork.said is not None and fork.sound and fork.most > sure * doubt
+        ]
+        if not asked:
+            return None, None
+        verdict = judged([window.tempered(doubt) for _, window in asked], self._ways)
+        return (verdict, asked[verdict.window][0]) if verdict.evidence > sure else (None, None)
 
     def _finely(self, best: Fork, free: FreeParameters, t: float) -> list[Fork]:
         """Return filters that were split off about when the best one was, in small steps of time."""
@@ -240,13 +223,15 @@ class Watch:
                 known_as(name, model, self.vehicle, fork.free, fork.theta0, fork.P0)
                 for name, model in self.known.items()
             ]
-            self._referee = _Referee(fork, self._ways, kept, verdict.steps, t + _REFEREE, known=known)
+            self._referee = Referee(fork, self._ways, kept, verdict.steps, t + _REFEREE, known=known)
         return Change(fork.t, t, verdict, kept, state, copied(fork.held), before)
 
     def _compare(self, t: float, state: JointState, held: HeldInput) -> Recognised | None:
         referee = self._referee
         assert referee is not None
-        window = referee.fork.window().tempered(self.doubt.factor)
+        if not referee.fork.sound or referee.fork.said is None:
+            return None
+        window = referee.fork.said.tempered(self.doubt.factor)
         verdict = judged([window], referee.ways)
         shares = likeness(window, referee.known, verdict.changed)
         self.likely = {one.name: float(share) for one, share in zip(referee.known, shares, strict=False)}
@@ -263,9 +248,10 @@ class Watch:
         return None
 
     def _take(
-        self, t: float, referee: _Referee, known: Known, share: float, state: JointState, held: HeldInput
+        self, t: float, referee: Referee, known: Known, share: float, state: JointState, held: HeldInput
     ) -> Recognised:
         """Tell the filter what is known of the configuration."""
+        self._catch_up()
         at = [referee.fork.free.names.index(name) for name in referee.keeps.names]
         told = copied(state)
         covariance = known.covariance[np.ix_(at, at)]
@@ -274,8 +260,9 @@ class Watch:
         self.restart(referee=True)
         return Recognised(t, known.name, share, True, referee.keeps, told, held)
 
-    def _give_up(self, t: float, referee: _Referee, name: str) -> Recognised:
+    def _give_up(self, t: float, referee: Referee, name: str) -> Recognised:
         """Go on from what the samples alone say."""
+        self._catch_up()
         whole = without_change_of(referee.fork, referee.steps)
         at = [referee.fork.free.names.index(each) for each in referee.keeps.names]
         state = with_coordinates(whole, referee.keeps, at)
