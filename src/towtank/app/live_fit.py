@@ -8,7 +8,6 @@ from typing import Any
 
 from towtank.errors import InputError
 from towtank.identification import Learner
-from towtank.identification.log_learning import Levels
 from towtank.live.learning import Learning
 from towtank.recording import STANDARD, Recording
 from towtank.recording.standard import EULER, MOTION, QUATERNION, VELOCITIES
@@ -59,12 +58,13 @@ def _session(learning: Learning, recorded: Path | None) -> tuple[Recording | Non
 
 def _noise(learner: Learner, run: Recording) -> dict[str, dict[str, Any]]:
     """Return the noise that a learner with levels has found; a quaternion is measured as angles."""
-    levels = getattr(getattr(learner, "_stream", None), "levels", None)
-    if not isinstance(levels, Levels):
+    from towtank.identification.joint_learner import JointLearner
+
+    if not isinstance(learner, JointLearner):
         return {}
     measured = set(run.channels) | (set(EULER) if set(QUATERNION) <= set(run.channels) else set())
     return {
-        name: {"std": float(levels.noise[k]), "unit": STANDARD[name].unit}
+        name: {"std": float(learner.noise[k]), "unit": STANDARD[name].unit}
         for k, name in enumerate(MOTION)
         if name in measured
     }

@@ -190,6 +190,11 @@ class JointLearner(Learner):
         return current_of(self._stream.state) if self._current and self._stream.state is not None else None
 
     @property
+    def noise(self) -> Array:
+        """Noise (15,) of each sample of x y z phi theta psi u v w p q r ax ay az, as it is taken to be."""
+        return self._stream.levels.noise.copy()
+
+    @property
     def disturbance(self) -> Array:
         """Level (6,) [N, N m] of the random force that the motion shows."""
         state = self._stream.state
