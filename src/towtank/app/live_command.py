@@ -75,6 +75,17 @@ def live(
             "--prior", metavar="VEHICLE", help="What is known beforehand: a vehicle whose coefficients bear a std."
         ),
     ] = None,
+    no_changes: Annotated[
+        bool, typer.Option("--no-changes", help="Do not watch for changes of the vehicle, as a payload taken up.")
+    ] = False,
+    configurations: Annotated[
+        Path | None,
+        typer.Option(
+            "--configurations",
+            metavar="DIR",
+            help="Configurations (towtank config) that the vehicle may become: they are recognised.",
+        ),
+    ] = None,
     mapping: Map = None,
     model_file: Annotated[
         Path | None,
@@ -94,8 +105,9 @@ def live(
 ) -> None:
     """Learn from what a vehicle is sending, while it drives.
 
-    Coefficients and their deviations are shown as they settle, with what comes from each link. Ctrl-C ends in order:
-    the recording is closed, the model written. Nothing is ever commanded.
+    Coefficients and their deviations are shown as they settle, with what comes from each link. A payload taken up, lost
+    ballast or a fouled thruster is noticed, told, and learned. Ctrl-C ends in order: the recording is closed, the model
+    written. Nothing is ever commanded.
 
     \b
     Examples:
@@ -111,6 +123,8 @@ def live(
         raise InputError("--json and --json-lines: found both, expected one of them")
     if resume and record is None:
         raise InputError("--resume: expected --record FILE.mcap, the recording to go on with")
+    if no_changes and configurations is not None:
+        raise InputError("--no-changes and --configurations: found both; what changes is recognised, if it is watched")
     if len(set(sources)) < len(sources):
         raise InputError(f"SOURCE: found one of {', '.join(sources)} twice")
     positive("--for", seconds)
@@ -133,6 +147,8 @@ def live(
         window=window,
         free=names_of(free),
         prior=prior,
+        changes=not no_changes,
+        configurations=configurations,
         mapping=mapping,
         model_file=model_file,
         json_lines=json_lines,

@@ -7,15 +7,16 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from towtank.app.learn_report import estimate_document
-from towtank.app.live_table import coefficient_rows, link_lines, measures
+from towtank.app.live_table import coefficient_rows, event_line, likely_line, link_lines, measures
 from towtank.app.output import Output
 from towtank.identification import Learner
 from towtank.live.status import Status
 from towtank.recording import STANDARD
+from towtank.recording.event import Event
 from towtank.recording.standard import VELOCITIES, WRENCH
 from towtank.vehicle import Vehicle
 
-__all__ = ["live_document", "live_line", "show_end"]
+__all__ = ["events_document", "live_document", "live_line", "show_end"]
 
 
 def live_document(
@@ -52,8 +53,14 @@ def live_document(
         "noise": {},
         "fit": dict.fromkeys(VELOCITIES),
         "warnings": [*warnings, *status.warnings],
+        "events": events_document(status.events),
         "live": live_part(status),
     }
+
+
+def events_document(events: Sequence[Event]) -> list[dict[str, Any]]:
+    """Return events, the one noticed first before."""
+    return [{"t": each.t, "kind": each.kind, "text": each.text, "details": dict(each.details)} for each in events]
 
 
 def live_part(status: Status) -> dict[str, Any]:
@@ -69,6 +76,7 @@ def live_part(status: Status) -> dict[str, Any]:
         "late": status.late,
         "bad": status.bad,
         "waiting": status.waiting,
+        "likely": dict(status.learnt.likely),
         "excitation": dict(zip(WRENCH, status.learnt.excitation, strict=False)),
         "sources": {
             each.text: {
@@ -98,8 +106,8 @@ def live_part(status: Status) -> dict[str, Any]:
     }
 
 
-def live_line(status: Status) -> dict[str, Any]:
-    """Return where a session stands, short enough for one line a second."""
+def live_line(status: Status, events: Sequence[Event] = ()) -> dict[str, Any]:
+    """Return where a session stands, short enough for one line a second; events: that are new, or told anew."""
     learnt = status.learnt
     known: Mapping[str, Any] = {
         each.name: {"value": each.value, "std": each.std} for each in learnt.estimate.coefficients if each.identified
@@ -118,6 +126,7 @@ def live_line(status: Status) -> dict[str, Any]:
         "bad": status.bad,
         "recorded_bytes": None if recording is None else recording.size,
         "lost": None if recording is None else recording.lost,
+        "events": events_document(events),
         "warnings": status.warnings,
     }
 
@@ -137,6 +146,12 @@ def show_end(status: Status, vehicle: Vehicle, method: str, output: Output) -> N
         output.heading("Not identified: held in the model, and why")
         for reason, names in rest.items():
             output.item(f"{', '.join(names)}: {reason}")
+    if status.events:
+        output.heading("What happened")
+        for event in status.events:
+            output.item(event_line(event, status.epoch, ascii_only=output.ascii))
+    if learnt.likely:
+        output.line(likely_line(learnt.likely))
     output.line()
     for line in (*measures(status), *link_lines(status)):
         output.line(line)

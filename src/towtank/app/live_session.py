@@ -19,7 +19,7 @@ from towtank.app.live_report import live_document, live_line, show_end
 from towtank.app.live_view import LiveView
 from towtank.app.output import Output
 from towtank.app.page_option import new_page, serving
-from towtank.app.sources import read_prior, read_vehicle
+from towtank.app.sources import read_configurations, read_prior, read_vehicle
 from towtank.errors import InputError
 from towtank.identification import Learner
 from towtank.live.checkpoint import Checkpoint
@@ -29,6 +29,7 @@ from towtank.live.status import Status
 from towtank.live.urls import open_source
 from towtank.live.warm_up import new_learner, warm_up
 from towtank.recording import load_mapping
+from towtank.recording.event import Event
 from towtank.recording.mcap_log import McapLog
 from towtank.vehicle import Provenance, Vehicle, save_vehicle
 from towtank.vehicle.names import RESTORING
@@ -55,6 +56,8 @@ class LiveOptions:
     window: float = 0.1
     free: tuple[str, ...] | None = None
     prior: str | None = None
+    changes: bool = True
+    configurations: Path | None = None
     mapping: Path | None = None
     model_file: Path | None = None
     json_lines: bool = False
@@ -65,16 +68,25 @@ def run_live(options: LiveOptions, output: Output) -> None:
     """Run a live session and print how it ended."""
     vehicle = read_vehicle(options.vehicle, output)
     prior = None if options.prior is None else read_prior(options.prior, output)
+    known = None if options.configurations is None else read_configurations(options.configurations, output)
     mapping = None if options.mapping is None else load_mapping(options.mapping)
     sources = [(text, open_source(text, vehicle, mapping)) for text in options.sources]
 
     background = not all(getattr(source, "patient", False) for _, source in sources)
 
     def fresh() -> Learner:
-        return new_learner(vehicle, options.method, options.free, prior, background=background)
+        return new_learner(
+            vehicle,
+            options.method,
+            options.free,
+            prior,
+            background=background,
+            changes=options.changes,
+            known=known,
+        )
 
     learner = fresh()
-    checkpoint, before = _earlier(options, vehicle, prior=prior, background=background)
+    checkpoint, before = _earlier(options, vehicle, prior=prior, background=background, known=known)
     if before is None and options.record is not None and options.record.exists():
         raise InputError(f"{options.record}: exists already; add --resume to go on with it, or choose another name")
     output.say("making ready: compiling what is not compiled yet (up to a minute the first time)")
@@ -133,8 +145,9 @@ def _earlier(options: LiveOptions, vehicle: Vehicle, **settings: Any) -> tuple[C
     """Return the checkpoint beside the recording, and the session that is gone on with, where there are any."""
     if options.record is None:
         return None, None
-    known = hashlib.sha256(repr(vehicle).encode()).hexdigest()
-    about = {"method": options.method, "free": options.free, "prior": options.prior, "vehicle": known}
+    digest = hashlib.sha256(repr(vehicle).encode()).hexdigest()
+    about = {"method": options.method, "free": options.free, "prior": options.prior, "vehicle": digest}
+    about["changes"] = options.changes
     checkpoint = Checkpoint(options.record, about)
     if not (options.resume and options.record.exists()):
         return checkpoint, None
@@ -166,12 +179,14 @@ def _gone_on(options: LiveOptions, before: Earlier, session: Session) -> str:
 
 def _run(session: Session, stop: threading.Event, options: LiveOptions, vehicle: Vehicle, output: Output) -> Status:
     if options.json_lines:
-        return session.run(
-            stop,
-            seconds=options.seconds,
-            show=lambda status: _write(live_line(status)),
-            period=_LINES,
-        )
+        told: list[Event] = []
+
+        def show_line(status: Status) -> None:
+            new = [event for event in status.events if event not in told]
+            told[:] = status.events
+            _write(live_line(status, new))
+
+        return session.run(stop, seconds=options.seconds, show=show_line, period=_LINES)
     view = LiveView(output, vehicle, options.method)
     with view.showing() as show:
         return session.run(stop, seconds=options.seconds, show=show, period=0.25)
