@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from towtank.app.arguments import Json, Map, output_place, positive
+from towtank.app.arguments import Json, Map, Report, output_place, positive
 from towtank.app.page_option import PageOption, page_address
+from towtank.app.report_output import report_place
 from towtank.errors import InputError, nearest
 
 __all__ = ["live"]
@@ -96,6 +97,7 @@ def live(
             help="Vehicle file to write at the end; default: beside the recording, where there is one.",
         ),
     ] = None,
+    report: Report = None,
     page: PageOption = None,
     json: Json = False,
     json_lines: Annotated[
@@ -131,6 +133,7 @@ def live(
     positive("--window", window, zero=True)
     output_place("--output", model_file, (".toml",))
     output_place("--record", record, (".mcap",))
+    report_place(report)
     page_address(page)
 
     from towtank.app.learn_command import names_of
@@ -151,6 +154,7 @@ def live(
         configurations=configurations,
         mapping=mapping,
         model_file=model_file,
+        report=report,
         json_lines=json_lines,
         page=page,
     )

@@ -35,6 +35,7 @@ from towtank.vehicle import Provenance, Vehicle, save_vehicle
 from towtank.vehicle.names import RESTORING
 
 if TYPE_CHECKING:
+    from towtank.app.live_reports import LiveReports
     from towtank.dashboard.page import Page
 
 __all__ = ["LiveOptions", "run_live"]
@@ -60,6 +61,7 @@ class LiveOptions:
     configurations: Path | None = None
     mapping: Path | None = None
     model_file: Path | None = None
+    report: Path | None = None
     json_lines: bool = False
     page: str | None = None
 
@@ -96,6 +98,10 @@ def run_live(options: LiveOptions, output: Output) -> None:
             from towtank.dashboard.warm_up import warm_up as warm_page_up
 
             warm_page_up(vehicle)
+        if options.page is not None or options.report is not None:
+            from towtank.app.live_reports import warm_up as warm_reports_up
+
+            warm_reports_up(vehicle)
     epoch = round(time.time(), 3) if before is None else before.epoch
     learner = learner if before is None or before.learner is None else before.learner
     log = _log(options, vehicle, epoch, going_on=before is not None)
@@ -109,12 +115,13 @@ def run_live(options: LiveOptions, output: Output) -> None:
         checkpoint=checkpoint,
         interval=0.25 if output.console.is_terminal or options.json_lines or options.page else 1.0,
     )
+    reports = _reports(options, session)
     try:
         if before is not None:
             with output.progress("learning from what was recorded") as tell:
                 session.learning.catch_up(before.rows(tell), since=before.since, inputs=before.inputs)
             output.say(_gone_on(options, before, session))
-        page = _page(options, session, vehicle, output)
+        page = _page(options, session, vehicle, reports, output)
         session.open()
     except BaseException:
         if log is not None:
@@ -125,10 +132,21 @@ def run_live(options: LiveOptions, output: Output) -> None:
     output.say(f"listening to {', '.join(options.sources)}")
     with _ends() as stop, serving(page, output.say):
         status = _run(session, stop, options, vehicle, output)
-    _end(session, status, options, vehicle, output)
+    _end(session, status, options, vehicle, reports, output)
 
 
-def _page(options: LiveOptions, session: Session, vehicle: Vehicle, output: Output) -> Page | None:
+def _reports(options: LiveOptions, session: Session) -> LiveReports | None:
+    """Return what makes reports of a session; None where none can be asked for."""
+    if options.page is None and options.report is None:
+        return None
+    from towtank.app.live_reports import LiveReports
+
+    return LiveReports(session, options)
+
+
+def _page(
+    options: LiveOptions, session: Session, vehicle: Vehicle, reports: LiveReports | None, output: Output
+) -> Page | None:
     """Return the live page of a session, bound to its address; None where none is asked for."""
     if options.page is None:
         return None
@@ -138,7 +156,9 @@ def _page(options: LiveOptions, session: Session, vehicle: Vehicle, output: Outp
     names = (*vehicle.hydrodynamics, *RESTORING)
     before = {name: value for name in names if (value := vehicle.coefficient(name))}
     about = About(title=", ".join(options.sources), vehicle=vehicle, method=options.method, reference=before)
-    return new_page(LiveFeed(session, about), options.page, output.say)
+    return new_page(
+        LiveFeed(session, about), options.page, output.say, reports=None if reports is None else reports.now
+    )
 
 
 def _earlier(options: LiveOptions, vehicle: Vehicle, **settings: Any) -> tuple[Checkpoint | None, Earlier | None]:
@@ -146,7 +166,7 @@ def _earlier(options: LiveOptions, vehicle: Vehicle, **settings: Any) -> tuple[C
     if options.record is None:
         return None, None
     digest = hashlib.sha256(repr(vehicle).encode()).hexdigest()
-    about = {"method": options.method, "free": options.free, "prior": options.prior, "vehicle": digest}
+    about: dict[str, Any] = {"method": options.method, "free": options.free, "prior": options.prior, "vehicle": digest}
     about["changes"] = options.changes
     checkpoint = Checkpoint(options.record, about)
     if not (options.resume and options.record.exists()):
@@ -192,8 +212,15 @@ def _run(session: Session, stop: threading.Event, options: LiveOptions, vehicle:
         return session.run(stop, seconds=options.seconds, show=show, period=0.25)
 
 
-def _end(session: Session, status: Status, options: LiveOptions, vehicle: Vehicle, output: Output) -> None:
-    """Write the model, print what was learned."""
+def _end(
+    session: Session,
+    status: Status,
+    options: LiveOptions,
+    vehicle: Vehicle,
+    reports: LiveReports | None,
+    output: Output,
+) -> None:
+    """Write the model and the report, print what was learned."""
     learner = session.learning.learner
     place = _model_place(options, status)
     if place is not None:
@@ -201,6 +228,8 @@ def _end(session: Session, status: Status, options: LiveOptions, vehicle: Vehicl
         note = f"learned live from {', '.join(options.sources)} ({status.learnt.estimate.duration:.5g} s)"
         provenance = Provenance(source=kept.provenance.source, notes=(*kept.provenance.notes, note))
         save_vehicle(kept.model_copy(update={"provenance": provenance}), place)
+    if reports is not None and options.report is not None:
+        reports.write(options.report, output.warnings)
     document = live_document(status, learner, options.sources, options.prior, options.method, output.warnings)
     if options.json_lines:
         _write(live_line(status) | {"final": True, **document})
@@ -210,6 +239,8 @@ def _end(session: Session, status: Status, options: LiveOptions, vehicle: Vehicl
         output.line(f"model written to {place}")
     else:
         output.line("no model is kept: -o MODEL.toml or --record keeps one", "dim")
+    if options.report is not None:
+        output.line(f"report written to {options.report}")
     if options.record is not None:
         output.line(f"Next: towtank learn {options.record} --vehicle {options.vehicle} -o MODEL.toml", "dim")
     output.document(document)

@@ -18,6 +18,7 @@ from towtank.live.instants import Instants
 from towtank.live.lane import Ended, Gap, Lane
 from towtank.live.latency import Latency
 from towtank.live.preference import Preference
+from towtank.live.recent import Recent
 from towtank.live.recorded import Row
 from towtank.live.sorter import Arrival, Sorter
 from towtank.recording.event import Event
@@ -71,8 +72,9 @@ class Learning:
     Attributes:
         learner: touched by the learning thread alone while that runs.
         now: where learning stands, renewed every `interval` [s].
-        errands: what other threads ask of the learner.
+        errands: what other threads ask of the learner. recent: what was learned from in the last minute.
         tap: called with time [s] and arguments of every instant, by the learning thread; must be quick.
+        listeners: called likewise.
     """
 
     def __init__(
@@ -100,8 +102,10 @@ class Learning:
         self._trouble = ""
         self._paused = False
         self._events, self._sight = EventLog() if events is None else events, Sight()
+        self.recent = Recent()
         self.errands = Errands()
         self.tap: Callable[[float, Mapping[str, Any]], None] | None = None
+        self.listeners: tuple[Callable[[float, Mapping[str, Any]], None], ...] = ()
         self.now = self._standing()
         self._read = self._saved = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="learning", daemon=True)
@@ -215,8 +219,9 @@ class Learning:
 
     def _update(self, t: float, sample: dict[str, float]) -> None:
         arguments = self._instants.arguments(sample)
-        if self.tap is not None:
-            self.tap(t, arguments)
+        for listener in (self.tap, *self.listeners):
+            if listener is not None:
+                listener(t, arguments)
         back = self._sight.see(t, arguments)
         if back is not None:
             self._events.add(back)
@@ -225,12 +230,14 @@ class Learning:
         elif arguments:
             self.learner.update(t, **arguments)
             self._excitation.see(t, arguments)
+            self.recent.add(t, sample)
             self._last = t
             self._taken += 1
 
     def _break_off(self) -> None:
         """Begin a new stretch; which commands are in force is not known any more."""
         self._resumed = False
+        self.recent.break_off()
         if math.isfinite(self._last):
             self.learner.restart()
             self._instants.forget()
