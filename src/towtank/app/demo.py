@@ -103,6 +103,8 @@ def _run(
     with screen.showing() as show:
         last = stream(session, learner, course, paced=not fast, show=show, watch=feed)
 
+    if feed is not None:
+        feed.streamed()
     facts = _as_it_is(session, learner) if payload else _second_pass(console, session, course)
     if feed is not None:
         again = "" if payload else "learned once more from the whole recording"

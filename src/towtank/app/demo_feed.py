@@ -86,9 +86,12 @@ class DemoFeed:
         self._events.take(self._learner.events)
         self._ended = time.monotonic()
 
-    def finish(self, estimate: Estimate, model: Vehicle, delay: float, note: str) -> None:
-        """Take what is known in the end, and an event that says why; the stream has ended."""
+    def streamed(self) -> None:
+        """Take that the stream has ended; who asks something of the learner does it from now on."""
         self._errands.close()
+
+    def finish(self, estimate: Estimate, model: Vehicle, delay: float, note: str) -> None:
+        """Take what is known in the end, and an event that says why."""
         self._estimate, self._model, self._delay, self._finished = estimate, model, delay, True
         if note:
             self._events.add(Event(self._t, "mark", note))
