@@ -116,6 +116,31 @@ def test_a_terminal_gets_a_live_table(tmp_path: Path) -> None:
     assert max(len(line) for line in last.splitlines() if "\x1b" not in line and "towtank" not in line) <= 80
 
 
+def test_a_payload_is_noticed_told_and_learned(tmp_path: Path) -> None:
+    shown = console()
+    document = run_demo(tmp_path, seconds=20.0, fast=True, payload=True, console=shown)
+    assert document["seconds"] == 80.0
+    (change,) = [event for event in document["events"] if event["kind"] == "change"]
+    assert change["t"] == pytest.approx(35.0, abs=1.0)
+    assert change["details"]["noticed"] < 40.0
+    assert "net weight +" in change["text"]
+    weight = document["coefficients"]["W_minus_B"]
+    assert weight["truth"] == 2.0
+    assert weight["value"] == pytest.approx(2.0, abs=max(4.0 * weight["std"], 0.2))
+    assert document["coefficients"]["Z_ww"]["truth"] == pytest.approx(1.3 * -61.836, rel=1e-3)
+    assert document["sums"]["m - X_udot"]["truth"] == pytest.approx(42.419)
+    assert document["sums"]["m - X_udot"]["error_percent"] == pytest.approx(0.0, abs=2.0)
+    text = text_of(shown)
+    assert "0:00:3" in text
+    assert "net weight +" in text
+    page = (tmp_path / "demo.html").read_text(encoding="utf-8")
+    assert "What happened" in page
+    assert "a payload taken up after 35 s" in page
+    assert page.count('class="truth"') >= len(FREE) + 1
+    assert load_vehicle(tmp_path / "vlbv300_learned.toml").weight_minus_buoyancy == pytest.approx(weight["value"])
+    assert {path.name for path in tmp_path.iterdir()} == FILES
+
+
 def test_the_table_fits_an_old_terminal() -> None:
     truth = tank_session(2.0).truth
     shown = Console(file=io.StringIO(), width=80, highlight=False)

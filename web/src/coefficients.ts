@@ -72,9 +72,10 @@ export class Coefficients {
         low.push(known ? values[i] - SURE * std[i] : null);
         high.push(known ? values[i] + SURE * std[i] : null);
       }
-      const reference = hello.coefficients[k].reference;
+      const { reference, earlier } = hello.coefficients[k];
+      const since = hello.reference_since ?? -Infinity;
       chart.settings.range = () => spread(course.t, middle, low, high, reference);
-      chart.set([course.t, middle, course.t.map(() => reference), low, high]);
+      chart.set([course.t, middle, course.t.map((t) => (t < since ? earlier : reference)), low, high]);
     });
   }
 }

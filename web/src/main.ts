@@ -50,13 +50,14 @@ function reset(): void {
 }
 
 function greet(next: Hello): void {
-  const names = (each: Hello | null) => JSON.stringify([each?.coefficients, each?.signals]);
+  const names = (each: Hello | null) => JSON.stringify([each?.coefficients.map((one) => one.name), each?.signals]);
   const same = names(hello) === names(next);
   hello = next;
   write(byId("title"), next.title);
   write(byId("about"), `${next.vehicle}, method ${next.method}`);
   document.title = `${next.vehicle}: towtank`;
   controls.greet(next);
+  fresh.course = true;
   if (same) return;
   coefficients.greet(next);
   velocities.greet(next);

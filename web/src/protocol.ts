@@ -1,11 +1,13 @@
 // What the server sends: binary frames of numbers, and JSON for the rest. See docs/design/page.md.
 
-export interface Coefficient { name: string; unit: string; axis: string; reference: number | null }
+export interface Coefficient {
+  name: string; unit: string; axis: string; reference: number | null; earlier: number | null;
+}
 export interface Signal { name: string; chart: string; unit: string; scale: number }
 
 export interface Hello {
   type: "hello"; session: string; title: string; vehicle: string; method: string; seconds: number | null; report: boolean;
-  prediction_seconds: number; reference_word: string; coefficients: Coefficient[]; signals: Signal[];
+  prediction_seconds: number; reference_word: string; reference_since: number | null; coefficients: Coefficient[]; signals: Signal[];
   axes: { name: string; velocity: string; wrench: string }[];
 }
 

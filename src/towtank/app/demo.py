@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 import threading
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,16 +18,20 @@ from rich.text import Text
 
 from towtank.app.demo_files import write_demo
 from towtank.app.demo_progress import Course, quantities
-from towtank.app.demo_session import DELAY, DURATION, FREE, SEED, Session, tank_session, unseen_session
+from towtank.app.demo_session import DELAY, DURATION, SEED, Session, tank_session, unseen_session
 from towtank.app.demo_stream import Moment, stream
 from towtank.app.demo_table import Screen, coefficient_table
 from towtank.app.demo_warmup import warm_up
 from towtank.app.demo_words import commands, fit_text, plan, verdict
+from towtank.app.learn_facts import learn_facts
+from towtank.app.live_report import events_document
 from towtank.app.output import Output
 from towtank.app.page_option import new_page, page_address, serving
+from towtank.app.stream_facts import standing, stream_facts
 from towtank.errors import InputError
-from towtank.identification import Learner, LogLearning, learn_recordings
+from towtank.identification import Learner, learn_recordings
 from towtank.outputs import write_text
+from towtank.report import LearnFacts
 from towtank.validation import Validation, validate
 
 if TYPE_CHECKING:
@@ -46,6 +51,7 @@ def run_demo(
     fast: bool = False,
     browser: bool = False,
     page: str | None = None,
+    payload: bool = False,
     console: Console,
     json_output: bool = False,
 ) -> dict[str, Any]:
@@ -56,13 +62,14 @@ def run_demo(
         seconds: length of the session, default 180. fast: do not wait for the clock.
         browser: open the page at the end, where standard output is a terminal.
         page: HOST:PORT of the live page, opened at the start instead; None: there is none.
+        payload: the vehicle takes one up, after the axes in turn.
         console: takes table, progress and messages. json_output: standard output belongs to the document alone.
 
     Raises:
         InputError: the folder or the page cannot be made, or the length is out of range.
     """
     with ExitStack() as stack:
-        return _run(stack, output, seconds, fast, browser, page, console, json_output)
+        return _run(stack, output, seconds, fast, browser, page, payload, console, json_output)
 
 
 def _run(
@@ -72,6 +79,7 @@ def _run(
     fast: bool,
     browser: bool,
     page: str | None,
+    payload: bool,
     console: Console,
     json_output: bool,
 ) -> dict[str, Any]:
@@ -82,26 +90,30 @@ def _run(
     _make_folder(output)
     _say(console, _TITLE, "bold")
     warm_up(lambda: _say(console, "compiling kernels (first run only)", "yellow"))
-    session = tank_session(duration)
-    _say(console, plan(duration, fast))
+    session = tank_session(duration, payload=payload)
+    _say(console, plan(session, fast))
     console.print()
 
-    learner = Learner(session.known, free=FREE)
-    course = Course(quantities(session.truth))
+    learner = Learner(session.known, free=session.free)
+    course = Course(quantities(session.truth, weight=payload))
     watched = not json_output and sys.stdout.isatty()
-    feed, live = _page(session, learner, page, console)
+    feed, live = _page(session, learner, course, page, console)
     stack.enter_context(serving(live, lambda line: _whole(console, line), browser=browser and watched))
     screen = Screen(console, session)
     with screen.showing() as show:
         last = stream(session, learner, course, paced=not fast, show=show, watch=feed)
 
-    learning = _second_pass(console, session, course)
-    model = learning.model
     if feed is not None:
-        feed.finish(learning.estimate, model, learning.delay)
-    unseen = unseen_session()
-    judged = validate(model, [unseen.recording])
-    files = write_demo(output, session, unseen, learning, judged, course)
+        feed.streamed()
+    facts = _as_it_is(session, learner) if payload else _second_pass(console, session, course)
+    if feed is not None:
+        again = "" if payload else "learned once more from the whole recording"
+        feed.finish(facts.estimate, facts.model, facts.delay, again)
+    unseen = unseen_session(payload=payload)
+    judged = validate(facts.model, [unseen.recording])
+    files = write_demo(output, session, unseen, facts, judged, course)
+    if feed is not None:
+        feed.written(files[0].read_bytes())
     console.print()
     console.print(coefficient_table(course, ascii_only=screen.ascii_only, final=True))
     console.print()
@@ -117,19 +129,19 @@ def _run(
         import webbrowser
 
         webbrowser.open(files[0].resolve().as_uri())
-    return _document(session, learning, course, judged, files, last)
+    return _document(session, facts, course, judged, files, last)
 
 
 def _page(
-    session: Session, learner: Learner, place: str | None, console: Console
+    session: Session, learner: Learner, course: Course, place: str | None, console: Console
 ) -> tuple[DemoFeed | None, Page | None]:
     """Return what the live page shows, and the page; nothing where none is asked for."""
     if place is None:
         return None, None
     from towtank.app.demo_feed import DemoFeed
 
-    feed = DemoFeed(session, learner)
-    return feed, new_page(feed, place, lambda line: _say(console, line))
+    feed = DemoFeed(session, learner, course)
+    return feed, new_page(feed, place, lambda line: _say(console, line), reports=feed.report)
 
 
 def _stay(console: Console) -> None:
@@ -139,13 +151,20 @@ def _stay(console: Console) -> None:
         threading.Event().wait()
 
 
-def _second_pass(console: Console, session: Session, course: Course) -> LogLearning:
+def _as_it_is(session: Session, learner: Learner) -> LearnFacts:
+    """Return what the learner knows of a vehicle that has changed: a log is learned from as if it never did."""
+    learner.settle()
+    facts = stream_facts(standing(learner), None, of="", events=learner.events)
+    return replace(facts, recordings=[session.recording])
+
+
+def _second_pass(console: Console, session: Session, course: Course) -> LearnFacts:
     """Learn once more from the whole recording, as `towtank learn` does, and add the result to the course."""
     _say(console, "second pass over the recording, as `towtank learn` takes a log")
     with Output().progress("second pass") as tell:
-        learning = learn_recordings(session.known, [session.recording], free=FREE, progress=tell)
+        learning = learn_recordings(session.known, [session.recording], free=session.free, progress=tell)
     course.read(session.recording.duration, learning.estimate)
-    return learning
+    return learn_facts(learning, learning.model, None, [session.recording])
 
 
 def _say(console: Console, text: str, style: str = "") -> None:
@@ -171,11 +190,11 @@ def _make_folder(output: Path) -> None:
 
 
 def _document(
-    session: Session, learning: LogLearning, course: Course, judged: Validation, files: list[Path], last: Moment
+    session: Session, facts: LearnFacts, course: Course, judged: Validation, files: list[Path], last: Moment
 ) -> dict[str, Any]:
     coefficients: dict[str, Any] = {}
-    for each in learning.estimate.coefficients:
-        truth = session.truth.coefficient(each.name)
+    for each in facts.estimate.coefficients:
+        truth = session.final.coefficient(each.name)
         entry = {"value": each.value, "std": each.std, "unit": each.unit, "identified": each.identified}
         errors = _errors(truth, each.value, each.std)
         coefficients[each.name] = {"truth": truth, **entry, "reason": each.reason, **errors}
@@ -196,12 +215,13 @@ def _document(
         "seconds": session.recording.duration,
         "samples": last.samples,
         "seed": SEED,
-        "method": learning.method,
+        "method": facts.method,
         "delay_s": DELAY,
-        "delay_learned_s": learning.delay,
-        "delay_std_s": learning.delay_std,
+        "delay_learned_s": facts.delay,
+        "delay_std_s": facts.delay_std,
         "coefficients": coefficients,
         "sums": sums,
+        "events": events_document(course.events),
         "fit": judged.fit,
         "files": files,
         "latency_ms": last.latency_ms,

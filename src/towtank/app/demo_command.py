@@ -24,18 +24,23 @@ def demo(
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the live page, or the page of figures at the end.")
     ] = True,
+    payload: Annotated[
+        bool,
+        typer.Option("--payload", help="Afterwards all axes move at once, and the vehicle takes up a payload."),
+    ] = False,
     page: PageOption = None,
     json: Json = False,
 ) -> None:
     """Learn a simulated vehicle live, sample by sample.
 
     A small ROV is driven along one axis after the other under a motion capture system with noise and dropped markers.
-    A table shows truth, estimate and deviation of every coefficient as they settle.
+    A table shows truth, estimate and deviation of every coefficient as they settle. With --payload the vehicle becomes
+    heavier, which the learner notices, tells, and learns.
 
     \b
     Example:
       towtank demo --fast --no-browser --output demo-output
-      towtank demo --page
+      towtank demo --page --payload
     """
     from rich.console import Console
 
@@ -46,6 +51,13 @@ def demo(
     out = Output(json=json)
     console = Console(stderr=json, highlight=False)
     document = run_demo(
-        output, seconds=seconds, fast=fast, browser=browser, page=page, console=console, json_output=json
+        output,
+        seconds=seconds,
+        fast=fast,
+        browser=browser,
+        page=page,
+        payload=payload,
+        console=console,
+        json_output=json,
     )
     out.document(document)

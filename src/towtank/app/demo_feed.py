@@ -5,30 +5,36 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-from towtank.app.demo_session import Session
+from towtank.app.demo_progress import Course, convergence_of
+from towtank.app.demo_session import WEIGHT, Session
+from towtank.app.stream_facts import Standing, standing, stream_facts
 from towtank.dashboard.feed import About, Instant, Link, Now
 from towtank.dashboard.live_feed import Tap
 from towtank.identification import Estimate, Learner
+from towtank.identification.convergence import Convergence
 from towtank.live.errands import Errands
 from towtank.live.events import EventLog, Sight
 from towtank.live.excitation import Excitation
 from towtank.live.latency import Latency
 from towtank.recording.event import Event
+from towtank.report.learn_page import report_html
 from towtank.vehicle import Vehicle
 
 __all__ = ["DemoFeed"]
 
 _SOURCE = "simulated motion capture"
+_SHORTEST, _LOOKS_BACK = 1.0, 60.0  # s of the recording that a report looks at
 
 
 class DemoFeed:
     """Stands between the demo's stream and the page; `before`, `after` and `read` are called by the stream."""
 
-    def __init__(self, session: Session, learner: Learner) -> None:
+    def __init__(self, session: Session, learner: Learner, course: Course) -> None:
         truth = session.truth
-        names = (*truth.hydrodynamics, "BG_z")
+        names = (*truth.hydrodynamics, "BG_z", *(() if session.later is None else (WEIGHT,)))
         self.about = About(
             title="towtank demo",
             vehicle=session.known,
@@ -37,6 +43,8 @@ class DemoFeed:
             reference_word="truth",
             seconds=session.recording.duration,
         )
+        self._names, self._session, self._course = names, session, course
+        self._written = b""
         self._learner, self._tap, self._errands = learner, Tap(), Errands()
         self._events, self._sight = EventLog(), Sight()
         self._excitation, self._latency = Excitation(session.known), Latency()
@@ -54,6 +62,9 @@ class DemoFeed:
         self._tap(t, arguments)
         self._excitation.see(t, dict(arguments))
         self._t, self._count = t, self._count + 1
+        if t >= self._session.changed and self.about.earlier is None:
+            later = {name: self._session.final.coefficient(name) for name in self._names}
+            self.about = replace(self.about, reference=later, earlier=(self._session.changed, self.about.reference))
         back = self._sight.see(t, arguments)
         if back is not None:
             self._events.add(back)
@@ -75,11 +86,30 @@ class DemoFeed:
         self._events.take(self._learner.events)
         self._ended = time.monotonic()
 
-    def finish(self, estimate: Estimate, model: Vehicle, delay: float) -> None:
-        """Take what the second pass over the whole recording taught; the stream has ended."""
+    def streamed(self) -> None:
+        """Take that the stream has ended; who asks something of the learner does it from now on."""
         self._errands.close()
+
+    def finish(self, estimate: Estimate, model: Vehicle, delay: float, note: str) -> None:
+        """Take what is known in the end, and an event that says why."""
         self._estimate, self._model, self._delay, self._finished = estimate, model, delay, True
-        self._events.add(Event(self._t, "mark", "learned once more from the whole recording"))
+        if note:
+            self._events.add(Event(self._t, "mark", note))
+
+    def written(self, report: bytes) -> None:
+        """Take the demo's own page, which is the report from now on."""
+        self._written = report
+
+    def report(self) -> bytes:
+        """Return the report as of now, for the page's thread. Raises TimeoutError where the learner is too busy."""
+        if self._written:
+            return self._written
+        now, course = self._errands.ask(self._standing)
+        end = max(self._t, _SHORTEST)
+        recording = self._session.recording.window(max(end - _LOOKS_BACK, 0.0), end)
+        span = f"the last {recording.duration:.0f} s"
+        facts = stream_facts(now, recording, of=span, events=self._events.all, course=course)
+        return report_html(replace(facts, title="A vehicle learned in a simulated tank")).encode()
 
     def now(self) -> Now:
         """Return where the session stands."""
@@ -119,3 +149,8 @@ class DemoFeed:
     def mark(self, text: str) -> None:
         """Add an event of somebody's own."""
         self._events.add(Event(max(self._t, 0.0), "mark", text))
+
+    def _standing(self) -> tuple[Standing, Convergence]:
+        now = standing(self._learner)
+        known = [each.name for each in now.estimate.coefficients if each.identified]
+        return now, convergence_of(self._course, self._session.known, known)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,15 +10,17 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.identification import Estimate
 from towtank.identification.axes import AXES
-from towtank.vehicle import Vehicle, unit
+from towtank.identification.convergence import Convergence
+from towtank.recording.event import Event
+from towtank.vehicle import Vehicle, index, unit
 
-__all__ = ["SETTLED", "SETTLING", "WAITING", "Course", "Quantity", "quantities", "readings"]
+__all__ = ["SETTLED", "SETTLING", "WAITING", "Course", "Quantity", "convergence_of", "quantities", "readings"]
 
 WAITING, SETTLING, SETTLED = "waiting", "settling", "settled"
 
 _LOOK_BACK = 5.0  # s over which a settled value must have kept still
 _SURE = 0.05  # relative deviation of a settled value
-_RIGHTING = "BG_z"
+_RIGHTING, _WEIGHT = "BG_z", "W_minus_B"
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class Quantity:
 
     Attributes:
         name: as above. coefficient: the SNAME name in it. axes: of surge .. yaw, those whose motion tells it.
-        kind: "inertia", "drag" or "moment". unit: SI. truth: value in the simulator.
+        kind: "inertia", "drag", "moment" or "weight". unit: SI. truth: value in the simulator.
     """
 
     name: str
@@ -43,8 +45,8 @@ class Quantity:
         return self.axes[0]
 
 
-def quantities(truth: Vehicle) -> tuple[Quantity, ...]:
-    """Return what the demo learns, axis by axis, and the righting moment at the end."""
+def quantities(truth: Vehicle, *, weight: bool = False) -> tuple[Quantity, ...]:
+    """Return what the demo learns, axis by axis, and the righting moment at the end; and the net weight where asked."""
     found = []
     for axis in AXES:
         inertia = float(truth.mass_matrix[axis.index, axis.index])
@@ -52,7 +54,10 @@ def quantities(truth: Vehicle) -> tuple[Quantity, ...]:
         drag = truth.coefficient(axis.quadratic)
         found.append(Quantity(axis.quadratic, axis.quadratic, (axis.name,), "drag", unit(axis.quadratic), drag))
     righting = truth.coefficient(_RIGHTING)
-    return (*found, Quantity(_RIGHTING, _RIGHTING, ("roll", "pitch"), "moment", unit(_RIGHTING), righting))
+    found.append(Quantity(_RIGHTING, _RIGHTING, ("roll", "pitch"), "moment", unit(_RIGHTING), righting))
+    if weight:
+        found.append(Quantity(_WEIGHT, _WEIGHT, ("heave",), "weight", unit(_WEIGHT), truth.coefficient(_WEIGHT)))
+    return tuple(found)
 
 
 def readings(estimate: Estimate, learned: tuple[Quantity, ...]) -> tuple[Array, Array]:
@@ -73,13 +78,16 @@ class Course:
     """Estimates over time, one row for each reading.
 
     Attributes:
-        learned: the quantities. t: times of the readings [s]. values, std: each (n,) per reading.
+        learned: the quantities, with the truth of now.
+        t: times of the readings [s]. values, std: each (n,) per reading.
+        events: what the learner noticed.
     """
 
     learned: tuple[Quantity, ...]
     t: list[float] = field(default_factory=list)
     values: list[Array] = field(default_factory=list)
     std: list[Array] = field(default_factory=list)
+    events: tuple[Event, ...] = ()
 
     def read(self, t: float, estimate: Estimate) -> None:
         """Add the estimate of time t [s]."""
@@ -112,3 +120,20 @@ class Course:
         values, std = (self.values[-1], self.std[-1]) if self.t else (nothing, nothing)
         for quantity, value, deviation in zip(self.learned, values, std, strict=True):
             yield quantity, float(value), float(deviation)
+
+
+def convergence_of(course: Course, known: Vehicle, names: Collection[str] | None = None) -> Convergence:
+    """Return the course as that of coefficients: of the inertias without the rigid body's.
+
+    Args:
+        known: the vehicle with that rigid body. names: of the coefficients; all by default.
+    """
+    shape = len(course.t), len(course.learned)
+    values, std = np.array(course.values).reshape(shape), np.array(course.std).reshape(shape)
+    rigid = np.diag(known.rigid_body_matrix)
+    for k, quantity in enumerate(course.learned):
+        if quantity.kind == "inertia":
+            values[:, k] = rigid[index(quantity.coefficient)[1]] - values[:, k]
+    kept = [k for k, quantity in enumerate(course.learned) if names is None or quantity.coefficient in names]
+    chosen = tuple(course.learned[k].coefficient for k in kept)
+    return Convergence(chosen, np.array(course.t), values[:, kept], std[:, kept])

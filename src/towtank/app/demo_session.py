@@ -2,13 +2,15 @@
 
 The learner is told what a builder knows, the rigid body and the bench curves of the thrusters, and none of the
 coefficients. A pilot keeps the vehicle inside a tank of four to five metres: depth hold, except where heave itself is
-excited, and a way back to the middle in the rest between two axes. A second session with every axis at once, which the
-learner never sees, is there to judge the model.
+excited, and a way back to the middle in the rest between two axes. Where a payload is wanted, all axes are driven at
+once afterwards, and the vehicle takes it up on the way. A second session with every axis at once, which the learner
+never sees, is there to judge the model.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,10 +19,23 @@ from towtank.core.arrays import Array
 from towtank.core.attitude import euler_from_quaternion
 from towtank.core.rk4 import simulate_run
 from towtank.recording import Recording
-from towtank.simulation import MANOEUVRES, Manoeuvre, Mocap, OrnsteinUhlenbeck, manoeuvre, simulate, usual_amplitudes
+from towtank.simulation import MANOEUVRES, Mocap, OrnsteinUhlenbeck, manoeuvre, simulate, usual_amplitudes
 from towtank.vehicle import Provenance, Vehicle, allocate, load_vehicle, thruster_wrench
 
-__all__ = ["DELAY", "DISTURBANCE", "DURATION", "FREE", "MOCAP", "SEED", "Session", "tank_session", "unseen_session"]
+__all__ = [
+    "ALL",
+    "DELAY",
+    "DISTURBANCE",
+    "DURATION",
+    "FREE",
+    "MOCAP",
+    "PAYLOAD_TAIL",
+    "SEED",
+    "WEIGHT",
+    "Session",
+    "tank_session",
+    "unseen_session",
+]
 
 SEED = 1
 DURATION = 180.0  # s
@@ -43,6 +58,9 @@ FREE = (
     "N_rr",
     "BG_z",
 )
+WEIGHT = "W_minus_B"  # learned as well where a payload is taken up
+PAYLOAD_TAIL, _TAKEN = 60.0, 15.0  # s, all axes at once, and of these before the payload is taken up
+ALL = "all axes"
 
 _DT = 0.01  # s
 _LOOK = 10  # steps between two looks of the pilot
@@ -51,6 +69,7 @@ _REST = 0.15  # of the time of an axis, half of it before and half after
 _PULL, _BRAKE = 0.9, 1.3  # of the pilot: 1/s^2 of the way to go, 1/s of the velocity, both times the inertia
 _SOFT = 0.25  # of that pull, for the depth hold while another axis is excited
 _ITS_OWN = ("heave", "pitch")  # axes that need heave for themselves
+_HEAVIER, _MORE_DRAG, _SINKS = 2.0, 1.3, 2.0  # kg along surge, sway, heave; times the drag there; N, of a payload
 
 
 @dataclass(frozen=True)
@@ -61,12 +80,29 @@ class Session:
         truth: the vehicle that was simulated. known: what the learner is told about it.
         recording: pose and commands, as a log would hold them.
         turns: name, start and end [s] of every axis' turn; empty where all are excited at once.
+        changed: when [s] the vehicle became the other one, `later`; none where it stayed what it was.
     """
 
     truth: Vehicle
     known: Vehicle
     recording: Recording
     turns: tuple[tuple[str, float, float], ...]
+    changed: float = math.inf
+    later: Vehicle | None = None
+
+    def truth_at(self, t: float) -> Vehicle:
+        """Return what the vehicle is at time t [s]."""
+        return self.truth if self.later is None or t < self.changed else self.later
+
+    @property
+    def final(self) -> Vehicle:
+        """What the vehicle is in the end."""
+        return self.truth if self.later is None else self.later
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """What is learned."""
+        return FREE if self.later is None else (*FREE, WEIGHT)
 
     def axis_at(self, t: float) -> str:
         """Return the axis whose turn it is at time t [s], or "" in the rest between two."""
@@ -77,24 +113,41 @@ class Session:
         return ""
 
 
-def tank_session(duration: float = DURATION, seed: int = SEED) -> Session:
-    """Return the session that is learned from: all axes in turn."""
+def tank_session(duration: float = DURATION, seed: int = SEED, *, payload: bool = False) -> Session:
+    """Return the session that is learned from: all axes in turn; then all at once, where a payload is taken up."""
     truth = _truth()
-    plan = manoeuvre("tank-session", truth, duration=duration, dt=_DT, seed=seed)
+    wrench = manoeuvre("tank-session", truth, duration=duration, dt=_DT, seed=seed).wrench
     axes = MANOEUVRES["tank-session"].axes
     share = duration / len(axes)
     turns = tuple((axis, k * share, (k + 1) * share) for k, axis in enumerate(axes))
-    return _simulated(truth, plan, turns, seed)
+    if not payload:
+        return _simulated(truth, _steered([(0.0, truth)], wrench, turns, seed), turns, seed)
+    more = manoeuvre("all-multisine", truth, duration=PAYLOAD_TAIL, dt=_DT, seed=seed).wrench
+    wrench, turns = np.vstack([wrench, more]), (*turns, (ALL, duration, duration + PAYLOAD_TAIL))
+    change = round(duration + _TAKEN, 1), _loaded(truth)
+    return _simulated(truth, _steered([(0.0, truth), change], wrench, turns, seed), turns, seed, change)
 
 
-def unseen_session(seed: int = SEED + 1) -> Session:
+def unseen_session(seed: int = SEED + 1, *, payload: bool = False) -> Session:
     """Return the session that judges the model: sums of sines on all axes at once, other noise, no pilot."""
-    truth = _truth()
-    return _simulated(truth, manoeuvre("all-multisine", truth, duration=UNSEEN_DURATION, dt=_DT, seed=seed), (), seed)
+    truth = _loaded(_truth()) if payload else _truth()
+    plan = manoeuvre("all-multisine", truth, duration=UNSEEN_DURATION, dt=_DT, seed=seed)
+    commands = plan.commands
+    if payload:
+        commands = allocate(truth, plan.wrench - np.array([0.0, 0.0, truth.weight_minus_buoyancy, 0.0, 0.0, 0.0]))
+    assert commands is not None
+    return _simulated(truth, commands, (), seed)
 
 
 def _truth() -> Vehicle:
     return load_vehicle("vlbv300").model_copy(update={"command_delay": DELAY})
+
+
+def _loaded(bare: Vehicle) -> Vehicle:
+    """Return the vehicle with a payload: heavier along surge, sway and heave, with more drag, and sinking."""
+    values = {name: bare.coefficient(name) - _HEAVIER for name in ("X_udot", "Y_vdot", "Z_wdot")}
+    values |= {name: _MORE_DRAG * bare.coefficient(name) for name in ("X_uu", "Y_vv", "Z_ww")}
+    return bare.with_coefficients({**values, WEIGHT: bare.coefficient(WEIGHT) + _SINKS})
 
 
 def _known(truth: Vehicle) -> Vehicle:
@@ -110,28 +163,49 @@ def _known(truth: Vehicle) -> Vehicle:
     )
 
 
-def _simulated(truth: Vehicle, plan: Manoeuvre, turns: tuple[tuple[str, float, float], ...], seed: int) -> Session:
-    commands = _steered(truth, plan, turns, seed) if turns else plan.commands
+def _simulated(
+    truth: Vehicle,
+    commands: Array,
+    turns: tuple[tuple[str, float, float], ...],
+    seed: int,
+    change: tuple[float, Vehicle] | None = None,
+) -> Session:
     start = (0.0, 0.0, _DEPTH, 0.0, 0.0, 0.0)
     recording = simulate(
-        truth, commands=commands, dt=_DT, eta0=start, sensors=MOCAP, disturbance=DISTURBANCE, seed=seed
+        truth,
+        commands=commands,
+        dt=_DT,
+        eta0=start,
+        sensors=MOCAP,
+        disturbance=DISTURBANCE,
+        changes=() if change is None else [change],
+        seed=seed,
     )
-    return Session(truth, _known(truth), recording, turns)
+    return Session(truth, _known(truth), recording, turns, *(change or ()))
 
 
-def _steered(truth: Vehicle, plan: Manoeuvre, turns: tuple[tuple[str, float, float], ...], seed: int) -> Array:
-    """Return the commands (n, m) of the plan with the pilot's added, who looks at the motion ten times a second."""
-    n = plan.t.size
+def _steered(
+    bodies: Sequence[tuple[float, Vehicle]], wrench: Array, turns: tuple[tuple[str, float, float], ...], seed: int
+) -> Array:
+    """Return the commands (n, m) of a plan's wrench (n, 6) with the pilot's, who looks ten times a second.
+
+    Args:
+        bodies: what the vehicle is, each from a time [s] on.
+    """
+    n = len(wrench)
+    truth = bodies[0][1]
     push = DISTURBANCE.sample(n, _DT, seed)
     wait = round(truth.command_delay / _DT)
     inertia, limit = np.diag(truth.mass_matrix), usual_amplitudes(truth)
-    asked, acting = plan.wrench.copy(), np.zeros((n + wait, 6))
+    asked, acting = wrench.copy(), np.zeros((n + wait, 6))
     given = _given(truth, limit)
-    p, still, state = np.array(truth.parameters), np.zeros(3), np.zeros(13)
+    parameters = [(when, np.array(body.parameters)) for when, body in bodies]
+    still, state = np.zeros(3), np.zeros(13)
     state[2], state[3] = _DEPTH, 1.0
-    pulls = _pull(plan.t[::_LOOK], turns)
+    pulls = _pull(_DT * np.arange(0, n, _LOOK, dtype=np.float64), turns)
     for look, first in enumerate(range(0, n, _LOOK)):
         last = min(first + _LOOK, n)
+        p = [each for when, each in parameters if when <= _DT * first + 1e-9][-1]
         asked[first:last] += given @ np.clip(inertia * _towards_middle(state, pulls[look]), -limit, limit)
         acting[first + wait : last + wait] = asked[first:last]
         state = simulate_run(p, state, (acting[first:last] + push[first:last])[:, None, :], _DT, still)[-1]
@@ -157,6 +231,8 @@ def _pull(t: Array, turns: tuple[tuple[str, float, float], ...]) -> Array:
         busy = (t >= start + rest) & (t < end - rest)
         out[busy] = 0.0
         out[busy, 2] = 0.0 if name in _ITS_OWN else _SOFT
+        if name == ALL:
+            out[busy] = np.array([_SOFT, _SOFT, _SOFT, 0.0, 0.0, _SOFT])
     return out
 
 

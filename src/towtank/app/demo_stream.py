@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from towtank.app.demo_progress import Course
+from towtank.app.demo_progress import Course, quantities
 from towtank.app.demo_session import Session
 from towtank.core.arrays import Array
 from towtank.identification import Estimate, Learner
@@ -111,13 +111,20 @@ def stream(
         if t >= reading:
             reading += _READING
             estimate = learner.estimate
-            course.read(t, estimate)
+            _take(course, session, learner, t)
             if watch is not None:
                 watch.read(estimate)
         if now - shown >= _SHOWING:
             shown = now
             show(Moment(t, end, i + 1, now - began, latencies[: i + 1], course))
-    course.read(end, learner.estimate)
+    _take(course, session, learner, end)
     last = Moment(end, end, n, time.perf_counter() - began, latencies, course)
     show(last)
     return last
+
+
+def _take(course: Course, session: Session, learner: Learner, t: float) -> None:
+    """Add a reading, beside the truth of its time."""
+    course.learned = quantities(session.truth_at(t), weight=session.later is not None)
+    course.events = learner.events
+    course.read(t, learner.estimate)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Iterator
 
 from rich.box import SIMPLE_HEAD
@@ -12,8 +13,9 @@ from rich.table import Table
 from rich.text import Text
 
 from towtank.app.demo_progress import SETTLED, SETTLING, WAITING, Course
-from towtank.app.demo_session import Session
+from towtank.app.demo_session import ALL, Session
 from towtank.app.demo_stream import Moment
+from towtank.app.live_table import event_line
 from towtank.app.spark import spark
 from towtank.digits import measured, short
 
@@ -21,7 +23,7 @@ __all__ = ["Screen", "coefficient_table", "estimate_text"]
 
 _STYLES = {WAITING: "dim", SETTLING: "yellow", SETTLED: "green"}
 _BAR = 30
-_SPARK = 8  # characters
+_SPARK, _EVENTS = 8, 3  # characters; events that are shown
 
 
 def estimate_text(value: float, std: float, ascii_only: bool = False) -> str:
@@ -61,7 +63,7 @@ def coefficient_table(course: Course, axis: str = "", *, ascii_only: bool = Fals
             Text(quantity.unit, style="dim"),
             short(quantity.truth, 5),
             Text(estimate_text(value, std, ascii_only), style=style if known else "dim"),
-            f"{100.0 * (value / quantity.truth - 1.0):+.2f}" if known else "",
+            f"{100.0 * (value / quantity.truth - 1.0):+.2f}" if known and quantity.truth else "",
             *([f"{abs(value - quantity.truth) / std:.1f}" if known else ""] if final else []),
             spark([row[i] for row in course.values], _SPARK, ascii_only=ascii_only),
             *([] if final else [Text(state, style=style)]),
@@ -90,7 +92,12 @@ class Screen:
     def _picture(self, moment: Moment) -> Group:
         axis = self.session.axis_at(moment.t)
         table = coefficient_table(moment.course, axis, ascii_only=self.ascii_only)
-        return Group(table, Text(), self._where(moment, axis), self._speed(moment))
+        return Group(table, Text(), *self._events(moment), self._where(moment, axis), self._speed(moment))
+
+    def _events(self, moment: Moment) -> list[Text]:
+        """Return what the learner noticed last."""
+        events = moment.course.events[-_EVENTS:]
+        return [Text(event_line(event, math.nan, ascii_only=self.ascii_only), style="bold") for event in events]
 
     def _where(self, moment: Moment, axis: str) -> Text:
         full = round(_BAR * moment.t / moment.end)
@@ -116,10 +123,12 @@ class Screen:
             parts = [
                 f"{name} {estimate_text(value, std, self.ascii_only)}"
                 for name, (quantity, value, std) in latest.items()
-                if axis in quantity.axes
+                if axis in quantity.axes or axis == ALL
             ]
             self.console.print(Text(f"{end:5.0f} s  {axis:<6} {', '.join(parts)}"), soft_wrap=True)
         if moment.t >= moment.end:
+            for line in self._events(moment):
+                self.console.print(line)
             self.console.print()
             self.console.print(coefficient_table(moment.course, ascii_only=self.ascii_only))
             self.console.print()

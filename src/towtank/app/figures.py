@@ -38,7 +38,8 @@ class Trace:
 
     Attributes:
         name, unit: of the quantity. axes: of surge .. yaw, those that it belongs to. values, std: (n,), NaN while
-            it is not identified. truth: the value to be found, None where nobody knows.
+            it is not identified. truth: the value to be found, None where nobody knows; before: until when [s] it was
+            another one, and which.
     """
 
     name: str
@@ -47,6 +48,12 @@ class Trace:
     values: Array
     std: Array
     truth: float | None = None
+    before: tuple[float, float] | None = None
+
+    def truth_at(self, t: Array) -> Array:
+        """Return the value to be found at times (n,) [s], NaN where nobody knows."""
+        truth = np.full(t.shape, np.nan if self.truth is None else self.truth)
+        return truth if self.before is None else np.where(t < self.before[0], self.before[1], truth)
 
 
 def png(figure: Figure) -> bytes:
@@ -110,9 +117,12 @@ def _convergence_panel(axes: Axes, t: Array, trace: Trace, turns: Sequence[tuple
     known = np.flatnonzero(np.isfinite(trace.values))
     middle = trace.truth if trace.truth is not None else trace.values[known[-1]] if known.size else None
     if trace.truth is not None:
-        axes.axhline(trace.truth, color=_TRUTH, linewidth=1.1, linestyle=(0, (5, 3)))
+        steps = np.append(0.0, t)
+        axes.step(steps, trace.truth_at(steps), where="post", color=_TRUTH, linewidth=1.1, linestyle=(0, (5, 3)))
     if middle:
-        axes.set_ylim(middle - _NEAR * abs(middle), middle + _NEAR * abs(middle))
+        other = middle if trace.before is None else trace.before[1]
+        room = _NEAR * abs(middle)
+        axes.set_ylim(min(middle, other) - room, max(middle, other) + room)
     if not known.size:
         axes.text(0.5, 0.75, "not identified", transform=axes.transAxes, ha="center", fontsize=9, color=_FAINT)
     _dress(axes, trace.name, trace.unit)
@@ -122,7 +132,8 @@ def _error_panel(axes: Axes, t: Array, traces: Sequence[Trace]) -> None:
     """Draw the size of all errors [%] (relative deviations where no truth is known) on a logarithmic scale."""
     for trace in traces:
         with np.errstate(divide="ignore", invalid="ignore"):
-            away = trace.std / trace.values if trace.truth is None else trace.values / trace.truth - 1.0
+            away = trace.std / trace.values if trace.truth is None else trace.values / trace.truth_at(t) - 1.0
+        away = np.where(np.isfinite(away), away, np.nan)
         error = np.maximum(100.0 * np.abs(away), 1e-3)
         inertia = " - " in trace.name
         colour = _AXIS_COLOURS.get(trace.axes[0], _INK)

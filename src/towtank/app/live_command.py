@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from towtank.app.arguments import Json, Map, output_place, positive
+from towtank.app.arguments import Json, Map, Report, output_place, positive
 from towtank.app.page_option import FoxgloveOption, PageOption, page_address
+from towtank.app.report_output import report_place
 from towtank.errors import InputError, nearest
 
 __all__ = ["live"]
@@ -76,6 +77,17 @@ def live(
             "--prior", metavar="VEHICLE", help="What is known beforehand: a vehicle whose coefficients bear a std."
         ),
     ] = None,
+    no_changes: Annotated[
+        bool, typer.Option("--no-changes", help="Do not watch for changes of the vehicle, as a payload taken up.")
+    ] = False,
+    configurations: Annotated[
+        Path | None,
+        typer.Option(
+            "--configurations",
+            metavar="DIR",
+            help="Configurations (towtank config) that the vehicle may become: they are recognised.",
+        ),
+    ] = None,
     mapping: Map = None,
     model_file: Annotated[
         Path | None,
@@ -86,6 +98,7 @@ def live(
             help="Vehicle file to write at the end; default: beside the recording, where there is one.",
         ),
     ] = None,
+    report: Report = None,
     page: PageOption = None,
     foxglove: FoxgloveOption = None,
     json: Json = False,
@@ -96,8 +109,9 @@ def live(
 ) -> None:
     """Learn from what a vehicle is sending, while it drives.
 
-    Coefficients and their deviations are shown as they settle, with what comes from each link. Ctrl-C ends in order:
-    the recording is closed, the model written. Nothing is ever commanded.
+    Coefficients and their deviations are shown as they settle, with what comes from each link. A payload taken up, lost
+    ballast or a fouled thruster is noticed, told, and learned. Ctrl-C ends in order: the recording is closed, the model
+    written. Nothing is ever commanded.
 
     \b
     Examples:
@@ -113,12 +127,15 @@ def live(
         raise InputError("--json and --json-lines: found both, expected one of them")
     if resume and record is None:
         raise InputError("--resume: expected --record FILE.mcap, the recording to go on with")
+    if no_changes and configurations is not None:
+        raise InputError("--no-changes and --configurations: found both; what changes is recognised, if it is watched")
     if len(set(sources)) < len(sources):
         raise InputError(f"SOURCE: found one of {', '.join(sources)} twice")
     positive("--for", seconds)
     positive("--window", window, zero=True)
     output_place("--output", model_file, (".toml",))
     output_place("--record", record, (".mcap",))
+    report_place(report)
     page_address(page)
 
     from towtank.app.learn_command import names_of
@@ -135,8 +152,11 @@ def live(
         window=window,
         free=names_of(free),
         prior=prior,
+        changes=not no_changes,
+        configurations=configurations,
         mapping=mapping,
         model_file=model_file,
+        report=report,
         json_lines=json_lines,
         page=page,
         foxglove=foxglove,

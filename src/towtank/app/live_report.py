@@ -9,15 +9,16 @@ from typing import Any
 from towtank.app.fits_table import show_fits
 from towtank.app.learn_report import estimate_document
 from towtank.app.live_fit import LiveFit
-from towtank.app.live_table import coefficient_rows, link_lines, measures
+from towtank.app.live_table import coefficient_rows, event_line, likely_line, link_lines, measures
 from towtank.app.output import Output
 from towtank.identification import Learner
 from towtank.live.status import Status
 from towtank.recording import STANDARD
+from towtank.recording.event import Event
 from towtank.recording.standard import VELOCITIES, WRENCH
 from towtank.vehicle import Vehicle
 
-__all__ = ["live_document", "live_line", "show_end"]
+__all__ = ["events_document", "live_document", "live_line", "show_end"]
 
 
 def live_document(
@@ -58,8 +59,14 @@ def live_document(
         "fit_of": judged.of,
         "fit_reason": judged.reason or None,
         "warnings": [*warnings, *status.warnings],
+        "events": events_document(status.events),
         "live": live_part(status),
     }
+
+
+def events_document(events: Sequence[Event]) -> list[dict[str, Any]]:
+    """Return events, the one noticed first before."""
+    return [{"t": each.t, "kind": each.kind, "text": each.text, "details": dict(each.details)} for each in events]
 
 
 def live_part(status: Status) -> dict[str, Any]:
@@ -75,6 +82,7 @@ def live_part(status: Status) -> dict[str, Any]:
         "late": status.late,
         "bad": status.bad,
         "waiting": status.waiting,
+        "likely": dict(status.learnt.likely),
         "excitation": dict(zip(WRENCH, status.learnt.excitation, strict=False)),
         "sources": {
             each.text: {
@@ -104,8 +112,8 @@ def live_part(status: Status) -> dict[str, Any]:
     }
 
 
-def live_line(status: Status) -> dict[str, Any]:
-    """Return where a session stands, short enough for one line a second."""
+def live_line(status: Status, events: Sequence[Event] = ()) -> dict[str, Any]:
+    """Return where a session stands, short enough for one line a second; events: that are new, or told anew."""
     learnt = status.learnt
     known: Mapping[str, Any] = {
         each.name: {"value": each.value, "std": each.std} for each in learnt.estimate.coefficients if each.identified
@@ -124,6 +132,7 @@ def live_line(status: Status) -> dict[str, Any]:
         "bad": status.bad,
         "recorded_bytes": None if recording is None else recording.size,
         "lost": None if recording is None else recording.lost,
+        "events": events_document(events),
         "warnings": status.warnings,
     }
 
@@ -147,6 +156,12 @@ def show_end(status: Status, vehicle: Vehicle, method: str, judged: LiveFit, out
         output.heading(f"Fit of the free-running prediction on {judged.of}")
         speeds = {name: judged.fit.get(name) for name in VELOCITIES}
         show_fits(speeds if any(value is not None for value in speeds.values()) else judged.fit, None, output)
+    if status.events:
+        output.heading("What happened")
+        for event in status.events:
+            output.item(event_line(event, status.epoch, ascii_only=output.ascii))
+    if learnt.likely:
+        output.line(likely_line(learnt.likely))
     output.line()
     for line in (*measures(status), *link_lines(status)):
         output.line(line)

@@ -20,7 +20,7 @@ from towtank.app.live_report import live_document, live_line, show_end
 from towtank.app.live_view import LiveView
 from towtank.app.output import Output
 from towtank.app.page_option import new_page, serving
-from towtank.app.sources import read_prior, read_vehicle
+from towtank.app.sources import read_configurations, read_prior, read_vehicle
 from towtank.errors import InputError
 from towtank.identification import Learner
 from towtank.live.checkpoint import Checkpoint
@@ -30,11 +30,13 @@ from towtank.live.status import Status
 from towtank.live.urls import open_source
 from towtank.live.warm_up import new_learner, warm_up
 from towtank.recording import load_mapping
+from towtank.recording.event import Event
 from towtank.recording.mcap_log import McapLog
 from towtank.vehicle import Provenance, Vehicle, save_vehicle
 from towtank.vehicle.names import RESTORING
 
 if TYPE_CHECKING:
+    from towtank.app.live_reports import LiveReports
     from towtank.dashboard.page import Page
 
 __all__ = ["LiveOptions", "run_live"]
@@ -56,8 +58,11 @@ class LiveOptions:
     window: float = 0.1
     free: tuple[str, ...] | None = None
     prior: str | None = None
+    changes: bool = True
+    configurations: Path | None = None
     mapping: Path | None = None
     model_file: Path | None = None
+    report: Path | None = None
     json_lines: bool = False
     page: str | None = None
     foxglove: str | None = None
@@ -67,16 +72,25 @@ def run_live(options: LiveOptions, output: Output) -> None:
     """Run a live session and print how it ended."""
     vehicle = read_vehicle(options.vehicle, output)
     prior = None if options.prior is None else read_prior(options.prior, output)
+    known = None if options.configurations is None else read_configurations(options.configurations, output)
     mapping = None if options.mapping is None else load_mapping(options.mapping)
     sources = [(text, open_source(text, vehicle, mapping)) for text in options.sources]
 
     background = not all(getattr(source, "patient", False) for _, source in sources)
 
     def fresh() -> Learner:
-        return new_learner(vehicle, options.method, options.free, prior, background=background)
+        return new_learner(
+            vehicle,
+            options.method,
+            options.free,
+            prior,
+            background=background,
+            changes=options.changes,
+            known=known,
+        )
 
     learner = fresh()
-    checkpoint, before = _earlier(options, vehicle, prior=prior, background=background)
+    checkpoint, before = _earlier(options, vehicle, prior=prior, background=background, known=known)
     if before is None and options.record is not None and options.record.exists():
         raise InputError(f"{options.record}: exists already; add --resume to go on with it, or choose another name")
     output.say("making ready: compiling what is not compiled yet (up to a minute the first time)")
@@ -86,6 +100,10 @@ def run_live(options: LiveOptions, output: Output) -> None:
             from towtank.dashboard.warm_up import warm_up as warm_page_up
 
             warm_page_up(vehicle)
+        if options.page is not None or options.report is not None:
+            from towtank.app.live_reports import warm_up as warm_reports_up
+
+            warm_reports_up(vehicle)
     epoch = round(time.time(), 3) if before is None else before.epoch
     learner = learner if before is None or before.learner is None else before.learner
     log = _log(options, vehicle, epoch, going_on=before is not None)
@@ -99,12 +117,13 @@ def run_live(options: LiveOptions, output: Output) -> None:
         checkpoint=checkpoint,
         interval=0.25 if output.console.is_terminal or options.json_lines or options.page or options.foxglove else 1.0,
     )
+    reports = _reports(options, session)
     try:
         if before is not None:
             with output.progress("learning from what was recorded") as tell:
                 session.learning.catch_up(before.rows(tell), since=before.since, inputs=before.inputs)
             output.say(_gone_on(options, before, session))
-        page = _page(options, session, vehicle, output)
+        page = _page(options, session, vehicle, reports, output)
         viewers = _foxglove(options, session, vehicle, epoch, output)
         session.open()
     except BaseException:
@@ -116,10 +135,21 @@ def run_live(options: LiveOptions, output: Output) -> None:
     output.say(f"listening to {', '.join(options.sources)}")
     with _ends() as stop, serving(page, output.say), viewers:
         status = _run(session, stop, options, vehicle, output)
-    _end(session, status, options, vehicle, output)
+    _end(session, status, options, vehicle, reports, output)
 
 
-def _page(options: LiveOptions, session: Session, vehicle: Vehicle, output: Output) -> Page | None:
+def _reports(options: LiveOptions, session: Session) -> LiveReports | None:
+    """Return what makes reports of a session; None where none can be asked for."""
+    if options.page is None and options.report is None:
+        return None
+    from towtank.app.live_reports import LiveReports
+
+    return LiveReports(session, options)
+
+
+def _page(
+    options: LiveOptions, session: Session, vehicle: Vehicle, reports: LiveReports | None, output: Output
+) -> Page | None:
     """Return the live page of a session, bound to its address; None where none is asked for."""
     if options.page is None:
         return None
@@ -129,7 +159,9 @@ def _page(options: LiveOptions, session: Session, vehicle: Vehicle, output: Outp
     names = (*vehicle.hydrodynamics, *RESTORING)
     before = {name: value for name in names if (value := vehicle.coefficient(name))}
     about = About(title=", ".join(options.sources), vehicle=vehicle, method=options.method, reference=before)
-    return new_page(LiveFeed(session, about), options.page, output.say)
+    return new_page(
+        LiveFeed(session, about), options.page, output.say, reports=None if reports is None else reports.now
+    )
 
 
 def _foxglove(
@@ -149,8 +181,9 @@ def _earlier(options: LiveOptions, vehicle: Vehicle, **settings: Any) -> tuple[C
     """Return the checkpoint beside the recording, and the session that is gone on with, where there are any."""
     if options.record is None:
         return None, None
-    known = hashlib.sha256(repr(vehicle).encode()).hexdigest()
-    about = {"method": options.method, "free": options.free, "prior": options.prior, "vehicle": known}
+    digest = hashlib.sha256(repr(vehicle).encode()).hexdigest()
+    about: dict[str, Any] = {"method": options.method, "free": options.free, "prior": options.prior, "vehicle": digest}
+    about["changes"] = options.changes
     checkpoint = Checkpoint(options.record, about)
     if not (options.resume and options.record.exists()):
         return checkpoint, None
@@ -182,19 +215,28 @@ def _gone_on(options: LiveOptions, before: Earlier, session: Session) -> str:
 
 def _run(session: Session, stop: threading.Event, options: LiveOptions, vehicle: Vehicle, output: Output) -> Status:
     if options.json_lines:
-        return session.run(
-            stop,
-            seconds=options.seconds,
-            show=lambda status: _write(live_line(status)),
-            period=_LINES,
-        )
+        told: list[Event] = []
+
+        def show_line(status: Status) -> None:
+            new = [event for event in status.events if event not in told]
+            told[:] = status.events
+            _write(live_line(status, new))
+
+        return session.run(stop, seconds=options.seconds, show=show_line, period=_LINES)
     view = LiveView(output, vehicle, options.method)
     with view.showing() as show:
         return session.run(stop, seconds=options.seconds, show=show, period=0.25)
 
 
-def _end(session: Session, status: Status, options: LiveOptions, vehicle: Vehicle, output: Output) -> None:
-    """Write the model, print what was learned."""
+def _end(
+    session: Session,
+    status: Status,
+    options: LiveOptions,
+    vehicle: Vehicle,
+    reports: LiveReports | None,
+    output: Output,
+) -> None:
+    """Write the model and the report, print what was learned."""
     learner = session.learning.learner
     place = _model_place(options, status)
     if place is not None:
@@ -202,6 +244,8 @@ def _end(session: Session, status: Status, options: LiveOptions, vehicle: Vehicl
         note = f"learned live from {', '.join(options.sources)} ({status.learnt.estimate.duration:.5g} s)"
         provenance = Provenance(source=kept.provenance.source, notes=(*kept.provenance.notes, note))
         save_vehicle(kept.model_copy(update={"provenance": provenance}), place)
+    if reports is not None and options.report is not None:
+        reports.write(options.report, output.warnings)
     fit = judged(session.learning, options.record)
     document = live_document(status, learner, options.sources, options.prior, options.method, output.warnings, fit)
     if options.json_lines:
@@ -212,6 +256,8 @@ def _end(session: Session, status: Status, options: LiveOptions, vehicle: Vehicl
         output.line(f"model written to {place}")
     else:
         output.line("no model is kept: -o MODEL.toml or --record keeps one", "dim")
+    if options.report is not None:
+        output.line(f"report written to {options.report}")
     if options.record is not None:
         output.line(f"Next: towtank learn {options.record} --vehicle {options.vehicle} -o MODEL.toml", "dim")
     output.document(document)

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import math
+import time
+from collections.abc import Mapping
 
 from towtank.digits import measured, short
 from towtank.live.learning import Learnt
 from towtank.live.status import SourceStatus, Status
+from towtank.recording.event import Event
 
-__all__ = ["clock", "coefficient_rows", "estimate_text", "link_lines", "measures"]
+__all__ = ["clock", "coefficient_rows", "estimate_text", "event_line", "likely_line", "link_lines", "measures"]
 
 _SURE = 1e-9
 _MOST_RATES = 6
+_MOST_LIKELY, _HARDLY = 3, 0.005
+_ASCII = str.maketrans({"±": "+-", "−": "-", "²": "^2"})
 
 
 def clock(seconds: float) -> str:
@@ -62,6 +67,24 @@ def measures(status: Status) -> list[str]:
         state = f"lost {recording.lost}" if recording.lost else "nothing lost"
         lines.append(f"recording {recording.path.name}: {_size(recording.size)}, {state}")
     return lines
+
+
+def event_line(event: Event, epoch: float, *, ascii_only: bool = False) -> str:
+    """Return what happened, after the time of day.
+
+    Args:
+        epoch: Unix time [s] of the session's time 0; where it is NaN the session's own time is told.
+    """
+    when = clock(event.t) if math.isnan(epoch) else time.strftime("%H:%M:%S", time.localtime(epoch + event.t))
+    text = f"{when}  {event.text}"
+    return text.translate(_ASCII).encode("ascii", "replace").decode() if ascii_only else text
+
+
+def likely_line(likely: Mapping[str, float]) -> str:
+    """Return how probable each known configuration is, the most probable first."""
+    told = sorted(likely.items(), key=lambda pair: -pair[1])[:_MOST_LIKELY]
+    shares = [f"{name} {100.0 * share:.0f} %" for name, share in told if share >= _HARDLY]
+    return f"configuration: {', '.join(shares)}" if shares else "configuration: none of those known"
 
 
 def link_lines(status: Status) -> list[str]:

@@ -10,7 +10,7 @@ from rich.console import Group
 from rich.live import Live
 from rich.text import Text
 
-from towtank.app.live_table import clock, coefficient_rows, link_lines, measures
+from towtank.app.live_table import clock, coefficient_rows, event_line, likely_line, link_lines, measures
 from towtank.app.output import Output
 from towtank.app.spark import spark
 from towtank.live.status import Status
@@ -18,6 +18,7 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["LiveView"]
 
+_EVENTS = 3  # that are shown
 _LINE = 5.0  # s between two plain lines
 _SPARK, _LONGEST = 12, 480  # characters; values kept of a course
 _SURE, _FAIR = 0.05, 0.2  # relative deviations that are shown in green, in yellow
@@ -68,6 +69,13 @@ class LiveView:
         if rest:
             names = ", ".join(name for group in rest.values() for name in group)
             parts.append(Text(f"not known: {names}", style="dim"))
+        if status.events:
+            parts.append(Text())
+        for event in status.events[-_EVENTS:]:
+            line = event_line(event, status.epoch, ascii_only=self._output.ascii)
+            parts.append(Text(line, style="bold"))
+        if learnt.likely:
+            parts.append(Text(likely_line(learnt.likely)))
         return Group(*parts)  # type: ignore[arg-type]
 
     def _followed(self, status: Status) -> dict[str, list[float]]:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from towtank.recording import Recording
     from towtank.vehicle import Vehicle
 
-__all__ = ["cut", "read_logs", "read_prior", "read_vehicle"]
+__all__ = ["cut", "read_configurations", "read_logs", "read_prior", "read_vehicle"]
 
 
 def read_vehicle(name_or_file: str, output: Output, *, silent: bool = False) -> Vehicle:
@@ -44,6 +44,18 @@ def read_prior(name_or_file: str, output: Output) -> Vehicle:
             "X_uu = { value = -40.0, std = 4.0 }, or give a model that learn wrote"
         )
     return vehicle
+
+
+def read_configurations(folder: Path, output: Output) -> dict[str, Vehicle]:
+    """Return the models in a folder by their names. Raises InputError where there is none, or one cannot be read."""
+    from towtank.vehicle.configurations import Configurations
+
+    if not folder.is_dir():
+        raise InputError(f"--configurations {folder}: no such folder; towtank config save --folder {folder} makes one")
+    found = Configurations(folder).all()
+    if not found:
+        output.warn(f"{folder}: holds no configuration yet; towtank config save puts one there")
+    return {each.name: each.vehicle for each in found}
 
 
 def read_logs(logs: Sequence[Path], mapping: Path | None, tell: Teller) -> list[Recording]:

@@ -18,11 +18,12 @@ Instant = tuple[float, Mapping[str, Any]]  # t [s] and the arguments of `Learner
 
 @dataclass(frozen=True)
 class About:
-    """What a session is about; it never changes.
+    """What a session is about.
 
     Attributes:
         title: a line for the head of the page. vehicle: what the learner was told. method: of learning.
         reference: values to compare with, by coefficient. reference_word: what they are, "truth" or "before".
+        earlier: until when [s] others were to be compared with, and which; None where these were right all along.
         seconds: length of the session where it is known.
     """
 
@@ -31,6 +32,7 @@ class About:
     method: str
     reference: Mapping[str, float] = field(default_factory=dict)
     reference_word: str = "before"
+    earlier: tuple[float, Mapping[str, float]] | None = None
     seconds: float | None = None
 
 
@@ -92,7 +94,7 @@ class Now:
 class Feed(Protocol):
     """A session as the page sees it. Called by the page's thread; no method may keep the session waiting."""
 
-    about: About
+    about: About  # another object where that changes
 
     def now(self) -> Now:
         """Return where the session stands."""

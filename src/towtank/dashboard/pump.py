@@ -48,6 +48,7 @@ class Pump:
         self._feed, self._page = feed, page
         self._session, self._report = session, report
         self._motion = Motion(feed.about.vehicle)
+        self._about = feed.about
         self._names: tuple[str, ...] = ()
         self._units: dict[str, str] = {}
         self._course = Course(0, step=_STATE)
@@ -181,6 +182,9 @@ class Pump:
             self._units = {each.name: each.unit for each in estimate.coefficients}
             self._course = Course(2 * len(self._names), step=_STATE)
             self._place("hello", json.dumps(self._greeting()))
+        elif self._feed.about is not self._about:
+            self._place("hello", json.dumps(self._greeting()))
+        self._about = self._feed.about
         identified = np.array(estimate.identified, dtype=bool)
         row = np.concatenate(
             [np.where(identified, estimate.values, np.nan), np.where(identified, estimate.std, np.nan)]

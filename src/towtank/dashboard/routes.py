@@ -152,7 +152,10 @@ class _Pages:
 
     async def report(self, request: Request) -> Response:
         assert self._reports is not None
-        text = await asyncio.to_thread(self._reports)
+        try:
+            text = await asyncio.to_thread(self._reports)
+        except TimeoutError:
+            return PlainTextResponse("the learner is busy; try again", 503)
         return Response(text, media_type="text/html; charset=utf-8", headers=_saved_as("report.html"))
 
     def control(self, name: str) -> Callable[[Request], Awaitable[Response]]:

@@ -28,6 +28,8 @@ def greeting(
 ) -> dict[str, Any]:
     """Return what a viewer is told once: names, units and what the session is about."""
     reference = {name: number(value) for name, value in about.reference.items() if name in units}
+    until, values = about.earlier or (math.nan, {})
+    earlier = {name: number(value) for name, value in values.items()}
     return {
         "type": "hello",
         "session": session,
@@ -38,8 +40,15 @@ def greeting(
         "report": report,
         "prediction_seconds": SECONDS,
         "reference_word": about.reference_word,
+        "reference_since": number(until),
         "coefficients": [
-            {"name": name, "unit": units[name], "axis": _AXIS.get(name, ""), "reference": reference.get(name)}
+            {
+                "name": name,
+                "unit": units[name],
+                "axis": _AXIS.get(name, ""),
+                "reference": reference.get(name),
+                "earlier": earlier.get(name),
+            }
             for name in names
         ],
         "signals": [

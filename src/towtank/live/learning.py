@@ -6,7 +6,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from towtank.identification import Estimate, Learner
@@ -43,6 +43,7 @@ class Learnt:
         latency: from datagram to updated estimate [ms]: "median", "p99", "max". processing: without the time for which
             samples are held back.
         excitation: root mean square (6,) of the wrench asked for over ten seconds; empty where none was.
+        likely: known configurations and how probable each is, since the last change.
         trouble: why learning has stopped, "" where it has not. paused: whether somebody has halted it.
         silent: time [s] of the last commands, where they came steadily and have stopped; None while they come.
     """
@@ -55,6 +56,7 @@ class Learnt:
     latency: dict[str, float]
     processing: dict[str, float]
     excitation: tuple[float, ...]
+    likely: Mapping[str, float] = field(default_factory=dict)
     trouble: str = ""
     paused: bool = False
     silent: float | None = None
@@ -261,6 +263,7 @@ class Learning:
             latency=self._latency.milliseconds(),
             processing=self._processing.milliseconds(),
             excitation=self._excitation.rms,
+            likely=getattr(learner, "likely", {}),
             trouble=self._trouble,
             paused=self._paused,
             silent=self._silence.since,

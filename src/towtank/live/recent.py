@@ -38,6 +38,12 @@ class Recent:
             self._before = self._rows
         self._rows = deque(maxlen=_MOST)
 
+    def copy(self) -> Recent:
+        """Return what is kept by now, for another thread."""
+        out = Recent()
+        out._rows, out._before = self._rows.copy(), self._before.copy()
+        return out
+
     def recording(self) -> Recording | None:
         """Return the longer stretch; None where nothing stands in it."""
         rows = max(self._rows, self._before, key=_span)

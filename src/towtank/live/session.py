@@ -155,6 +155,7 @@ class Session:
             doubled=tuple(self.learning.preference.doubled),
             warnings=self._warnings(recording),
             events=self.events.all,
+            epoch=math.nan if self._patient else self._epoch,
         )
 
     def mark(self, text: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from towtank.live.learning import Learnt
@@ -40,6 +41,7 @@ class Status:
         late: samples that came after later ones had been learned from. waiting: samples to be learned from.
         doubled: channels that several links measure. warnings: what a person had better know.
         events: what happened, in the order of noticing.
+        epoch: Unix time [s] at which the session's time is 0; NaN where samples come in a time of their own.
     """
 
     elapsed: float
@@ -53,6 +55,7 @@ class Status:
     doubled: tuple[str, ...]
     warnings: tuple[str, ...]
     events: tuple[Event, ...] = ()
+    epoch: float = math.nan
 
     @property
     def bad(self) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from towtank.errors import InputError
@@ -24,23 +24,28 @@ def new_learner(
     prior: Vehicle | None = None,
     *,
     background: bool = False,
+    changes: bool = True,
+    known: Mapping[str, Vehicle] | None = None,
 ) -> Learner:
     """Return the learner of a live session.
 
     Args:
         vehicle, method, free, prior: as of `Learner`.
         background: let its second looks run beside the stream, where it can do that.
+        changes: of the vehicle are watched for, where the method can. known: configurations that it may become.
 
     Raises:
-        InputError: an unknown method or name, or a prior that the method does not take.
+        InputError: an unknown method or name, or a prior or configurations that the method does not take.
     """
     settings: dict[str, Any] = {} if free is None else {"free": free}
     if prior is not None:
         if method != "joint":
             raise InputError(f"--prior: the method {method} takes none; use joint, or leave it out")
         settings["prior"] = prior
+    if known and method != "joint":
+        raise InputError(f"--configurations: the method {method} recognises none; use joint, or leave it out")
     if method == "joint":
-        settings["background"] = background
+        settings |= {"background": background, "changes": changes, "known": known}
     return Learner(vehicle, method, **settings)
 
 

@@ -30,6 +30,7 @@ def convergence_section(facts: LearnFacts) -> str:
         return ""
     figures = [_figure(facts, facts.estimate[name], k) for k, name in enumerate(course.names)]
     cuts = " Vertical lines: from one log to the next." if course.ends else ""
+    cuts += " Vertical lines: the vehicle changed." if _changes(facts) else ""
     note = (
         f"Estimate and 95 % band while the log went by, from wide ignorance at the start; the course is "
         f"{_METHODS.get(facts.method, 'the filter’s')}. The dot at the right is the result in the table with its 95 % "
@@ -44,6 +45,11 @@ def convergence_section(facts: LearnFacts) -> str:
     return section("convergence", "How the estimates settled", paragraph(note, "note"), legend, grid(figures, "small"))
 
 
+def _changes(facts: LearnFacts) -> list[float]:
+    """Return when the vehicle became another one [s]."""
+    return [event.t for event in facts.events if event.kind in ("change", "thruster")]
+
+
 def _figure(facts: LearnFacts, result: Learned, k: int) -> str:
     course = facts.convergence
     if course is None:
@@ -52,21 +58,28 @@ def _figure(facts: LearnFacts, result: Learned, k: int) -> str:
     low, high = value - _WIDTH * std, value + _WIDTH * std
     end = float(course.t[-1])
     levels = [(facts.vehicle.coefficient(result.name), "before")]
-    if facts.truth is not None:
-        levels.append((facts.truth.coefficient(result.name), "truth"))
+    truth, steps = None if facts.truth is None else facts.truth.coefficient(result.name), []
+    if truth is not None and facts.truth_before is not None:
+        when, earlier = facts.truth_before
+        first = earlier.coefficient(result.name)
+        x, y = np.array([course.t[0], when, when, end]), np.array([first, first, truth, truth])
+        steps = [Line(x, y, "truth")]
+    elif truth is not None:
+        levels.append((truth, "truth"))
     spread = _WIDTH * result.std
     chart = Chart(
         label=f"{result.name} over time",
         parts=[
             Band(course.t, low, high),
+            *steps,
             Line(course.t, value, "estimate"),
             Point(end, result.value, result.value - spread, result.value + spread),
         ],
         x_name="s",
         x_range=(0.0, 1.02 * end),
-        y_range=_range(course.t, low, high, result, [y for y, style in levels if style == "truth"]),
+        y_range=_range(course.t, low, high, result, [] if truth is None else [truth]),
         levels=levels,
-        cuts=course.ends,
+        cuts=(*course.ends, *_changes(facts)),
         width=330,
         height=180,
     )

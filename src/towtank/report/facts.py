@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from towtank.identification import Estimate
 from towtank.identification.convergence import Convergence
 from towtank.recording import Recording
+from towtank.recording.event import Event
 from towtank.validation import Comparison, CrossValidation, Prediction, Residual, Validation
 from towtank.vehicle import Vehicle
 
@@ -50,7 +51,9 @@ class LearnFacts:
         fit, rmse: of the free-running prediction, per channel. predictions: one per log.
         predicted: which logs these are, in words. residuals: errors of the predictions, per channel.
         recordings: what was learned from, or its recent part. noise, disturbance: name -> {"std", "unit"}.
-        convergence: how the coefficients settled. truth: the vehicle that was simulated, where one was.
+        convergence: how the coefficients settled. truth: the vehicle that was simulated, where one was; truth_before:
+            until when [s] it had been which one, where it became another.
+        events: what happened; epoch: Unix time [s] at which their time is 0, NaN where that is not known.
         title: of the page; the vehicle's name by default. verdict: the first sentence; found from the facts by default.
         warnings: in plain words.
     """
@@ -78,6 +81,9 @@ class LearnFacts:
     disturbance: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     convergence: Convergence | None = None
     truth: Vehicle | None = None
+    truth_before: tuple[float, Vehicle] | None = None
+    events: Sequence[Event] = ()
+    epoch: float = math.nan
     title: str = ""
     verdict: str = ""
     warnings: Sequence[str] = ()

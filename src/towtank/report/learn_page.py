@@ -8,6 +8,7 @@ from towtank.digits import short
 from towtank.report.coefficient_section import coefficient_section, held_section
 from towtank.report.convergence_section import convergence_section
 from towtank.report.elements import fit_number, listed, number, section
+from towtank.report.event_section import event_section
 from towtank.report.facts import LearnFacts
 from towtank.report.identifiability_section import identifiability_section
 from towtank.report.input_section import input_section
@@ -34,6 +35,7 @@ def report_html(facts: LearnFacts) -> str:
         section("warnings", "Warnings", listed(facts.warnings, "warnings")),
         coefficient_section(facts),
         held_section(facts),
+        event_section(facts.events, facts.epoch),
         prediction_section(facts.predictions, facts.fit, facts.rmse, facts.predicted),
         residual_section(facts.residuals),
         convergence_section(facts),

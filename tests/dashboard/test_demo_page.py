@@ -1,0 +1,93 @@
+"""The demo's page while a payload is taken up, as a person sees it in Chromium."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from towtank.app.demo_feed import DemoFeed
+from towtank.app.demo_progress import Course, quantities
+from towtank.app.demo_session import Session, tank_session
+from towtank.app.demo_stream import stream
+from towtank.dashboard import Address
+from towtank.dashboard.page import Page
+from towtank.identification import Learner
+
+from .rig import needs_browser, needs_page, wait_until
+
+pytestmark = [needs_page, needs_browser]
+
+
+@dataclass
+class Ran:
+    session: Session
+    course: Course
+    page: Page
+
+
+@pytest.fixture(scope="module")
+def ran() -> Iterator[Ran]:
+    """What `demo --page --payload --fast` runs; the page stays until the tests are done."""
+    session = tank_session(20.0, payload=True)
+    learner = Learner(session.known, free=session.free)
+    course = Course(quantities(session.truth, weight=True))
+    feed = DemoFeed(session, learner, course)
+    page = Page(feed, Address("127.0.0.1", 0), reports=feed.report)
+    settings: dict[str, Any] = {"paced": False, "show": lambda moment: None, "watch": feed}
+    thread = threading.Thread(target=stream, args=(session, learner, course), kwargs=settings)
+    with page:
+        thread.start()
+        yield Ran(session, course, page)
+        thread.join()
+
+
+def test_a_payload_appears_while_it_is_learned(browser: Any, ran: Ran, tmp_path: Path) -> None:
+    context = browser.new_context(viewport={"width": 1440, "height": 2200})
+    view = context.new_page()
+    complaints: list[str] = []
+    view.on("pageerror", lambda error: complaints.append(str(error)))
+    view.goto(ran.page.url)
+    view.wait_for_selector("#events td:has-text('net weight')", timeout=60_000)
+    assert "change: " in view.text_content("#latest-event")
+    assert ran.course.events
+    when, kind, text = view.locator("#events tbody tr").first.locator("td, th").all_inner_texts()
+    assert kind == "change"
+    assert "N" in text.partition("net weight +")[2]
+    assert when
+    later = ran.session.final
+    shown = view.locator("#coefficients tbody tr[data-name=Z_ww] :nth-child(5)")
+    wait_until(lambda: float(shown.inner_text()) == pytest.approx(later.coefficient("Z_ww"), rel=1e-3))
+    known = view.evaluate("document.querySelectorAll('#convergence figure').length")
+    assert known == len(ran.session.free)
+    with view.expect_download() as download:
+        view.click("#report")
+    path = tmp_path / "report.html"
+    download.value.save_as(path)
+    report = path.read_text()
+    assert "What happened" in report
+    assert "net weight +" in report.lower()
+    assert "since the vehicle changed" in report
+    assert complaints == []
+    context.close()
+
+
+def test_the_course_goes_on_through_the_change(browser: Any, ran: Ran) -> None:
+    wait_until(lambda: ran.course.t and ran.course.t[-1] > ran.session.changed + 5.0, 60.0)
+    context = browser.new_context(viewport={"width": 1440, "height": 2200})
+    view = context.new_page()
+    view.goto(ran.page.url)
+    view.wait_for_selector("#convergence canvas", timeout=20_000)
+    find = "window.towtank.charts.find((c) => c.settings.title === 'W_minus_B')"
+    wait_until(lambda: view.evaluate(f"!!{find} && !!{find}.data?.[0]?.length"))
+    t, _, reference = view.evaluate(f"{find}.data.slice(0, 3)")
+    before = [y for x, y in zip(t, reference, strict=True) if x < ran.session.changed]
+    after = [y for x, y in zip(t, reference, strict=True) if x >= ran.session.changed]
+    assert before
+    assert set(before) == {0.0}
+    assert set(after) == {2.0}
+    context.close()
