@@ -31,7 +31,7 @@ class LiveFit:
 
 
 def judged(learning: Learning, recorded: Path | None) -> LiveFit:
-    """Return how the model predicts the recording, else the last minute; the session must have ended."""
+    """Return how the model predicts the recording, else the last minute, since the vehicle changed; once it has ended."""
     learner = learning.learner
     if not any(learner.estimate.identified):
         return LiveFit(reason="nothing was identified")
@@ -39,12 +39,14 @@ def judged(learning: Learning, recorded: Path | None) -> LiveFit:
         run, of = _session(learning, recorded)
         if run is None:
             return LiveFit(reason="no motion was learned from")
-        from towtank.validation import validate
+        from towtank.app.stream_facts import judged_since
 
-        fit = validate(learner.model(), [run]).fit
+        found, of, reason = judged_since(learner.model(), run, learner.events, of)
     except InputError as error:
         return LiveFit(reason=str(error))
-    return LiveFit({**dict.fromkeys(VELOCITIES), **fit}, of, noise=_noise(learner, run))
+    if found is None:
+        return LiveFit(reason=reason, noise=_noise(learner, run))
+    return LiveFit({**dict.fromkeys(VELOCITIES), **found.fit}, of, noise=_noise(learner, run))
 
 
 def _session(learning: Learning, recorded: Path | None) -> tuple[Recording | None, str]:

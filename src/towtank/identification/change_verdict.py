@@ -14,7 +14,8 @@ from towtank.identification.change_window import Window
 
 __all__ = ["Verdict", "judged"]
 
-_TOUCHED = 0.05  # probability of a part from which on it is thought to have changed too
+_TOUCHED = 0.05  # probability of a part from which on it is thought to have changed too,
+_ALONG = 0.2  # and the share of its step that any other part of the body may have made: a payload touches all
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +88,10 @@ def _parts(ways: Sequence[Hypothesis], scores: Array, body: Array) -> dict[str, 
 
 
 def _union(ways: Sequence[Hypothesis], parts: dict[str, float], size: int) -> Array:
-    """Return the deviations of every part that may well have changed."""
+    """Return the deviations of every part that may well have changed, and a share of those of all others."""
     steps = np.zeros(size)
     for way in ways:
-        if way.thruster is None and all(parts[part] > _TOUCHED for part in way.parts):
-            steps = np.maximum(steps, way.steps)
+        if way.thruster is None:
+            touched = all(parts[part] > _TOUCHED for part in way.parts)
+            steps = np.maximum(steps, way.steps if touched else _ALONG * way.steps)
     return steps
