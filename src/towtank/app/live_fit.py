@@ -31,7 +31,7 @@ class LiveFit:
 
 
 def judged(learning: Learning, recorded: Path | None) -> LiveFit:
-    """Return how the model predicts the recording, else the last minute, since the vehicle changed; once it has ended."""
+    """Return how the model predicts the recording, else the last minute, since the last change; once it has ended."""
     learner = learning.learner
     if not any(learner.estimate.identified):
         return LiveFit(reason="nothing was identified")
