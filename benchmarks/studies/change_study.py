@@ -124,7 +124,7 @@ def _station_checks(found: dict[str, Any]) -> list[Check]:
     hours = found["hours"]
     return [
         Check(f"station: false alarms an hour, over {hours:g} h", found["false"] / hours, high=1.0),
-        Check("station: drift of a coefficient at most [std]", found["drift"], high=1.0),
+        Check("station: growth of a coefficient's error, at most [std]", found["drift"], high=1.0),
         Check("station: mean variance, times that at the start, at most", found["trace"], high=1.01),
         Check("station: payload noticed after motion began [s]", found["noticed"], high=10.0),
     ]

@@ -80,7 +80,7 @@ def learn(
 
     \b
     Examples:
-      towtank learn surge.csv --vehicle vlbv300 -o learned.toml --report learned.html
+      towtank learn surge.csv --vehicle vlbv300 --report learned.html
       towtank learn surge.csv --vehicle vlbv300 --prior learned.toml
     """
     _known_method(method, prior)
