@@ -38,6 +38,7 @@ def followed_figure(seed: int) -> Figure:
     course, truth, when, said = surge_course(seed)
     figure = figure_of(8.4, 3.2, "A payload taken up: surge, seconds after the change")
     panels = [figure.add_subplot(1, 2, k + 1) for k in range(2)]
+    course = course[::5]
     t = course[:, 0] - when
     for k, (axes, name, unit, colour) in enumerate(
         zip(panels, ("inertia", "drag"), ("kg", "kg/m"), (MASS, DRAG), strict=True)
