@@ -45,7 +45,8 @@ def change_words(
     if thruster is not None:
         k = free.names.index(GAIN_PREFIX + thruster)
         share = 100.0 * math.exp(step[k])
-        return f"thruster {thruster}: {share:.0f} ± {share * std[k]:.0f} % of its thrust"
+        digits = 0 if share * std[k] >= 1.0 else 1
+        return f"thruster {thruster}: {share:.{digits}f} ± {share * std[k]:.{digits}f} % of its thrust"
     told = [
         (abs(step[k]) / max(std[k], 1e-12), _one(vehicle, free, k, before[0][k], now[0][k], std[k]))
         for k in range(len(free))
