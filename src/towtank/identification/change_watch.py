@@ -4,10 +4,10 @@ Every half second a filter is split off the first one, with inertia, drag, weigh
 are known, the gains of the thrusters widened by what a payload or a fouled thruster would do to them. What its samples
 say by themselves (`change_window`) is the evidence of a change at that moment, of any parts. A change is one that has
 an evidence beyond `_SURE` twice in a row, and of which it is clear whether body or thruster is to blame. Then the
-filter that saw it goes on in place of the first one, told that all other coefficients stayed what they were: nothing
-has to be learned again. The moment is sought in steps of 0.1 s, by replay: a filter that began before the change has
-seen both vehicles, and blames whatever bends most easily. Without motion a split filter learns nothing, its evidence
-stays zero, and the first filter, whose coefficients do not walk, waits as it is.
+filter that saw it goes on in place of the first one, told what has not changed, so that nothing is learned twice. The
+moment is sought in steps of 0.1 s, by replay: a filter that began before the change has seen both vehicles, and blames
+whatever bends most easily. Without motion a split filter learns nothing, its evidence stays zero, and the first filter,
+whose coefficients do not walk, waits as it is.
 """
 
 from __future__ import annotations
