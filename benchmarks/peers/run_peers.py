@@ -35,7 +35,7 @@ TOLERANCE = 5.0  # %
 START = 0.6  # of the true coefficients
 PYTHON = {name: ROOT / ".peers" / name / "bin" / "python" for name in ("mavsdk", "ros2")} | {
     "dds": ROOT / ".peers" / "ros2" / "bin" / "python",
-    "json": Path(sys.executable)
+    "json": Path(sys.executable),
 }
 CYCLONE = """<CycloneDDS><Domain Id="any"><General><AllowMulticast>false</AllowMulticast>
 <Interfaces><NetworkInterface name="lo"/></Interfaces></General>

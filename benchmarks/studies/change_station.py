@@ -49,7 +49,8 @@ def station(seed: int, hours: float = 8.0) -> dict[str, Any]:
         feed(learner, run, t)
         t += _PART
         now = _standing(learner)
-        drift = max(drift, float(np.max((np.abs(now[0] - right) - np.abs(start[0] - right)) / start[1])))
+        worse = (np.abs(now[0] - right) - np.abs(start[0] - right)) / start[1]
+        drift = max(drift, float(np.max(worse)))
         trace.append(float(np.sum((now[1] / start[1]) ** 2)) / now[1].size)
     false = len(learner.events) - events
     again = np.roll(wrench, -500, axis=0)[: round(30.0 / _STEP)]

@@ -30,9 +30,7 @@ def test_a_changed_vehicle_goes_on_from_where_the_other_one_was() -> None:
 
 def test_a_thruster_that_loses_thrust_pushes_less_from_then_on() -> None:
     one = tt.load_vehicle("vlbv300")
-    weak = one.model_copy(
-        update={"thrusters": (one.thrusters[0].model_copy(update={"gain": 0.6}), *one.thrusters[1:])}
-    )
+    weak = one.model_copy(update={"thrusters": (one.thrusters[0].model_copy(update={"gain": 0.6}), *one.thrusters[1:])})
     commands = np.full((400, len(one.thrusters)), 20.0)
     run = tt.simulate(one, commands=commands, dt=0.01, changes=[(2.0, weak)], record=("wrench",), disturbance=None)
     push = run["X"].values

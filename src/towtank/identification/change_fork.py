@@ -13,7 +13,7 @@ from towtank.identification.change_window import Window, window_between
 from towtank.identification.held_input import HeldInput, held_push
 from towtank.identification.joint_kernel import joint_events
 from towtank.identification.joint_scalar import inject
-from towtank.identification.joint_state import C_RESETS, O_FOLLOW, JointState
+from towtank.identification.joint_state import C_RESETS, O_FOLLOW, O_REST, JointState
 from towtank.identification.parameters import FreeParameters
 from towtank.identification.samples import Samples
 from towtank.identification.transition import N_FIXED, transition_scratch
@@ -94,7 +94,8 @@ def split_off(
     block = slice(N_FIXED, N_FIXED + n)
     theta0, P0 = split.theta.copy(), split.P[block, block].copy()
     split.P[block, block] += np.diag(steps**2)
-    split.options[O_FOLLOW] = 0.0
+    split.options[O_FOLLOW] = split.options[O_REST] = 0.0
+    split.taught[:] = 0.0
     resets = float(state.clock[C_RESETS])
     return Fork(t, wide, steps, split, copied(held), theta0, P0, copied(state), copied(held), until, resets)
 
@@ -137,7 +138,7 @@ def with_coordinates(state: JointState, free: FreeParameters, source: Sequence[i
     P = np.zeros((size, size))
     P[np.ix_(into, into)] = state.P[np.ix_(out_of, out_of)]
     given = [(i, k) for i, k in enumerate(source) if k >= 0]
-    vectors = {name: np.zeros(n) for name in ("theta", "anchor", "walk")}
+    vectors = {name: np.zeros(n) for name in ("theta", "anchor", "walk", "taught", "gained")}
     for name, vector in vectors.items():
         for i, k in given:
             vector[i] = getattr(state, name)[k]
@@ -155,6 +156,7 @@ def with_coordinates(state: JointState, free: FreeParameters, source: Sequence[i
         "W": np.zeros((12, size)),
         "g": np.zeros(size),
         "dx": dx,
+        "awake": np.ones(size),
         "h": np.zeros(size),
         **vectors,
     }

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from towtank.identification.change_found import Change, Recognised
-from towtank.identification.change_watch import deviations
 from towtank.identification.change_words import change_details, change_words
+from towtank.identification.joint_health import known_to
 from towtank.identification.joint_state import JointState
 from towtank.identification.parameters import FreeParameters
 from towtank.recording.event import Event
@@ -88,7 +88,7 @@ class Story:
         self.events = (*self.events, event)
 
     def _event(self, change: Change, free: FreeParameters, state: JointState) -> Event:
-        before, now = change.before, (state.theta.copy(), deviations(state))
+        before, now = change.before, (state.theta.copy(), known_to(state))
         verdict = change.verdict
         text = change_words(self.vehicle, free, before, now, thruster=verdict.thruster)
         details: dict[str, float | str] = {

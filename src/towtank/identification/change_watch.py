@@ -38,10 +38,9 @@ from towtank.identification.joint_buffer import Buffer
 from towtank.identification.joint_state import O_FOLLOW, JointState
 from towtank.identification.parameters import GAIN_PREFIX, FreeParameters, free_parameters
 from towtank.identification.samples import Samples
-from towtank.identification.transition import N_FIXED
 from towtank.vehicle import Vehicle
 
-__all__ = ["Watch", "deviations"]
+__all__ = ["Watch"]
 
 _EVERY, _LIVES = 0.5, 3.0  # s: a filter is split off so often, and lives for so long;
 _OLD_ONE, _LIVES_LONG = 4, 8.0  # every so many-th lives longer, for what shows slowly
@@ -270,9 +269,3 @@ class Watch:
         held = copied(referee.fork.held)
         self.restart(referee=True)
         return Recognised(t, name, self.likely[name], False, referee.keeps, state, held)
-
-
-def deviations(state: JointState) -> Array:
-    """Return the deviations (n,) of the coordinates."""
-    n = state.theta.size
-    return np.sqrt(np.maximum(np.diag(state.P)[N_FIXED : N_FIXED + n], 0.0))

@@ -33,7 +33,7 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["load_learner", "save_learner"]
 
-_VERSION = 2
+_VERSION = 3
 _BUFFER = ("t", "values", "input_t", "input_force")
 
 
@@ -151,6 +151,7 @@ def _restored(
     stream._next_check, stream._schedule = float(about["next_check"]), Schedule(**about["schedule"])
     stream._last_t = -math.inf if about["last_t"] is None else float(about["last_t"])
     stream.levels = Levels(arrays["levels.noise"], arrays["levels.sigma"], arrays["levels.rough"])
+    stream._next_levels = stream.levels
     if about["buffer"] is not None:
         kept = about["buffer"]
         stream._buffer = Buffer(arrays["buffer.shape"], arrays["buffer.lag"], commands=bool(kept["commands"]))

@@ -31,6 +31,8 @@ class LookJob:
     delay: float
     prior: tuple[Array, Array] | None
     rounds: int
+    reserve: Array
+    still: bool
     rows: int
     inputs: int
 
@@ -47,6 +49,8 @@ class LookJob:
             delay=self.delay,
             prior=self.prior,
             rounds=self.rounds,
+            reserve=self.reserve,
+            still=self.still,
         )
 
 

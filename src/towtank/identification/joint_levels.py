@@ -14,12 +14,13 @@ from towtank.identification.joint_state import C_DURATION, JointState, Tuning
 from towtank.identification.log_learning import Levels
 from towtank.identification.samples import N_MEASURED
 
-__all__ = ["alike", "at_odds", "between", "caution", "followed", "level_merit", "refused_share"]
+__all__ = ["alike", "astray", "at_odds", "between", "caution", "followed", "level_merit", "refused_share"]
 
 _NOISE_SHOWN = 1.5  # times what the samples show, at most
 _LEVELS_SETTLED = 0.05  # of a level
 _USUAL_FOR = 2.0  # independent looks at the disturbance that the usual level counts for
 _REFUSED, _LONG = 0.3, 10.0  # share of a sensor's samples beyond which, after so long [s], it is the model that is off
+_ASTRAY = 0.1  # share of a sensor's samples that a pass refuses which has gone astray
 _AT_ODDS = 2.0  # mean innovation^2 / S
 _SURELY = 4.0  # deviations by which innovations must be too large
 _SWING = 5.0  # by which a level may change from one pass to the next
@@ -64,6 +65,11 @@ def refused_share(state: JointState) -> Array:
     """Return the share (15,) of each column's samples that lay beyond the gate."""
     asked = state.stats[:, 3] + state.stats[:, 4]
     return np.asarray(state.stats[:, 3] / np.maximum(asked, 1.0))
+
+
+def astray(state: JointState) -> bool:
+    """Whether the pass has refused much of a sensor."""
+    return bool(np.any(refused_share(state) > _ASTRAY))
 
 
 def at_odds(state: JointState) -> bool:

@@ -11,9 +11,10 @@ from towtank.core.arrays import Array
 from towtank.identification.estimate import Estimate
 from towtank.identification.held_input import HeldInput
 from towtank.identification.joint import bounded, one_pass, prior_deviation
-from towtank.identification.joint_levels import alike, at_odds, followed, level_merit
+from towtank.identification.joint_levels import alike, astray, at_odds, followed, level_merit
 from towtank.identification.joint_start import size_of
 from towtank.identification.joint_state import C_LIKELIHOOD, O_FOLLOW, JointState, Tuning
+from towtank.identification.joint_still import PLAINLY_WRONG, Still, freely_white, still_water
 from towtank.identification.log_learning import Levels
 from towtank.identification.parameters import DELAY, FreeParameters
 from towtank.identification.samples import Samples
@@ -28,15 +29,22 @@ _WORSE = 1.0  # of the logarithm of the likelihood
 _SETTLED = 0.1  # deviations
 _ROUNDS_ELSEWHERE = 3
 _ROUNDS_AT_ODDS = 4
+_ROUNDS_STILL = 4  # the less there is beside the coefficients, the more they bend the motion
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """The filter after the likeliest pass, its inputs, and the levels that it shows."""
+    """The filter after the likeliest pass, its inputs, the levels that it shows, those that the next look tries, merit.
+
+    The next look tries others where the water is taken as still: it asks again. stirred: it plainly is not.
+    """
 
     state: JointState
     held: HeldInput
     levels: Levels
+    next: Levels
+    merit: float
+    stirred: bool = False
 
 
 def look(
@@ -51,6 +59,8 @@ def look(
     delay: float,
     prior: tuple[Array, Array] | None,
     rounds: int,
+    reserve: Array | None = None,
+    still: bool = False,
 ) -> Look | None:
     """Pass over all stretches from each start and once more, `rounds` times, from the likeliest; None if all fail.
 
@@ -58,6 +68,8 @@ def look(
         own: theta (n,) of the filter by now. A pass from there stays linear: it does not deceive itself.
         starts: other thetas (n,), followed as they become known.
         delay: of the inputs [s] where it is not free. prior: mean and information.
+        reserve: a start (n,) for where a pass from `own` refuses much of what it sees: it has gone astray.
+        still: also suppose that nothing disturbs the vehicle, and keep to that where it is likelier.
     """
     p, shown, usual = np.array(vehicle.parameters), levels.noise, np.array(tuning.usual)
     deviation = prior_deviation(free, size_of(vehicle, free))
@@ -71,31 +83,60 @@ def look(
     found = []
     if own is not None:
         found.append(passed(own, levels, follow=False))
-    calm = replace(levels, sigma=np.minimum(levels.sigma, np.where(usual > 0.0, usual, np.inf)))
-    others = [each for each in (passed(start, calm, follow=True) for start in starts) if each is not None]
+        if not starts and reserve is not None and (found[0] is None or astray(found[0][0])):
+            starts = [reserve]
+    least = replace(levels, sigma=np.minimum(levels.sigma, np.where(usual > 0.0, usual, np.inf)))
+    others = [each for each in (passed(start, least, follow=True) for start in starts) if each is not None]
     if others:  # likelihoods of passes that follow and of linear ones do not compare
         state, held = max(others, key=_likelihood)
-        found.append(passed(bounded(free, state.theta, state.theta), calm, follow=False) or (state, held))
+        found.append(passed(bounded(free, state.theta, state.theta), least, follow=False) or (state, held))
     sound = [each for each in found if each is not None]
     if not sound:
         return None
     state, held = max(sound, key=_likelihood)
     if own is None or sound[0][0] is not state:
-        levels = calm
+        levels = least
         rounds = max(rounds, _ROUNDS_ELSEWHERE)  # linearised about what may be far away
     if at_odds(state):
         rounds = max(rounds, _ROUNDS_AT_ODDS)
-    for _ in range(rounds):
-        following = followed(state, levels, tuning, shown)
-        about = bounded(free, state.theta, state.anchor, linear=state.options[O_FOLLOW] == 0.0)
-        std = np.sqrt(np.diag(state.P)[N_FIXED : N_FIXED + len(free)])
-        if alike(following, levels) and np.all(np.abs(about - state.anchor) <= _SETTLED * std):
-            break
-        again = passed(about, following, follow=False)
-        if again is None or _merit(again[0], following, tuning) < _merit(state, levels, tuning) - _WORSE:
-            break
-        (state, held), levels = again, following
-    return Look(state, held, followed(state, levels, tuning, shown))
+
+    def settled(seen: tuple[JointState, HeldInput], levels: Levels, rounds: int, calm: Still | None) -> Look:
+        (state, held), way = seen, tuning if calm is None else calm.tuning
+
+        def following() -> Levels:
+            found = followed(state, levels, way, shown)
+            return found if calm is None else calm.kept(found)
+
+        for _ in range(rounds):
+            shows = following()
+            about = bounded(free, state.theta, state.anchor, linear=state.options[O_FOLLOW] == 0.0)
+            std = np.sqrt(np.diag(state.P)[N_FIXED : N_FIXED + len(free)])
+            if alike(shows, levels) and np.all(np.abs(about - state.anchor) <= _SETTLED * std):
+                break
+            again = passed(about, shows, follow=False)
+            if again is None or _merit(again[0], shows, way) < _merit(state, levels, way) - _WORSE:
+                break
+            (state, held), levels = again, shows
+        shows = following()
+        return Look(state, held, shows, shows, _merit(state, levels, way))
+
+    usually = settled((state, held), levels, rounds, None)
+    calm = still_water(usually.state, usually.levels, free, tuning) if still else None
+    if calm is None:
+        return usually
+
+    def calmly(theta: Array) -> Look | None:
+        begun = passed(theta, calm.levels, follow=False)
+        return None if begun is None else settled(begun, calm.levels, _ROUNDS_STILL, calm)
+
+    linear = usually.state.options[O_FOLLOW] == 0.0
+    other = calmly(bounded(free, usually.state.theta, usually.state.anchor, linear=linear))
+    if other is None or other.merit < usually.merit + PLAINLY_WRONG:
+        return replace(usually, stirred=True)
+    if other.merit < usually.merit:
+        theta = freely_white(stretches, vehicle, free, other.state, shown, delay=delay, prior=prior)
+        other = None if theta is None else calmly(theta)
+    return usually if other is None else replace(other, next=usually.levels)
 
 
 def _likelihood(passed: tuple[JointState, HeldInput]) -> float:

@@ -15,8 +15,10 @@ from towtank.identification.joint_state import (
     O_CURRENT_WALK,
     O_FLOOR_FORCE,
     O_FLOOR_MOMENT,
+    O_REST,
     O_STEP,
     O_TIME_CONSTANT,
+    REST_MEMORY,
     JointState,
 )
 from towtank.identification.parameters import IN_GAIN
@@ -141,6 +143,24 @@ def _follow_level(state: JointState, h: float) -> None:
 
 
 @kernel
+def _rest(state: JointState, h: float) -> None:
+    """Let coefficients rest that hardly learn any more, and wake those that would learn again.
+
+    One that learns at a steady rate gains 1 / T per second after T seconds. One that gains a small share of that hears
+    little, and what it hears is what the model of disturbances does not know: it would only wander.
+    """
+    share = state.options[O_REST]
+    fade = math.exp(-h / REST_MEMORY)
+    for c in range(state.theta.shape[0]):
+        taught = state.taught[c]
+        state.gained[c] *= fade
+        rests = taught > REST_MEMORY and state.gained[c] * taught < share * REST_MEMORY
+        state.awake[N_FIXED + c] = 0.0 if rests else 1.0
+        if not rests:
+            state.taught[c] = taught + h
+
+
+@kernel
 def predict(state: JointState, held: HeldInput, t: float, coupled: bool) -> bool:
     """Advance the filter to the time t [s]; False where the inputs are not known yet."""
     span = t - state.clock[C_TIME]
@@ -179,6 +199,7 @@ def predict(state: JointState, held: HeldInput, t: float, coupled: bool) -> bool
         for i in range(6):
             state.force[i] *= fade
         _follow_level(state, h)
+        _rest(state, h)
         state.clock[C_TIME] = end
         state.clock[C_DURATION] += h
     return True

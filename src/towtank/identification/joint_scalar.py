@@ -3,6 +3,9 @@
 With g = P H^T and S = H g + R the update is dx += g nu / S, P -= g g^T with g / sqrt(S). An innovation beyond the cap
 counts as if its sensor were so much worse: S grows until the innovation is at the cap (Huber). Errors wait in dx until
 they are put into the state.
+
+A coefficient that rests is left as it is: its gain is zero, and P -= g g^T / S leaves out the block of those that rest.
+The rest of P still counts with their uncertainty (Schmidt's consider states), so that it stays true.
 """
 
 from __future__ import annotations
@@ -66,16 +69,27 @@ def scalar_update(state: JointState, column: int, residual: float) -> None:
     else:
         state.clock[C_LIKELIHOOD] -= 0.5 * (math.log(S) + away * away)
     gain = nu / S
+    awake = state.awake
     for j in range(size):
-        dx[j] += g[j] * gain
+        dx[j] += awake[j] * g[j] * gain
     root = 1.0 / math.sqrt(S)
     for i in range(size):
         g[i] *= root
+    for c in range(state.theta.shape[0]):
+        i = N_FIXED + c
+        if P[i, i] > 0.0:
+            state.gained[c] += g[i] * g[i] / P[i, i]
     for i in range(size):
         a = g[i]
-        if a != 0.0:
+        if a != 0.0 and awake[i] > 0.0:
             for j in range(size):
                 P[i, j] -= a * g[j]
+    for c in range(state.theta.shape[0]):
+        i = N_FIXED + c
+        if awake[i] == 0.0:
+            for j in range(size):
+                if awake[j] > 0.0:
+                    P[i, j] = P[j, i]
 
 
 @kernel

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["EARLY", "Schedule"]
+__all__ = ["EARLY", "STILL", "Schedule"]
 
 EARLY = 8.0  # s of motion until which looks are frequent
+STILL = 30.0  # s of motion until which the water may be taken as still
 _OFTEN = 0.25  # s between two looks at least
 _FIRST = 0.5  # s of motion
 _GROWS_EARLY, _GROWS = 0.25, 1.0  # share of the motion so far to the next look, until `EARLY` and later

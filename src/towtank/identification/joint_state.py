@@ -16,7 +16,7 @@ from towtank.identification.parameters import Codes, FreeParameters, put_paramet
 from towtank.identification.samples import N_MEASURED
 from towtank.identification.transition import N_FIXED, transition_scratch
 
-__all__ = ["JointState", "Tuning", "new_joint_state"]
+__all__ = ["REST_MEMORY", "JointState", "Tuning", "new_joint_state"]
 
 (
     O_TIME_CONSTANT,
@@ -33,8 +33,10 @@ __all__ = ["JointState", "Tuning", "new_joint_state"]
     O_BIASES,
     O_CURRENT,
     O_FOLLOW,
-) = range(14)
+    O_REST,
+) = range(15)
 
+REST_MEMORY = 10.0  # s over which it is told whether a coefficient learns
 _LEAST_ROUGH = 1e-4  # m/s^2 sqrt(s), rad/s^2 sqrt(s): what no model of forces tells
 
 # clock: time, started, log likelihood, rows taken, time learned from, resets, time since the sensor was last heard
@@ -87,11 +89,14 @@ class JointState(NamedTuple):
     codes: Codes  # (n, 4)
     anchor: Array  # (n,) theta that the motion is linearised about; `p` and the held input have these values
     walk: Array  # (n,) random walk of theta [variance per s]
+    taught: Array  # (n,) time over which theta has learned [s]
+    gained: Array  # (n,) information of late: -d(log variance), fading over REST_MEMORY
+    awake: Array  # (N,) 1, and 0 for a coefficient that rests
     shape: Array  # (6, m) wrench of each input
     noise: Array  # (15,) deviations of the measured columns
     sigma: Array  # (6,) levels of the disturbance [N, N m]
     rough: Array  # (6,) random walk of the speeds [m/s^2 sqrt(s), rad/s^2 sqrt(s)]
-    options: Array  # (14,) see O_*
+    options: Array  # (15,) see O_*
     clock: Array  # (7,) see C_*
     heard: Array  # (5,) time of the last believed sample of each sensor: position, attitude, velocity, rates, force
     hidden: Array  # (4, 5) per sensor: samples refused in a row, their mean offset, evidence of its return
@@ -139,7 +144,7 @@ def new_joint_state(
     n = len(free)
     size = N_FIXED + n + (6 if biases else 0)
     F, A, work, scratch = transition_scratch(n)
-    options = np.zeros(14)
+    options = np.zeros(15)
     options[O_TIME_CONSTANT], options[O_GATE], options[O_HUBER] = tuning.time_constant, tuning.gate, tuning.huber
     options[O_REACQUIRE], options[O_GAP], options[O_STEP] = tuning.reacquire, tuning.gap, tuning.step
     options[O_CURRENT_WALK] = tuning.current_walk**2 if tuning.current else 0.0
@@ -172,6 +177,9 @@ def new_joint_state(
         codes=np.ascontiguousarray(free.codes),
         anchor=about,
         walk=np.zeros(n) if walk is None else np.array(walk, dtype=np.float64),
+        taught=np.zeros(n),
+        gained=np.zeros(n),
+        awake=np.ones(size),
         shape=np.ascontiguousarray(shape),
         noise=np.array(noise, dtype=np.float64),
         sigma=np.array(sigma, dtype=np.float64),

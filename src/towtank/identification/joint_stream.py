@@ -5,7 +5,8 @@ at times that grow the filter goes over it once more, linearised about what is k
 coefficients, about those of least squares (which runs beside it and needs no start), and, where the delay is not given,
 about a bank of delays. The likelihood of the innovations chooses among them. Noise and disturbance are levelled anew
 each time. Between two looks the filter stays linear; a coefficient that becomes known far from where it was linearised
-calls for the next one. Later the filter goes on alone, its anchor following the coefficients.
+calls for the next one. Later the filter goes on alone, its anchor following the coefficients, and coefficients of which
+the motion tells next to nothing rest.
 """
 
 from __future__ import annotations
@@ -25,13 +26,14 @@ from towtank.identification.joint_health import Sound, has_moved, mended, sound_
 from towtank.identification.joint_job import Beside, LookJob
 from towtank.identification.joint_kernel import joint_events, joint_step
 from towtank.identification.joint_look import Look, axes_seen, bank_of_delays, names_now
-from towtank.identification.joint_schedule import EARLY, Schedule
+from towtank.identification.joint_schedule import STILL, Schedule
 from towtank.identification.joint_start import prior_information, tuning_for, usual_disturbance
 from towtank.identification.joint_state import (
     C_ROWS,
     C_STARTED,
     O_ADAPT,
     O_FOLLOW,
+    O_REST,
     JointState,
 )
 from towtank.identification.log_learning import Levels
@@ -42,8 +44,10 @@ from towtank.vehicle import Vehicle, configuration_matrix
 
 __all__ = ["JointStream"]
 
-_ROUNDS, _ROUNDS_LATE = 1, 3  # passes more at most of an early look and of a late one, with the levels that it shows
+_ROUNDS = 1  # passes more at most of a look, with the levels that it shows
 _ADAPT = 10.0  # s over which the live filter follows the disturbance
+_STIRRED = 2  # looks that find the water plainly stirred, after which none asks again
+_REST = 0.05  # share of a steady pace of learning below which a coefficient rests
 _CHECKED, _CHECKED_EARLY = 1.0, 0.25  # s from one check of the filter's health to the next, and while it looks back
 _CHUNK = 1000  # rows, likewise, of a recording
 
@@ -81,6 +85,7 @@ class JointStream:
         self.free: FreeParameters | None = None
         self.state: JointState | None = None
         self.levels = Levels(np.full(N_MEASURED, 1e-3), usual_disturbance(vehicle), np.full(6, np.nan))
+        self._next_levels, self._stirred = self.levels, 0
         self.mended = 0
         self._tuning = replace(tuning_for(vehicle), current=current)
         self._buffer: Buffer | None = None
@@ -246,11 +251,13 @@ class JointStream:
             free,
             own,
             starts,
-            look_levels(longest, self.levels, first=own is None),
+            look_levels(longest, self._next_levels, first=own is None),
             self._tuning,
             delay=self.delay,
             prior=None if self.prior is None else prior_information(self.prior, free),
-            rounds=_ROUNDS if self.seen < EARLY else _ROUNDS_LATE,
+            rounds=_ROUNDS,
+            reserve=cold,
+            still=self.seen < STILL and self._stirred < _STIRRED,
             rows=self._buffer.rows,
             inputs=self._buffer.inputs,
         )
@@ -260,7 +267,9 @@ class JointStream:
         assert self._buffer is not None
         if seen is None:
             return
-        self.free, self.state, self._held, self.levels = job.free, seen.state, seen.held, seen.levels
+        self.free, self.state, self._held = job.free, seen.state, seen.held
+        self.levels, self._next_levels = seen.levels, seen.next
+        self._stirred += seen.stirred
         self.state.options[O_ADAPT] = _ADAPT
         self.state.options[O_FOLLOW] = 0.0
         self.state.sigma[:] = self.levels.sigma
@@ -281,7 +290,7 @@ class JointStream:
         assert self._buffer is not None
         self.looking = False
         if self.state is not None:
-            self.state.options[O_FOLLOW] = 1.0
+            self.state.options[O_FOLLOW], self.state.options[O_REST] = 1.0, _REST
         self._buffer = self._buffer.fresh()
         self._beside = None  # what still runs there is of no use any more
 
@@ -314,6 +323,7 @@ class JointStream:
         if found is None:
             return
         self.free, self.state, self._held = found.free, found.state, found.held
+        self.state.options[O_REST] = _REST
         self._sound = sound_of(self.state) or self._sound
         if self.looking:
             self._go_on_alone()

@@ -234,9 +234,7 @@ def _voltage(table: Table) -> list[Source]:
 def _commands(own: list[Table], parameters: Mapping[str, float]) -> list[Source]:
     """Return the thruster commands; which outputs drive thrusters is chosen over the whole log."""
     parts = [
-        (table.name, times_of(table), pulses_of(table))
-        for table in own
-        if message_of(table.name) == "SERVO_OUTPUT_RAW"
+        (table.name, times_of(table), pulses_of(table)) for table in own if message_of(table.name) == "SERVO_OUTPUT_RAW"
     ]
     return command_sources(parts, parameters)
 

@@ -1,0 +1,95 @@
+"""Coefficients that rest: left as they are while the motion tells next to nothing of them, and counted as unsure."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.identification import Learner
+from towtank.identification.joint_scalar import scalar_update
+from towtank.identification.joint_state import JointState, Tuning, new_joint_state
+from towtank.identification.parameters import free_parameters
+from towtank.identification.transition import N_FIXED
+from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate
+
+from .runs import TRUTH, box, unknown, waves
+
+NAMES = ("X_udot", "X_uu", "N_rdot", "N_rr")
+DT = 0.05
+LEARNED, HELD, AGAIN = 140.0, 400.0, 60.0  # s
+FORCE = OrnsteinUhlenbeck(std=(0.3, 0.3, 0.3, 0.02, 0.02, 0.02), time_constant=2.0)
+
+
+def state_with(P: Array, rests: tuple[int, ...]) -> JointState:
+    vehicle = box()
+    free = free_parameters(vehicle, NAMES)
+    theta = free.theta(vehicle, delay=0.0, lag=0.0)
+    state = new_joint_state(
+        np.array(vehicle.parameters), free, theta, np.ones(len(free)), np.eye(6), np.full(15, 0.1), np.ones(6),
+        np.zeros(6), Tuning(), biases=False,
+    )  # fmt: skip
+    state.P[:] = P
+    for k in rests:
+        state.awake[N_FIXED + k] = 0.0
+    return state
+
+
+def test_the_covariance_of_one_that_rests_is_josephs_with_its_gain_left_out() -> None:
+    random = np.random.default_rng(3)
+    size = N_FIXED + len(NAMES)
+    root = random.standard_normal((size, size))
+    P = root @ root.T / size
+    rests = (1, 3)
+    state = state_with(P, rests)
+    row = random.standard_normal(size)
+    state.h[:] = row
+    scalar_update(state, 0, 0.2)
+    R = 0.1**2
+    S = row @ P @ row + R
+    gain = P @ row / S
+    gain[[N_FIXED + k for k in rests]] = 0.0
+    keep = np.eye(size) - np.outer(gain, row)
+    np.testing.assert_allclose(state.P, keep @ P @ keep.T + R * np.outer(gain, gain), atol=1e-12)
+    np.testing.assert_allclose(state.dx, 0.2 * gain, atol=1e-12)
+    np.testing.assert_array_equal(state.P, state.P.T)
+    assert np.linalg.eigvalsh(state.P).min() > 0.0
+
+
+def test_what_was_gained_is_the_fall_of_the_logarithm_of_the_variance() -> None:
+    random = np.random.default_rng(5)
+    size = N_FIXED + len(NAMES)
+    root = random.standard_normal((size, size))
+    state = state_with(root @ root.T / size, ())
+    before = np.diag(state.P)[N_FIXED:].copy()
+    state.h[:] = 1e-3 * random.standard_normal(size)
+    scalar_update(state, 0, 0.0)
+    fell = np.log(before / np.diag(state.P)[N_FIXED:])
+    np.testing.assert_allclose(state.gained, fell, rtol=1e-3)
+
+
+def test_a_vehicle_that_is_held_in_place_learns_nothing_wrong_and_goes_on_when_it_moves() -> None:
+    vehicle = box()
+    n, held, again = (round(seconds / DT) for seconds in (LEARNED, HELD, AGAIN))
+    wrench = waves(n + held + again, DT, (0, 15.0, 0.5), (5, 1.0, 0.4), square=True)
+    wrench[n : n + held] *= 0.01
+    run = simulate(vehicle, wrench=wrench, dt=DT, sensors=Mocap(jump_fraction=0.0), disturbance=FORCE, seed=2)
+    others = {name: value for name, value in TRUTH.items() if name not in NAMES}
+    learner = Learner(unknown(vehicle, **others), free=NAMES, changes=False)
+
+    def told() -> tuple[Array, Array]:
+        return np.array(learner.estimate.values), np.array(learner.estimate.std)
+
+    channels = {name: run[name] for name in ("x", "y", "z", "phi", "theta", "psi")}
+    readings = {}
+    for k in range(n + held + again):
+        pose = [channels[name].values[k] for name in channels]
+        learner.update(k * DT, pose=pose, wrench=wrench[k])
+        if k in (n, n + round(60.0 / DT), n + held - 1):
+            readings[k] = told()
+    truth = np.array([TRUTH[name] for name in learner.estimate.names])
+    (_, (calm, spread), (after, still)), (last, least) = readings.values(), told()
+    np.testing.assert_array_equal(after, calm)
+    np.testing.assert_allclose(still, spread, rtol=0.1)  # the disturbance's level is known better by then
+    assert np.all(np.abs(calm - truth) < 4.0 * spread)
+    assert np.all(least < 0.9 * still)
+    assert np.all(np.abs(last - truth) < 4.0 * least)
