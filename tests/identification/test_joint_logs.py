@@ -13,7 +13,7 @@ from towtank.identification import LogLearning, learn_recordings
 from towtank.identification.free_run_gain import columns_of, gain
 from towtank.identification.samples import samples_of
 from towtank.recording import Channel, Recording
-from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate
+from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, simulate
 from towtank.vehicle import Coefficient
 
 from .runs import TRUTH, box, unknown, waves
@@ -159,3 +159,23 @@ def test_recordings_stay_as_they_are() -> None:
     before = samples_of(log, box()).values.copy()
     learn(log)
     assert np.array_equal(samples_of(log, box()).values, before, equal_nan=True)
+
+
+def test_gyro_and_depth_tell_nothing_of_axes_that_only_the_water_moves() -> None:
+    vehicle = box()
+    wrench = waves(2000, 0.02, (0, 15.0, 0.5), (5, 1.0, 0.4), square=True)
+    force = OrnsteinUhlenbeck(std=(0.3, 0.3, 0.3, 0.02, 0.02, 0.02), time_constant=2.0)
+    run = simulate(vehicle, wrench=wrench, dt=0.02, sensors=Ins(), disturbance=force, seed=1)
+    run = run.without("phi", "theta", "psi", "u", "v", "w", "ax", "ay", "az")
+    asked = learn_recordings(unknown(vehicle), [run], free=list(TRUTH)).estimate
+    for name in TRUTH:
+        if name[0] in "YZKM":
+            assert not asked[name].identified
+            assert "was not commanded" in str(asked[name].reason)
+    for name in ("N_rdot", "N_rr"):
+        assert asked[name].identified
+        assert abs(asked[name].value - TRUTH[name]) < 4.0 * asked[name].std
+    found = learn_recordings(unknown(vehicle), [run]).estimate
+    for name in ("X_udot", "Y_vdot", "Z_wdot"):
+        assert not found[name].identified
+        assert "is not measured" in str(found[name].reason)

@@ -124,8 +124,11 @@ def test_silence_to_the_end_is_a_warning(vehicle: Vehicle, run: Recording) -> No
     status = learned(vehicle, run, (12.0, 99.0))
     assert any("no commands since 12.0 s" in text for text in status.warnings)
     whole = learned(vehicle, run.window(0.0, 12.99), (12.0, 99.0))
-    for name in ("X_udot", "X_uu"):  # nothing was learned after the second that it takes to notice
-        assert status.learnt.estimate[name].value == pytest.approx(whole.learnt.estimate[name].value, rel=0.01)
+    found, expected = status.learnt.estimate, whole.learnt.estimate
+    assert 0 <= found.samples - expected.samples <= 20  # none after the second that it takes to notice, and a batch
+    for name in ("X_udot", "X_uu"):
+        assert abs(found[name].value - vehicle.coefficient(name)) < 3.0 * found[name].std
+        assert found[name].value == pytest.approx(expected[name].value, rel=0.02)
 
 
 def test_the_recent_part_is_the_longer_stretch(run: Recording) -> None:

@@ -9,26 +9,28 @@ from dataclasses import replace
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.identification.axes import AXES
 from towtank.identification.drifting_attitude import drifting_attitude
 from towtank.identification.estimate import Estimate
 from towtank.identification.free_run_learning import learn_free_runs
 from towtank.identification.joint import JointFit, joint_passes, prior_deviation
 from towtank.identification.joint_current import current_of, suspected_current
 from towtank.identification.joint_estimate import assemble, judge
-from towtank.identification.joint_start import levels_of, size_of, start_theta, tuning_for
+from towtank.identification.joint_start import levels_of, size_of, start_theta, tuning_for, usual_disturbance
 from towtank.identification.learned_thrusters import learned_gains, with_thrusters
 from towtank.identification.log_learning import LogLearning
 from towtank.identification.paper_logs import learn_paper
 from towtank.identification.parameters import DELAY, GAIN_PREFIX, LAG, FreeParameters, free_parameters
 from towtank.identification.passes import Progress
 from towtank.identification.samples import Samples, samples_of
-from towtank.identification.structure import paper_names
+from towtank.identification.structure import not_commanded, paper_names
 from towtank.recording import Recording
 from towtank.vehicle import Vehicle
 
 __all__ = ["learn_joint"]
 
 _ROUNDS = 3  # of holding what is not determined
+_IDLE = 0.3  # of the usual disturbance: a commanded force that teaches nothing
 _HIDES = 6.0  # time constants of a disturbance that a run can be too short to show
 
 
@@ -164,6 +166,9 @@ def learn_joint(
         zeroed = [name for name in (*zeroed, *second.zeroed) if name not in parameters.names]
     else:
         unidentified = {**{n: why for n, why in findings.reasons.items() if n not in (DELAY, LAG)}, **unidentified}
+    if asked is not None:
+        idle = _idle(vehicle, samples)
+        unidentified.update({name: why for name, why in idle.items() if name in parameters.names})
     told("what is known", 0.95)
     assembled = assemble(
         vehicle,
@@ -209,6 +214,19 @@ def _no_surer(free: FreeParameters, covariance: Array, joint: JointFit) -> Array
     own = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     grown = np.array([max(1.0, std.get(name, 0.0) / own[k]) for k, name in enumerate(free.names)])
     return np.asarray(covariance * np.outer(grown, grown))
+
+
+def _idle(vehicle: Vehicle, samples: Sequence[Samples]) -> dict[str, str]:
+    """Return the inertias and dampings of axes that nothing but the water moved, and what is to be said of them.
+
+    How much they are beside the water's force is told, and of that no size. They are free all the same: the others
+    would pay for what they are held at.
+    """
+    forces = np.concatenate([each.input_force @ each.shape.T for each in samples])
+    idle = np.nanstd(forces, axis=0) < _IDLE * usual_disturbance(vehicle)
+    return {
+        name: not_commanded(axis) for axis in AXES for name in (*axis.columns[:2], axis.added_mass) if idle[axis.index]
+    }
 
 
 def _wanted(

@@ -19,7 +19,16 @@ from towtank.identification.axes import AXES, C_CONSTANT, C_LINEAR, C_QUADRATIC,
 from towtank.identification.axis_solution import AxisSolution
 from towtank.vehicle import Vehicle
 
-__all__ = ["AxisFindings", "Candidates", "absent", "by_gradient", "candidates", "paper_names", "select"]
+__all__ = [
+    "AxisFindings",
+    "Candidates",
+    "absent",
+    "by_gradient",
+    "candidates",
+    "not_commanded",
+    "paper_names",
+    "select",
+]
 
 _MASS = 4
 _BOTH = 5.0  # deviations that each damping term needs where both are kept
@@ -252,9 +261,14 @@ def _undamped(axis: Axis, c: int, solution: AxisSolution) -> str:
     return f"{name} is known to +-{share:.0f} % only in this run; held at the vehicle's value"
 
 
+def not_commanded(axis: Axis) -> str:
+    """Return the reason of an axis that nothing moves by intent."""
+    return f"{axis.name} was not commanded: the thrusters gave no {axis.wrench} to speak of, so nothing tells it"
+
+
 def _unexcited(axis: Axis, commanded: float) -> str:
     if commanded < _COMMANDED:
-        return f"{axis.name} was not commanded: the thrusters gave no {axis.wrench} to speak of, so nothing tells it"
+        return not_commanded(axis)
     return f"{axis.name} was not excited enough: {axis.wrench} and {axis.velocity} do not determine it in this run"
 
 
