@@ -31,9 +31,11 @@ from towtank import load_vehicle
 
 RATE = 100.0
 THRUSTERS = 28
+NEUTRAL = 1500.0  # us
 GROWTH, SHARE, FRAMES = 20.0, 10.0, 15.0  # MB, %, 1/s
 LOOP = 1.2  # times
 SETTLING, SLICE = 130.0, 5.0  # s; the filter looks back at what it has seen for two minutes
+COMPARED = (140, 260)  # s of a session over which it is compared with one without a page
 FLAGS = (
     "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
     "--disable-component-update --disable-sync --enable-precise-memory-info"
@@ -57,8 +59,9 @@ def serve(seconds: float, paged: bool) -> None:
     thrusters = [vehicle.thrusters[k % 8].model_copy(update={"name": f"t{k + 1}"}) for k in range(THRUSTERS)]
     vehicle = vehicle.model_copy(update={"thrusters": tuple(thrusters)})
     plan = manoeuvre("all-multisine", vehicle, duration=seconds + 30.0, dt=1.0 / RATE, seed=1)
-    run = simulate(vehicle, commands=0.3 * plan.commands, dt=1.0 / RATE, sensors=Ins(), seed=1)
-    pose = simulate(vehicle, commands=0.3 * plan.commands, dt=1.0 / RATE, seed=1)
+    gentle = NEUTRAL + 0.3 * (plan.commands - NEUTRAL)
+    run = simulate(vehicle, commands=gentle, dt=1.0 / RATE, sensors=Ins(), seed=1)
+    pose = simulate(vehicle, commands=gentle, dt=1.0 / RATE, seed=1)
     t = run["cmd_t1"].t
     channels = {name: run[name] if name in run else pose[name] for name in {*run, *pose}}
     channels["voltage"] = standard_channel("voltage", t, 15.0 + 0.0 * t)
@@ -110,7 +113,7 @@ def serve(seconds: float, paged: bool) -> None:
     state = json.loads(page.pump.state) if page else {}
     if page is not None:
         page.close()
-    first, last = 10, min(int(seconds) - 1, 60)
+    first, last = COMPARED if seconds >= COMPARED[1] + 5 else (10, min(int(seconds) - 1, 60))
     found = {
         "alone": apart.alone.milliseconds(),
         "watched": apart.watched.milliseconds(),
@@ -227,7 +230,7 @@ def drawn(seconds: float) -> list[Figure]:
         last = memory(page, link)
         browser.close()
     found = served.end()
-    without = Served(min(seconds, 62.0), paged=False).end()
+    without = Served(min(seconds, COMPARED[1] + 5.0), paged=False).end()
     what = f"{passed:.0f} s of {rate:.0f} samples/s, {found['signals']} signals"
     return [
         Figure("page_frames_drawn", count / passed, "1/s", FRAMES, at_least=True, note=what),
