@@ -64,6 +64,7 @@ def test_a_payload_appears_while_it_is_learned(browser: Any, ran: Ran, tmp_path:
     wait_until(lambda: float(shown.inner_text()) == pytest.approx(later.coefficient("Z_ww"), rel=1e-3))
     known = view.evaluate("document.querySelectorAll('#convergence figure').length")
     assert known == len(ran.session.free)
+    wait_until(lambda: ran.course.t[-1] > ran.session.changed + 6.0, 60.0)  # enough for a prediction
     with view.expect_download() as download:
         view.click("#report")
     path = tmp_path / "report.html"
