@@ -130,7 +130,7 @@ def test_a_single_axis_from_its_position(factor: float) -> None:
     assert_found(fit, truth, deviation=0.01)
     assert fit.residual_std[0] == pytest.approx(NOISE[0], rel=0.1)
     assert np.isnan(fit.residual_std[1:]).all()
-    assert fit.correlation_time[0] < 2.0 * fit.sample_time[0] == pytest.approx(2.0 * DT)
+    assert fit.memory.time[0] < 2.0 * fit.memory.step[0] == pytest.approx(2.0 * DT)
 
 
 def test_all_axes_at_once_from_the_pose() -> None:

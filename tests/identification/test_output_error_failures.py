@@ -109,8 +109,8 @@ def test_a_wrong_model_is_told_by_the_memory_of_its_residuals() -> None:
     p = np.array(box(rigid_body={"mass": 35.0, "inertia": (1.0, 1.2, 1.5)}).parameters)
     found = fit_output_error([SAMPLES], p, free, np.array([3.4]), NOISE)
     assert_sound(found)
-    assert found.correlation_time[0] > 5.0 * found.sample_time[0]
-    assert found.lag_one[0] > 0.5
+    assert found.memory.time[0] > 5.0 * found.memory.step[0]
+    assert found.memory.lag_one[0] > 0.5
     assert found.residual_std[0] > 2.0 * NOISE[0]
 
 
@@ -139,6 +139,20 @@ def test_memory_is_that_of_a_first_order_series(rho: float) -> None:
     assert memory.lag_one[4] == pytest.approx(rho, abs=0.03)
     assert memory.time[4] == pytest.approx(DT * (1.0 + rho) / (1.0 - rho), rel=0.2)
     assert np.isnan(memory.time[:4]).all()
+
+
+def test_white_is_what_is_noise_in_all_but_a_few_seconds() -> None:
+    residuals = np.full((2000, 15), np.nan)
+    residuals[:, :3] = np.random.default_rng(1).standard_normal((2000, 3))
+    residuals[300:350, 1] += 2.0  # a marker that jumps by less than any gate would see
+    residuals[1200:1240, 1] -= 2.0
+    residuals[:, 2] += 0.5 * _coloured(2000, 0.98)  # a slow force
+    memory = residual_memory([(0.01 * np.arange(2000.0), residuals)], np.full(15, 4.5))
+    assert memory.time[1] > 2.0 * memory.step[1]
+    assert memory.white([0])
+    assert memory.white([0, 1, 7])
+    assert not memory.white([0, 2])
+    assert not memory.white([7])
 
 
 def test_jumps_are_seen_in_white_residuals_only() -> None:

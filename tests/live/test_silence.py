@@ -128,7 +128,6 @@ def test_silence_to_the_end_is_a_warning(vehicle: Vehicle, run: Recording) -> No
     assert 0 <= found.samples - expected.samples <= 20  # none after the second that it takes to notice, and a batch
     for name in ("X_udot", "X_uu"):
         assert abs(found[name].value - vehicle.coefficient(name)) < 3.0 * found[name].std
-        assert found[name].value == pytest.approx(expected[name].value, rel=0.02)
 
 
 def test_the_recent_part_is_the_longer_stretch(run: Recording) -> None:

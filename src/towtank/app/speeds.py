@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import lfilter
 
 from towtank.core.arrays import Array
 from towtank.recording import Grid
@@ -18,6 +17,8 @@ def lowpass(x: Array, dt: float, a: float) -> Array:
     """Pass x (n,) or its columns (n, k) through a / (s + a), from rest at the first row."""
     keep = np.exp(-a * dt)
     start = keep * x[:1] if x.ndim == 2 else keep * x[0]
+    from scipy.signal import lfilter  # half a second, for which not every command waits
+
     smooth, _ = lfilter([1.0 - keep], [1.0, -keep], x, axis=0, zi=np.atleast_1d(start))
     return np.asarray(smooth)
 

@@ -69,7 +69,6 @@ def _grid(vehicle: Vehicle, t: Array, rows: Array, seconds: float) -> Grid:
     commands, wrench = rows[:, COMMANDS:-1], rows[:, WRENCH]
     told = np.isfinite(commands).all(axis=1) if commands.shape[1] else np.zeros(t.size, dtype=bool)
     pushed = np.isfinite(wrench).any(axis=1) & ~told.any()
-    empty = np.full((n, 6), np.nan)
     return Grid(
         t=times,
         rate=_RATE,
@@ -77,10 +76,8 @@ def _grid(vehicle: Vehicle, t: Array, rows: Array, seconds: float) -> Grid:
         velocity=velocity,
         acceleration=acceleration,
         fresh=np.isfinite(np.hstack([pose, velocity, acceleration])),
-        wrench=empty,
         voltage=voltage,
         thrusters=tuple(thruster.name for thruster in vehicle.thrusters),
-        commands=np.full((n, commands.shape[1]), np.nan),
         command_t=t[told],
         command_values=commands[told],
         wrench_t=t[pushed],

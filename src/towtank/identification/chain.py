@@ -26,6 +26,7 @@ from towtank.identification.paper_state import BOUNDED_GAIN, DIRECTIONAL, EXPONE
 from towtank.identification.recursions import Scheme, require_scheme
 from towtank.identification.samples import with_absent_zero
 from towtank.recording import Grid
+from towtank.recording.channel import in_one_block
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
 
 __all__ = ["PaperChain", "Settings", "Sources", "uses_commands"]
@@ -109,7 +110,8 @@ _LOWPASSED = 0.003  # relative error left by low-passing the motion before squar
 
 def uses_commands(vehicle: Vehicle, grid: Grid) -> bool:
     """Whether the wrench comes from the thrusters' commands; else it was recorded itself."""
-    return bool(vehicle.thrusters) and grid.commands.shape[1] == len(vehicle.thrusters) and grid.command_t.size > 0
+    commands = grid.command_values
+    return bool(vehicle.thrusters) and commands.shape[1] == len(vehicle.thrusters) and commands.size > 0
 
 
 class PaperChain:
@@ -183,9 +185,9 @@ class PaperChain:
             self.motion,
             self.held,
             grid.t,
-            grid.pose,
-            grid.velocity,
-            grid.acceleration,
+            in_one_block(grid.pose),
+            in_one_block(grid.velocity),
+            in_one_block(grid.acceleration),
             stamps,
             self.forces(np.array(values), voltage),
         )

@@ -20,6 +20,7 @@ from towtank.identification.axis_solution import merge_information, solve_axis
 from towtank.identification.chain import PaperChain, Settings, uses_commands
 from towtank.identification.estimate import estimate_of
 from towtank.identification.joint import held_of, prior_deviation, uses_biases
+from towtank.identification.joint_health import known_to
 from towtank.identification.joint_kernel import joint_events
 from towtank.identification.joint_start import levels_of, size_of, start_theta, tuning_for
 from towtank.identification.joint_state import JointState, new_joint_state
@@ -27,7 +28,6 @@ from towtank.identification.log_learning import LogLearning
 from towtank.identification.parameters import DELAY, LAG, PLAIN, FreeParameters, free_parameters
 from towtank.identification.samples import Samples, samples_of
 from towtank.identification.structure import AxisFindings, Candidates, absent, candidates, paper_names
-from towtank.identification.transition import N_FIXED
 from towtank.recording import Grid, Recording
 
 __all__ = ["Convergence", "convergence"]
@@ -129,8 +129,7 @@ def _start(
 
 def _reading(state: JointState, free: FreeParameters) -> tuple[Array, Array]:
     """Return the coefficients (n,) and their deviations (n,)."""
-    n = len(free)
-    std = np.sqrt(np.maximum(np.diag(state.P)[N_FIXED : N_FIXED + n], 0.0))
+    std = known_to(state)
     with np.errstate(over="ignore", invalid="ignore"):
         theta = np.where(free.codes[:, 3] == PLAIN, state.theta, np.clip(state.theta, -50.0, 50.0))
         return free.values(theta), std * np.abs(free.slopes(theta))
@@ -174,7 +173,7 @@ def _finding(candidate: Candidates, chains: Sequence[PaperChain]) -> AxisFinding
 
 def _parts(grid: Grid, every: int) -> Iterator[Grid]:
     """Yield a grid in stretches of so many rows, each with the inputs that came up to its end."""
-    columns = ("t", "pose", "velocity", "acceleration", "fresh", "wrench", "voltage", "commands")
+    columns = ("t", "pose", "velocity", "acceleration", "fresh", "voltage")
     before = -math.inf
     for first in range(0, len(grid), every):
         rows = slice(first, first + every)

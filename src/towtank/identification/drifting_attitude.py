@@ -20,6 +20,7 @@ from towtank.identification.motion_state import (
     new_motion,
 )
 from towtank.recording import Grid
+from towtank.recording.channel import in_one_block
 
 __all__ = ["drifting_attitude", "gravity_directions"]
 
@@ -35,7 +36,9 @@ def drifting_attitude(grid: Grid, sources: Sources, t: Array) -> Array:
     rates = np.array([MEASURED if i > 2 and sources.velocity[i] == "measured" else ABSENT for i in range(6)])
     kind = ATTITUDE_ACCELEROMETER if sources.attitude == "accelerometer" else ATTITUDE_GYRO
     motion = new_motion(rates, kind, 0.0, np.inf)
-    k = gravity_directions(motion, grid.t, grid.pose, np.array(grid.velocity), grid.acceleration)
+    k = gravity_directions(
+        motion, grid.t, in_one_block(grid.pose), np.array(grid.velocity), in_one_block(grid.acceleration)
+    )
     known = np.isfinite(k).all(axis=1)
     if kind == ATTITUDE_GYRO:
         known &= grid.t <= grid.t[0] + _BELIEVED

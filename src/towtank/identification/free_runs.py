@@ -69,19 +69,22 @@ class FreeRuns:
         """Prepare recordings for coefficients of these names; what tells nothing of their axes is left out."""
         measured = np.any([each.measured for each in samples], axis=0)
         left = _telling(columns_of(names), measured)
-        rows_of = [np.asarray(np.isfinite(each.values[:, list(left)]).any(axis=1)) for each in samples]
+        rows_of = [np.flatnonzero(np.isfinite(each.values[:, list(left)]).any(axis=1)) for each in samples]
         tilting = set(columns_of(names)) - {5, 11}  # yaw alone does not ask which way is up
         absent = [np.full((len(each), 2), np.nan) for each in samples]
         angles = list(attitude) if attitude is not None and tilting else absent
-        angles = [each[rows] for each, rows in zip(angles, rows_of, strict=True)]
-        kept = [_only(each, left, rows) for each, rows in zip(samples, rows_of, strict=True)]
         segment = _POSED if 0 in left else _RUN
-        rows = sum(max(len(each), round(each.duration / STEP)) for each in kept)  # what a run over it costs
-        if rows > _MOST_ROWS:
-            pieces = [(k, a, b) for k, each in enumerate(kept) for a, b in _cuts(each.t, segment)]
-            some = np.unique(np.linspace(0, len(pieces) - 1, max(1, len(pieces) * _MOST_ROWS // rows)).astype(np.int64))
-            angles = [angles[pieces[i][0]][pieces[i][1] : pieces[i][2]] for i in some]
-            kept = [stretch(kept[pieces[i][0]], pieces[i][1], pieces[i][2]) for i in some]
+        stamps = [each.t[rows] for each, rows in zip(samples, rows_of, strict=True)]
+        cost = sum(max(t.size, round(float(t[-1] - t[0]) / STEP)) for t in stamps if t.size)
+        pieces = [(k, rows) for k, rows in enumerate(rows_of)]
+        if cost > _MOST_ROWS:
+            cuts = [(k, rows_of[k][a:b]) for k, t in enumerate(stamps) for a, b in _cuts(t, segment)]
+            some = np.linspace(0, len(cuts) - 1, max(1, len(cuts) * _MOST_ROWS // cost)).astype(np.int64)
+            pieces = [cuts[i] for i in np.unique(some)]
+        angles = [angles[k][rows] for k, rows in pieces]
+        kept = [_only(samples[k], left, rows) for k, rows in pieces]
+        if cost > _MOST_ROWS:
+            kept = [stretch(each, 0, len(each)) for each in kept]
         total = sum(each.duration for each in kept)
         step = total / max(sum(len(each) for each in kept), 1)
         length = float(np.clip(total / _WINDOWS, max(_SHORTEST, _ROWS * step), max(segment, _ROWS * step)))
@@ -89,7 +92,7 @@ class FreeRuns:
         noise = np.array(noise)
         if not measured[3:5].any():
             noise[3:5] = _UPRIGHT
-        return cls(vehicle, tuple(kept), tuple(angles), noise, segment, windows, rows > _MOST_ROWS)
+        return cls(vehicle, tuple(kept), tuple(angles), noise, segment, windows, cost > _MOST_ROWS)
 
     @property
     def duration(self) -> float:
@@ -250,7 +253,8 @@ def _telling(columns: Sequence[int], measured: Array) -> tuple[int, ...]:
     return telling or tuple(int(j) for j in np.flatnonzero(measured))
 
 
-def _only(samples: Samples, columns: Sequence[int], rows: NDArray[np.bool_]) -> Samples:
-    values = np.full_like(samples.values, np.nan)
-    values[:, list(columns)] = samples.values[:, list(columns)]
-    return replace(samples, t=samples.t[rows], values=values[rows])
+def _only(samples: Samples, columns: Sequence[int], rows: NDArray[np.intp]) -> Samples:
+    values = np.full((rows.size, samples.values.shape[1]), np.nan)
+    for j in columns:
+        values[:, j] = samples.values[rows, j]
+    return replace(samples, t=samples.t[rows], values=values)

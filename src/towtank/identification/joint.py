@@ -50,18 +50,20 @@ class JointFit:
     """What the passes found.
 
     Attributes:
-        free: the coefficients. theta, covariance: of their coordinates, see `parameters`.
+        free: the coefficients. theta, covariance: of their coordinates, see `parameters`. likely: the covariance at the
+            levels as the data show them.
         levels: as the data show them. likelihood: of the last pass's innovations. passes: how many were run.
         duration, rows: learned from. refused: share of each column's samples that lay beyond the gate (15,).
         whiteness: mean of innovation^2 / S per column (15,), 1 where noise and model are right.
         looks: independent looks at the disturbance of each axis (6,). state: of the filter at the end of the pass.
 
-    The deviations are those at a disturbance 1.8 deviations above its estimate: how little is known of it is in them.
+    The deviations are those at a disturbance above its estimate, see `caution`: how little is known of it is in them.
     """
 
     free: FreeParameters
     theta: Array
     covariance: Array
+    likely: Array
     levels: Levels
     likelihood: float
     passes: int
@@ -248,6 +250,7 @@ def _fit(free: FreeParameters, state: JointState, levels: Levels, passes: int) -
         free=free,
         theta=state.theta.copy(),
         covariance=block,
+        likely=block,
         levels=levels,
         likelihood=float(state.clock[C_LIKELIHOOD]),
         passes=passes,

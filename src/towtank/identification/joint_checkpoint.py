@@ -33,7 +33,8 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["load_learner", "save_learner"]
 
-_VERSION = 3
+_VERSION = 4
+_LEVELS = ("noise", "sigma", "rough")
 _BUFFER = ("t", "values", "input_t", "input_force")
 
 
@@ -56,23 +57,24 @@ def save_learner(learner: JointLearner, path: str | os.PathLike[str]) -> None:
         "given_delay": stream.given_delay,
         "free": None if stream.free is None else stream.free.names,
         "looking": stream.looking,
-        "last_one": stream._last_one and not busy,
+        "last_one": stream.looks.last_one and not busy,
+        "stirred": stream.looks.stirred,
+        "left_out": stream.looks.left_out,
         "seen": stream.seen,
         "mended": stream.mended,
         "watching": stream.changes.watching,
         "doubt": stream.changes.doubt,
         "events": [[each.t, each.kind, each.text, dict(each.details)] for each in stream.changes.events],
         "next_check": stream._next_check,
-        "schedule": {**asdict(stream._schedule), **({"next": stream.seen} if busy else {})},
+        "schedule": {**asdict(stream.looks.schedule), **({"next": stream.seen} if busy else {})},
         "last_t": stream._last_t if math.isfinite(stream._last_t) else None,
         "buffer": None if buffer is None else {"commands": buffer.commands, "starts": buffer.starts},
     }
     arrays: dict[str, Any] = {
         "about": np.frombuffer(json.dumps(about).encode(), dtype=np.uint8),
         "parameters": np.array(learner.vehicle.parameters),
-        "levels.noise": stream.levels.noise,
-        "levels.sigma": stream.levels.sigma,
-        "levels.rough": stream.levels.rough,
+        **{f"levels.{name}": getattr(stream.levels, name) for name in _LEVELS},
+        **{f"next.{name}": getattr(stream.looks.levels, name) for name in _LEVELS},
     }
     if buffer is not None:
         arrays.update({"buffer.shape": buffer.shape, "buffer.lag": buffer.lag})
@@ -146,12 +148,16 @@ def _restored(
     stream.changes.restore(
         [Event(t, kind, text, details) for t, kind, text, details in about["events"]], about["doubt"]
     )
-    stream.looking, stream._last_one = bool(about["looking"]), bool(about["last_one"])
+    stream.looking = bool(about["looking"])
+    looks = stream.looks
+    looks.last_one, looks.stirred = bool(about["last_one"]), int(about["stirred"])
+    looks.left_out = float(about["left_out"])
+    looks.schedule = Schedule(**about["schedule"])
     stream.seen, stream.mended = float(about["seen"]), int(about["mended"])
-    stream._next_check, stream._schedule = float(about["next_check"]), Schedule(**about["schedule"])
+    stream._next_check = float(about["next_check"])
     stream._last_t = -math.inf if about["last_t"] is None else float(about["last_t"])
-    stream.levels = Levels(arrays["levels.noise"], arrays["levels.sigma"], arrays["levels.rough"])
-    stream._next_levels = stream.levels
+    stream.levels = Levels(*(arrays[f"levels.{name}"] for name in _LEVELS))
+    looks.levels = Levels(*(arrays[f"next.{name}"] for name in _LEVELS))
     if about["buffer"] is not None:
         kept = about["buffer"]
         stream._buffer = Buffer(arrays["buffer.shape"], arrays["buffer.lag"], commands=bool(kept["commands"]))

@@ -30,9 +30,9 @@ class LookJob:
     tuning: Tuning
     delay: float
     prior: tuple[Array, Array] | None
-    rounds: int
     reserve: Array
     still: bool
+    false_start: Array | None
     rows: int
     inputs: int
 
@@ -48,9 +48,9 @@ class LookJob:
             self.tuning,
             delay=self.delay,
             prior=self.prior,
-            rounds=self.rounds,
             reserve=self.reserve,
             still=self.still,
+            false_start=self.false_start,
         )
 
 

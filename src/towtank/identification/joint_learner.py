@@ -13,6 +13,7 @@ from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification.estimate import Estimate
 from towtank.identification.joint_current import Current, current_of
+from towtank.identification.joint_health import known_to
 from towtank.identification.joint_reading import nothing_yet, reading
 from towtank.identification.joint_start import prior_information
 from towtank.identification.joint_stream import JointStream
@@ -23,7 +24,6 @@ from towtank.identification.parameters import DELAY, free_parameters
 from towtank.identification.samples import held_forces, samples_of, with_absent_zero
 from towtank.identification.structure import paper_names
 from towtank.identification.thrust_scale import with_thrust_scale
-from towtank.identification.transition import N_FIXED
 from towtank.recording import Recording
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle
@@ -181,7 +181,7 @@ class JointLearner(Learner):
         free, state = self._stream.free, self._stream.state
         if free is None or state is None:
             return {}
-        std = np.sqrt(np.maximum(np.diag(state.P)[N_FIXED : N_FIXED + len(free)], 0.0))
+        std = known_to(state)
         return learned_gains(self.vehicle, free, state.theta, std)
 
     @property

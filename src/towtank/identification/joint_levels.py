@@ -19,6 +19,7 @@ __all__ = ["alike", "astray", "at_odds", "between", "caution", "followed", "leve
 _NOISE_SHOWN = 1.5  # times what the samples show, at most
 _LEVELS_SETTLED = 0.05  # of a level
 _USUAL_FOR = 2.0  # independent looks at the disturbance that the usual level counts for
+_FAR_ABOVE = 7.0  # times the usual level
 _REFUSED, _LONG = 0.3, 10.0  # share of a sensor's samples beyond which, after so long [s], it is the model that is off
 _ASTRAY = 0.1  # share of a sensor's samples that a pass refuses which has gone astray
 _AT_ODDS = 2.0  # mean innovation^2 / S
@@ -111,5 +112,5 @@ def level_merit(levels: Levels, tuning: Tuning) -> float:
 
 
 def caution(looks: Array) -> Array:
-    """Return the factor (6,) to a level of the disturbance 1.8 deviations above its estimate, from its looks (6,)."""
-    return np.asarray(np.exp(0.9 * np.sqrt(2.0 / (looks + _USUAL_FOR))))
+    """Return the factor (6,) by which the usual level pulls down one far above it, after so many looks (6,)."""
+    return np.asarray(_FAR_ABOVE ** (_USUAL_FOR / (looks + _USUAL_FOR)))

@@ -16,11 +16,18 @@ from towtank.identification.free_run_learning import learn_free_runs
 from towtank.identification.joint import JointFit, joint_passes, prior_deviation
 from towtank.identification.joint_current import current_of, suspected_current
 from towtank.identification.joint_estimate import assemble, judge
-from towtank.identification.joint_start import levels_of, size_of, start_theta, tuning_for, usual_disturbance
+from towtank.identification.joint_start import (
+    levels_of,
+    prior_information,
+    size_of,
+    start_theta,
+    tuning_for,
+    usual_disturbance,
+)
 from towtank.identification.learned_thrusters import learned_gains, with_thrusters
 from towtank.identification.log_learning import LogLearning
 from towtank.identification.paper_logs import learn_paper
-from towtank.identification.parameters import DELAY, GAIN_PREFIX, LAG, FreeParameters, free_parameters
+from towtank.identification.parameters import DELAY, LAG, FreeParameters, free_parameters
 from towtank.identification.passes import Progress
 from towtank.identification.samples import Samples, samples_of
 from towtank.identification.structure import not_commanded, paper_names
@@ -96,7 +103,7 @@ def learn_joint(
         findings = judge(
             parameters,
             fit.theta,
-            fit.covariance,
+            fit.likely,
             prior_deviation(parameters, scale),
             scale,
             prior=None if information is None else information[1],
@@ -255,19 +262,7 @@ def _known_start(vehicle: Vehicle, first: LogLearning) -> Vehicle:
 
 
 def _prior(prior: Vehicle | None, free: FreeParameters) -> tuple[Array, Array] | None:
-    """Return mean and information (n,), (n, n) of a vehicle whose coefficients bear deviations."""
-    if prior is None:
-        return None
-    mean = free.theta(prior, delay=prior.command_delay, lag=0.05)
-    slopes = free.slopes(mean)
-    information = np.zeros((len(free), len(free)))
-    for k, name in enumerate(free.names):
-        if name in (DELAY, LAG) or name.startswith(GAIN_PREFIX):
-            continue
-        std = prior.deviation(name)
-        if std is not None and std > 0.0:
-            information[k, k] = (slopes[k] / std) ** 2
-    return mean, information
+    return None if prior is None else prior_information(prior, free)
 
 
 def _speeds(first: LogLearning) -> Array:

@@ -11,6 +11,7 @@ from towtank.core.arrays import Array
 from towtank.identification.estimate import Estimate
 from towtank.identification.held_input import HeldInput
 from towtank.identification.joint import bounded, one_pass, prior_deviation
+from towtank.identification.joint_health import known_to
 from towtank.identification.joint_levels import alike, astray, at_odds, followed, level_merit
 from towtank.identification.joint_start import size_of
 from towtank.identification.joint_state import C_LIKELIHOOD, O_FOLLOW, JointState, Tuning
@@ -19,15 +20,15 @@ from towtank.identification.log_learning import Levels
 from towtank.identification.parameters import DELAY, FreeParameters
 from towtank.identification.samples import Samples
 from towtank.identification.structure import candidates
-from towtank.identification.transition import N_FIXED
 from towtank.vehicle import Vehicle
 
-__all__ = ["Look", "axes_seen", "bank_of_delays", "look", "names_now"]
+__all__ = ["Look", "axes_seen", "bank_of_delays", "begun_later", "look", "names_now"]
 
 _BANK = (0.0, 0.06, 0.12, 0.19, 0.27, 0.37)  # s
 _WORSE = 1.0  # of the logarithm of the likelihood
 _SETTLED = 0.1  # deviations
-_ROUNDS_ELSEWHERE = 3
+_FALSE_START, _LONG_ENOUGH = 0.5, 1.5  # s; of a stretch that may begin later
+_ROUNDS, _ROUNDS_ELSEWHERE = 1, 3  # passes more at most, with the levels that the last one shows
 _ROUNDS_AT_ODDS = 4
 _ROUNDS_STILL = 4  # the less there is beside the coefficients, the more they bend the motion
 
@@ -37,6 +38,7 @@ class Look:
     """The filter after the likeliest pass, its inputs, the levels that it shows, those that the next look tries, merit.
 
     The next look tries others where the water is taken as still: it asks again. stirred: it plainly is not.
+    left_out: seconds at the beginning that hold a false start.
     """
 
     state: JointState
@@ -45,6 +47,7 @@ class Look:
     next: Levels
     merit: float
     stirred: bool = False
+    left_out: float = 0.0
 
 
 def look(
@@ -58,11 +61,11 @@ def look(
     *,
     delay: float,
     prior: tuple[Array, Array] | None,
-    rounds: int,
     reserve: Array | None = None,
     still: bool = False,
+    false_start: Array | None = None,
 ) -> Look | None:
-    """Pass over all stretches from each start and once more, `rounds` times, from the likeliest; None if all fail.
+    """Pass over all stretches from each start, from the likeliest once more with the levels it shows; None if all fail.
 
     Args:
         own: theta (n,) of the filter by now. A pass from there stays linear: it does not deceive itself.
@@ -70,8 +73,9 @@ def look(
         delay: of the inputs [s] where it is not free. prior: mean and information.
         reserve: a start (n,) for where a pass from `own` refuses much of what it sees: it has gone astray.
         still: also suppose that nothing disturbs the vehicle, and keep to that where it is likelier.
+        false_start: a start (n,) for where a pass from elsewhere goes astray, and would not without the first moment.
     """
-    p, shown, usual = np.array(vehicle.parameters), levels.noise, np.array(tuning.usual)
+    p, shown, usual, rounds = np.array(vehicle.parameters), levels.noise, np.array(tuning.usual), _ROUNDS
     deviation = prior_deviation(free, size_of(vehicle, free))
 
     def passed(theta: Array, levels: Levels, *, follow: bool) -> tuple[JointState, HeldInput] | None:
@@ -93,6 +97,11 @@ def look(
     sound = [each for each in found if each is not None]
     if not sound:
         return None
+    if false_start is not None and others and astray(sound[-1][0]) and stretches[0].duration > _LONG_ENOUGH:
+        later = begun_later(stretches, _FALSE_START)
+        again = look(later, vehicle, free, None, [false_start], levels, tuning, delay=delay, prior=prior, still=still)
+        if again is not None and not astray(again.state):
+            return replace(again, left_out=_FALSE_START)
     state, held = max(sound, key=_likelihood)
     if own is None or sound[0][0] is not state:
         levels = least
@@ -110,7 +119,7 @@ def look(
         for _ in range(rounds):
             shows = following()
             about = bounded(free, state.theta, state.anchor, linear=state.options[O_FOLLOW] == 0.0)
-            std = np.sqrt(np.diag(state.P)[N_FIXED : N_FIXED + len(free)])
+            std = known_to(state)
             if alike(shows, levels) and np.all(np.abs(about - state.anchor) <= _SETTLED * std):
                 break
             again = passed(about, shows, follow=False)
@@ -137,6 +146,16 @@ def look(
         theta = freely_white(stretches, vehicle, free, other.state, shown, delay=delay, prior=prior)
         other = None if theta is None else calmly(theta)
     return usually if other is None else replace(other, next=usually.levels)
+
+
+def begun_later(stretches: Sequence[Samples], seconds: float) -> list[Samples]:
+    """Return the stretches, rows of the first `seconds` left out; what was commanded then still counts.
+
+    A recording may begin while a marker is where it does not belong. What is taken for the first speed then is none,
+    and the filter, sure of it, refuses what comes.
+    """
+    first = stretches[0]
+    return [first.part(int(np.searchsorted(first.t, first.t[0] + seconds)), 0), *stretches[1:]]
 
 
 def _likelihood(passed: tuple[JointState, HeldInput]) -> float:

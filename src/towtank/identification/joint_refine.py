@@ -33,7 +33,6 @@ __all__ = ["CHANGE", "CHANGE_WORTH", "Prior", "Refined", "refine", "refit"]
 _KEPT = 2.0  # deviations that a term needs which the first model did not have
 _TERM, _TERM_WORTH = 0.5, 0.01  # deviations, and share of the square error, that such a term must save
 CHANGE, CHANGE_WORTH = 2.0, 0.05  # and that a change of judge must
-_WHITE = 2.0  # samples that residuals may remember and still count as white
 _LAG = 0.03  # s, to begin with
 _ROOM = 100.0  # usual sizes that an added term may have
 _ROUNDS = 3
@@ -115,7 +114,7 @@ def refine(
         return None
     told_of = sorted({j for each in sound for j in columns_of(each.free.names)})
     found = _without_early_delay(runs, min(sound, key=lambda each: _distance(each.fit, told_of)), prior)
-    white = _white(found)
+    white = found.fit.memory.white(columns_of(found.free.names))
     if not runs.comparable:
         return _refined(found, free, white, white, None)
     told(0.2)
@@ -171,13 +170,6 @@ def _distance(fit: OutputErrorFit, columns: Sequence[int]) -> float:
     missed = fit.residual_std[list(columns)]
     known = missed[np.isfinite(missed) & (missed > 0.0)]
     return float(np.mean(np.log(known))) if known.size else np.inf
-
-
-def _white(found: _Found) -> bool:
-    columns = list(columns_of(found.free.names))
-    memory = found.fit.correlation_time[columns] / found.fit.sample_time[columns]
-    known = memory[np.isfinite(memory)]
-    return bool(known.size and known.max() <= _WHITE)
 
 
 def _unseen(runs: FreeRuns, found: _Found, first: FreeParameters, prior: Prior) -> Array:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["EARLY", "STILL", "Schedule"]
+__all__ = ["STILL", "Schedule"]
 
-EARLY = 8.0  # s of motion until which looks are frequent
+_EARLY = 8.0  # s of motion until which looks are frequent
 STILL = 30.0  # s of motion until which the water may be taken as still
 _OFTEN = 0.25  # s between two looks at least
 _FIRST = 0.5  # s of motion
-_GROWS_EARLY, _GROWS = 0.25, 1.0  # share of the motion so far to the next look, until `EARLY` and later
+_GROWS_EARLY, _GROWS = 0.25, 1.0  # share of the motion so far to the next look, until `_EARLY` and later
 _GROWS_AGAIN, _GROWS_LEAST = 0.6, 0.06  # likewise, once a coefficient has called for a look; of all that was seen
 _LAST = 120.0  # s of samples kept,
 _MOST_ROWS = 40_000
@@ -32,7 +32,7 @@ class Schedule:
         span = seen - self.began
         early = _GROWS_EARLY if self.began == 0.0 else _GROWS_AGAIN
         self.last = seen
-        self.next = seen + max(_OFTEN, span * (early if span < EARLY else _GROWS), seen * _GROWS_LEAST)
+        self.next = seen + max(_OFTEN, span * (early if span < _EARLY else _GROWS), seen * _GROWS_LEAST)
 
     def call(self, seen: float) -> None:
         """Look now, and often for a while: an axis that was still has begun to tell something."""

@@ -17,11 +17,11 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.identification.free_run_gain import columns_of
 from towtank.identification.free_runs import FreeRuns
+from towtank.identification.joint_health import known_to
 from towtank.identification.joint_state import C_DURATION, O_TIME_CONSTANT, JointState, Tuning
 from towtank.identification.log_learning import Levels
 from towtank.identification.parameters import MASS, FreeParameters
 from towtank.identification.samples import Samples
-from towtank.identification.transition import N_FIXED
 from towtank.vehicle import Vehicle
 
 __all__ = ["PLAINLY_WRONG", "Still", "freely_white", "still_water"]
@@ -31,7 +31,6 @@ _STILL = 0.1  # of the usual disturbance
 _SHOWS = 1.5  # time constants after which a random force has begun to show,
 _SHOWS_FREELY = 2.25  # and after which free runs show it: until then coefficients bend to it
 _FELT = 0.5  # deviation of the logarithm of an inertia
-_WHITE = 2.0  # samples that residuals may remember and still count as white
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +55,7 @@ def still_water(state: JointState, levels: Levels, free: FreeParameters, tuning:
     """
     if state.clock[C_DURATION] < _SHOWS * tuning.time_constant:
         return None
-    std = np.sqrt(np.diag(state.P)[N_FIXED : N_FIXED + len(free)])
-    axes = [int(code[1]) for code, s in zip(free.codes, std, strict=True) if code[0] == MASS and s < _FELT]
+    axes = [int(code[1]) for code, s in zip(free.codes, known_to(state), strict=True) if code[0] == MASS and s < _FELT]
     if not axes:
         return None
     sigma, usual = levels.sigma.copy(), np.array(tuning.usual)
@@ -83,7 +81,4 @@ def freely_white(
     fit = runs.fit(np.array(vehicle.parameters), free, state.theta, delay=delay, prior=prior)
     if fit is None:
         return None
-    columns = list(columns_of(free.names))
-    memory = fit.correlation_time[columns] / fit.sample_time[columns]
-    known = memory[np.isfinite(memory)]
-    return fit.theta if known.size and known.max() <= _WHITE else None
+    return fit.theta if fit.memory.white(columns_of(free.names)) else None

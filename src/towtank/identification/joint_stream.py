@@ -12,7 +12,6 @@ the motion tells next to nothing rest.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -20,14 +19,13 @@ from towtank.core.arrays import Array
 from towtank.identification.change_follow import Follow
 from towtank.identification.held_input import HeldInput, held_push
 from towtank.identification.joint import held_of
-from towtank.identification.joint_begin import look_levels, look_starts
 from towtank.identification.joint_buffer import Buffer
 from towtank.identification.joint_health import Sound, has_moved, mended, sound_of
-from towtank.identification.joint_job import Beside, LookJob
+from towtank.identification.joint_job import LookJob
 from towtank.identification.joint_kernel import joint_events, joint_step
-from towtank.identification.joint_look import Look, axes_seen, bank_of_delays, names_now
-from towtank.identification.joint_schedule import STILL, Schedule
-from towtank.identification.joint_start import prior_information, tuning_for, usual_disturbance
+from towtank.identification.joint_look import Look
+from towtank.identification.joint_looks import Looks
+from towtank.identification.joint_start import usual_disturbance
 from towtank.identification.joint_state import (
     C_ROWS,
     C_STARTED,
@@ -38,15 +36,13 @@ from towtank.identification.joint_state import (
 )
 from towtank.identification.log_learning import Levels
 from towtank.identification.paper_learner import PaperLearner
-from towtank.identification.parameters import DELAY, LAG, FreeParameters, free_parameters
+from towtank.identification.parameters import LAG, FreeParameters
 from towtank.identification.samples import N_MEASURED, Samples
 from towtank.vehicle import Vehicle, configuration_matrix
 
 __all__ = ["JointStream"]
 
-_ROUNDS = 1  # passes more at most of a look, with the levels that it shows
 _ADAPT = 10.0  # s over which the live filter follows the disturbance
-_STIRRED = 2  # looks that find the water plainly stirred, after which none asks again
 _REST = 0.05  # share of a steady pace of learning below which a coefficient rests
 _CHECKED, _CHECKED_EARLY = 1.0, 0.25  # s from one check of the filter's health to the next, and while it looks back
 _CHUNK = 1000  # rows, likewise, of a recording
@@ -76,23 +72,28 @@ class JointStream:
         current: bool = False,
         known: Mapping[str, Vehicle] | None = None,
     ) -> None:
-        self._beside = Beside() if background else None
-        self.vehicle, self.asked, self.prior, self.paper = vehicle, asked, prior, paper
-        self.given_delay = delay
+        self.vehicle, self.asked, self.paper, self.given_delay = vehicle, asked, paper, delay
         self.delay = vehicle.command_delay if delay is None else delay
         self.looking = True
         self.seen = 0.0  # s of rows
         self.free: FreeParameters | None = None
         self.state: JointState | None = None
         self.levels = Levels(np.full(N_MEASURED, 1e-3), usual_disturbance(vehicle), np.full(6, np.nan))
-        self._next_levels, self._stirred = self.levels, 0
+        self.looks = Looks(
+            vehicle,
+            asked,
+            delay=delay,
+            prior=prior,
+            levels=self.levels,
+            paper=paper,
+            background=background,
+            current=current,
+        )
         self.mended = 0
-        self._tuning = replace(tuning_for(vehicle), current=current)
         self._buffer: Buffer | None = None
         self._early: list[tuple[float, Array]] = []
         self._held: HeldInput | None = None
-        self._schedule, self._next_check, self._last_one = Schedule(), 0.0, False
-        self._last_t = -np.inf
+        self._next_check, self._last_t = 0.0, -np.inf
         self._sound: Sound | None = None
         self.changes = Follow(vehicle, known)
 
@@ -180,7 +181,11 @@ class JointStream:
     @property
     def busy(self) -> bool:
         """Whether a look runs beside."""
-        return self._beside is not None and self._beside.busy
+        return self.looks.busy
+
+    @property
+    def _known(self) -> tuple[FreeParameters, JointState] | None:
+        return None if self.state is None or self.free is None else (self.free, self.state)
 
     @property
     def commanded(self) -> bool:
@@ -197,16 +202,15 @@ class JointStream:
 
     def settle(self) -> None:
         """Wait for a look that runs beside; look once more where the stream has left looks behind."""
-        if not self.looking:
+        if not self.looking or self._buffer is None:
             return
         self._fetch(wait=True)
-        job = self._job() if self.looking and self._beside is not None and self._schedule.behind(self.seen) else None
+        job = self.looks.one_more(self.seen, self._buffer, self._known, self.delay)
         if job is not None:
-            self._schedule.looked(self.seen)
             self._adopt(job, job.run())
 
     def _fetch(self, *, wait: bool = False) -> None:
-        done = self._beside.fetch(wait=wait) if self._beside is not None else None
+        done = self.looks.fetch(wait=wait)
         if done is not None:
             self._adopt(*done)
 
@@ -214,53 +218,11 @@ class JointStream:
         """Fetch a look that is done, begin the next one when it is due, and end with the last."""
         assert self._buffer is not None
         self._fetch()
-        busy = self.busy
-        if not busy and not self._last_one and self.seen >= self._schedule.next:
-            job = self._job()
-            self._schedule.looked(self.seen)
-            self._last_one = self._schedule.over(self._buffer.rows)
-            if job is not None and self._beside is not None:
-                self._beside.begin(job)
-                return
-            if job is not None:
-                self._adopt(job, job.run())
-        if self._last_one and not busy:
+        job = self.looks.due(self.seen, self._buffer, self._known, self.delay)
+        if job is not None:
+            self._adopt(job, job.run())
+        if self.looks.last_one and not self.busy:
             self._go_on_alone()
-
-    def _job(self) -> LookJob | None:
-        """Return the next look: over everything once more from each start; None where there is nothing to learn yet."""
-        assert self._buffer is not None
-        stretches = self._buffer.stretches
-        found = None if self.paper is None else self.paper.estimate
-        find_delay = self.given_delay is None and self.commanded
-        names = names_now(self.vehicle, self.asked, found, axes_seen(stretches), with_delay=find_delay)
-        if not any(each.input_t.size for each in stretches) or not names:
-            return None
-        free = free_parameters(self.vehicle, names)
-        known = None if self.state is None or self.free is None else (self.free, self.state)
-        own, cold = look_starts(self.vehicle, known, free, found, self.delay)
-        starts = [cold] if own is None else []
-        if self._schedule.other_starts(self.seen):
-            starts = [cold]
-            if DELAY in free.names and self._schedule.bank(self.seen):
-                starts += bank_of_delays(free, cold if own is None else own)
-        longest = max(stretches, key=lambda each: each.t.size)
-        return LookJob(
-            stretches,
-            self.vehicle,
-            free,
-            own,
-            starts,
-            look_levels(longest, self._next_levels, first=own is None),
-            self._tuning,
-            delay=self.delay,
-            prior=None if self.prior is None else prior_information(self.prior, free),
-            rounds=_ROUNDS,
-            reserve=cold,
-            still=self.seen < STILL and self._stirred < _STIRRED,
-            rows=self._buffer.rows,
-            inputs=self._buffer.inputs,
-        )
 
     def _adopt(self, job: LookJob, seen: Look | None) -> None:
         """Go on with the likeliest, and catch up with what came while the look ran beside."""
@@ -268,8 +230,8 @@ class JointStream:
         if seen is None:
             return
         self.free, self.state, self._held = job.free, seen.state, seen.held
-        self.levels, self._next_levels = seen.levels, seen.next
-        self._stirred += seen.stirred
+        self.levels = seen.levels
+        self.looks.took(seen)
         self.state.options[O_ADAPT] = _ADAPT
         self.state.options[O_FOLLOW] = 0.0
         self.state.sigma[:] = self.levels.sigma
@@ -292,7 +254,7 @@ class JointStream:
         if self.state is not None:
             self.state.options[O_FOLLOW], self.state.options[O_REST] = 1.0, _REST
         self._buffer = self._buffer.fresh()
-        self._beside = None  # what still runs there is of no use any more
+        self.looks.end()
 
     def _check(self) -> None:
         """Mend a filter that has lost itself; look soon where a coefficient has left its point of linearisation."""
@@ -304,12 +266,12 @@ class JointStream:
             return
         self._sound = found
         if self.looking and has_moved(self.state, found):
-            self._schedule.call(self.seen)
+            self.looks.schedule.call(self.seen)
 
     def _mend(self, state: JointState, free: FreeParameters) -> None:
         assert self._sound is not None  # every look leaves one
         self.mended += 1
-        self.state = mended(state, self._sound, np.array(self.vehicle.parameters), free, self._tuning)
+        self.state = mended(state, self._sound, np.array(self.vehicle.parameters), free, self.looks.tuning)
         self._held = self._fresh_held(free, self.state.anchor)
         self.changes.mended(self._last_t)
 

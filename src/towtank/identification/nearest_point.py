@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from towtank.core.arrays import Array
 
@@ -68,6 +67,8 @@ def nearest_point(x0: Array, root: Array, G: Array, h: Array) -> NearestPoint:
     E = np.vstack([rows.T, need / unit])
     target = np.zeros(E.shape[0])
     target[-1] = 1.0
+    from scipy.optimize import nnls  # not every command waits for it
+
     try:
         u, misfit = nnls(E, target, maxiter=50 * E.shape[1] + 100)
     except RuntimeError:  # no convergence

@@ -147,7 +147,7 @@ def liveliest(grid: Grid, vehicle: Vehicle, rows: int = _MOST_ROWS) -> tuple[tup
     if n <= rows:
         return ((float(grid.t[0]), float(grid.t[-1])),)
     wrench = grid.wrench
-    if grid.command_t.size and grid.commands.shape[1] == len(vehicle.thrusters) > 0:
+    if grid.command_t.size and grid.command_values.shape[1] == len(vehicle.thrusters) > 0:
         wrench = held_forces(vehicle, grid.commands, None) @ configuration_matrix(vehicle).T
     long = rows // _STRETCHES
     done = np.vstack([np.zeros(6), np.cumsum(np.nan_to_num(wrench) ** 2, axis=0)])

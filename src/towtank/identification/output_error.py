@@ -6,7 +6,7 @@ size of its own residuals where these are larger; Huber's weights at 2 of these 
 the run is near the data.
 
 The best judge where nothing but the sensors' noise parts the model from the data; a random force, which a free run
-cannot follow, spoils it: `OutputErrorFit.correlation_time` tells.
+cannot follow, spoils it: `OutputErrorFit.memory` tells.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification.output_error_descent import Descent, descend, warm_up
 from towtank.identification.output_error_deviations import coefficient_covariance
-from towtank.identification.output_error_memory import residual_memory
+from towtank.identification.output_error_memory import Memory, residual_memory
 from towtank.identification.output_error_problem import Problem
 from towtank.identification.output_error_rows import GATE, robust_moments
 from towtank.identification.output_error_start import free_run_of, starting_states, warm_up_of
@@ -40,8 +40,7 @@ class OutputErrorFit:
         states: initial state (s, 13) of every segment of every recording in turn.
         cost: sum of the robust squares, halved.
         residual_std: (15,) in the columns' units, outliers left out; NaN for columns that are not measured.
-        lag_one: correlation (15,) of neighbouring residuals. correlation_time: integrated, (15,) [s]: the time between
-            samples where they are white, `sample_time` (15,) [s].
+        memory: of the residuals.
         iterations: free runs made. converged: whether nothing was left to gain.
         rejected: share of the measured numbers beyond the gate.
     """
@@ -52,9 +51,7 @@ class OutputErrorFit:
     states: Array
     cost: float
     residual_std: Array
-    lag_one: Array
-    correlation_time: Array
-    sample_time: Array
+    memory: Memory
     iterations: int
     converged: bool
     rejected: float
@@ -173,9 +170,7 @@ def _result(problem: Problem, descent: Descent, made: int) -> OutputErrorFit:
         states=np.concatenate(states),
         cost=problem.cost(point, scale, True),
         residual_std=memory.std * problem.runs[0].noise,
-        lag_one=memory.lag_one,
-        correlation_time=memory.time,
-        sample_time=memory.step,
+        memory=memory,
         iterations=made + descent.runs,
         converged=descent.converged,
         rejected=float((moments[4] + problem.left_out) / max(moments[0] + problem.left_out, 1.0)),
@@ -192,9 +187,7 @@ def _failed(theta: Array, states: list[Array], made: int) -> OutputErrorFit:
         states=np.concatenate(states),
         cost=np.inf,
         residual_std=unknown,
-        lag_one=unknown,
-        correlation_time=unknown,
-        sample_time=unknown,
+        memory=Memory(unknown, unknown, unknown, unknown, unknown, unknown),
         iterations=made,
         converged=False,
         rejected=0.0,

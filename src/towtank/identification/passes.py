@@ -244,5 +244,5 @@ def _head(grid: Grid, seconds: float) -> Grid:
     n = int(np.searchsorted(grid.t, grid.t[0] + seconds))
     if n >= len(grid):
         return grid
-    parts = {name: getattr(grid, name)[:n] for name in ("t", "pose", "velocity", "acceleration", "fresh", "wrench")}
-    return replace(grid, **parts, voltage=grid.voltage[:n], commands=grid.commands[:n])
+    parts = {name: getattr(grid, name)[:n] for name in ("t", "pose", "velocity", "acceleration", "fresh", "voltage")}
+    return replace(grid, **parts)

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import expm
-from scipy.signal import lfilter
 
 from towtank.core.arrays import Array
 from towtank.core.attitude import euler_rates_matrix, rotation_from_euler
@@ -145,15 +144,16 @@ def _sums(
     out = np.zeros((3, len(speeds)))
     whole = expm(_STEP * np.array([[-1.0 / time, -(swing**2), 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
     A, b = whole[:2, :2], whole[:2, 2]
-    # speed over force, y[k] = b0 f[k - 1] + ..., by Cayley and Hamilton: y[k] = tr A y[k-1] - det A y[k-2] + ...
-    trace, determinant = float(np.trace(A)), float(np.linalg.det(A))
-    gains = [0.0, b[0], A[0, 0] * b[0] + A[0, 1] * b[1] - trace * b[0]]
-    bends = [1.0, -trace, determinant]
+    n = max(v.size for v in speeds)
+    alone = np.zeros((n + 1, 2))  # speed after k steps of a start with speed 1, and of one with x = 1: A^k, first row
+    alone[0, 0] = 1.0
+    for k in range(n):
+        alone[k + 1] = alone[k] @ A
+    pushed = np.concatenate([[0.0], alone[:n] @ b])  # and after a step of force
     for k, (v, f) in enumerate(zip(speeds, forces, strict=True)):
         late = np.concatenate([np.full(delay, f[0]), f[: f.size - delay]])
-        y = lfilter(gains, bends, late)
-        alone = [lfilter([1.0], bends, np.eye(1, v.size, shift)[0]) for shift in ((0, 1) if swing else (0,))]
-        free = np.linalg.qr(np.column_stack([np.ones(v.size), *alone]))[0]
+        y = np.convolve(late, pushed[: v.size])[: v.size]
+        free = np.linalg.qr(np.column_stack([np.ones(v.size), alone[: v.size, : 2 if swing else 1]]))[0]
         y, v = y - free @ (free.T @ y), v - free @ (free.T @ v)
         out[:, k] = y @ v, y @ y, v @ v
     return out[0], out[1], out[2]

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array
 from towtank.core.attitude import eulers_from_quaternions, quaternions_from_eulers
 from towtank.errors import InputError, nearest
+from towtank.recording.channel import in_one_block
 from towtank.recording.cleaning import Kind, dead_channels, find_spikes
 from towtank.recording.grid import Flags, Grid
-from towtank.recording.held import held_at, stack_held
+from towtank.recording.held import stack_held
 from towtank.recording.interpolation import Weights, interpolation_weights
 from towtank.recording.recording import Recording
 from towtank.recording.repairs import Repairs
@@ -33,6 +34,7 @@ __all__ = ["MAXIMUM_RATE", "align"]
 
 MAXIMUM_RATE = 200.0  # Hz, unless asked for
 _ATTITUDE = slice(3, 6)
+_POSE, _VELOCITY, _ACCELERATION = slice(0, 6), slice(6, 12), slice(12, 15)
 
 
 def align(
@@ -99,6 +101,9 @@ def align(
         item.place(weights[key], motion)
         fresh[:, item.columns] = _nearest_rows(item.t, t, rate)[:, None]
     fresh &= ~np.isnan(motion)
+    fresh.flags.writeable = False
+    pose, velocity, acceleration = (in_one_block(motion[:, part]) for part in (_POSE, _VELOCITY, _ACCELERATION))
+    del motion
 
     command_t, command_values = stack_held(inputs)
     wrench_t, wrench_values = _stack_wrench(recording)
@@ -108,14 +113,12 @@ def align(
     return Grid(
         t=t,
         rate=rate,
-        pose=motion[:, :6],
-        velocity=motion[:, 6:12],
-        acceleration=motion[:, 12:],
+        pose=pose,
+        velocity=velocity,
+        acceleration=acceleration,
         fresh=fresh,
-        wrench=held_at(wrench_t, wrench_values, t, tolerance=1e-3 / rate),
         voltage=_voltage(recording, t),
         thrusters=tuple(channel.name.removeprefix(COMMAND_PREFIX) for channel in inputs),
-        commands=held_at(command_t, command_values, t, tolerance=1e-3 / rate),
         command_t=command_t,
         command_values=command_values,
         wrench_t=wrench_t,

@@ -12,7 +12,7 @@ from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
 from towtank.recording.standard import STANDARD, is_standard, standard_of
 
-__all__ = ["Channel", "read_only", "standard_channel"]
+__all__ = ["Channel", "in_one_block", "read_only", "standard_channel"]
 
 
 def read_only(values: ArrayLike) -> Array:
@@ -21,6 +21,13 @@ def read_only(values: ArrayLike) -> Array:
     if array.flags.writeable or (array.base is not None and _has_writeable_base(array)):
         array = array.copy()
         array.flags.writeable = False
+    return array
+
+
+def in_one_block(values: Array) -> Array:
+    """Return `values`, which are read-only, as kernels take them: contiguous; copied unless they are."""
+    array = np.ascontiguousarray(values)
+    array.flags.writeable = False
     return array
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from towtank.core.arrays import Array
 
@@ -96,7 +96,7 @@ def portmanteau(parts: Sequence[tuple[Array, float]], slot: float) -> Portmantea
     small_sample = (n + 2.0) / n
     statistic = small_sample * float(np.sum(found.value[usable] ** 2 / found.variance[usable]))
     lags = int(np.count_nonzero(usable))
-    return Portmanteau(statistic, lags, float(chi2.sf(statistic, lags)))
+    return Portmanteau(statistic, lags, float(chdtrc(lags, statistic)))
 
 
 def _joined(parts: Sequence[tuple[Array, float]], longest: float) -> list[tuple[Array, float, int]]:

@@ -16,8 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.signal import lfilter
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 from towtank.core.arrays import Array
 from towtank.validation.error_memory import Memory, Samples, whiten
@@ -79,6 +78,8 @@ def command_trace(series: ErrorSeries, samples: Samples, memory: Memory) -> Comm
 def _bank(stretch: Stretch) -> Array:
     """Return force and drag through low-passes from rest (n, 4)."""
     keep = [math.exp(-stretch.dt / tau) for tau in _SMOOTHING]
+    from scipy.signal import lfilter  # half a second, for which not every command waits
+
     return np.column_stack([lfilter([1.0 - k], [1.0, -k], x) for x in (stretch.wrench, stretch.drag) for k in keep])
 
 
@@ -105,7 +106,7 @@ def _chance(shape: Array, error: Array, blocks: int) -> float:
     )
     covariance = (blocks - 1.0) / blocks * away.T @ away
     statistic = float(whole @ np.linalg.pinv(covariance, rcond=1e-10, hermitian=True) @ whole)
-    return float(fisher.sf(statistic * (blocks - m) / (m * (blocks - 1.0)), m, blocks - m))
+    return float(fdtrc(m, blocks - m, statistic * (blocks - m) / (m * (blocks - 1.0))))
 
 
 def _share(U: Array, shape: Array, error: Array, values: Array) -> float:

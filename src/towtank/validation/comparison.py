@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtr
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
@@ -150,7 +150,7 @@ def difference(first: ErrorSeries, second: ErrorSeries) -> float | None:
     spread = float(sums.std(ddof=1))
     if spread <= 0.0:
         return 0.0
-    return float(2.0 * student.sf(abs(float(sums.mean())) / spread * np.sqrt(blocks), blocks - 1))
+    return float(2.0 * stdtr(blocks - 1, -abs(float(sums.mean())) / spread * np.sqrt(blocks)))
 
 
 def _at_common_times(first: ErrorSeries, second: ErrorSeries) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
@@ -181,7 +181,7 @@ def _coefficients(whole: Estimate, estimates: Sequence[Estimate]) -> list[Folded
         n = known.size
         spread = float(np.sqrt((n - 1) / n * np.sum((known - known.mean()) ** 2))) if n >= 3 else float("nan")
         p = (
-            float(chi2.sf((n - 1) * (spread / learned.std) ** 2, n - 1))
+            float(chdtrc(n - 1, (n - 1) * (spread / learned.std) ** 2))
             if n >= 3 and learned.std > 0.0
             else float("nan")
         )

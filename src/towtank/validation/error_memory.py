@@ -18,8 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from towtank.core.arrays import Array, kernel
 from towtank.validation.error_series import ErrorSeries
@@ -32,7 +31,7 @@ _ENOUGH = 12_000  # samples that the fit looks at; of more, every second, third,
 _FEWEST, _FEWEST_COARSE = 30, 200
 _PER_MEMORY = 10.0
 _LEAST_NOISE = 1e-3  # of the slow power: what is smoother was smoothed, and would be taken for a long memory
-_SURE = chi2.isf(1e-3, 3)  # gain of likelihood that makes a memory believable
+_SURE = float(chdtri(3, 1e-3))  # gain of likelihood that makes a memory believable
 _STARTS = (1.0, 0.15, 0.02)  # shares of the longest time
 
 
@@ -218,6 +217,8 @@ def _fit(samples: Samples, duration: float) -> Memory | None:
         for share in _STARTS
     ]
     simplex = min(starts, key=cost) + np.vstack([np.zeros(3), np.diag([1.0, 0.7, 0.7])])
+    from scipy.optimize import minimize  # not every command waits for it
+
     best = minimize(
         cost, simplex[0], method="Nelder-Mead",
         options={"initial_simplex": simplex, "xatol": 0.02, "fatol": 0.02, "maxfev": 250},

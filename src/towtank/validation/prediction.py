@@ -16,6 +16,7 @@ from towtank.core.attitude import eulers_from_quaternions
 from towtank.core.rk4 import simulate_run
 from towtank.errors import InputError
 from towtank.recording import Grid
+from towtank.recording.standard import POSE, VELOCITIES
 from towtank.validation.inputs import inputs_known_from, mean_wrenches
 from towtank.validation.starts import Starts
 from towtank.vehicle import Vehicle
@@ -24,6 +25,7 @@ __all__ = ["CHANNELS", "Prediction", "predict"]
 
 CHANNELS = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
 _LONGEST_STEP = 0.02  # s
+_BLOCK = 20_000  # steps simulated at once
 _STILL = np.zeros(3)
 _ANGLES = ("phi", "theta", "psi")
 
@@ -77,11 +79,12 @@ def predict(vehicle: Vehicle, grid: Grid, *, horizon: float | None = None, delay
         reached = starts.state(row, reached)
         restarts.append(float(grid.t[row]))
         end = _next_start(grid, starts, row, horizon)
-        run = _run(vehicle, reached, wrenches[row:end], grid.dt)
         if row == first:
-            states[row] = run[0]
-        states[row + 1 : end + 1] = run[1:]  # the row of a restart is judged by the prediction that ends there
-        reached = run[-1].copy()
+            states[row] = reached
+        for begun in range(row, end, _BLOCK):
+            run = _run(vehicle, reached, wrenches[begun : min(begun + _BLOCK, end)], grid.dt)
+            states[begun + 1 : begun + len(run)] = run[1:]  # the row of a restart is judged by what ends there
+            reached = run[-1].copy()
         if not np.isfinite(reached).all():
             reached = np.where(np.isfinite(reached), reached, 0.0)
             reached[3:7] = (1.0, 0.0, 0.0, 0.0)
@@ -114,11 +117,11 @@ def _channels(grid: Grid, states: Array) -> dict[str, tuple[Array, Array]]:
     """Return measured and predicted values of every channel that was measured."""
     angles = eulers_from_quaternions(np.ascontiguousarray(states[:, 3:7]))
     predicted = dict(zip(CHANNELS, [*states[:, 7:13].T, *states[:, :3].T, *angles.T], strict=True))
-    measured = np.where(grid.fresh, np.hstack([grid.pose, grid.velocity, grid.acceleration]), np.nan)
-    columns = dict(zip(("x", "y", "z", "phi", "theta", "psi", "u", "v", "w", "p", "q", "r"), range(12), strict=True))
+    measured = dict(zip(POSE + VELOCITIES, [*grid.pose.T, *grid.velocity.T], strict=True))
+    fresh = dict(zip(POSE + VELOCITIES, grid.fresh.T[:12], strict=True))
     out = {}
     for name in CHANNELS:
-        y = measured[:, columns[name]]
+        y = np.where(fresh[name], measured[name], np.nan)
         if not np.isfinite(y).any():
             continue
         yhat = predicted[name]

@@ -19,6 +19,7 @@ from towtank.identification.motion_state import (
     new_motion,
 )
 from towtank.recording import Grid
+from towtank.recording.channel import in_one_block
 
 __all__ = ["Starts"]
 
@@ -41,8 +42,9 @@ class Starts:
         sources = Sources.of(grid.pose, grid.velocity, grid.acceleration)
         rates = np.array([MEASURED if i > 2 and sources.velocity[i] == "measured" else ABSENT for i in range(6)])
         motion = new_motion(rates, _ATTITUDE[sources.attitude], 0.0, np.inf)
+        pose, acceleration = in_one_block(grid.pose), in_one_block(grid.acceleration)
         velocity = np.array(grid.velocity)
-        return cls(grid, sources, gravity_directions(motion, grid.t, grid.pose, velocity, grid.acceleration))
+        return cls(grid, sources, gravity_directions(motion, grid.t, pose, velocity, acceleration))
 
     def known(self, row: int) -> bool:
         """Whether everything that the grid measures at all is measured in this row."""

@@ -1,0 +1,39 @@
+"""A recording that begins while a marker is where it does not belong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from towtank.identification import Learner
+from towtank.recording import Recording
+from towtank.simulation import Mocap, simulate
+
+from .runs import TRUTH, box, unknown, waves
+
+NAMES = ("X_udot", "X_uu")
+DT, SECONDS, REST = 0.01, 8.0, 0.5  # s
+NOISE = 5.0  # mm
+
+
+def run_with_false_start(offset: float, seed: int) -> Recording:
+    """Return a run whose position is `offset` [m] off for the better part of the rest that it begins with."""
+    wrench = waves(round(SECONDS / DT), DT, (0, 2.0, 0.8), square=True)
+    wrench[: round(REST / DT)] = 0.0
+    run = simulate(box(), wrench=wrench, dt=DT, sensors=Mocap(noise_mm=NOISE, jump_fraction=0.0), seed=seed)
+    hidden = (run["x"].t > 0.05) & (run["x"].t < 0.40)
+    axes = (run[name] for name in ("x", "y", "z"))
+    return run.replace([replace(each, values=each.values + offset * hidden) for each in axes])
+
+
+@pytest.mark.parametrize("seed", range(1, 9))
+@pytest.mark.parametrize("offset", [0.0, 0.015, -0.02])
+def test_the_first_moment_is_left_out_where_it_spoils_the_rest(offset: float, seed: int) -> None:
+    run = run_with_false_start(offset, seed)
+    others = {name: value for name, value in TRUTH.items() if name not in NAMES}
+    learner = Learner(unknown(box(), **others), free=NAMES, changes=False)
+    learner.run(run)
+    mass, drag = (learner.estimate[name] for name in NAMES)
+    assert abs(mass.value - TRUTH["X_udot"]) < min(4.0 * mass.std, 0.6)  # kg, of 30
+    assert not drag.identified or abs(drag.value - TRUTH["X_uu"]) < 4.0 * drag.std
