@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.axes import AXES
 from towtank.identification.drifting_attitude import drifting_attitude
 from towtank.identification.estimate import Estimate
 from towtank.identification.free_run_learning import learn_free_runs
@@ -22,22 +21,21 @@ from towtank.identification.joint_start import (
     size_of,
     start_theta,
     tuning_for,
-    usual_disturbance,
 )
+from towtank.identification.joint_wanted import idle, known_start, speeds_of, wanted_of
 from towtank.identification.learned_thrusters import learned_gains, with_thrusters
 from towtank.identification.log_learning import LogLearning
 from towtank.identification.paper_logs import learn_paper
 from towtank.identification.parameters import DELAY, LAG, FreeParameters, free_parameters
 from towtank.identification.passes import Progress
 from towtank.identification.samples import Samples, samples_of
-from towtank.identification.structure import not_commanded, paper_names
+from towtank.identification.structure import paper_names
 from towtank.recording import Recording
 from towtank.vehicle import Vehicle
 
 __all__ = ["learn_joint"]
 
 _ROUNDS = 3  # of holding what is not determined
-_IDLE = 0.3  # of the usual disturbance: a commanded force that teaches nothing
 _HIDES = 6.0  # time constants of a disturbance that a run can be too short to show
 
 
@@ -67,11 +65,11 @@ def learn_joint(
         progress=lambda text, share: told(text, 0.3 * share),
     )
     samples = [samples_of(recording, vehicle) for recording in recordings]
-    wanted, held = _wanted(vehicle, asked, first)
+    wanted, held = wanted_of(vehicle, asked, first)
     if delay is None and any(each.commands for each in samples):
         wanted = (*wanted, DELAY)
     parameters = free_parameters(vehicle, wanted)
-    known = _known_start(vehicle, first)
+    known = known_start(vehicle, first)
     lag = float(np.mean(samples[0].lag)) if samples[0].lag.size and samples[0].lag.any() else 0.05
     found_delay = first.delay
     if LAG in wanted:
@@ -107,7 +105,7 @@ def learn_joint(
             prior_deviation(parameters, scale),
             scale,
             prior=None if information is None else information[1],
-            speeds=_speeds(first),
+            speeds=speeds_of(first),
         )
         held_now = {name: hold for name, hold in findings.held.items() if name not in (DELAY, LAG)}
         if asked is not None or not held_now:
@@ -153,7 +151,7 @@ def learn_joint(
             terms=asked is None,
             find_lag=asked is None and delay is None and _may_lag(samples),
             always=refine == "always",
-            speeds=_speeds(first),
+            speeds=speeds_of(first),
             told=lambda share: told("free runs", 0.7 + 0.25 * share),
         )
     )
@@ -174,8 +172,8 @@ def learn_joint(
     else:
         unidentified = {**{n: why for n, why in findings.reasons.items() if n not in (DELAY, LAG)}, **unidentified}
     if asked is not None:
-        idle = _idle(vehicle, samples)
-        unidentified.update({name: why for name, why in idle.items() if name in parameters.names})
+        moved_by_water = idle(vehicle, samples)
+        unidentified.update({name: why for name, why in moved_by_water.items() if name in parameters.names})
     told("what is known", 0.95)
     assembled = assemble(
         vehicle,
@@ -223,56 +221,8 @@ def _no_surer(free: FreeParameters, covariance: Array, joint: JointFit) -> Array
     return np.asarray(covariance * np.outer(grown, grown))
 
 
-def _idle(vehicle: Vehicle, samples: Sequence[Samples]) -> dict[str, str]:
-    """Return the inertias and dampings of axes that nothing but the water moved, and what is to be said of them.
-
-    How much they are beside the water's force is told, and of that no size. They are free all the same: the others
-    would pay for what they are held at.
-    """
-    forces = np.concatenate([each.input_force @ each.shape.T for each in samples])
-    idle = np.nanstd(forces, axis=0) < _IDLE * usual_disturbance(vehicle)
-    return {
-        name: not_commanded(axis) for axis in AXES for name in (*axis.columns[:2], axis.added_mass) if idle[axis.index]
-    }
-
-
-def _wanted(
-    vehicle: Vehicle, asked: tuple[str, ...] | None, first: LogLearning
-) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the names to free and, for those that least squares could not find, why."""
-    if asked is not None:
-        return asked, {}
-    estimate = first.estimate
-    names = tuple(name for name, ok in zip(estimate.names, estimate.identified, strict=True) if ok)
-    held = {
-        name: reason or ""
-        for name, ok, reason in zip(estimate.names, estimate.identified, estimate.reasons, strict=True)
-        if not ok
-    }
-    return names, held
-
-
-def _known_start(vehicle: Vehicle, first: LogLearning) -> Vehicle:
-    """Return the vehicle with what least squares found, however unsure, where it is physical."""
-    changes = {}
-    for learned in first.estimate.coefficients:
-        if learned.identified:
-            changes[learned.name] = learned.value
-    return vehicle.with_coefficients(changes) if changes else vehicle
-
-
 def _prior(prior: Vehicle | None, free: FreeParameters) -> tuple[Array, Array] | None:
     return None if prior is None else prior_information(prior, free)
-
-
-def _speeds(first: LogLearning) -> Array:
-    out = np.zeros((6, 2))
-    for i in range(6):
-        columns = [grid.velocity[:, i] for grid in first.grids]
-        values = np.concatenate([column[np.isfinite(column)] for column in columns])
-        if values.size:
-            out[i] = np.sqrt(np.mean(values**2)), np.abs(values).max()
-    return out
 
 
 def _learned(

@@ -63,7 +63,9 @@ def predict(vehicle: Vehicle, grid: Grid, *, horizon: float | None = None, delay
         raise InputError(f"horizon: found {horizon}, expected a number of seconds above 0")
     if horizon == np.inf:
         horizon = None
-    wrenches = mean_wrenches(vehicle, grid, delay)
+    acted = mean_wrenches(vehicle, grid, delay)
+    acted = np.vstack([acted[:1], acted])
+    wrenches = acted[1:]
     starts = Starts.of(grid)
     n = len(grid)
     begin = inputs_known_from(vehicle, grid, delay)
@@ -89,7 +91,6 @@ def predict(vehicle: Vehicle, grid: Grid, *, horizon: float | None = None, delay
             reached = np.where(np.isfinite(reached), reached, 0.0)
             reached[3:7] = (1.0, 0.0, 0.0, 0.0)
         row = end
-    acted = np.vstack([wrenches[:1], wrenches])
     return Prediction(grid.t, _channels(grid, states), tuple(restarts), grid.source, acted, states)
 
 
