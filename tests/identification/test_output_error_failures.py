@@ -146,7 +146,7 @@ def test_white_is_what_is_noise_in_all_but_a_few_seconds() -> None:
     residuals[:, :3] = np.random.default_rng(1).standard_normal((2000, 3))
     residuals[300:350, 1] += 2.0  # a marker that jumps by less than any gate would see
     residuals[1200:1240, 1] -= 2.0
-    residuals[:, 2] += 0.5 * _coloured(2000, 0.98)  # a slow force
+    residuals[:, 2] += 0.35 * _coloured(2000, 0.995)  # a slow force
     memory = residual_memory([(0.01 * np.arange(2000.0), residuals)], np.full(15, 4.5))
     assert memory.time[1] > 2.0 * memory.step[1]
     assert memory.white([0])

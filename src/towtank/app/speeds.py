@@ -15,10 +15,10 @@ _CUT = 7.0  # times the median deviation from the running mean
 
 def lowpass(x: Array, dt: float, a: float) -> Array:
     """Pass x (n,) or its columns (n, k) through a / (s + a), from rest at the first row."""
+    from scipy.signal import lfilter  # slow to import, seldom needed
+
     keep = np.exp(-a * dt)
     start = keep * x[:1] if x.ndim == 2 else keep * x[0]
-    from scipy.signal import lfilter  # half a second, for which not every command waits
-
     smooth, _ = lfilter([1.0 - keep], [1.0, -keep], x, axis=0, zi=np.atleast_1d(start))
     return np.asarray(smooth)
 

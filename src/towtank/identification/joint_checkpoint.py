@@ -66,7 +66,7 @@ def save_learner(learner: JointLearner, path: str | os.PathLike[str]) -> None:
         "doubt": stream.changes.doubt,
         "events": [[each.t, each.kind, each.text, dict(each.details)] for each in stream.changes.events],
         "next_check": stream._next_check,
-        "schedule": {**asdict(stream.looks.schedule), **({"next": stream.seen} if busy else {})},
+        "schedule": {**asdict(stream.looks.schedule), **({"next": stream.seen, "starts": stream.seen} if busy else {})},
         "last_t": stream._last_t if math.isfinite(stream._last_t) else None,
         "buffer": None if buffer is None else {"commands": buffer.commands, "starts": buffer.starts},
     }

@@ -32,7 +32,7 @@ class LookJob:
     prior: tuple[Array, Array] | None
     reserve: Array
     still: bool
-    false_start: Array | None
+    may_begin_later: bool
     rows: int
     inputs: int
 
@@ -50,7 +50,7 @@ class LookJob:
             prior=self.prior,
             reserve=self.reserve,
             still=self.still,
-            false_start=self.false_start,
+            may_begin_later=self.may_begin_later,
         )
 
 

@@ -164,7 +164,7 @@ def learn_joint(
         spread = second.refined.covariance
         if fit.duration < _HIDES * tuning.time_constant:
             spread = _no_surer(parameters, spread, fit)
-        fit = replace(fit, free=parameters, theta=second.refined.theta, covariance=spread)
+        fit = replace(fit, free=parameters, theta=second.refined.theta, covariance=spread, likely=spread)
         unidentified = {name: why for name, why in unidentified.items() if name not in second.refined.added}
         unidentified.update(second.reasons)
         wanted = (*wanted, *(name for name in second.refined.added if name not in wanted))

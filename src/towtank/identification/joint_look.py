@@ -63,7 +63,7 @@ def look(
     prior: tuple[Array, Array] | None,
     reserve: Array | None = None,
     still: bool = False,
-    false_start: Array | None = None,
+    may_begin_later: bool = False,
 ) -> Look | None:
     """Pass over all stretches from each start, from the likeliest once more with the levels it shows; None if all fail.
 
@@ -73,7 +73,8 @@ def look(
         delay: of the inputs [s] where it is not free. prior: mean and information.
         reserve: a start (n,) for where a pass from `own` refuses much of what it sees: it has gone astray.
         still: also suppose that nothing disturbs the vehicle, and keep to that where it is likelier.
-        false_start: a start (n,) for where a pass from elsewhere goes astray, and would not without the first moment.
+        may_begin_later: leave the first half second out where a pass from the other starts goes astray with it and not
+            without, however sound one from `own` is: it may have raised the disturbance to explain what it saw.
     """
     p, shown, usual, rounds = np.array(vehicle.parameters), levels.noise, np.array(tuning.usual), _ROUNDS
     deviation = prior_deviation(free, size_of(vehicle, free))
@@ -97,9 +98,9 @@ def look(
     sound = [each for each in found if each is not None]
     if not sound:
         return None
-    if false_start is not None and others and astray(sound[-1][0]) and stretches[0].duration > _LONG_ENOUGH:
+    if may_begin_later and others and astray(sound[-1][0]) and stretches[0].duration > _LONG_ENOUGH:
         later = begun_later(stretches, _FALSE_START)
-        again = look(later, vehicle, free, None, [false_start], levels, tuning, delay=delay, prior=prior, still=still)
+        again = look(later, vehicle, free, None, starts, levels, tuning, delay=delay, prior=prior, still=still)
         if again is not None and not astray(again.state):
             return replace(again, left_out=_FALSE_START)
     state, held = max(sound, key=_likelihood)

@@ -135,7 +135,7 @@ class Looks:
             prior=None if self._prior is None else prior_information(self._prior, free),
             reserve=cold,
             still=seen < STILL and self.stirred < _STIRRED,
-            false_start=cold if elsewhere and self.left_out < _MOST_LEFT_OUT else None,
+            may_begin_later=elsewhere and self.left_out < _MOST_LEFT_OUT,
             rows=buffer.rows,
             inputs=buffer.inputs,
         )

@@ -72,7 +72,7 @@ class JointStream:
         current: bool = False,
         known: Mapping[str, Vehicle] | None = None,
     ) -> None:
-        self.vehicle, self.asked, self.paper, self.given_delay = vehicle, asked, paper, delay
+        self.vehicle, self.asked, self.given_delay = vehicle, asked, delay
         self.delay = vehicle.command_delay if delay is None else delay
         self.looking = True
         self.seen = 0.0  # s of rows

@@ -67,7 +67,9 @@ def idle(vehicle: Vehicle, samples: Sequence[Samples]) -> dict[str, str]:
         moments[0] += each.shape @ forces.sum(axis=0)
         moments[1] += np.einsum("ij,jk,ik->i", each.shape, forces.T @ forces, each.shape)
         counted += len(forces)
-    mean, square = moments / max(counted, 1)
+    if not counted:
+        return {}
+    mean, square = moments / counted
     still = square - mean**2 < (_IDLE * usual_disturbance(vehicle)) ** 2
     return {
         name: not_commanded(axis) for axis in AXES for name in (*axis.columns[:2], axis.added_mass) if still[axis.index]

@@ -52,6 +52,8 @@ def nearest_point(x0: Array, root: Array, G: Array, h: Array) -> NearestPoint:
     Args:
         x0: (n,). root: S (n, n) of the covariance. G: (m, n). h: (m,).
     """
+    from scipy.optimize import nnls  # slow to import, seldom needed
+
     none = np.zeros(h.size)
     lack = h - G @ x0
     if not (lack > 0.0).any():
@@ -67,8 +69,6 @@ def nearest_point(x0: Array, root: Array, G: Array, h: Array) -> NearestPoint:
     E = np.vstack([rows.T, need / unit])
     target = np.zeros(E.shape[0])
     target[-1] = 1.0
-    from scipy.optimize import nnls  # not every command waits for it
-
     try:
         u, misfit = nnls(E, target, maxiter=50 * E.shape[1] + 100)
     except RuntimeError:  # no convergence

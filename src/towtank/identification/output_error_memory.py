@@ -3,9 +3,9 @@
 The integrated autocorrelation time of n samples dt apart is dt (1 + 2 sum r_k), up to the lag at which r_k has died: so
 many seconds of data say once what white samples would say every dt.
 
-What a model lacks is everywhere; a marker that jumps by two deviations of its noise, too little for any gate, is in one
-place for half a second. So whether residuals are white is asked of all but the tenth of the seconds that lean furthest
-to one side.
+A marker that jumps by two deviations of its noise, too little for any gate, is in one place for half a second; what a
+model lacks is elsewhere too. So residuals that are not white are looked at once more without the seconds, a tenth of
+all at most, whose sum chance does not explain; of what is left more is asked, since that choice makes it look whiter.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ Kept = NDArray[np.bool_]
 
 _BAND = 2.0  # standard deviations of r_k of a white series
 _FEWEST = 20
-_SECOND, _LEANING = 1.0, 0.1  # s, and share of these that may lean to one side
-_WHITE = 2.0  # samples that residuals may remember and still count as white
+_SECOND, _LEANING, _CHANCE = 1.0, 0.1, 4.0  # s; share of these that may lean to one side; by deviations of their sum
+_MANY = 10  # samples that a second needs to have
+_WHITE, _WHITER = 2.0, 1.3  # samples that residuals may remember and still count as white; and without those seconds
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +36,7 @@ class Memory:
     Attributes:
         std: standard deviation (15,), in that of the noise. lag_one: correlation of neighbouring samples (15,).
         time: integrated autocorrelation time (15,) [s]. reach: lag (15,) [s] at which the correlation has died.
-        step: usual time between samples (15,) [s]. calm: as `time`, without the seconds that lean furthest to one side.
+        step: usual time between samples (15,) [s]. calm: as `time`, without the seconds that lean to one side.
     """
 
     std: Array
@@ -47,9 +48,9 @@ class Memory:
 
     def white(self, columns: Sequence[int]) -> bool:
         """Whether those of these columns that are measured are nothing but noise; no where none is."""
-        samples = self.calm[list(columns)] / self.step[list(columns)]
-        known = samples[np.isfinite(samples)]
-        return bool(known.size and known.max() <= _WHITE)
+        step, time, calm = (each[list(columns)] for each in (self.step, self.time, self.calm))
+        known = np.isfinite(time)
+        return bool(known.any() and np.all((time <= _WHITE * step) | (calm <= _WHITER * step) | ~known))
 
 
 def residual_memory(runs: Sequence[tuple[Array, Array]], limits: Array) -> Memory:
@@ -69,7 +70,8 @@ def residual_memory(runs: Sequence[tuple[Array, Array]], limits: Array) -> Memor
         if sum(x.size for _, x in parts) >= _FEWEST:
             kept = [np.abs(x) <= limits[j] for _, x in parts]
             out[:5, j] = _column(parts, kept)
-            out[5, j] = out[2, j] if out[2, j] <= _WHITE * out[4, j] else _column(parts, _but_leaning(parts, kept))[2]
+            white = out[2, j] <= _WHITE * out[4, j] or out[4, j] * _MANY > _SECOND
+            out[5, j] = out[2, j] if white else _column(parts, _but_leaning(parts, kept))[2]
     return Memory(*out)
 
 
@@ -100,14 +102,16 @@ def _column(parts: Sequence[tuple[Array, Array]], kept: Sequence[Kept]) -> tuple
 
 
 def _but_leaning(parts: Sequence[tuple[Array, Array]], kept: Sequence[Kept]) -> list[Kept]:
-    """Return what is left of `kept` without the seconds whose residuals, white ones, would least likely add up so."""
-    second = [((t - t[0]) / _SECOND).astype(np.int64) for t, _ in parts]
+    """Return what is left of `kept` without the seconds whose residuals would least likely add up so by chance."""
+    size = np.sqrt(np.mean(np.concatenate([x[good] for (_, x), good in zip(parts, kept, strict=True)]) ** 2))
+    seconds = [np.unique(((t - t[0]) / _SECOND).astype(np.int64), return_inverse=True)[1] for t, _ in parts]
     leans = []
-    for (_, x), good, at in zip(parts, kept, second, strict=True):
-        count = np.bincount(at, good)
-        leans.append(np.abs(np.bincount(at, np.where(good, x, 0.0))) / np.sqrt(np.maximum(count, 1.0)))
+    for (_, x), good, at in zip(parts, kept, seconds, strict=True):
+        total = np.abs(np.bincount(at, np.where(good, x, 0.0)))
+        leans.append(total / (size * np.sqrt(np.maximum(np.bincount(at, good), 1.0))))
     lean = np.concatenate(leans)
+    worst = np.argsort(-lean, kind="stable")[: int(_LEANING * lean.size)]
     left = np.ones(lean.size, dtype=np.bool_)
-    left[np.argsort(-lean, kind="stable")[: int(_LEANING * lean.size)]] = False
+    left[worst[lean[worst] > _CHANCE]] = False
     edges = np.cumsum([each.size for each in leans])[:-1]
-    return [good & own[at] for good, own, at in zip(kept, np.split(left, edges), second, strict=True)]
+    return [good & own[at] for good, own, at in zip(kept, np.split(left, edges), seconds, strict=True)]

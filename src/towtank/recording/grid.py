@@ -29,8 +29,8 @@ class Grid:
         t: times (n,) [s], uniform at `rate` [Hz].
         pose: x y z [m, NED] and phi theta psi [rad] (n, 6), phi and psi unwrapped.
         velocity: u v w [m/s] p q r [rad/s] (n, 6), body FRD.
-        acceleration: specific force ax ay az (n, 3) [m/s^2], body FRD. Where none of one of these three is known, it
-            takes no memory, and no kernel: see `in_one_block`.
+        acceleration: specific force ax ay az (n, 3) [m/s^2], body FRD. Where nothing of one of these three is known,
+            it is a single NaN, broadcast; kernels take it by `in_one_block`.
         fresh: (n, 15) columns as pose, velocity, acceleration; True in the row nearest to an actual sample,
             False where
             the value only lies between samples: a slow sensor says nothing new there.
@@ -64,7 +64,7 @@ class Grid:
         for name in ("t", "voltage", "command_t", "command_values", "wrench_t", "wrench_values"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
         fresh = np.asarray(self.fresh, dtype=np.bool_)
-        fresh = fresh.copy() if fresh.flags.writeable else fresh
+        fresh = fresh.copy() if fresh.flags.writeable or fresh.base is not None else fresh
         fresh.flags.writeable = False
         object.__setattr__(self, "fresh", fresh)
 

@@ -77,9 +77,9 @@ def command_trace(series: ErrorSeries, samples: Samples, memory: Memory) -> Comm
 
 def _bank(stretch: Stretch) -> Array:
     """Return force and drag through low-passes from rest (n, 4)."""
-    keep = [math.exp(-stretch.dt / tau) for tau in _SMOOTHING]
-    from scipy.signal import lfilter  # half a second, for which not every command waits
+    from scipy.signal import lfilter  # slow to import, seldom needed
 
+    keep = [math.exp(-stretch.dt / tau) for tau in _SMOOTHING]
     return np.column_stack([lfilter([1.0 - k], [1.0, -k], x) for x in (stretch.wrench, stretch.drag) for k in keep])
 
 

@@ -193,6 +193,8 @@ def _fit(samples: Samples, duration: float) -> Memory | None:
     Args:
         duration: time that the errors cover [s]; a memory longer than this cannot be told.
     """
+    from scipy.optimize import minimize  # slow to import, seldom needed
+
     n = samples.t.size
     spread = float(np.std(samples.value)) if n else 0.0
     if n < _FEWEST or not np.isfinite(samples.value).all() or spread <= 0.0:
@@ -217,8 +219,6 @@ def _fit(samples: Samples, duration: float) -> Memory | None:
         for share in _STARTS
     ]
     simplex = min(starts, key=cost) + np.vstack([np.zeros(3), np.diag([1.0, 0.7, 0.7])])
-    from scipy.optimize import minimize  # not every command waits for it
-
     best = minimize(
         cost, simplex[0], method="Nelder-Mead",
         options={"initial_simplex": simplex, "xatol": 0.02, "fatol": 0.02, "maxfev": 250},
