@@ -138,6 +138,9 @@ def watched(vehicle: Vehicle, run: Recording) -> tuple[Viewer, Status, Session]:
     session.mark("begun")
     session.open()
     status = session.run(threading.Event())
+    end = time.monotonic() + 5.0
+    while "/towtank/coefficients" not in viewer.messages and time.monotonic() < end:
+        time.sleep(0.01)
     time.sleep(0.2)
     server.close()
     time.sleep(0.2)

@@ -70,8 +70,8 @@ def residual_memory(runs: Sequence[tuple[Array, Array]], limits: Array) -> Memor
         if sum(x.size for _, x in parts) >= _FEWEST:
             kept = [np.abs(x) <= limits[j] for _, x in parts]
             out[:5, j] = _column(parts, kept)
-            white = out[2, j] <= _WHITE * out[4, j] or out[4, j] * _MANY > _SECOND
-            out[5, j] = out[2, j] if white else _column(parts, _but_leaning(parts, kept))[2]
+            coloured = out[2, j] > _WHITE * out[4, j] and out[4, j] * _MANY <= _SECOND
+            out[5, j] = _column(parts, _but_leaning(parts, kept))[2] if coloured else out[2, j]
     return Memory(*out)
 
 
