@@ -63,10 +63,10 @@ def predict(vehicle: Vehicle, grid: Grid, *, horizon: float | None = None, delay
         raise InputError(f"horizon: found {horizon}, expected a number of seconds above 0")
     if horizon == np.inf:
         horizon = None
+    starts = Starts.of(grid)
     acted = mean_wrenches(vehicle, grid, delay)
     acted = np.vstack([acted[:1], acted])
     wrenches = acted[1:]
-    starts = Starts.of(grid)
     n = len(grid)
     begin = inputs_known_from(vehicle, grid, delay)
     first = next((i for i in range(n - 1) if grid.t[i] >= begin and starts.known(i)), None)
