@@ -36,7 +36,7 @@ __all__ = [
 
 _POOL_MAP = """
 thrusters = ["pwm1", "pwm2", "pwm3", "pwm4", "pwm5", "pwm6"]
-columns = { p = "gyro_p", q = "gyro_q", r = "gyro_r" }
+columns = { ax = "acc_x", ay = "acc_y", az = "acc_z", p = "gyro_p", q = "gyro_q", r = "gyro_r" }
 """
 _BOAT_MAP = """
 thrusters = ["pwm_left", "pwm_right"]

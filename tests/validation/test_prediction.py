@@ -192,3 +192,29 @@ def test_a_wrench_of_fewer_components() -> None:
     wrench[:, 0] = 20 * np.sin(0.01 * np.arange(1000))
     log = simulate(box(), wrench=wrench).without("Y", "Z", "K", "M", "N")
     assert validate(box(), [log]).fit["u"] == pytest.approx(100.0, abs=1e-6)
+
+
+def thrusted(lag: float) -> Vehicle:
+    """The box with one thruster that pushes it forward."""
+    thruster = {
+        "name": "aft", "position": (-0.3, 0.0, 0.0), "direction": (1.0, 0.0, 0.0), "time_constant": lag,
+        "curve": {"kind": "quadratic", "forward": 40.0, "reverse": 40.0},
+    }  # fmt: skip
+    return Vehicle.model_validate({**box().model_dump(), "thrusters": [thruster]})
+
+
+def test_a_run_begins_when_lagging_thrusters_have_forgotten_what_nobody_recorded() -> None:
+    truth = thrusted(0.2)
+    log = simulate(truth, commands=np.where(np.arange(1000) % 300 < 150, 0.5, -0.5)[:, None], dt=0.01)
+    cut = log.window(1.6, 10.0)  # the thruster turned round 0.1 s before, which the rest of the log does not tell
+    judged = validate(truth, [cut], horizon=2.0)
+    assert judged.predictions[0].restarts == pytest.approx((2.2, 3.6, 5.6, 7.6, 9.6))
+    assert (judged.fit["u"] or 0.0) > 95.0
+
+
+def test_models_are_set_back_at_the_same_instants_whatever_their_lag_and_delay() -> None:
+    log = simulate(thrusted(0.2), commands=np.full((1000, 1), 0.5), dt=0.01)
+    for lag, delay, begin in ((0.0, 0.0, 0.0), (0.2, 0.0, 0.6), (0.0, 0.3, 0.3), (0.3, 1.0, 1.9), (50.0, 5.0, 5.5)):
+        first, *others = predict(thrusted(lag), align(log), horizon=2.0, delay=delay).restarts
+        assert first == pytest.approx(begin, abs=0.011)
+        assert others == pytest.approx([k for k in (2.0, 4.0, 6.0, 8.0) if k > first])

@@ -33,20 +33,7 @@ def _there(runs: Learned) -> Learned:
     return runs
 
 
-SHORT = {("all_3", 3.0, "p"): "12 s of tumbling, four restarts: 56.6 % where 62 % is wanted"}
-FIGURES = [
-    pytest.param(
-        case,
-        name,
-        least,
-        id=f"{case.name}: {name}",
-        marks=[pytest.mark.xfail(reason=SHORT[key], strict=True)]
-        if (key := (case.judged, case.horizon, name)) in SHORT
-        else [],
-    )
-    for case in POOL
-    for name, least in case.least
-]
+FIGURES = [pytest.param(case, name, least, id=f"{case.name}: {name}") for case in POOL for name, least in case.least]
 
 
 @pytest.mark.parametrize("case, name, least", FIGURES)

@@ -217,3 +217,12 @@ def test_equal_models_are_rarely_called_different() -> None:
         one, two = (rov(**{name: given(-50.0 + 2.0 * rng.normal(), 2.0) for name in names}) for _ in range(2))
         called += bool(differences(one, two).significant)
     assert 2 <= called <= 22
+
+
+def test_thrusters_that_give_something_else_are_a_difference_without_a_verdict() -> None:
+    base = load_vehicle("bluerov_2016")
+    weaker = tuple(each.model_copy(update={"gain": 0.6} if each.name == "f3" else {}) for each in base.thrusters)
+    found = differences(base, base.model_copy(update={"thrusters": weaker}))
+    (only,) = found.largest
+    assert (only.name, only.text, only.base, only.other) == ("gain_f3", "gain of thruster f3", 1.0, 0.6)
+    assert only.significant is None

@@ -23,6 +23,7 @@ from towtank.app.page_option import new_page, serving
 from towtank.app.sources import read_configurations, read_prior, read_vehicle
 from towtank.errors import InputError
 from towtank.identification import Learner
+from towtank.identification.learned_thrusters import with_gains_of
 from towtank.live.checkpoint import Checkpoint
 from towtank.live.resume import Earlier, earlier
 from towtank.live.session import Session
@@ -72,6 +73,10 @@ def run_live(options: LiveOptions, output: Output) -> None:
     """Run a live session and print how it ended."""
     vehicle = read_vehicle(options.vehicle, output)
     prior = None if options.prior is None else read_prior(options.prior, output)
+    if prior is not None:
+        vehicle, said = with_gains_of(vehicle, prior)
+        for text in said:
+            output.warn(text)
     known = None if options.configurations is None else read_configurations(options.configurations, output)
     mapping = None if options.mapping is None else load_mapping(options.mapping)
     sources = [(text, open_source(text, vehicle, mapping)) for text in options.sources]

@@ -152,7 +152,7 @@ def _forces(thruster: Thruster) -> tuple[float | None, float | None]:
         lowest, highest = force_range(thruster.curve)
     except (ValueError, OverflowError):
         return None, None
-    return float(lowest), float(highest)
+    return thruster.gain * float(lowest), thruster.gain * float(highest)
 
 
 def vehicle_document(vehicle: Vehicle) -> dict[str, Any]:

@@ -12,7 +12,15 @@ from towtank.identification.free_run_gain import Gain, columns_of, gain
 from towtank.identification.free_run_terms import righting
 from towtank.identification.free_runs import FreeRuns
 from towtank.identification.joint_estimate import judge
-from towtank.identification.joint_refine import CHANGE, CHANGE_WORTH, Prior, Refined, refine, refit
+from towtank.identification.joint_refine import (
+    CHANGE,
+    CHANGE_WORTH,
+    Prior,
+    Refined,
+    prior_with_terms,
+    refine,
+    refit,
+)
 from towtank.identification.joint_start import size_of
 from towtank.identification.parameters import CONSTANT, DELAY, LAG, FreeParameters
 from towtank.identification.samples import Samples
@@ -72,7 +80,7 @@ def learn_free_runs(
     """
     names = (*(name for each, _ in starts for name in each.names), *(righting(free.names, samples) if terms else ()))
     runs = FreeRuns.over(vehicle, samples, noise, names, attitude)
-    silent = told or (lambda share: None)
+    silent, prior = told or (lambda share: None), prior_with_terms(vehicle, free, prior)
     first = refine(runs, base, free, starts, delay=delay, prior=prior, terms=terms, find_lag=find_lag, told=silent)
     if first is None:
         return None

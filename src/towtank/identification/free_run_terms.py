@@ -6,14 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from towtank.identification.parameters import LAG
+from towtank.identification.parameters import GAIN_PREFIX, LAG
 from towtank.identification.samples import Samples
-from towtank.vehicle import Vehicle
+from towtank.vehicle import Vehicle, configuration_matrix
 from towtank.vehicle.names import COLUMNS, ROWS
 
 __all__ = ["RIGHTING", "groups_of_terms", "righting"]
 
 RIGHTING = "BG_z"
+
+_FEWEST = 3  # thrusters, of which most give what their curves say
 
 _COUPLED = {3: (4, 5), 4: (3, 5), 5: (3, 4), 1: (5,), 2: (4,)}  # rows, and the speeds that may act on them
 
@@ -21,10 +23,11 @@ _COUPLED = {3: (4, 5), 4: (3, 5), 5: (3, 4), 1: (5,), 2: (4,)}  # rows, and the 
 def groups_of_terms(
     vehicle: Vehicle, names: Sequence[str], samples: Sequence[Samples], *, find_lag: bool
 ) -> tuple[tuple[str, ...], ...]:
-    """Return groups of names: constant forces, lag, other damping terms, couplings by speed.
+    """Return groups of names: constant forces, gains of thrusters, lag, other damping terms, couplings by speed.
 
     Args:
         names: what is free already; an axis is modelled where its inertia is or its damping.
+        find_lag: whether the thrusters' lag is asked for.
     """
     axes = [i for i in range(6) if any(name in names for name in _own(i))]
     measured = np.any([each.measured for each in samples], axis=0)
@@ -38,7 +41,19 @@ def groups_of_terms(
         known = [name for name in (linear, quadratic) if vehicle.coefficient(name) != 0.0]
         damping += known or [linear, quadratic]
     couplings = [f"{ROWS[i]}_{COLUMNS[j]}" for i in axes for j in _coupled(i) if j in axes and j in fed and i in fed]
-    return (tuple(constants), (LAG,) if find_lag else (), tuple(damping), tuple(couplings))
+    gains = _gains(vehicle, axes, samples) if all(each.commands for each in samples) else ()
+    return (tuple(constants), gains, (LAG,) if find_lag else (), tuple(damping), tuple(couplings))
+
+
+def _gains(vehicle: Vehicle, axes: Sequence[int], samples: Sequence[Samples]) -> tuple[str, ...]:
+    """Return the gains of the driven thrusters that act along the modelled axes, where they can be compared.
+
+    All forces together have no scale of their own, so one thruster is told from the others, or not at all.
+    """
+    acts = np.any(configuration_matrix(vehicle)[list(axes)] != 0.0, axis=0)
+    driven = np.any([np.nanmax(each.input_force, axis=0) > np.nanmin(each.input_force, axis=0) for each in samples], 0)
+    chosen = [each.name for each, one in zip(vehicle.thrusters, acts & driven, strict=True) if one]
+    return tuple(GAIN_PREFIX + name for name in chosen) if len(chosen) >= _FEWEST else ()
 
 
 def righting(names: Sequence[str], samples: Sequence[Samples]) -> tuple[str, ...]:

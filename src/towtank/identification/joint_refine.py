@@ -7,9 +7,10 @@ which have seen them all, and output error's, fitted each time to the other wind
 nearer all the same, by more than chance; or where what it leaves is white, for then nothing but the sensors' noise
 parts the model from the data.
 
-Where nobody said which coefficients to learn, what the first model left out is tried: constant forces, the thrusters'
-lag, the other damping terms, couplings between the axes. A term stays that stands out of its deviation and brings runs
-nearer over windows that it was not fitted to.
+Where nobody said which coefficients to learn, what the first model left out is tried: constant forces, thrusters that
+give more or less than their curves say, the thrusters' lag, the other damping terms, couplings between the axes. A term
+stays that stands out of its deviation and brings runs nearer over windows that it was not fitted to; gains, which
+contradict what somebody wrote down, only where chance does not explain that.
 """
 
 from __future__ import annotations
@@ -25,15 +26,16 @@ from towtank.identification.free_run_terms import RIGHTING, groups_of_terms, rig
 from towtank.identification.free_runs import FreeRuns
 from towtank.identification.joint_start import size_of, start_theta
 from towtank.identification.output_error import OutputErrorFit
-from towtank.identification.parameters import DELAY, LAG, PLAIN, FreeParameters, free_parameters
+from towtank.identification.parameters import DELAY, GAIN_PREFIX, IN_GAIN, LAG, PLAIN, FreeParameters, free_parameters
 from towtank.vehicle import Vehicle
 
-__all__ = ["CHANGE", "CHANGE_WORTH", "Prior", "Refined", "refine", "refit"]
+__all__ = ["CHANGE", "CHANGE_WORTH", "Prior", "Refined", "prior_with_terms", "refine", "refit"]
 
 _KEPT = 2.0  # deviations that a term needs which the first model did not have
 _TERM, _TERM_WORTH = 0.5, 0.01  # deviations, and share of the square error, that such a term must save
 CHANGE, CHANGE_WORTH = 2.0, 0.05  # and that a change of judge must
 _LAG = 0.03  # s, to begin with
+_GAIN = 0.3  # deviation of ln gain of a thruster, beforehand
 _ROOM = 100.0  # usual sizes that an added term may have
 _ROUNDS = 3
 
@@ -101,14 +103,14 @@ def refine(
         base: what is held. free: what the joint filter had free.
         starts: what is free and where it begins: the joint filter's coefficients, those of least squares.
         delay: of the inputs [s] where it is not free.
-        prior: mean and information of what is free, known beforehand.
+        prior: mean and information of what is free, known beforehand; `prior_with_terms`, where terms may be added.
         terms: whether others may be added. find_lag: the thrusters' lag too. told: gets the share done.
     """
     kernel = np.array(base.parameters)
     begun = [_Begun(*start) for start in starts]
     if terms and (level := righting(free.names, runs.samples)):
         begun += [_Begun(*_extended(runs.vehicle, each, base, delay, list(level))) for each in begun]
-    tried = [(each, _begin(runs, each, base, free, delay, prior)) for each in begun]
+    tried = [(each, _begin(runs, each, base, delay, prior)) for each in begun]
     sound = [_Found(each.free, fit, base, delay) for each, fit in tried if fit is not None]
     if not sound:
         return None
@@ -118,15 +120,16 @@ def refine(
     if not runs.comparable:
         return _refined(found, free, white, white, None)
     told(0.2)
-    errors = _unseen(runs, found, free, prior)
+    errors = _unseen(runs, found, prior)
     if terms and not white:
         groups = groups_of_terms(runs.vehicle, free.names, runs.samples, find_lag=find_lag)
         for k, group in enumerate(groups):
             told(0.3 + 0.6 * k / len(groups))
             longer = _tried(runs, found, [name for name in group if name not in found.free.names], prior)
             if longer is not None:
-                now = _unseen(runs, longer, free, prior)
-                if gain(now, errors, columns_of(longer.free.names)).beyond(_TERM, _TERM_WORTH):
+                now = _unseen(runs, longer, prior)
+                needed = CHANGE if group[0].startswith(GAIN_PREFIX) else _TERM
+                if gain(now, errors, columns_of(longer.free.names)).beyond(needed, _TERM_WORTH):
                     found, errors = longer, now
     told(0.9)
     columns = columns_of(free.names)
@@ -158,11 +161,8 @@ def _refined(found: _Found, free: FreeParameters, better: bool, white: bool, sav
     return Refined(found.free, fit.theta, fit.covariance, found.delay, better, white, saved, none, none, added)
 
 
-def _begin(
-    runs: FreeRuns, begun: _Begun, base: Vehicle, free: FreeParameters, delay: float, prior: Prior
-) -> OutputErrorFit | None:
-    known = _prior_of(runs.vehicle, free, begun.free, prior)
-    return runs.fit(np.array(base.parameters), begun.free, begun.theta, delay=delay, prior=known)
+def _begin(runs: FreeRuns, begun: _Begun, base: Vehicle, delay: float, prior: Prior) -> OutputErrorFit | None:
+    return runs.fit(np.array(base.parameters), begun.free, begun.theta, delay=delay, prior=prior(begun.free))
 
 
 def _distance(fit: OutputErrorFit, columns: Sequence[int]) -> float:
@@ -172,22 +172,20 @@ def _distance(fit: OutputErrorFit, columns: Sequence[int]) -> float:
     return float(np.mean(np.log(known))) if known.size else np.inf
 
 
-def _unseen(runs: FreeRuns, found: _Found, first: FreeParameters, prior: Prior) -> Array:
-    known = _prior_of(runs.vehicle, first, found.free, prior)
-    return runs.unseen(found.kernel, found.free, found.fit.theta, delay=found.delay, prior=known)
+def _unseen(runs: FreeRuns, found: _Found, prior: Prior) -> Array:
+    return runs.unseen(found.kernel, found.free, found.fit.theta, delay=found.delay, prior=prior(found.free))
 
 
 def _tried(runs: FreeRuns, found: _Found, names: list[str], prior: Prior) -> _Found | None:
     """Return the fit with as many of the names as stand out of their deviations, None where none does."""
+    gains = [name for name in names if name.startswith(GAIN_PREFIX)]
     for _ in range(_ROUNDS if names else 0):
         begun = _Begun(found.free, found.fit.theta)
         free, theta = _extended(runs.vehicle, begun, found.base, found.delay, names)
-        known = _prior_of(runs.vehicle, found.free, free, prior)
-        fit = runs.fit(found.kernel, free, theta, delay=found.delay, prior=known)
+        fit = runs.fit(found.kernel, free, theta, delay=found.delay, prior=prior(free))
         if fit is None:
             return None
-        std = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-        kept = [name for name in names if _stands_out(free, fit.theta, std, name)]
+        kept = [name for name in names if _stands_out(free, fit, name, gains)]
         if kept == names:
             return _without_early_delay(runs, replace(found, free=free, fit=fit), prior)
         names = kept
@@ -196,10 +194,18 @@ def _tried(runs: FreeRuns, found: _Found, names: list[str], prior: Prior) -> _Fo
     return None
 
 
-def _stands_out(free: FreeParameters, theta: Array, std: Array, name: str) -> bool:
+def _stands_out(free: FreeParameters, fit: OutputErrorFit, name: str, gains: Sequence[str]) -> bool:
+    """Whether a term differs from 0 by its deviations, a gain from the usual one: the median of all, held ones too."""
+    pick = np.zeros(len(free))
     k = free.names.index(name)
-    size = abs(float(theta[k])) if free.codes[k, 3] == PLAIN else 1.0
-    return bool(size > _KEPT * std[k])
+    pick[k] = 1.0
+    if name in gains:
+        theta = dict(zip(free.names, fit.theta, strict=True))
+        usual = sorted(gains, key=lambda each: theta.get(each, 0.0))[len(gains) // 2]
+        if usual in free.names:
+            pick[free.names.index(usual)] -= 1.0
+    size = abs(float(pick @ fit.theta)) if free.codes[k, 3] == PLAIN or name in gains else 1.0
+    return bool(size > _KEPT * max(float(pick @ fit.covariance @ pick), 0.0) ** 0.5)
 
 
 def _extended(
@@ -220,16 +226,24 @@ def _extended(
     return free, theta
 
 
-def _prior_of(vehicle: Vehicle, old: FreeParameters, free: FreeParameters, prior: Prior) -> tuple[Array, Array]:
-    """Return what is known beforehand: the prior, and a usual size for the terms that were added."""
-    n = len(free)
-    mean, information = prior(free) or (np.zeros(n), np.zeros((n, n)))
-    information = np.array(information)
-    scale = size_of(vehicle, free)
-    for k, name in enumerate(free.names):
-        if name not in old.names and free.codes[k, 3] == PLAIN and name != DELAY:
-            information[k, k] += (_ROOM * scale[k]) ** -2.0
-    return mean, information
+def prior_with_terms(vehicle: Vehicle, first: FreeParameters, prior: Prior) -> Prior:
+    """Return what is known beforehand: the prior, and a usual size for the terms that `first` has not."""
+
+    def known(free: FreeParameters) -> tuple[Array, Array]:
+        n = len(free)
+        mean, information = prior(free) or (np.zeros(n), np.zeros((n, n)))
+        information = np.array(information)
+        scale = size_of(vehicle, free)
+        for k, name in enumerate(free.names):
+            if name in first.names:
+                continue
+            if free.codes[k, 3] == PLAIN and name != DELAY:
+                information[k, k] += (_ROOM * scale[k]) ** -2.0
+            elif free.codes[k, 0] == IN_GAIN:
+                information[k, k] += _GAIN**-2.0
+        return mean, information
+
+    return known
 
 
 def _without_early_delay(runs: FreeRuns, found: _Found, prior: Prior) -> _Found:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from towtank.errors import InputError, nearest
 from towtank.identification.joint_logs import learn_joint
+from towtank.identification.learned_thrusters import with_gains_of
 from towtank.identification.log_learning import LogLearning
 from towtank.identification.paper_logs import learn_paper
 from towtank.identification.passes import Progress
@@ -46,7 +47,8 @@ def learn_recordings(
             regressors, one axis after the other.
         free: names of the coefficients to learn, see `Learner`.
         delay: from command (or recorded wrench) to force [s]; found, up to `longest_delay`, where omitted.
-        prior: a vehicle whose coefficients bear deviations: what is known beforehand. Not for "paper".
+        prior: a vehicle whose coefficients bear deviations: what is known beforehand. Its thrusters' gains are taken as
+            they are, which the warnings say. Not for "paper".
         current: of the water, estimated along; free runs, which know none, then judge nothing. Not for "paper" and
             "output-error".
         progress: called with a text and the share done, 0 .. 1.
@@ -61,7 +63,9 @@ def learn_recordings(
     if method != "joint" and current:
         raise InputError(f"current: method {method} knows none; use method joint")
     recordings = [with_body_velocity(recording) for recording in recordings]
+    vehicle, taken = (vehicle, ()) if prior is None else with_gains_of(vehicle, prior)
     vehicle, said = _right_way_round(vehicle, recordings, free)
+    said = (*taken, *said)
     if method == "paper":
         learning = learn_paper(
             vehicle, recordings, free=free, delay=delay, longest_delay=longest_delay, progress=progress

@@ -13,6 +13,9 @@ from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
 
 __all__ = ["inputs_known_from", "mean_wrenches"]
 
+_FORGOTTEN = 3.0  # time constants, after which 5 % of a force is left
+_LONGEST = 0.1  # of a recording, that is spent on that
+
 
 @kernel
 def _means(held: HeldInput, shape: Array, t: Array, stamps: Array, forces: Array) -> Array:
@@ -68,13 +71,20 @@ def mean_wrenches(vehicle: Vehicle, grid: Grid, delay: float | None = None) -> A
 def inputs_known_from(vehicle: Vehicle, grid: Grid, delay: float | None = None) -> float:
     """Return the time [s] from which on the recorded inputs act: before it nobody knows what the thrusters did.
 
+    Thrusters that lag still remember for a few time constants what came before the recording. No more than a tenth of
+    what is left is spent on that.
+
     Args as `mean_wrenches`.
     """
     if vehicle.thrusters and grid.command_t.size and grid.command_values.shape[1] == len(vehicle.thrusters):
         values, stamps = grid.command_values, grid.command_t
         delay = vehicle.command_delay if delay is None else delay
+        memory = _FORGOTTEN * max(thruster.time_constant for thruster in vehicle.thrusters)
     else:
         values, stamps = with_absent_zero(np.array(grid.wrench_values)), grid.wrench_t
-        delay = 0.0 if delay is None else delay
+        delay, memory = 0.0 if delay is None else delay, 0.0
     known = stamps[np.isfinite(values).all(axis=1)]
-    return float(known[0]) + delay - 1e-9 if known.size else float(grid.t[0])
+    if not known.size:
+        return float(grid.t[0])
+    acts = float(known[0]) + delay - 1e-9
+    return acts + min(memory, max(0.0, _LONGEST * (float(grid.t[-1]) - acts)))

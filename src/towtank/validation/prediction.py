@@ -1,7 +1,8 @@
 """Free-running prediction: the model alone, driven by what the thrusters were told, from one measured state.
 
 With a horizon it is set back to the measured state every so many seconds, which is the fair question for a vehicle
-that tumbles: small errors of attitude grow without bound and say little about coefficients.
+that tumbles: small errors of attitude grow without bound and say little about coefficients. When is a matter of the
+recording alone: models that answer sooner or later are set back at the same instants.
 """
 
 from __future__ import annotations
@@ -69,7 +70,8 @@ def predict(vehicle: Vehicle, grid: Grid, *, horizon: float | None = None, delay
     wrenches = acted[1:]
     n = len(grid)
     begin = inputs_known_from(vehicle, grid, delay)
-    first = next((i for i in range(n - 1) if grid.t[i] >= begin and starts.known(i)), None)
+    origin = next((i for i in range(n - 1) if starts.known(i)), n)
+    first = next((i for i in range(origin, n - 1) if grid.t[i] >= begin and starts.known(i)), None)
     if first is None:
         raise InputError(f"{grid.source or 'recording'}: there is no instant at which all that is measured is known")
     states = np.full((n, 13), np.nan)
@@ -80,7 +82,7 @@ def predict(vehicle: Vehicle, grid: Grid, *, horizon: float | None = None, delay
     while row < n - 1:
         reached = starts.state(row, reached)
         restarts.append(float(grid.t[row]))
-        end = _next_start(grid, starts, row, horizon)
+        end = _next_start(grid, starts, origin, row, horizon)
         if row == first:
             states[row] = reached
         for begun in range(row, end, _BLOCK):
@@ -94,12 +96,13 @@ def predict(vehicle: Vehicle, grid: Grid, *, horizon: float | None = None, delay
     return Prediction(grid.t, _channels(grid, states), tuple(restarts), grid.source, acted, states)
 
 
-def _next_start(grid: Grid, starts: Starts, row: int, horizon: float | None) -> int:
-    """Return the row at which this stretch ends."""
+def _next_start(grid: Grid, starts: Starts, origin: int, row: int, horizon: float | None) -> int:
+    """Return the row at which this stretch ends: a whole number of horizons after `origin`, or soon after."""
     last = len(grid) - 1
     if horizon is None:
         return last
-    end = row + max(1, round(horizon * grid.rate))
+    rows = max(1, round(horizon * grid.rate))
+    end = origin + rows * ((row - origin) // rows + 1)
     while end < last and not starts.known(end):
         end += 1
     return min(end, last)

@@ -115,5 +115,5 @@ def _with(
 
 
 def _started(prediction: Prediction) -> Array:
-    """Rows from the first instant on at which a state was known; nothing is predicted before."""
+    """Rows from the first instant on at which state and inputs were known; nothing is predicted before."""
     return np.asarray(prediction.t >= prediction.restarts[0])

@@ -26,7 +26,7 @@ class Difference:
     """One quantity in two models: other - base.
 
     Attributes:
-        name: a coefficient, or `M_X .. M_N` for the total inertias (6, 6 diagonal of M_RB + M_A).
+        name: a coefficient, `M_X .. M_N` for the total inertias (6, 6 diagonal of M_RB + M_A), or `gain_<thruster>`.
         text: the same in words. base, other: values; base_std, other_std: None where the file gives none.
         std: of the difference, None where unknown. deviations: |difference| / std, None likewise.
     """
@@ -114,7 +114,10 @@ def spoken(name: str) -> str:
 
 
 def differences(base: Vehicle, other: Vehicle) -> Differences:
-    """Compare two models: total inertias, net weight, righting moments, drags, and whatever else one of them has."""
+    """Compare two models: total inertias, net weight, righting moments, drags, and whatever else one of them has.
+
+    Gains of thrusters of the same name are told where they differ; files give no deviation of them.
+    """
     quantities = [_inertia(base, other, i) for i in range(6)]
     for name in (*RESTORING, *HYDRODYNAMIC):
         kind, i, j = index(name)
@@ -123,6 +126,7 @@ def differences(base: Vehicle, other: Vehicle) -> Differences:
         one = _quantity(base, other, name)
         if one.base != 0.0 or one.other != 0.0:
             quantities.append(one)
+    quantities += _gains(base, other)
     squares = [each.deviations**2 for each in quantities if each.deviations is not None]
     total = math.fsum(squares)
     return Differences(tuple(quantities), total, len(squares), _chance(total, len(squares)))
@@ -148,6 +152,15 @@ def _inertia(base: Vehicle, other: Vehicle, i: int) -> Difference:
         base.deviation(name),
         other.deviation(name),
     )
+
+
+def _gains(base: Vehicle, other: Vehicle) -> list[Difference]:
+    gains = {thruster.name: thruster.gain for thruster in other.thrusters}
+    return [
+        Difference(f"gain_{each.name}", f"gain of thruster {each.name}", "", each.gain, gains[each.name], None, None)
+        for each in base.thrusters
+        if gains.get(each.name, each.gain) != each.gain
+    ]
 
 
 def _quantity(base: Vehicle, other: Vehicle, name: str) -> Difference:

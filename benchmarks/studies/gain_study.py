@@ -1,0 +1,86 @@
+"""Thrusters that give less than their curves say, which nobody tells the learner.
+
+    python benchmarks/studies/gain_study.py [--runs 20] [--only weak] [--output gains.json]
+
+A vehicle tumbles for 60 s under all its thrusters in water that stirs it (0.3 N m, 0.5 s), and only gyros measure.
+`weak`: the two that turn it in yaw give 0.6 of their curves, which yaw alone cannot tell from more inertia and drag.
+`right`: all give what they say. `lagging`: so they do, but 0.08 s late, so that the first model is wrong elsewhere. How
+often gains are said to differ, how well those that do are known, and the error of the total inertias.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+from report import checks_table, show
+from rich.table import Table
+from runner import arguments, write_json
+from summary import Check
+from tumbling import INERTIAS, named, true_vehicle, tumble
+
+from towtank.identification import learn_recordings
+
+WEAK = {"f3": 0.6, "f4": 0.6}
+CASES = {"weak": (WEAK, 0.0), "right": ({}, 0.0), "lagging": ({}, 0.08)}
+Found = tuple[dict[str, tuple[float, float]], list[float]]
+
+
+def learned(case: str, seed: int) -> Found:
+    """Return the gains found and their deviations, and the relative errors of the total inertias."""
+    gains, lag = CASES[case]
+    truth = true_vehicle(lag=lag, **gains)
+    learning = learn_recordings(named(), [tumble(truth, seed=seed)])
+    rigid = named().rigid_body.inertia
+    totals = [
+        (own - learning.model.coefficient(name)) / (own - truth.coefficient(name)) - 1.0
+        for own, name in zip(rigid, INERTIAS, strict=True)
+    ]
+    return {name: (float(gain), float(std)) for name, (gain, std) in learning.gains.items()}, totals
+
+
+def checks(case: str, found: Sequence[Found]) -> list[Check]:
+    """Return what must hold of one case."""
+    weak = CASES[case][0]
+    named_so = [gains for gains, _ in found if set(weak) <= set(gains)]
+    others = [abs(gain - 1.0) for gains, _ in found for name, (gain, _) in gains.items() if name not in weak]
+    out = [Check(f"{case}: largest error of a gain that is 1", max(others, default=0.0), high=0.1)]
+    if weak:
+        off = [(gains[name][0] - true) / gains[name][1] for gains in named_so for name, true in weak.items()]
+        out += [
+            Check(f"{case}: runs in which both are found", len(named_so) / len(found), low=0.9),
+            Check(f"{case}: 95 % intervals that hold the gain", float(np.mean(np.abs(off) < 1.96)), low=0.8),
+        ]
+    inertia = float(np.sqrt(np.mean([np.square(errors) for _, errors in found])))
+    return [*out, Check(f"{case}: RMSE of the total inertias", inertia, high=0.1 if weak else 0.05)]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the study; 0 where everything that must hold holds."""
+    options = arguments(__doc__ or "", 20, argv)
+    cases = [name for name in CASES if not options.only or any(each in name for each in options.only.split(","))]
+    seeds = range(options.seed, options.seed + options.runs)
+    held: list[Check] = []
+    documents = {}
+    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
+        for case in cases:
+            found = list(pool.map(learned, [case] * len(seeds), seeds))
+            table = Table(title=f"{case}, {len(seeds)} runs", title_justify="left")
+            for name in ("seed", "gains", "errors of the total inertias %"):
+                table.add_column(name)
+            for seed, (gains, errors) in zip(seeds, found, strict=True):
+                words = ", ".join(f"{name} {gain:.2f} ± {std:.2f}" for name, (gain, std) in gains.items())
+                table.add_row(str(seed), words, ", ".join(f"{100.0 * each:+.1f}" for each in errors))
+            show(table)
+            held += checks(case, found)
+            documents[case] = found
+    show(checks_table("must hold", held))
+    write_json(options.output, {"study": "gains", "cases": documents, "checks": [each.document() for each in held]})
+    return 0 if all(check.met for check in held) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
