@@ -113,16 +113,15 @@ def learn_free_runs(
         held = {name: hold for name, hold in findings.held.items() if name not in shown}
         if not held or len(held) == len(now.free):
             break
-        for name, hold in held.items():
-            reasons[name] = findings.reasons.get(name, "not determined")
-            if hold == "zero":
-                zeroed.append(name)
-                base = base.with_coefficients({name: 0.0})
+        without = base.with_coefficients({name: 0.0 for name, hold in held.items() if hold == "zero"})
         keep = [k for k, name in enumerate(now.free.names) if name not in held]
         left = now.free.subset([now.free.names[k] for k in keep])
-        again = refit(runs, base, left, now.theta[keep], now, prior)
+        again = refit(runs, without, left, now.theta[keep], now, prior)
         if again is None:
             break
+        base = without
+        zeroed += [name for name, hold in held.items() if hold == "zero"]
+        reasons.update({name: findings.reasons.get(name, "not determined") for name in held})
         now = again
     said = _sentence(first, always, runs.thinned)
     saved = nearer(*((base, now.free, now.theta, now.delay) if first.better else joint)) if compare else None

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification.free_run_gain import columns_of
+from towtank.identification.joint_start import size_of
 from towtank.identification.output_error import OutputErrorFit, fit_output_error
 from towtank.identification.output_error_kernel import STEP
 from towtank.identification.parameters import FreeParameters
@@ -36,6 +37,7 @@ _UPRIGHT = 0.1  # rad, deviation of an attitude that is not measured, where a ru
 _BEGIN = 2  # rows that it is put into
 _SURE = 1e9  # 1/deviation^2 of what is held in a free run
 _ITERATIONS, _AGAIN, _STATES = 30, 20, 8
+_CLAIMED = 1e-6  # deviation, of a coefficient's size, that no recording can promise
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,13 +116,20 @@ class FreeRuns:
         prior: tuple[Array, Array] | None = None,
         without: Sequence[int] = (),
     ) -> OutputErrorFit | None:
-        """Fit free runs to everything but the windows `without`; None where that cannot be done."""
+        """Fit free runs to everything but the windows `without`; None where that cannot be done.
+
+        Nor where the runs hang on a coefficient by a hair, as those of a vehicle that swings or tumbles may: then the
+        derivatives say nothing of the coefficient, and the deviation that follows from them is absurdly small.
+        """
         samples = self._rest(without)
         most = _AGAIN if without else _ITERATIONS
         found = self._fitted(samples, kernel, free, theta, delay, prior, most)
         if found is None or not (np.isfinite(found.theta).all() and np.isfinite(found.cost)):
             return None
-        return found if np.isfinite(found.covariance).all() else None
+        if not np.isfinite(found.covariance).all():
+            return None
+        claimed = np.sqrt(np.maximum(np.diag(found.covariance), 0.0)) / size_of(self.vehicle, free)
+        return found if (claimed > _CLAIMED).all() else None
 
     def errors(
         self, kernel: Array, free: FreeParameters, theta: Array, *, delay: float, windows: Sequence[int] | None = None

@@ -102,6 +102,7 @@ def samples_of(recording: Recording, vehicle: Vehicle) -> Samples:
     values = np.full((t.size, N_MEASURED), np.nan)
     for (j, _, measured), row in zip(columns, rows, strict=True):
         values[row, j] = measured
+    del columns, rows, measured, row  # room for the inputs
     input_t, force, shape, lag, commands = _inputs(bound, vehicle, prefix)
     return Samples(t, values, input_t, force, shape, lag, commands, recording.source)
 
@@ -134,7 +135,7 @@ def _inputs(recording: Recording, vehicle: Vehicle, prefix: str) -> tuple[Array,
             if "voltage" in recording and len(known := recording["voltage"].measured):
                 voltage = np.interp(t, known.t, known.values)
             lag = np.array([thruster.time_constant for thruster in vehicle.thrusters])
-            return t, held_forces(vehicle, np.array(values), voltage), configuration_matrix(vehicle), lag, True
+            return t, held_forces(vehicle, values, voltage), configuration_matrix(vehicle), lag, True
     present = [name for name in WRENCH if name in recording and len(recording[name].measured)]
     t, known_values = stack_held([recording[name] for name in present])
     if not t.size:

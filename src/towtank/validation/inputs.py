@@ -62,10 +62,17 @@ def mean_wrenches(vehicle: Vehicle, grid: Grid, delay: float | None = None) -> A
             "predicted; map the thrusters' columns (--map) or record X Y Z K M N"
         )
     finite = np.isfinite(forces).all(axis=1)
-    stamps, forces = stamps[finite], np.ascontiguousarray(forces[finite])
+    if not finite.all():
+        stamps, forces = stamps[finite], forces[finite]
     if not stamps.size:
         raise InputError(f"{grid.source or 'recording'}: no row has a command for every thruster")
-    return _means(new_held_input(shape.shape[1], lag, delay), np.ascontiguousarray(shape), grid.t, stamps, forces)
+    return _means(
+        new_held_input(shape.shape[1], lag, delay),
+        np.ascontiguousarray(shape),
+        grid.t,
+        stamps,
+        np.ascontiguousarray(forces),
+    )
 
 
 def inputs_known_from(vehicle: Vehicle, grid: Grid, delay: float | None = None) -> float:

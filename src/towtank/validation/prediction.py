@@ -93,6 +93,7 @@ def predict(vehicle: Vehicle, grid: Grid, *, horizon: float | None = None, delay
             reached = np.where(np.isfinite(reached), reached, 0.0)
             reached[3:7] = (1.0, 0.0, 0.0, 0.0)
         row = end
+    del starts, wrenches  # room for what follows
     return Prediction(grid.t, _channels(grid, states), tuple(restarts), grid.source, acted, states)
 
 
@@ -125,12 +126,14 @@ def _channels(grid: Grid, states: Array) -> dict[str, tuple[Array, Array]]:
     fresh = dict(zip(POSE + VELOCITIES, grid.fresh.T[:12], strict=True))
     out = {}
     for name in CHANNELS:
-        y = np.where(fresh[name], measured[name], np.nan)
+        y = measured[name]
+        if not fresh[name].all():  # else nothing to copy
+            y = np.where(fresh[name], y, np.nan)
         if not np.isfinite(y).any():
             continue
         yhat = predicted[name]
         if name in _ANGLES:
-            away = yhat - y
-            yhat = np.where(np.isfinite(away), y + (away + np.pi) % (2.0 * np.pi) - np.pi, yhat)
+            turns = np.round((yhat - y) / (2.0 * np.pi))
+            np.subtract(yhat, 2.0 * np.pi * turns, out=yhat, where=np.isfinite(turns))
         out[name] = (y, yhat)
     return out
