@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.identification.findings import Hold
 from towtank.identification.free_run_gain import Gain, columns_of, gain
 from towtank.identification.free_run_terms import righting
 from towtank.identification.free_runs import FreeRuns
@@ -17,6 +18,7 @@ from towtank.identification.joint_refine import (
     CHANGE_WORTH,
     Prior,
     Refined,
+    Start,
     prior_with_terms,
     refine,
     refit,
@@ -58,7 +60,8 @@ def learn_free_runs(
     base: Vehicle,
     samples: Sequence[Samples],
     free: FreeParameters,
-    starts: Sequence[tuple[FreeParameters, Array]],
+    starts: Sequence[Start],
+    instead: Sequence[Start],
     noise: Array,
     attitude: Sequence[Array],
     plain: tuple[Vehicle, float],
@@ -78,13 +81,15 @@ def learn_free_runs(
         attitude: see `FreeRuns`. plain: what least squares found, and its delay [s].
         speeds: see `joint_estimate.judge`. told: gets the share done.
     """
-    names = (*(name for each, _ in starts for name in each.names), *(righting(free.names, samples) if terms else ()))
+    begun = {name for each, _ in (*starts, *instead) for name in each.names}
+    names = (*begun, *(righting(free.names, samples) if terms else ()))
     runs = FreeRuns.over(vehicle, samples, noise, names, attitude)
     silent, prior = told or (lambda share: None), prior_with_terms(vehicle, free, prior)
-    first = refine(runs, base, free, starts, delay=delay, prior=prior, terms=terms, find_lag=find_lag, told=silent)
+    first = refine(
+        runs, base, free, starts, instead, delay=delay, prior=prior, terms=terms, find_lag=find_lag, told=silent
+    )
     if first is None:
         return None
-    begun = {name for each, _ in starts for name in each.names}
     proved = tuple(name for name in first.added if name not in begun)  # by windows held out
     now, reasons, zeroed = first, dict[str, str](), []
     begin, compare = base, terms and not always and not first.white and runs.comparable
@@ -101,34 +106,77 @@ def learn_free_runs(
     if compare and not first.better and nearer(*joint) and not nearer(base, now.free, now.theta, now.delay):
         now = first = replace(first, better=True)  # least squares beats the filter, but not what free runs found
     for _ in range(_ROUNDS if terms and (first.better or always) else 0):
-        findings = judge(
-            now.free,
-            now.theta,
-            now.covariance,
-            np.full(len(now.free), _WIDE),
-            size_of(vehicle, now.free),
-            speeds=speeds,
-        )
-        shown = (DELAY, LAG, *proved, *(name for name in now.free.names if _shows(now, name)))
-        held = {name: hold for name, hold in findings.held.items() if name not in shown}
-        if not held or len(held) == len(now.free):
+        tried = _held(runs, base, now, prior, proved, speeds)
+        if tried is None:
             break
-        without = base.with_coefficients({name: 0.0 for name, hold in held.items() if hold == "zero"})
-        keep = [k for k, name in enumerate(now.free.names) if name not in held]
-        left = now.free.subset([now.free.names[k] for k in keep])
-        again = refit(runs, without, left, now.theta[keep], now, prior)
-        if again is None:
-            break
-        base = without
-        zeroed += [name for name, hold in held.items() if hold == "zero"]
-        reasons.update({name: findings.reasons.get(name, "not determined") for name in held})
-        now = again
+        for stays in tried.stand_for_two:
+            other = _held(runs, base, now, prior, proved, speeds, yielding=(*tried.yielding, stays))
+            if other is not None and other.nearer(runs, tried, columns_of([stays])):
+                tried = other
+        base, now = tried.base, tried.found
+        zeroed += [name for name, hold in tried.held.items() if hold == "zero"]
+        reasons.update(tried.reasons)
     said = _sentence(first, always, runs.thinned)
     saved = nearer(*((base, now.free, now.theta, now.delay) if first.better else joint)) if compare else None
     if saved is not None:
         share = f"{100.0 * saved.mean:.0f} +- {100.0 * saved.std:.0f} % less square error"
         said += f"; but free runs with the coefficients of least squares are nearer than either ({share})"
     return FreeRunOutcome(now, base, reasons, tuple(zeroed), first, said, saved is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """A fit with less free: what is held, why, and the vehicle that holds it.
+
+    stand_for_two: damping terms whose mate is taken as 0. yielding: see `identifiability`.
+    """
+
+    found: Refined
+    base: Vehicle
+    held: dict[str, Hold]
+    reasons: dict[str, str]
+    stand_for_two: tuple[str, ...]
+    yielding: tuple[str, ...]
+
+    def nearer(self, runs: FreeRuns, other: _Held, columns: Sequence[int]) -> bool:
+        """Whether runs come nearer than with the other choice, in some columns."""
+        one, two = (
+            runs.errors(np.array(each.base.parameters), each.found.free, each.found.theta, delay=each.found.delay)
+            for each in (self, other)
+        )
+        return gain(one, two, columns).mean > 0.0
+
+
+def _held(
+    runs: FreeRuns,
+    base: Vehicle,
+    found: Refined,
+    prior: Prior,
+    proved: Sequence[str],
+    speeds: Array,
+    *,
+    yielding: tuple[str, ...] = (),
+) -> _Held | None:
+    """Return the fit without what these recordings do not determine; None where they do, or nothing would be left.
+
+    proved: names that stay, since runs over windows not seen came nearer with them. yielding: see `identifiability`.
+    """
+    free = found.free
+    wide, size = np.full(len(free), _WIDE), size_of(runs.vehicle, free)
+    findings = judge(free, found.theta, found.covariance, wide, size, speeds=speeds, yielding=yielding)
+    shown = (DELAY, LAG, *proved, *(name for name in free.names if _shows(found, name)))
+    held = {name: hold for name, hold in findings.held.items() if name not in shown}
+    if not held or len(held) == len(free):
+        return None
+    without = base.with_coefficients({name: 0.0 for name, hold in held.items() if hold == "zero"})
+    keep = [k for k, name in enumerate(free.names) if name not in held]
+    left = free.subset([free.names[k] for k in keep])
+    again = refit(runs, without, left, found.theta[keep], found, prior)
+    if again is None:
+        return None
+    reasons = {name: findings.reasons.get(name, "not determined") for name in held}
+    stay = [each.partner for each in findings.findings if held.get(each.name) == "zero" and each.partner]
+    return _Held(again, without, held, reasons, tuple(stay), yielding)
 
 
 def _shows(found: Refined, name: str) -> bool:

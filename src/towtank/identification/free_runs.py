@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +20,10 @@ from towtank.identification.joint_start import size_of
 from towtank.identification.output_error import OutputErrorFit, fit_output_error
 from towtank.identification.output_error_kernel import STEP
 from towtank.identification.parameters import FreeParameters
-from towtank.identification.samples import Samples
+from towtank.identification.samples import Samples, cuts
 from towtank.vehicle import Vehicle
 
-__all__ = ["FreeRuns", "stretch"]
+__all__ = ["FreeRuns"]
 
 _RUN, _POSED = 5.0, 60.0  # s: length of a run; and where a pose is run over, which remembers how it began
 _SHORTEST, _ROWS = 2.5, 40  # s, and rows, of a window
@@ -32,7 +31,6 @@ _WINDOWS = 8  # usual number of windows, where the recordings are short
 _FEWEST = 4  # windows, without which nothing is compared
 _FOLDS = 4
 _MOST_ROWS = 12_000  # or steps, that models run over; of more, windows spread evenly are looked at
-_BEFORE = 5.0  # s of inputs before a window that still matter
 _UPRIGHT = 0.1  # rad, deviation of an attitude that is not measured, where a run begins
 _BEGIN = 2  # rows that it is put into
 _SURE = 1e9  # 1/deviation^2 of what is held in a free run
@@ -80,17 +78,17 @@ class FreeRuns:
         cost = sum(max(t.size, round(float(t[-1] - t[0]) / STEP)) for t in stamps if t.size)
         pieces = [(k, rows) for k, rows in enumerate(rows_of)]
         if cost > _MOST_ROWS:
-            cuts = [(k, rows_of[k][a:b]) for k, t in enumerate(stamps) for a, b in _cuts(t, segment)]
-            some = np.linspace(0, len(cuts) - 1, max(1, len(cuts) * _MOST_ROWS // cost)).astype(np.int64)
-            pieces = [cuts[i] for i in np.unique(some)]
+            parts = [(k, rows_of[k][a:b]) for k, t in enumerate(stamps) for a, b in cuts(t, segment)]
+            some = np.linspace(0, len(parts) - 1, max(1, len(parts) * _MOST_ROWS // cost)).astype(np.int64)
+            pieces = [parts[i] for i in np.unique(some)]
         angles = [angles[k][rows] for k, rows in pieces]
         kept = [_only(samples[k], left, rows) for k, rows in pieces]
         if cost > _MOST_ROWS:
-            kept = [stretch(each, 0, len(each)) for each in kept]
+            kept = [each.stretch(0, len(each)) for each in kept]
         total = sum(each.duration for each in kept)
         step = total / max(sum(len(each) for each in kept), 1)
         length = float(np.clip(total / _WINDOWS, max(_SHORTEST, _ROWS * step), max(segment, _ROWS * step)))
-        windows = tuple((k, a, b) for k, each in enumerate(kept) for a, b in _cuts(each.t, length))
+        windows = tuple((k, a, b) for k, each in enumerate(kept) for a, b in cuts(each.t, length))
         noise = np.array(noise)
         if not measured[3:5].any():
             noise[3:5] = _UPRIGHT
@@ -185,12 +183,12 @@ class FreeRuns:
                     left[a:b] = False
             edges = np.flatnonzero(np.diff(np.concatenate([[False], left, [False]]).astype(np.int64)))
             for first, last in edges.reshape(-1, 2):
-                out += [self._piece(k, first + a, first + b) for a, b in _cuts(each.t[first:last], self.segment)]
+                out += [self._piece(k, first + a, first + b) for a, b in cuts(each.t[first:last], self.segment)]
         return out
 
     def _piece(self, k: int, first: int, last: int) -> Samples:
         """Return a stretch of a recording, with the attitude that it begins with where it measures none."""
-        piece, angles = stretch(self.samples[k], first, last), self.attitude[k][first : first + _BEGIN]
+        piece, angles = self.samples[k].stretch(first, last), self.attitude[k][first : first + _BEGIN]
         if not np.isfinite(angles).all():
             return piece
         values = np.array(piece.values)
@@ -220,30 +218,6 @@ class FreeRuns:
             )
         except (InputError, np.linalg.LinAlgError):
             return None
-
-
-def stretch(samples: Samples, first: int, last: int) -> Samples:
-    """Return rows [first, last) with the inputs that matter to them."""
-    begin = max(0, int(np.searchsorted(samples.input_t, samples.t[first] - _BEFORE, "right")) - 1)
-    end = int(np.searchsorted(samples.input_t, samples.t[last - 1], "right"))
-    inputs = slice(begin, max(end, begin + 1))
-    return replace(
-        samples,
-        t=samples.t[first:last],
-        values=samples.values[first:last],
-        input_t=samples.input_t[inputs],
-        input_force=samples.input_force[inputs],
-    )
-
-
-def _cuts(t: Array, length: float) -> list[tuple[int, int]]:
-    """Return first row and row after the last of pieces about as long as `length` [s]."""
-    if not t.size:
-        return []
-    parts = max(1, round(float(t[-1] - t[0]) / length))
-    edges = np.searchsorted(t, np.linspace(t[0], t[-1], parts + 1)[1:-1])
-    bounds = [0, *(int(edge) for edge in edges), t.size]
-    return [(a, b) for a, b in pairwise(bounds) if b - a >= 3]
 
 
 def _telling(columns: Sequence[int], measured: Array) -> tuple[int, ...]:

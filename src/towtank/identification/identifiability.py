@@ -9,7 +9,7 @@ that is told less gives way.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -41,6 +41,7 @@ def identifiability(
     size: Array | None = None,
     prior: Array | None = None,
     speeds: Array | None = None,
+    yielding: Collection[str] = (),
 ) -> Identifiability:
     """Judge a run by its information.
 
@@ -51,6 +52,7 @@ def identifiability(
         size: (n,) what is 100 % of a coordinate that is no logarithm; default |theta|, 1 where that is 0.
         prior: information (n, n) known beforehand, in the same coordinates.
         speeds: (6, 2) root mean square and largest speed of each axis in the run [m/s, rad/s].
+        yielding: names that give way to their like, whichever is told less.
 
     Raises:
         InputError: shapes that do not fit together.
@@ -64,7 +66,7 @@ def identifiability(
     unit = np.where(log, 1.0, np.where((given > 0.0) & np.isfinite(given), given, 1.0))
     A = relative(information, unit, prior)
     growth = np.where(log, 1.0, np.nan_to_num(theta / unit))
-    judge = _Judge(tuple(names), A, growth, _magnitudes(theta, log), speeds)
+    judge = _Judge(tuple(names), A, growth, _magnitudes(theta, log), speeds, yielding)
     found = judge.verdict()
     if prior is None:
         return found
@@ -94,6 +96,7 @@ class _Judge:
     growth: Array  # relative change of each coordinate when the unit of force grows
     magnitude: Array
     speeds: Array | None
+    yielding: Collection[str] = ()
     free: list[int] = field(default_factory=list)
     given_up: dict[int, tuple[State, Hold, str | None, str]] = field(
         default_factory=dict
@@ -240,7 +243,7 @@ class _Judge:
 
     def _yields(self, i: int, j: int, single: Array) -> bool:
         """Whether i gives way to j: the one that is no core of the model, else the one that is told less."""
-        a, b = (_GIVES_WAY.get(self.roles[k].kind, 0) for k in (i, j))
+        a, b = ((_GIVES_WAY.get(self.roles[k].kind, 0), self.names[k] in self.yielding) for k in (i, j))
         return a > b if a != b else bool(single[i] > single[j])
 
     def _give_up_one(self) -> None:

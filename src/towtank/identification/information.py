@@ -12,7 +12,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 
-__all__ = ["alone", "along", "correlations", "deviations", "pair", "relative", "weakest"]
+__all__ = ["alone", "along", "correlations", "deviations", "pair", "relative", "told_by_data", "weakest"]
 
 _NULL = 1e-12  # eigenvalue, per row, of the matrix with unit diagonal
 _DARK = 1e-12  # information of a deviation of a million times the value: rounding, no more
@@ -28,6 +28,19 @@ def relative(information: Array, size: Array, prior: Array | None = None) -> Arr
     scaled[dark] = 0.0
     scaled[:, dark] = 0.0
     return np.asarray(scaled)
+
+
+def told_by_data(covariance: Array, before: Array) -> Array:
+    """Return the information (n, n) that a covariance holds beyond that known before; what is less than none is none.
+
+    It is inverted at a unit diagonal, so that one number of which nothing at all is known does not drown the others.
+    """
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    scaled = covariance / np.outer(size, size)
+    inverse = np.linalg.pinv(0.5 * (scaled + scaled.T), rcond=_NULL, hermitian=True)
+    more = inverse / np.outer(size, size) - before
+    values, vectors = np.linalg.eigh(0.5 * (more + more.T))
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def _finite(matrix: Array) -> Array:

@@ -27,6 +27,7 @@ __all__ = [
     "bounded",
     "held_of",
     "joint_passes",
+    "merit",
     "one_pass",
     "prior_deviation",
     "told_of",
@@ -192,6 +193,8 @@ def joint_passes(
     prior: tuple[Array, Array] | None = None,
     most: int = _PASSES,
     shown: Array | None = None,
+    begin: bool = True,
+    cautious: bool = True,
     told: Progress | None = None,
 ) -> JointFit:
     """Run passes from theta (n,) until nothing moves any more.
@@ -200,6 +203,8 @@ def joint_passes(
         scale: size (n,) of coordinates that are no logarithms.
         most: passes at most.
         shown: noise (15,) that the samples show, by default that of `levels`. Others as `one_pass`.
+        begin: theta may be far off, so that the first pass follows what it finds; else it comes from an earlier fit.
+        cautious: end with a pass for deviations at a level above its estimate.
     """
     shown = levels.noise if shown is None else shown
     deviation = prior_deviation(free, scale)
@@ -208,11 +213,11 @@ def joint_passes(
     worse = 0
     for k in range(most):
         share = (lambda s, k=k: told((k + s) / most)) if told is not None else None
-        way = replace(tuning, follow=k == 0)
+        way = replace(tuning, follow=begin and k == 0)
         state, _ = one_pass(samples, p, free, anchor, deviation, levels, way, delay=delay, prior=prior, told=share)
         fit = _fit(free, state, levels, k + 1)
         sound = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.std).all() and np.isfinite(fit.likelihood))
-        if not sound or (best is not None and k > 1 and _merit(fit, tuning) < _merit(best, tuning) - _WORSE):
+        if not sound or (best is not None and k > begin and merit(fit, tuning) < merit(best, tuning) - _WORSE):
             worse += 1
             if best is None:
                 deviation = 0.3 * deviation
@@ -223,18 +228,20 @@ def joint_passes(
                 levels = between(levels, best.levels)
             continue
         following = followed(state, levels, tuning, shown)
-        still = k > 0 and bool(np.all(np.abs(fit.theta - anchor) <= _SETTLED * fit.std + 1e-6))
+        still = (k > 0 or not begin) and bool(np.all(np.abs(fit.theta - anchor) <= _SETTLED * fit.std + 1e-6))
         best = fit
         if still and alike(following, levels):
             break
-        following_anchor = bounded(free, fit.theta, anchor, linear=k > 0)
+        following_anchor = bounded(free, fit.theta, anchor, linear=k > 0 or not begin)
         anchor, levels = told_of(free, following_anchor, fit.std, np.asarray(theta)), following
     if best is None:
         return replace(fit, theta=anchor)
-    cautious = replace(best.levels, sigma=best.levels.sigma * caution(best.looks))
+    if not cautious:
+        return best
+    higher = replace(best.levels, sigma=best.levels.sigma * caution(best.looks))
     way = replace(tuning, follow=False)
     about = bounded(free, best.theta, best.theta)
-    state, _ = one_pass(samples, p, free, about, deviation, cautious, way, delay=delay, prior=prior)
+    state, _ = one_pass(samples, p, free, about, deviation, higher, way, delay=delay, prior=prior)
     last = _fit(free, state, best.levels, best.passes + 1)
     sound = bool(np.isfinite(last.std).all() and (last.std > 0.0).all())
     return replace(best, covariance=last.covariance, passes=last.passes) if sound else best
@@ -263,7 +270,8 @@ def _fit(free: FreeParameters, state: JointState, levels: Levels, passes: int) -
     )
 
 
-def _merit(fit: JointFit, tuning: Tuning) -> float:
+def merit(fit: JointFit, tuning: Tuning) -> float:
+    """Return the logarithm of the likelihood of what was found, that of the levels under their prior included."""
     return fit.likelihood + level_merit(fit.levels, tuning)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from towtank.identification.axes import AXES
 from towtank.identification.estimate import AxisReport, Estimate, SumOfInertias
 from towtank.identification.findings import Identifiability
 from towtank.identification.identifiability import identifiability
+from towtank.identification.information import told_by_data
 from towtank.identification.parameters import IN_DELAY, PLAIN, FreeParameters
 from towtank.identification.physical import consistent
 from towtank.vehicle import COEFFICIENTS, Vehicle
@@ -36,19 +37,16 @@ def judge(
     *,
     prior: Array | None = None,
     speeds: Array | None = None,
+    yielding: Collection[str] = (),
 ) -> Identifiability:
     """Say what a run determined, from the covariance after it less the deviations (n,) that it started from.
 
     Args:
         scale: size (n,) of coordinates that are no logarithms. prior: information (n, n) that was put in.
-        speeds: (6, 2), see `identifiability`.
+        speeds: (6, 2), yielding: see `identifiability`.
     """
-    information = np.linalg.pinv(0.5 * (covariance + covariance.T), rcond=1e-14, hermitian=True)
-    information -= np.diag(deviation**-2.0)
-    if prior is not None:
-        information -= prior
-    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
-    information = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    before = np.diag(deviation**-2.0) if prior is None else np.diag(deviation**-2.0) + prior
+    information = told_by_data(covariance, before)
     log = [bool(free.codes[k, 3] != PLAIN) for k in range(len(free))]
     size = np.maximum(np.abs(theta), 0.0)
     for k in range(len(free)):
@@ -56,7 +54,9 @@ def judge(
             size[k] = max(size[k], 0.05)
         elif not log[k]:
             size[k] = max(size[k], 0.05 * scale[k])
-    return identifiability(free.names, theta, information, logarithmic=log, size=size, prior=prior, speeds=speeds)
+    return identifiability(
+        free.names, theta, information, logarithmic=log, size=size, prior=prior, speeds=speeds, yielding=yielding
+    )
 
 
 def assemble(

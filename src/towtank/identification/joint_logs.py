@@ -12,9 +12,11 @@ from towtank.core.arrays import Array
 from towtank.identification.drifting_attitude import drifting_attitude
 from towtank.identification.estimate import Estimate
 from towtank.identification.free_run_learning import learn_free_runs
-from towtank.identification.joint import JointFit, joint_passes, prior_deviation
+from towtank.identification.joint import JointFit, prior_deviation
 from towtank.identification.joint_current import current_of, suspected_current
-from towtank.identification.joint_estimate import assemble, judge
+from towtank.identification.joint_estimate import assemble
+from towtank.identification.joint_refine import Start
+from towtank.identification.joint_rounds import run_rounds
 from towtank.identification.joint_start import (
     levels_of,
     prior_information,
@@ -35,7 +37,6 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["learn_joint"]
 
-_ROUNDS = 3  # of holding what is not determined
 _HIDES = 6.0  # time constants of a disturbance that a run can be too short to show
 
 
@@ -78,48 +79,24 @@ def learn_joint(
     levels = levels_of(recordings, samples, vehicle)
     own_noise = levels.noise  # the filter's may hold what its model lacks
     tuning = replace(tuning_for(vehicle), current=current)
-    unidentified: dict[str, str] = dict(held)
-    zeroed = [name for name in held if first.model.coefficient(name) == 0.0]
-    base = vehicle.with_coefficients(dict.fromkeys(zeroed, 0.0))  # what is held is held where the result has it
-    kernel = np.array(base.parameters)
-    for _ in range(_ROUNDS):
-        scale = size_of(vehicle, parameters)
-        information = _prior(prior, parameters)
-        fit = joint_passes(
-            samples,
-            kernel,
-            parameters,
-            theta,
-            levels,
-            tuning,
-            scale=scale,
-            delay=found_delay,
-            prior=information,
-            shown=own_noise,
-            told=lambda share: told("joint filter", 0.3 + 0.4 * share),
-        )
-        findings = judge(
-            parameters,
-            fit.theta,
-            fit.likely,
-            prior_deviation(parameters, scale),
-            scale,
-            prior=None if information is None else information[1],
-            speeds=speeds_of(first),
-        )
-        held_now = {name: hold for name, hold in findings.held.items() if name not in (DELAY, LAG)}
-        if asked is not None or not held_now:
-            break
-        for name, hold in held_now.items():
-            unidentified[name] = findings.reasons.get(name, "not determined")
-            if hold == "zero":
-                zeroed.append(name)
-                base = base.with_coefficients({name: 0.0})
-        kernel = np.array(base.parameters)
-        keep = [name for name in parameters.names if name not in held_now]
-        theta = np.array([value for name, value in zip(parameters.names, fit.theta, strict=True) if name in keep])
-        parameters = parameters.subset(keep)
-        levels = fit.levels
+    found = run_rounds(
+        vehicle,
+        samples,
+        parameters,
+        theta,
+        levels,
+        tuning,
+        held=held,
+        zeroed=[name for name in held if first.model.coefficient(name) == 0.0],
+        delay=found_delay,
+        prior=prior,
+        asked=asked is not None,
+        speeds=speeds_of(first),
+        told=lambda share: told("joint filter", 0.3 + 0.4 * share),
+    )
+    fit, base, findings, unidentified = found.fit, found.base, found.findings, found.unidentified
+    parameters, zeroed = fit.free, list(found.zeroed)
+    chosen = [name for name in (*wanted, *found.added) if name not in found.dropped]
     told("free runs", 0.7)
     method, remarks, water = "joint", [], None
     doubts: tuple[str, ...] = ()
@@ -127,8 +104,15 @@ def learn_joint(
         water = current_of(fit.state)
         remarks.append(f"the water flows: {water.said}, at the end of the last recording")
     else:
-        deviation = prior_deviation(parameters, scale)
-        flow = suspected_current(samples, kernel, fit, deviation, tuning, delay=found_delay, prior=information)
+        flow = suspected_current(
+            found.few,
+            np.array(base.parameters),
+            fit,
+            prior_deviation(parameters, size_of(vehicle, parameters)),
+            tuning,
+            delay=found_delay,
+            prior=_prior(prior, parameters),
+        )
         if flow is not None:
             doubts = (
                 f"a water current of {flow.said} would explain these recordings far better than water at rest, and "
@@ -139,10 +123,13 @@ def learn_joint(
         if current
         else learn_free_runs(
             vehicle,
-            base,
+            base.with_coefficients({name: 0.0 for name in found.added if name in parameters.names}),
             samples,
             parameters,
-            _starts(vehicle, parameters, fit.theta, wanted if asked is None else parameters.names, known, found_delay),
+            _starts(vehicle, fit, chosen if asked is None else parameters.names, known, found_delay),
+            []
+            if found.before is None or asked is not None
+            else _starts(vehicle, found.before, wanted, known, found_delay),
             own_noise,
             [drifting_attitude(g, s, each.t) for g, s, each in zip(first.grids, first.sources, samples, strict=True)],
             (first.model, first.delay),
@@ -166,9 +153,10 @@ def learn_joint(
             spread = _no_surer(parameters, spread, fit)
         fit = replace(fit, free=parameters, theta=second.refined.theta, covariance=spread, likely=spread)
         unidentified = {name: why for name, why in unidentified.items() if name not in second.refined.added}
+        unidentified.update({name: held[name] for name in found.added if name not in parameters.names})
         unidentified.update(second.reasons)
         wanted = (*wanted, *(name for name in second.refined.added if name not in wanted))
-        zeroed = [name for name in (*zeroed, *second.zeroed) if name not in parameters.names]
+        zeroed = [name for name in (*zeroed, *found.added, *second.zeroed) if name not in parameters.names]
     else:
         unidentified = {**{n: why for n, why in findings.reasons.items() if n not in (DELAY, LAG)}, **unidentified}
     if asked is not None:
@@ -193,16 +181,11 @@ def learn_joint(
 
 
 def _starts(
-    vehicle: Vehicle,
-    free: FreeParameters,
-    theta: Array,
-    wanted: Sequence[str],
-    least_squares: Vehicle,
-    delay: float,
-) -> list[tuple[FreeParameters, Array]]:
+    vehicle: Vehicle, fit: JointFit, wanted: Sequence[str], least_squares: Vehicle, delay: float
+) -> list[Start]:
     """Return where free runs may begin: the joint filter's coefficients, and all that least squares found."""
     whole = free_parameters(vehicle, wanted)
-    return [(free, theta), (whole, start_theta(least_squares, least_squares, whole, delay=delay, lag=0.05))]
+    return [(fit.free, fit.theta), (whole, start_theta(least_squares, least_squares, whole, delay=delay, lag=0.05))]
 
 
 def _may_lag(samples: Sequence[Samples]) -> bool:

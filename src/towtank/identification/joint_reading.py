@@ -8,6 +8,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.estimate import AxisReport, Estimate
+from towtank.identification.information import told_by_data
 from towtank.identification.joint import prior_deviation
 from towtank.identification.joint_estimate import assemble, judge
 from towtank.identification.joint_levels import caution
@@ -44,9 +45,7 @@ def reading(
 def _cautious(covariance: Array, deviation: Array, prior: Array | None, grown: Array) -> Array:
     """Return the covariance (n, n) with what the data told, and that alone, less sure by the factors grown (n,)."""
     before = np.diag(deviation**-2.0) + (0.0 if prior is None else prior)
-    told = np.linalg.pinv(covariance, rcond=1e-14, hermitian=True) - before
-    values, vectors = np.linalg.eigh(0.5 * (told + told.T))
-    told = (vectors * np.maximum(values, 0.0)) @ vectors.T / np.outer(grown, grown)
+    told = told_by_data(covariance, before) / np.outer(grown, grown)
     return np.asarray(np.linalg.inv(told + before))
 
 

@@ -29,7 +29,7 @@ from towtank.identification.output_error import OutputErrorFit
 from towtank.identification.parameters import DELAY, GAIN_PREFIX, IN_GAIN, LAG, PLAIN, FreeParameters, free_parameters
 from towtank.vehicle import Vehicle
 
-__all__ = ["CHANGE", "CHANGE_WORTH", "Prior", "Refined", "prior_with_terms", "refine", "refit"]
+__all__ = ["CHANGE", "CHANGE_WORTH", "Prior", "Refined", "Start", "prior_with_terms", "refine", "refit"]
 
 _KEPT = 2.0  # deviations that a term needs which the first model did not have
 _TERM, _TERM_WORTH = 0.5, 0.01  # deviations, and share of the square error, that such a term must save
@@ -38,8 +38,10 @@ _LAG = 0.03  # s, to begin with
 _GAIN = 0.3  # deviation of ln gain of a thruster, beforehand
 _ROOM = 100.0  # usual sizes that an added term may have
 _ROUNDS = 3
+_LOST = 0.5  # share of the windows in which runs go nowhere
 
 Prior = Callable[[FreeParameters], tuple[Array, Array] | None]
+Start = tuple[FreeParameters, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +86,18 @@ class _Found:
     def kernel(self) -> Array:
         return np.array(self.base.parameters)
 
+    @property
+    def white(self) -> bool:
+        """Whether nothing but the sensors' noise is left."""
+        return self.fit.memory.white(columns_of(self.free.names))
+
 
 def refine(
     runs: FreeRuns,
     base: Vehicle,
     free: FreeParameters,
-    starts: Sequence[tuple[FreeParameters, Array]],
+    starts: Sequence[Start],
+    instead: Sequence[Start] = (),
     *,
     delay: float,
     prior: Prior,
@@ -102,25 +110,29 @@ def refine(
     Args:
         base: what is held. free: what the joint filter had free.
         starts: what is free and where it begins: the joint filter's coefficients, those of least squares.
+        instead: the same with the damping terms that least squares chose, where the filter chose others: they take
+            their place where their runs are nearer over windows not seen.
         delay: of the inputs [s] where it is not free.
         prior: mean and information of what is free, known beforehand; `prior_with_terms`, where terms may be added.
         terms: whether others may be added. find_lag: the thrusters' lag too. told: gets the share done.
     """
-    kernel = np.array(base.parameters)
-    begun = [_Begun(*start) for start in starts]
-    if terms and (level := righting(free.names, runs.samples)):
-        begun += [_Begun(*_extended(runs.vehicle, each, base, delay, list(level))) for each in begun]
-    tried = [(each, _begin(runs, each, base, delay, prior)) for each in begun]
-    sound = [_Found(each.free, fit, base, delay) for each, fit in tried if fit is not None]
-    if not sound:
+    begun = _begun(runs, base, starts, delay, prior, terms=terms)
+    others = _begun(runs, base, instead, delay, prior, terms=terms)
+    if not begun:
+        begun, others = others, []
+    if not begun:
         return None
-    told_of = sorted({j for each in sound for j in columns_of(each.free.names)})
-    found = _without_early_delay(runs, min(sound, key=lambda each: _distance(each.fit, told_of)), prior)
-    white = found.fit.memory.white(columns_of(found.free.names))
     if not runs.comparable:
-        return _refined(found, free, white, white, None)
+        found = _without_early_delay(runs, begun[0], prior)
+        return _refined(found, free, found.white, found.white, None)
     told(0.2)
-    errors = _unseen(runs, found, prior)
+    columns = columns_of(free.names)
+    found, errors = _steady(runs, begun, prior)
+    if others and not found.white:
+        other, theirs = _steady(runs, others, prior)
+        if gain(theirs, errors, columns).mean > 0.0:
+            found, errors = other, theirs
+    white = found.white
     if terms and not white:
         groups = groups_of_terms(runs.vehicle, free.names, runs.samples, find_lag=find_lag)
         for k, group in enumerate(groups):
@@ -132,8 +144,7 @@ def refine(
                 if gain(now, errors, columns_of(longer.free.names)).beyond(needed, _TERM_WORTH):
                     found, errors = longer, now
     told(0.9)
-    columns = columns_of(free.names)
-    before = runs.errors(kernel, free, starts[0][1], delay=delay)
+    before = runs.errors(np.array(base.parameters), free, starts[0][1], delay=delay)
     saved = gain(errors, before, columns)
     better, spread = white or saved.beyond(CHANGE, CHANGE_WORTH), runs.spread()
     return replace(
@@ -141,6 +152,35 @@ def refine(
         fit=fits(errors, spread, columns),
         joint_fit=fits(before, spread, columns),
     )
+
+
+def _begun(
+    runs: FreeRuns, base: Vehicle, starts: Sequence[Start], delay: float, prior: Prior, *, terms: bool
+) -> list[_Found]:
+    """Return the fits from all starts, those first whose runs come nearest."""
+    begun = [_Begun(*start) for start in starts]
+    if terms and begun and (level := righting(begun[0].free.names, runs.samples)):
+        begun += [_Begun(*_extended(runs.vehicle, each, base, delay, list(level))) for each in begun]
+    kernel = np.array(base.parameters)
+    tried = [
+        (each.free, runs.fit(kernel, each.free, each.theta, delay=delay, prior=prior(each.free))) for each in begun
+    ]
+    sound = [_Found(free, fit, base, delay) for free, fit in tried if fit is not None]
+    told_of = sorted({j for each in sound for j in columns_of(each.free.names)})
+    return sorted(sound, key=lambda each: _distance(each.fit, told_of))
+
+
+def _steady(runs: FreeRuns, begun: Sequence[_Found], prior: Prior) -> tuple[_Found, Array]:
+    """Return the nearest fit whose runs go somewhere over windows not seen, too, and its errors (w, 15) there."""
+    first: tuple[_Found, Array] | None = None
+    for each in begun:
+        found = _without_early_delay(runs, each, prior)
+        errors = _unseen(runs, found, prior)
+        if np.mean(np.isposinf(errors).any(axis=1)) < _LOST:
+            return found, errors
+        first = first or (found, errors)
+    assert first is not None
+    return first
 
 
 def refit(
@@ -159,10 +199,6 @@ def _refined(found: _Found, free: FreeParameters, better: bool, white: bool, sav
     fit = found.fit
     none = float("nan")
     return Refined(found.free, fit.theta, fit.covariance, found.delay, better, white, saved, none, none, added)
-
-
-def _begin(runs: FreeRuns, begun: _Begun, base: Vehicle, delay: float, prior: Prior) -> OutputErrorFit | None:
-    return runs.fit(np.array(base.parameters), begun.free, begun.theta, delay=delay, prior=prior(begun.free))
 
 
 def _distance(fit: OutputErrorFit, columns: Sequence[int]) -> float:

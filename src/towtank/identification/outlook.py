@@ -12,11 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from towtank.core.arrays import Array
 from towtank.identification.coefficient_words import phrase, role
 from towtank.identification.estimate import Estimate
 from towtank.identification.identifiability import excitation, excitation_words
-from towtank.identification.information import deviations, relative
+from towtank.identification.information import deviations, relative, told_by_data
 from towtank.identification.joint import joint_passes, prior_deviation
 from towtank.identification.joint_start import size_of, start_levels, start_theta, tuning_for
 from towtank.identification.log_learning import Levels, LogLearning
@@ -96,7 +95,7 @@ def outlook(
         told=told,
     )
     size = np.where(free.codes[:, 3] == PLAIN, np.maximum(np.abs(fit.theta), 1e-9 * scale), 1.0)
-    information = _told(fit.covariance, prior_deviation(free, scale))
+    information = told_by_data(fit.covariance, np.diag(prior_deviation(free, scale) ** -2.0))
     std = deviations(relative(information, size)) * size * np.abs(free.slopes(fit.theta))
     found = dict(zip(free.names, free.values(fit.theta), strict=True))
     spread = dict(zip(free.names, std, strict=True))
@@ -113,13 +112,6 @@ def outlook(
             delay, delay_std = max(0.0, float(found[DELAY])), float(spread[DELAY])
     learned = {name: float(spread[name]) if agrees else estimate[name].std for name in names}
     return Outlook(_prospects(vehicle, estimate, learned), delay, delay_std, agrees, fit.levels)
-
-
-def _told(covariance: Array, deviation: Array) -> Array:
-    """Return the information (n, n) of the data alone: less that of the deviations (n,) that the filter began with."""
-    information = np.linalg.pinv(0.5 * (covariance + covariance.T), rcond=1e-14, hermitian=True)
-    values, vectors = np.linalg.eigh(information - np.diag(deviation**-2.0))
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def _prospects(vehicle: Vehicle, estimate: Estimate, std: dict[str, float]) -> dict[str, Prospect]:

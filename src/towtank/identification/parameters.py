@@ -8,7 +8,7 @@ constant forces, the delay) is theta itself. Lag and thruster gains, positive ag
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -124,6 +124,12 @@ class FreeParameters:
         """Return those of the names that are in `keep`, in the same order."""
         rows = [k for k, name in enumerate(self.names) if name in keep]
         return replace(self, names=tuple(self.names[k] for k in rows), codes=self.codes[rows], rigid=self.rigid[rows])
+
+    def plainly(self, names: Collection[str]) -> FreeParameters:
+        """Return the same with the coefficients of these names as they are: of either sign."""
+        codes = self.codes.copy()
+        codes[[k for k, name in enumerate(self.names) if name in names], 3] = PLAIN
+        return replace(self, codes=codes)
 
 
 def free_parameters(vehicle: Vehicle, names: Sequence[str]) -> FreeParameters:

@@ -1,0 +1,174 @@
+"""Linear damping, quadratic, or both: the joint filter asks again where least squares had to choose.
+
+Least squares chooses early: axis by axis, from filtered samples, with couplings that it is only finding. On recordings
+of all axes at once it takes one for the other although they hold a hundred times what it needs to tell them apart. So
+the filter is run once more with both terms of every axis free, and no longer as logarithms: a term that is not there
+comes out as nothing, or as less than nothing, give or take its deviation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.identification.axes import C_LINEAR, C_QUADRATIC
+from towtank.identification.joint import JointFit, joint_passes, merit
+from towtank.identification.joint_start import size_of
+from towtank.identification.joint_state import Tuning
+from towtank.identification.parameters import FreeParameters, free_parameters
+from towtank.identification.samples import Samples
+from towtank.identification.structure import candidates
+from towtank.vehicle import Vehicle
+
+__all__ = ["Choice", "choose_damping", "damping_in_question"]
+
+_BOTH = 4.0  # deviations that each term needs to stay beside the other: it is known to a quarter then
+_NOTHING = 2.0  # deviations below which a term is not different from 0
+_PLAINLY = 10.0  # by which -2 ln L must be less for the other one to take a term's place
+_WORTH = 2.0  # of ln L, that each term more must gain, and each one less may lose
+_ROOM = 20.0  # usual sizes that a term may have
+
+Pair = tuple[str, str]
+Prior = Callable[[FreeParameters], tuple[Array, Array] | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """A fit with what is chosen free, and why the other terms are left out."""
+
+    fit: JointFit
+    left_out: dict[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class _Told:
+    """What a run with both terms of an axis says: values (2,) and covariance (2, 2), linear first."""
+
+    names: Pair
+    values: Array
+    covariance: Array
+
+    @property
+    def std(self) -> Array:
+        return np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
+
+    @property
+    def strength(self) -> Array:
+        """Deviations by which each dissipates."""
+        return -self.values / self.std
+
+    def alone(self, kept: int) -> float:
+        """Return what one term would be if the other were 0."""
+        C, other = self.covariance, 1 - kept
+        return float(self.values[kept] - C[kept, other] / C[other, other] * self.values[other])
+
+    def without(self, kept: int) -> str:
+        """Why the other term is left out."""
+        other = 1 - kept
+        name, stays = self.names[other], f"{self.names[kept]} stands for both"
+        found = f"{self.values[other]:.3g} +- {self.std[other]:.2g}"
+        if abs(self.strength[other]) < _NOTHING:
+            return f"{name} is {found} beside {self.names[kept]}, not different from 0; {stays}"
+        if self.strength[other] < 0.0:
+            return f"{name} came out as +{found} beside {self.names[kept]}, which would feed energy in; {stays}"
+        r = self.covariance[0, 1] / (self.std[0] * self.std[1])
+        apart = f"a wider range of {self.names[0][2:]} would separate them"
+        linear, quadratic = self.names
+        return f"{linear} and {quadratic} cannot be told apart in this run (correlation {r:+.3f}); {stays}, {apart}"
+
+
+def damping_in_question(vehicle: Vehicle, free: Sequence[str], *, asked: bool) -> list[Pair]:
+    """Return the damping terms of each axis where both may be free and one at least is, linear first.
+
+    Args:
+        free: names that are. asked: somebody named them, and wants none else.
+    """
+    pairs = []
+    for each in candidates(vehicle):
+        pair, wanted = (each.axis.linear, each.axis.quadratic), each.wanted[C_LINEAR] and each.wanted[C_QUADRATIC]
+        among = [name in free for name in pair]
+        if all(among) if asked else wanted and any(among):
+            pairs.append(pair)
+    return pairs
+
+
+def choose_damping(
+    samples: Sequence[Samples],
+    vehicle: Vehicle,
+    fit: JointFit,
+    pairs: Sequence[Pair],
+    *,
+    tuning: Tuning,
+    delay: float,
+    prior: Prior,
+    shown: Array,
+    asked: bool,
+) -> Choice | None:
+    """Return the fit with the damping terms that the recordings speak for; None where `fit` has them.
+
+    Args:
+        vehicle: values of what is held, 0 for terms that were left out. fit: of these samples.
+        pairs: names of the linear and the quadratic term of each axis in question. At least one of them is free.
+        delay: of the inputs [s] where it is not free. prior: mean and information. shown: see `joint_passes`.
+        asked: somebody named the terms: only one that is not different from 0 is left out.
+    """
+    kernel, names = np.array(vehicle.parameters), fit.free.names
+    questioned = [name for pair in pairs for name in pair]
+
+    def fitted(free: FreeParameters, theta: Array) -> JointFit:
+        scale = size_of(vehicle, free)
+        scale = np.where([name in questioned for name in free.names], _ROOM * scale, scale)
+        return joint_passes(
+            samples,
+            kernel,
+            free,
+            theta,
+            fit.levels,
+            tuning,
+            scale=scale,
+            delay=delay,
+            prior=prior(free),
+            shown=shown,
+            begin=False,
+            cautious=False,
+        )
+
+    both = free_parameters(vehicle, (*names, *(name for name in questioned if name not in names)))
+    plain = both.plainly(questioned)
+    now = dict(zip(names, fit.free.plainly(questioned).thetas(fit.free.values(fit.theta)), strict=True))
+    seen = fitted(plain, np.array([now.get(name, 0.0) for name in plain.names]))
+    if not (np.isfinite(seen.theta).all() and np.isfinite(seen.likely).all()):
+        return None
+    values = dict(zip(plain.names, plain.values(seen.theta), strict=True))
+    left_out: dict[str, str] = {}
+    for pair in pairs:
+        rows = [plain.names.index(name) for name in pair]
+        told = _Told(pair, seen.theta[rows], seen.likely[np.ix_(rows, rows)])
+        kept = _kept(told, [name in names for name in pair], asked=asked)
+        for k in (0, 1):
+            if k not in kept:
+                left_out[pair[k]], values[pair[1 - k]] = told.without(1 - k), told.alone(1 - k)
+    free = both.subset([name for name in both.names if name not in left_out])
+    if set(free.names) == set(names):
+        return Choice(fit, left_out)
+    again = fitted(free, free.thetas(np.array([values[name] for name in free.names])))
+    worth = _WORTH * (len(free) - len(names))
+    return Choice(again, left_out) if merit(again, tuning) > merit(fit, tuning) + worth else None
+
+
+def _kept(told: _Told, before: Sequence[bool], *, asked: bool) -> tuple[int, ...]:
+    """Return the columns, of (linear, quadratic), that stay. before: which of them were free."""
+    strength = told.strength
+    if (strength >= _BOTH).all():
+        return 0, 1
+    stays = int(np.abs(strength[1]) > np.abs(strength[0]))
+    now = tuple(k for k in (0, 1) if before[k])
+    if not told.alone(stays) < 0.0:
+        return now
+    if asked:
+        return (stays,) if strength[1 - stays] < _NOTHING and strength[stays] >= _BOTH else now
+    gained = strength[stays] ** 2 - strength[1 - stays] ** 2
+    return (stays,) if len(now) == 2 or gained > _PLAINLY else now
