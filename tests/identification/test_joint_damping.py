@@ -14,7 +14,8 @@ from towtank.identification.joint import JointFit, joint_passes
 from towtank.identification.joint_damping import Choice, choose_damping, damping_in_question
 from towtank.identification.joint_start import levels_of, size_of, start_theta, tuning_for
 from towtank.identification.parameters import free_parameters
-from towtank.identification.samples import Samples, samples_of, spread_over
+from towtank.identification.samples import Samples, samples_of
+from towtank.identification.stretches import spread_over
 from towtank.recording import Recording
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate
 from towtank.vehicle import Vehicle
@@ -124,13 +125,13 @@ def test_stretches_stand_for_long_recordings_and_nothing_for_short_ones() -> Non
         values: Array = np.full((n, 15), np.nan)
         return Samples(t, values, np.arange(0.0, t[-1], 1.0), np.zeros((int(np.ceil(t[-1])), 6)), none, none, False)
 
-    short = [rows(1400)]
-    assert spread_over(short, 1000, 10.0) is short
-    few = spread_over([rows(20_000), rows(20_000)], 1000, 10.0)
-    assert 900 <= sum(len(each) for each in few) <= 1100
-    assert all(9.0 <= each.duration <= 11.0 for each in few)
+    short = [rows(80_000)]
+    assert spread_over(short) is short
+    few = spread_over([rows(200_000), rows(200_000)])
+    assert 55_000 <= sum(len(each) for each in few) <= 65_000
+    assert all(55.0 <= each.duration <= 65.0 for each in few)
     assert few[0].t[0] == 0.0
-    assert few[-1].t[-1] == pytest.approx(1999.9)
+    assert few[-1].t[-1] == pytest.approx(19999.9)
     for each in few:
         assert each.input_t[0] <= max(each.t[0] - 4.0, 0.0)
         assert each.input_t[-1] <= each.t[-1]

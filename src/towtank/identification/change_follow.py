@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from towtank.core.arrays import Array
 from towtank.identification.change_doubt import Doubt
 from towtank.identification.change_found import Change, Recognised
@@ -38,6 +40,11 @@ class Follow:
     def watching(self) -> bool:
         """Whether changes are watched for."""
         return self._known is not None
+
+    @property
+    def asked(self) -> float:
+        """When a look was asked for, since what was seen may be no change [s]."""
+        return -np.inf if self.watch is None else self.watch.asked
 
     @property
     def events(self) -> tuple[Event, ...]:
@@ -76,18 +83,27 @@ class Follow:
             self.watch.take_input(t, force)
 
     def take_row(
-        self, t: float, z: Array, seen: float, filter_: tuple[FreeParameters, JointState, HeldInput], like: Buffer
+        self,
+        t: float,
+        z: Array,
+        seen: float,
+        filter_: tuple[FreeParameters, JointState, HeldInput],
+        like: Buffer,
+        *,
+        may_look: bool,
     ) -> Change | Recognised | None:
         """Take the row z (15,) of time t [s], after the filter; return what goes on in its place, where one does.
 
         Args:
             seen: motion so far [s]. filter_: its coordinates, itself, its inputs. like: a buffer of such inputs.
+            may_look: see `Watch`.
         """
         if self._known is None:
             return None
         if self.watch is None:
             self.watch = Watch(self._vehicle, like.fresh(), self._known, self._doubt)
         self.watch.take_row(t, z)
+        self.watch.may_look = may_look
         if seen < _WATCHED:
             return None
         free, state, held = filter_

@@ -14,7 +14,7 @@ from towtank.identification.held_input import HeldInput, held_push
 from towtank.identification.joint_kernel import joint_events
 from towtank.identification.joint_scalar import inject
 from towtank.identification.joint_state import C_RESETS, O_FOLLOW, O_REST, JointState
-from towtank.identification.parameters import FreeParameters
+from towtank.identification.parameters import PLAIN, FreeParameters
 from towtank.identification.samples import Samples
 from towtank.identification.transition import N_FIXED, transition_scratch
 
@@ -22,6 +22,7 @@ __all__ = ["Fork", "copied", "informed", "split_later", "split_off", "with_coord
 
 _Record = TypeVar("_Record", JointState, HeldInput)
 
+_UNKNOWN = 0.3  # deviation of a logarithm of which little is known
 _HELD = 1e-4  # deviation of what a hypothesis leaves alone, as a share of the step that it might have made
 
 
@@ -68,6 +69,12 @@ class Fork:
             and np.isfinite(self.state.P).all()
             and (np.diag(self.state.P)[: N_FIXED + len(self.free)] >= 0.0).all()
         )
+
+    @property
+    def partly_unknown(self) -> bool:
+        """Whether little was known of a coefficient when it was split off."""
+        std = np.sqrt(np.maximum(np.diag(self.P0), 0.0))
+        return bool(np.any((self.free.codes[:, 3] != PLAIN) & (std > _UNKNOWN)))
 
     def read(self) -> None:
         """Keep what the samples so far say."""

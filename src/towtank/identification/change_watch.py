@@ -51,6 +51,7 @@ _CLEAR, _WAITS = 5.0, 3.0  # log odds between body and thrusters, and for how lo
 _FINELY, _EARLIER, _LATER = 0.1, 0.5, 1.0  # s: the beginning is sought so finely, so far about the best one,
 _PERSISTS, _AGED = 0.4, 0.2  # when it has lasted so long, if thrusters may be to blame, and so long ago at least
 _AGAIN = 2  # looks in a row
+_BELIEVED = 20.0  # s after a look was asked for in which a change is believed
 _REFEREE = 15.0  # s for which a change is compared with known configurations
 _TAKEN, _DROPPED = 0.98, 0.3  # probability at which a known configuration is taken as prior, and given up
 
@@ -61,6 +62,11 @@ class Watch:
     Args:
         vehicle: what is known. buffer: an empty one, of the inputs that are used; commands tell thrusters apart.
         known: configurations by name. doubt: how much windows err, learned along.
+
+    Attributes:
+        may_look: the stream can go over all that it saw once more. asked: when it was asked to [s]: while little is
+            known of a coefficient, an axis that begins to move surprises as a change does, and the filter, linear about
+            a mere guess, cannot tell. What is seen again after that look is believed.
     """
 
     def __init__(self, vehicle: Vehicle, buffer: Buffer, known: Mapping[str, Vehicle], doubt: Doubt) -> None:
@@ -79,6 +85,8 @@ class Watch:
         self._count = 0
         self._suspect: tuple[Fork, int, float] | None = None
         self._referee: Referee | None = None
+        self.may_look = False
+        self.asked = -np.inf
         self.likely: dict[str, float] = {}  # configurations, with their probabilities, since the last change
 
     def restart(self, *, referee: bool = False) -> None:
@@ -182,7 +190,12 @@ class Watch:
         verdict = judged([each.window().tempered(self.doubt.factor) for each in finer], self._ways)
         if verdict.clear < _CLEAR and t - since < _WAITS:
             return None
-        return self._change(t, finer[verdict.window], verdict, free)
+        fork = finer[verdict.window]
+        if self.may_look and fork.partly_unknown and not t - self.asked < _BELIEVED:
+            self.asked = t
+            self.restart()
+            return None
+        return self._change(t, fork, verdict, free)
 
     def _verdict(self, t: float) -> tuple[Verdict | None, Fork | None]:
         """Return what the filters say at t [s], and which fits best; None where nothing is sure."""

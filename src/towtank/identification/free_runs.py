@@ -20,7 +20,8 @@ from towtank.identification.joint_start import size_of
 from towtank.identification.output_error import OutputErrorFit, fit_output_error
 from towtank.identification.output_error_kernel import STEP
 from towtank.identification.parameters import FreeParameters
-from towtank.identification.samples import Samples, cuts
+from towtank.identification.samples import Samples
+from towtank.identification.stretches import cuts
 from towtank.vehicle import Vehicle
 
 __all__ = ["FreeRuns"]

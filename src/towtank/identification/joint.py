@@ -25,6 +25,7 @@ from towtank.identification.transition import N_FIXED
 __all__ = [
     "JointFit",
     "bounded",
+    "fit_of",
     "held_of",
     "joint_passes",
     "merit",
@@ -215,7 +216,7 @@ def joint_passes(
         share = (lambda s, k=k: told((k + s) / most)) if told is not None else None
         way = replace(tuning, follow=begin and k == 0)
         state, _ = one_pass(samples, p, free, anchor, deviation, levels, way, delay=delay, prior=prior, told=share)
-        fit = _fit(free, state, levels, k + 1)
+        fit = fit_of(free, state, levels, k + 1)
         sound = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.std).all() and np.isfinite(fit.likelihood))
         if not sound or (best is not None and k > begin and merit(fit, tuning) < merit(best, tuning) - _WORSE):
             worse += 1
@@ -242,12 +243,13 @@ def joint_passes(
     way = replace(tuning, follow=False)
     about = bounded(free, best.theta, best.theta)
     state, _ = one_pass(samples, p, free, about, deviation, higher, way, delay=delay, prior=prior)
-    last = _fit(free, state, best.levels, best.passes + 1)
+    last = fit_of(free, state, best.levels, best.passes + 1)
     sound = bool(np.isfinite(last.std).all() and (last.std > 0.0).all())
     return replace(best, covariance=last.covariance, passes=last.passes) if sound else best
 
 
-def _fit(free: FreeParameters, state: JointState, levels: Levels, passes: int) -> JointFit:
+def fit_of(free: FreeParameters, state: JointState, levels: Levels, passes: int) -> JointFit:
+    """Return what a filter has found by the end of a pass with these levels."""
     n = len(free)
     block = state.P[N_FIXED : N_FIXED + n, N_FIXED : N_FIXED + n].copy()
     counted = state.stats[:, 4]

@@ -33,7 +33,7 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["load_learner", "save_learner"]
 
-_VERSION = 4
+_VERSION = 5
 _LEVELS = ("noise", "sigma", "rough")
 _BUFFER = ("t", "values", "input_t", "input_force")
 
@@ -60,6 +60,7 @@ def save_learner(learner: JointLearner, path: str | os.PathLike[str]) -> None:
         "last_one": stream.looks.last_one and not busy,
         "stirred": stream.looks.stirred,
         "left_out": stream.looks.left_out,
+        "damping": stream.looks.damping,
         "seen": stream.seen,
         "mended": stream.mended,
         "watching": stream.changes.watching,
@@ -151,7 +152,7 @@ def _restored(
     stream.looking = bool(about["looking"])
     looks = stream.looks
     looks.last_one, looks.stirred = bool(about["last_one"]), int(about["stirred"])
-    looks.left_out = float(about["left_out"])
+    looks.left_out, looks.damping = float(about["left_out"]), dict(about["damping"])
     looks.schedule = Schedule(**about["schedule"])
     stream.seen, stream.mended = float(about["seen"]), int(about["mended"])
     stream._next_check = float(about["next_check"])

@@ -23,12 +23,13 @@ from towtank.identification.samples import Samples
 from towtank.identification.structure import candidates
 from towtank.vehicle import Vehicle
 
-__all__ = ["Choice", "choose_damping", "damping_in_question"]
+__all__ = ["Choice", "Pair", "Prior", "choose_damping", "damping_in_question"]
 
 _BOTH = 4.0  # deviations that each term needs to stay beside the other: it is known to a quarter then
 _NOTHING = 2.0  # deviations below which a term is not different from 0
 _PLAINLY = 10.0  # by which -2 ln L must be less for the other one to take a term's place
 _WORTH = 2.0  # of ln L, that each term more must gain, and each one less may lose
+_PASSES = 8
 _ROOM = 20.0  # usual sizes that a term may have
 
 Pair = tuple[str, str]
@@ -60,10 +61,12 @@ class _Told:
         """Deviations by which each dissipates."""
         return -self.values / self.std
 
-    def alone(self, kept: int) -> float:
-        """Return what one term would be if the other were 0."""
+    def alone(self, kept: int) -> tuple[float, float]:
+        """Return what one term would be if the other were 0, and the deviations by which it then dissipates."""
         C, other = self.covariance, 1 - kept
-        return float(self.values[kept] - C[kept, other] / C[other, other] * self.values[other])
+        slope = C[kept, other] / C[other, other]
+        value = float(self.values[kept] - slope * self.values[other])
+        return value, -value / float(np.sqrt(max(C[kept, kept] - slope * C[kept, other], 1e-300)))
 
     def without(self, kept: int) -> str:
         """Why the other term is left out."""
@@ -106,6 +109,7 @@ def choose_damping(
     prior: Prior,
     shown: Array,
     asked: bool,
+    most: int = _PASSES,
 ) -> Choice | None:
     """Return the fit with the damping terms that the recordings speak for; None where `fit` has them.
 
@@ -114,6 +118,7 @@ def choose_damping(
         pairs: names of the linear and the quadratic term of each axis in question. At least one of them is free.
         delay: of the inputs [s] where it is not free. prior: mean and information. shown: see `joint_passes`.
         asked: somebody named the terms: only one that is not different from 0 is left out.
+        most: passes at most, for either question.
     """
     kernel, names = np.array(vehicle.parameters), fit.free.names
     questioned = [name for pair in pairs for name in pair]
@@ -132,6 +137,7 @@ def choose_damping(
             delay=delay,
             prior=prior(free),
             shown=shown,
+            most=most,
             begin=False,
             cautious=False,
         )
@@ -143,14 +149,18 @@ def choose_damping(
     if not (np.isfinite(seen.theta).all() and np.isfinite(seen.likely).all()):
         return None
     values = dict(zip(plain.names, plain.values(seen.theta), strict=True))
+    was = dict(zip(names, fit.free.values(fit.theta), strict=True))
     left_out: dict[str, str] = {}
     for pair in pairs:
         rows = [plain.names.index(name) for name in pair]
         told = _Told(pair, seen.theta[rows], seen.likely[np.ix_(rows, rows)])
-        kept = _kept(told, [name in names for name in pair], asked=asked)
+        before = tuple(k for k in (0, 1) if pair[k] in names)
+        kept = _kept(told, before, asked=asked)
         for k in (0, 1):
             if k not in kept:
-                left_out[pair[k]], values[pair[1 - k]] = told.without(1 - k), told.alone(1 - k)
+                left_out[pair[k]], values[pair[1 - k]] = told.without(1 - k), told.alone(1 - k)[0]
+        if kept == before:  # which may be no more than a guess
+            values.update({pair[k]: was[pair[k]] for k in kept})
     free = both.subset([name for name in both.names if name not in left_out])
     if set(free.names) == set(names):
         return Choice(fit, left_out)
@@ -159,16 +169,15 @@ def choose_damping(
     return Choice(again, left_out) if merit(again, tuning) > merit(fit, tuning) + worth else None
 
 
-def _kept(told: _Told, before: Sequence[bool], *, asked: bool) -> tuple[int, ...]:
-    """Return the columns, of (linear, quadratic), that stay. before: which of them were free."""
+def _kept(told: _Told, before: tuple[int, ...], *, asked: bool) -> tuple[int, ...]:
+    """Return the columns, of (linear, quadratic), that stay; those that were free `before` where nothing is sure."""
     strength = told.strength
     if (strength >= _BOTH).all():
         return 0, 1
     stays = int(np.abs(strength[1]) > np.abs(strength[0]))
-    now = tuple(k for k in (0, 1) if before[k])
-    if not told.alone(stays) < 0.0:
-        return now
+    if told.alone(stays)[1] < _BOTH:
+        return before
     if asked:
-        return (stays,) if strength[1 - stays] < _NOTHING and strength[stays] >= _BOTH else now
+        return (stays,) if strength[1 - stays] < _NOTHING and strength[stays] >= _BOTH else before
     gained = strength[stays] ** 2 - strength[1 - stays] ** 2
-    return (stays,) if len(now) == 2 or gained > _PLAINLY else now
+    return (stays,) if len(before) == 2 or gained > _PLAINLY else before

@@ -60,10 +60,10 @@ def has_moved(state: JointState, sound: Sound) -> bool:
     return bool(np.any(known & (np.abs(state.theta - state.anchor) > np.maximum(_MOVED, 2.0 * std))))
 
 
-def mended(state: JointState, sound: Sound, p: Array, free: FreeParameters, tuning: Tuning) -> JointState:
+def mended(state: JointState, sound: Sound, free: FreeParameters, tuning: Tuning) -> JointState:
     """Return a filter that begins its motion anew with what was known last, and trusts that less."""
     fresh = new_joint_state(
-        p,
+        state.p,
         free,
         sound.theta,
         _DOUBT * sound.covariance,

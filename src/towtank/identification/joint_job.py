@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from towtank.core.arrays import Array
+from towtank.identification.joint import fit_of
+from towtank.identification.joint_damping import Pair, Prior, choose_damping
 from towtank.identification.joint_look import Look, look
 from towtank.identification.joint_state import Tuning
 from towtank.identification.log_learning import Levels
@@ -16,10 +18,16 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["Beside", "LookJob"]
 
+_PASSES = 4  # over what was seen, that a choice of damping terms may cost each time
+
 
 @dataclass(frozen=True, eq=False)
 class LookJob:
-    """What to look at and from where, see `look`; rows, inputs: how much of the buffer it has seen."""
+    """What to look at and from where, see `look`.
+
+    pairs: damping terms to choose between. asked: somebody named the coefficients.
+    rows, inputs: how much of the buffer it has seen.
+    """
 
     stretches: Sequence[Samples]
     vehicle: Vehicle
@@ -29,26 +37,54 @@ class LookJob:
     levels: Levels
     tuning: Tuning
     delay: float
-    prior: tuple[Array, Array] | None
+    prior: Prior
     reserve: Array
     still: bool
     may_begin_later: bool
+    pairs: Sequence[Pair]
+    asked: bool
     rows: int
     inputs: int
 
     def run(self) -> Look | None:
-        """Look; None where every pass fails."""
-        return look(
+        """Look, and once more with other damping terms where these are what is there; None where every pass fails."""
+        seen = self._look(self.vehicle, self.free, self.own, self.starts, self.levels)
+        if seen is None or not self.pairs:
+            return seen
+        choice = choose_damping(
             self.stretches,
             self.vehicle,
-            self.free,
-            self.own,
-            self.starts,
-            self.levels,
-            self.tuning,
+            fit_of(self.free, seen.state, seen.levels, 1),
+            self.pairs,
+            tuning=self.tuning,
             delay=self.delay,
             prior=self.prior,
-            reserve=self.reserve,
+            shown=self.levels.noise,
+            asked=self.asked,
+            most=_PASSES,
+        )
+        if choice is None:
+            return seen
+        free = choice.fit.free
+        if free.names != self.free.names:
+            without = self.vehicle.with_coefficients(dict.fromkeys(choice.left_out, 0.0))
+            seen = self._look(without, free, choice.fit.theta, [], choice.fit.levels) or seen
+        return replace(seen, damping=choice.left_out) if seen.free is free else seen
+
+    def _look(
+        self, vehicle: Vehicle, free: FreeParameters, own: Array | None, starts: Sequence[Array], levels: Levels
+    ) -> Look | None:
+        return look(
+            self.stretches,
+            vehicle,
+            free,
+            own,
+            starts,
+            levels,
+            self.tuning,
+            delay=self.delay,
+            prior=self.prior(free),
+            reserve=self.reserve if free is self.free else None,
             still=self.still,
             may_begin_later=self.may_begin_later,
         )

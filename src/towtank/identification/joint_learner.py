@@ -233,5 +233,5 @@ class JointLearner(Learner):
             return self._paper.estimate if self._paper is not None else nothing_yet(self.vehicle, self._asked or ())
         prior = None if self.prior is None else prior_information(self.prior, stream.free)[1]
         axes = self._paper.estimate.axes if self._paper is not None and stream.looking else ()
-        found = reading(self.vehicle, stream.free, stream.state, self._asked, prior, axes)
+        found = reading(self.vehicle, stream.free, stream.state, self._asked, prior, axes, stream.left_out)
         return with_thrust_scale(found, self.vehicle) if stream.commanded else found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -57,14 +58,10 @@ def learn_joint(
     asked = tuple(free) if free is not None else None
     paper = set(paper_names())
     for_paper = [name for name in asked if name in paper] if asked is not None else None
-    first = learn_paper(
-        vehicle,
-        recordings,
-        free=for_paper or None,
-        delay=delay,
-        longest_delay=longest_delay,
-        progress=lambda text, share: told(text, 0.3 * share),
+    least_squares = partial(
+        learn_paper, vehicle, recordings, free=for_paper or None, delay=delay, longest_delay=longest_delay
     )
+    first = least_squares(sparing=True, progress=lambda text, share: told(text, 0.3 * share))
     samples = [samples_of(recording, vehicle) for recording in recordings]
     wanted, held = wanted_of(vehicle, asked, first)
     if delay is None and any(each.commands for each in samples):
@@ -145,7 +142,8 @@ def learn_joint(
     if second is not None:
         remarks.append(second.said)
     if second is not None and second.least_squares and refine != "always":
-        return replace(first, levels=fit.levels, remarks=(*first.remarks, *remarks))
+        whole = first if found.few is samples else least_squares()
+        return replace(whole, levels=fit.levels, remarks=(*whole.remarks, *remarks))
     if second is not None and (second.first.better or refine == "always"):
         method, found_delay, parameters = "output-error", second.refined.delay, second.refined.free
         spread = second.refined.covariance

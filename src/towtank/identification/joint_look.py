@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,9 +38,11 @@ class Look:
     """The filter after the likeliest pass, its inputs, the levels that it shows, those that the next look tries, merit.
 
     The next look tries others where the water is taken as still: it asks again. stirred: it plainly is not.
-    left_out: seconds at the beginning that hold a false start.
+    left_out: seconds at the beginning that hold a false start. free: the coefficients.
+    damping: why damping terms are left out, None where that was not asked.
     """
 
+    free: FreeParameters
     state: JointState
     held: HeldInput
     levels: Levels
@@ -48,6 +50,7 @@ class Look:
     merit: float
     stirred: bool = False
     left_out: float = 0.0
+    damping: Mapping[str, str] | None = None
 
 
 def look(
@@ -128,7 +131,7 @@ def look(
                 break
             (state, held), levels = again, shows
         shows = following()
-        return Look(state, held, shows, shows, _merit(state, levels, way))
+        return Look(free, state, held, shows, shows, _merit(state, levels, way))
 
     usually = settled((state, held), levels, rounds, None)
     calm = still_water(usually.state, usually.levels, free, tuning) if still else None

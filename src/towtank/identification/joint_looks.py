@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
+from towtank.core.arrays import Array
 from towtank.identification.joint_begin import look_levels, look_starts
 from towtank.identification.joint_buffer import Buffer
+from towtank.identification.joint_damping import Pair, damping_in_question
 from towtank.identification.joint_job import Beside, LookJob
 from towtank.identification.joint_look import Look, axes_seen, bank_of_delays, begun_later, names_now
 from towtank.identification.joint_schedule import STILL, Schedule
@@ -19,6 +22,7 @@ from towtank.vehicle import Vehicle
 __all__ = ["Looks"]
 
 _MOST_LEFT_OUT = 1.0  # s
+_DAMPING = 7.0  # s of motion from which looks choose between damping terms
 _STIRRED = 2  # looks that find the water plainly stirred, after which none asks again
 
 
@@ -36,6 +40,7 @@ class Looks:
     Attributes:
         schedule: when. levels: that the next look tries. stirred: looks so far that found the water stirred.
         last_one: whether there are no more. left_out: seconds at the beginning that looks do not go over.
+        damping: damping terms that were chosen, and why others are left out: "" for the former.
     """
 
     def __init__(
@@ -52,6 +57,7 @@ class Looks:
     ) -> None:
         self.schedule, self.levels, self.stirred, self.last_one = Schedule(), levels, 0, False
         self.left_out = 0.0
+        self.damping: dict[str, str] = {}
         self.tuning = replace(tuning_for(vehicle), current=current)
         self._vehicle, self._asked, self._prior, self._paper = vehicle, asked, prior, paper
         self._delay = delay
@@ -100,10 +106,24 @@ class Looks:
         self.levels = seen.next
         self.stirred += seen.stirred
         self.left_out += seen.left_out
+        if seen.damping is not None:
+            both = [name for pair in self._pairs(seen.free.names) for name in pair]
+            self.damping = {name: seen.damping.get(name, "") for name in both}
 
     def end(self) -> None:
         """Let go of what still runs beside: it is of no use any more."""
         self._beside = None
+
+    def without(self, vehicle: Vehicle) -> Vehicle:
+        """Return a vehicle with the damping terms that are left out taken as 0."""
+        left_out = {name: 0.0 for name, why in self.damping.items() if why}
+        return vehicle.with_coefficients(left_out) if left_out else vehicle
+
+    def _pairs(self, names: Sequence[str]) -> list[Pair]:
+        return damping_in_question(self._vehicle, names, asked=self._asked is not None)
+
+    def _known_before(self, free: FreeParameters) -> tuple[Array, Array] | None:
+        return None if self._prior is None else prior_information(self._prior, free)
 
     def _job(
         self, seen: float, buffer: Buffer, known: tuple[FreeParameters, JointState] | None, delay: float
@@ -113,6 +133,8 @@ class Looks:
         found = None if self._paper is None else self._paper.estimate
         find_delay = self._delay is None and buffer.commands
         names = names_now(self._vehicle, self._asked, found, axes_seen(stretches), with_delay=find_delay)
+        names = [name for name in names if not self.damping.get(name)]
+        names += [name for name, why in self.damping.items() if not why and name not in names]
         if not any(each.input_t.size for each in stretches) or not names:
             return None
         stretches = begun_later(stretches, self.left_out)
@@ -125,17 +147,19 @@ class Looks:
         longest = max(stretches, key=lambda each: each.t.size)
         return LookJob(
             stretches,
-            self._vehicle,
+            self.without(self._vehicle),
             free,
             own,
             starts,
             look_levels(longest, self.levels, first=own is None),
             self.tuning,
             delay=delay,
-            prior=None if self._prior is None else prior_information(self._prior, free),
+            prior=self._known_before,
             reserve=cold,
             still=seen < STILL and self.stirred < _STIRRED,
             may_begin_later=elsewhere and self.left_out < _MOST_LEFT_OUT,
+            pairs=self._pairs(names) if seen >= _DAMPING else (),
+            asked=self._asked is not None,
             rows=buffer.rows,
             inputs=buffer.inputs,
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -28,8 +28,14 @@ def reading(
     asked: Sequence[str] | None,
     prior: Array | None,
     axes: Sequence[AxisReport],
+    left_out: Mapping[str, str],
 ) -> Estimate:
-    """Return what the filter knows. prior: information (n, n) put in. asked: names to tell of, None for all."""
+    """Return what the filter knows.
+
+    Args:
+        asked: names to tell of, None for all. prior: information (n, n) put in.
+        left_out: why damping terms are taken as 0.
+    """
     n = len(free)
     covariance = state.P[N_FIXED : N_FIXED + n, N_FIXED : N_FIXED + n].copy()
     scale = size_of(vehicle, free)
@@ -37,9 +43,10 @@ def reading(
     covariance = _cautious(covariance, deviation, prior, _grown(free, state))
     findings = judge(free, state.theta, covariance, deviation, scale, prior=prior)
     why = {name: reason for name, reason in findings.reasons.items() if not _is_input(name)}
-    wanted = [name for name in (asked or free.names) if not _is_input(name)]
+    why |= left_out
+    wanted = [name for name in (asked or (*free.names, *left_out)) if not _is_input(name)]
     duration, rows = float(state.clock[C_DURATION]), int(state.clock[C_ROWS])
-    return assemble(vehicle, free, state.theta, covariance, wanted, why, (), axes, duration, rows).estimate
+    return assemble(vehicle, free, state.theta, covariance, wanted, why, tuple(left_out), axes, duration, rows).estimate
 
 
 def _cautious(covariance: Array, deviation: Array, prior: Array | None, grown: Array) -> Array:

@@ -20,13 +20,13 @@ from towtank.identification.joint_start import prior_information, size_of
 from towtank.identification.joint_state import Tuning
 from towtank.identification.log_learning import Levels
 from towtank.identification.parameters import DELAY, LAG, FreeParameters
-from towtank.identification.samples import Samples, spread_over
+from towtank.identification.samples import Samples
+from towtank.identification.stretches import spread_over
 from towtank.vehicle import Vehicle
 
 __all__ = ["Rounds", "run_rounds"]
 
 _ROUNDS = 3  # of holding what is not determined
-_ENOUGH, _STRETCH = 60_000, 60.0  # rows, and seconds of a stretch, that coefficients are found from to begin with
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ def run_rounds(
     shown = levels.noise  # the filter's may hold what its model lacks
     unidentified, left_out = dict(held), list(zeroed)
     base = vehicle.with_coefficients(dict.fromkeys(left_out, 0.0))
-    few = spread_over(samples, _ENOUGH, _STRETCH)
+    few = spread_over(samples)
     fit = joint_passes(
         few,
         np.array(base.parameters),

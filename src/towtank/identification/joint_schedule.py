@@ -34,9 +34,9 @@ class Schedule:
         self.last = seen
         self.next = seen + max(_OFTEN, span * (early if span < _EARLY else _GROWS), seen * _GROWS_LEAST)
 
-    def call(self, seen: float) -> None:
+    def call(self, seen: float, *, at_once: bool = False) -> None:
         """Look now, and often for a while: an axis that was still has begun to tell something."""
-        if seen > self.last + max(_OFTEN, self.last * _GROWS_LEAST):
+        if at_once or seen > self.last + max(_OFTEN, self.last * _GROWS_LEAST):
             self.next = min(self.next, seen)
             self.began = self.last
 

@@ -192,6 +192,12 @@ class JointStream:
         """Whether the inputs are commands of thrusters."""
         return self._buffer is not None and self._buffer.commands
 
+    @property
+    def left_out(self) -> dict[str, str]:
+        """Damping terms that are taken as 0, and why."""
+        names = () if self.free is None else self.free.names
+        return {name: why for name, why in self.looks.damping.items() if why and name not in names}
+
     def value(self, name: str, other: float) -> float:
         """Return the coordinate of a free parameter, `other` where it is not free."""
         if self.state is None or self.free is None or name not in self.free.names:
@@ -229,7 +235,7 @@ class JointStream:
         assert self._buffer is not None
         if seen is None:
             return
-        self.free, self.state, self._held = job.free, seen.state, seen.held
+        self.free, self.state, self._held = seen.free, seen.state, seen.held
         self.levels = seen.levels
         self.looks.took(seen)
         self.state.options[O_ADAPT] = _ADAPT
@@ -271,7 +277,7 @@ class JointStream:
     def _mend(self, state: JointState, free: FreeParameters) -> None:
         assert self._sound is not None  # every look leaves one
         self.mended += 1
-        self.state = mended(state, self._sound, np.array(self.vehicle.parameters), free, self.looks.tuning)
+        self.state = mended(state, self._sound, free, self.looks.tuning)
         self._held = self._fresh_held(free, self.state.anchor)
         self.changes.mended(self._last_t)
 
@@ -281,8 +287,11 @@ class JointStream:
         assert self.state is not None
         assert self._held is not None
         assert self.free is not None
-        found = self.changes.take_row(t, z, self.seen, (self.free, self.state, self._held), self._buffer)
+        known = self.free, self.state, self._held
+        found = self.changes.take_row(t, z, self.seen, known, self._buffer, may_look=self.looking)
         if found is None:
+            if self.changes.asked == t:
+                self.looks.schedule.call(self.seen, at_once=True)
             return
         self.free, self.state, self._held = found.free, found.state, found.held
         self.state.options[O_REST] = _REST

@@ -21,9 +21,9 @@ from towtank.identification.chain import Settings
 from towtank.identification.delay import DelayScan
 from towtank.identification.estimate import Estimate, with_shift
 from towtank.identification.log_learning import LogLearning
-from towtank.identification.passes import Passes, Progress
+from towtank.identification.passes import Passes, Progress, sources_of, spread_grids
 from towtank.identification.structure import candidates
-from towtank.recording import Recording, align, bind_thrusters
+from towtank.recording import Grid, Recording, align, bind_thrusters
 from towtank.vehicle import Vehicle
 
 __all__ = ["learn_paper"]
@@ -42,6 +42,7 @@ def learn_paper(
     a: float = 3.0,
     lowpass: float = 4.0,
     instruments: bool = True,
+    sparing: bool = False,
     progress: Progress | None = None,
 ) -> LogLearning:
     """Learn a vehicle's coefficients from one or several recordings by the paper's method.
@@ -51,6 +52,7 @@ def learn_paper(
         delay: from command (or recorded wrench) to force [s]; found by scanning up to `longest_delay` where omitted.
         a, lowpass: see `Learner`.
         instruments: remove the bias of least squares with command-driven instruments.
+        sparing: of long recordings learn from stretches, evenly spread.
         progress: called with a text and the share done, 0 .. 1.
 
     Raises:
@@ -64,12 +66,13 @@ def learn_paper(
     told("aligning", 0.0)
     names = [thruster.name for thruster in vehicle.thrusters]
     grids = tuple(align(bind_thrusters(recording, names)) for recording in recordings)
-    passes = Passes(vehicle, grids, Settings(a=a, lowpass=lowpass, delay=delay or 0.0), candidates(vehicle, free))
+    used = spread_grids(grids) if sparing else grids
+    passes = Passes(vehicle, used, Settings(a=a, lowpass=lowpass, delay=delay or 0.0), candidates(vehicle, free))
     scan = None
     if delay is None:
         told("delay", 0.05)
         scan = passes.find_delay(longest_delay, told)
-        passes = Passes(vehicle, grids, replace(passes.settings, delay=scan.delay), passes.candidates)
+        passes = Passes(vehicle, used, replace(passes.settings, delay=scan.delay), passes.candidates)
     told("least squares", 0.4)
     estimate = passes.least_squares()
     for _ in range(_ROUNDS):
@@ -85,15 +88,15 @@ def learn_paper(
             break
     if instruments and scan is not None and np.isfinite(scan.std):
         told("deviations", 0.95)
-        late = Passes(vehicle, grids, replace(passes.settings, delay=scan.delay + scan.std), passes.candidates)
+        late = Passes(vehicle, used, replace(passes.settings, delay=scan.delay + scan.std), passes.candidates)
         estimate = with_shift(estimate, late.with_instruments(estimate.model(vehicle)))
     told("done", 1.0)
     found = passes.settings.delay
     model = estimate.model(vehicle, "learned by towtank, method paper")
     if any(passes.commands):
         model = model.model_copy(update={"command_delay": found})
-    warnings = _warnings(vehicle, estimate, scan, longest_delay, passes)
-    return LogLearning(vehicle, estimate, model, found, scan, grids, tuple(passes.sources), warnings)
+    warnings = _warnings(vehicle, estimate, scan, longest_delay, grids)
+    return LogLearning(vehicle, estimate, model, found, scan, grids, tuple(map(sources_of, grids)), warnings)
 
 
 def _settled(last: Estimate, new: Estimate) -> bool:
@@ -106,12 +109,12 @@ def _settled(last: Estimate, new: Estimate) -> bool:
 
 
 def _warnings(
-    vehicle: Vehicle, estimate: Estimate, scan: DelayScan | None, longest: float, passes: Passes
+    vehicle: Vehicle, estimate: Estimate, scan: DelayScan | None, longest: float, grids: Sequence[Grid]
 ) -> tuple[str, ...]:
     out: list[str] = []
     if scan is not None and scan.at_limit:
         out.append(f"the delay reached the end of the range scanned ({longest:g} s); it may be longer")
-    for grid in passes.grids:
+    for grid in grids:
         if grid.repairs:
             out.append(f"{grid.source or 'recording'}: {grid.repairs.summary}")
     if not any(estimate.identified):

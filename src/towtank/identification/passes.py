@@ -14,11 +14,12 @@ from towtank.identification.axis_solution import AxisInformation, AxisSolution, 
 from towtank.identification.chain import PaperChain, Settings, Sources, uses_commands
 from towtank.identification.delay import DelayCost, DelayScan, scan_delay
 from towtank.identification.estimate import Estimate, estimate_of
+from towtank.identification.stretches import spread_places
 from towtank.identification.structure import AxisFindings, Candidates, absent, select
 from towtank.recording import Grid
 from towtank.vehicle import Vehicle
 
-__all__ = ["Passes", "Progress"]
+__all__ = ["Passes", "Progress", "sources_of", "spread_grids"]
 
 _Family = tuple[bool, bool]  # linear, quadratic damping free
 _FAMILIES: tuple[_Family, ...] = ((True, True), (True, False), (False, True))
@@ -40,7 +41,7 @@ class Passes:
         self, vehicle: Vehicle, grids: Sequence[Grid], settings: Settings, wanted: Sequence[Candidates]
     ) -> None:
         self.vehicle, self.grids, self.settings, self.candidates = vehicle, tuple(grids), settings, tuple(wanted)
-        self.sources = [Sources.of(grid.pose, grid.velocity, grid.acceleration) for grid in grids]
+        self.sources = [sources_of(grid) for grid in grids]
         self.commands = [uses_commands(vehicle, grid) for grid in grids]
         for grid, commands in zip(grids, self.commands, strict=True):
             if not commands and not grid.wrench_t.size:
@@ -239,10 +240,24 @@ def _not_measured(candidate: Candidates) -> str:
     return f"{axis.name} speed {axis.velocity} is not measured in these recordings"
 
 
+def sources_of(grid: Grid) -> Sources:
+    """Return where the velocities and the attitude of a grid come from."""
+    return Sources.of(grid.pose, grid.velocity, grid.acceleration)
+
+
+def spread_grids(grids: Sequence[Grid]) -> tuple[Grid, ...]:
+    """Return stretches of the grids, see `spread_places`; the grids themselves where they are not long."""
+    places = spread_places([grid.t for grid in grids])
+    return tuple(grids) if places is None else tuple(_rows(grids[k], a, b) for k, a, b in places)
+
+
 def _head(grid: Grid, seconds: float) -> Grid:
     """Return the first `seconds` of a grid."""
     n = int(np.searchsorted(grid.t, grid.t[0] + seconds))
-    if n >= len(grid):
-        return grid
-    parts = {name: getattr(grid, name)[:n] for name in ("t", "pose", "velocity", "acceleration", "fresh", "voltage")}
-    return replace(grid, **parts)
+    return grid if n >= len(grid) else _rows(grid, 0, n)
+
+
+def _rows(grid: Grid, first: int, last: int) -> Grid:
+    """Return the rows [first, last) of a grid, with all inputs."""
+    names = ("t", "pose", "velocity", "acceleration", "fresh", "voltage")
+    return replace(grid, **{name: getattr(grid, name)[first:last] for name in names})

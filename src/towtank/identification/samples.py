@@ -6,9 +6,7 @@ rates, irregular times and gaps need nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -21,12 +19,16 @@ from towtank.recording.standard import MOTION, QUATERNION, WRENCH, is_command
 from towtank.recording.synchrony import quaternion_samples
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
 
-__all__ = ["N_MEASURED", "Samples", "cuts", "held_forces", "samples_of", "spread_over", "with_absent_zero"]
+__all__ = ["N_MEASURED", "Samples", "held_forces", "samples_of", "with_absent_zero"]
 
 N_MEASURED = 15
 _TOGETHER = 1e-6  # s: stamps closer than this are one instant
 _BEFORE = 5.0  # s of inputs before a stretch that still matter
-_FEW_MORE = 1.5  # times the rows asked for
+_ENOUGH, _FEW_MORE = (
+    60_000,
+    1.5,
+)  # rows of long recordings that are gone over first, and times that are left as they are
+_STRETCH = 60.0  # s
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,26 +88,6 @@ class Samples:
     def measured(self) -> Array:
         """Which of the 15 columns are measured anywhere (15,), bool."""
         return np.asarray(np.isfinite(self.values).any(axis=0))
-
-
-def cuts(t: Array, length: float) -> list[tuple[int, int]]:
-    """Return first row and row after the last of pieces of t (n,) about as long as `length` [s]."""
-    if not t.size:
-        return []
-    parts = max(1, round(float(t[-1] - t[0]) / length))
-    edges = np.searchsorted(t, np.linspace(t[0], t[-1], parts + 1)[1:-1])
-    bounds = [0, *(int(edge) for edge in edges), t.size]
-    return [(a, b) for a, b in pairwise(bounds) if b - a >= 3]
-
-
-def spread_over(samples: Sequence[Samples], rows: int, length: float) -> Sequence[Samples]:
-    """Return stretches of this length [s], evenly spread, about so many rows in all; all where there are few more."""
-    total = sum(len(each) for each in samples)
-    if total <= _FEW_MORE * rows:
-        return samples
-    pieces = [(each, a, b) for each in samples for a, b in cuts(each.t, length)]
-    chosen = np.unique(np.linspace(0, len(pieces) - 1, max(1, len(pieces) * rows // total)).astype(np.int64))
-    return [pieces[k][0].stretch(*pieces[k][1:]) for k in chosen]
 
 
 def with_absent_zero(wrench: Array) -> Array:
