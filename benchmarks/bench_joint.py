@@ -10,13 +10,16 @@ and of the first minute, in which it looks back most; "watched" the latter with 
 Beside it, a Kalman filter of the same size in NumPy: covariance by matrix products, six updates by scalars, and no
 model at all.
 
---hour: one hour at 100 Hz through `learn_recordings`; seconds and peak memory.
+--hour: `towtank learn` on a CSV of one hour at 100 Hz, nothing known of the vehicle; seconds and peak memory.
 """
 
 from __future__ import annotations
 
+import os
 import resource
+import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Sequence
 
@@ -24,14 +27,14 @@ import numpy as np
 from figures import Figure, interleaved, report
 
 from towtank.app.demo_session import DISTURBANCE, FREE, MOCAP, tank_session
-from towtank.identification import Learner, learn_recordings
+from towtank.identification import Learner
 from towtank.identification.joint import one_pass, prior_deviation
 from towtank.identification.joint_start import size_of, start_levels, tuning_for
 from towtank.identification.parameters import DELAY, free_parameters
 from towtank.identification.samples import samples_of
-from towtank.recording import Recording
+from towtank.recording import Recording, write_csv
 from towtank.simulation import manoeuvre, simulate
-from towtank.vehicle import Vehicle
+from towtank.vehicle import Vehicle, save_vehicle
 
 DURATION, LONG = 60.0, 300.0  # s
 LIMIT = 150.0  # us per sample
@@ -109,15 +112,20 @@ def measured() -> Sequence[Figure]:
 
 
 def hour() -> Sequence[Figure]:
-    short, tank = tank_session(10.0), tank_session(HOUR)
-    learn_recordings(short.known, [short.recording], free=FREE)  # compile
-    start = time.perf_counter()
-    learn_recordings(tank.known, [tank.recording], free=FREE)
-    seconds = time.perf_counter() - start
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    with tempfile.TemporaryDirectory() as folder:
+        known, short, long = (os.path.join(folder, name) for name in ("known.toml", "short.csv", "hour.csv"))
+        save_vehicle(tank_session(10.0).known, known)
+        for path, seconds in ((short, 10.0), (long, HOUR)):
+            write_csv(tank_session(seconds).recording, path)
+        command = [sys.executable, "-m", "towtank", "learn", "--vehicle", known]
+        subprocess.run([*command, short], check=True, stdout=subprocess.DEVNULL)  # compile
+        start = time.perf_counter()
+        subprocess.run([*command, long], check=True, stdout=subprocess.DEVNULL)
+        took = time.perf_counter() - start
+    memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024.0 / 1e6
     return (
-        Figure("joint_hour_seconds", seconds, "s", HOUR_LIMIT, note="one hour at 100 Hz, 13 coefficients, delay found"),
-        Figure("joint_hour_peak_memory_mb", memory, "MB", MEMORY_LIMIT, note="of the whole process"),
+        Figure("joint_hour_seconds", took, "s", HOUR_LIMIT, note="towtank learn, one hour at 100 Hz, all to be found"),
+        Figure("joint_hour_peak_memory_mb", memory, "MB", MEMORY_LIMIT, note="of that process"),
     )
 
 

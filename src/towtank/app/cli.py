@@ -21,6 +21,7 @@ from towtank.app import (
     vehicle_commands,
 )
 from towtank.app.guard import Commands, PlainCommand
+from towtank.app.memory import return_what_is_free
 from towtank.app.page_option import PagedCommand
 
 __all__ = ["app", "main"]
@@ -79,6 +80,7 @@ def main() -> NoReturn:
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
     signal.signal(signal.SIGTERM, _terminated)
+    return_what_is_free()
     app()
     sys.exit(0)
 

@@ -116,12 +116,15 @@ def learn(
             progress=lambda text, share: tell(text, 0.9 * share),
         )
         model = _with_provenance(learning, logs, prior)
+        warnings = [*output.warnings, *learning_warnings(learning, recordings)]
+        if report is None:
+            recordings = []  # room for the prediction
         tell("predicting", 0.9)
         scores, unfit = _fit(model, learning.grids)
         fit, rmse = ({}, {}) if scores is None else (scores.fit, scores.rmse)
+        warnings += unfit
         if model_file is not None:
             save_vehicle(model, model_file)
-        warnings = [*output.warnings, *learning_warnings(learning, recordings), *unfit]
         judge = f"towtank validate {model_file or 'MODEL.toml'} ANOTHER_LOG" + (f" --map {mapping}" if mapping else "")
         if report is not None:
             tell("report", 0.95)

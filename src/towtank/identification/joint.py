@@ -25,6 +25,7 @@ from towtank.identification.transition import N_FIXED
 __all__ = [
     "JointFit",
     "bounded",
+    "cautiously",
     "fit_of",
     "held_of",
     "joint_passes",
@@ -220,6 +221,8 @@ def joint_passes(
         sound = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.std).all() and np.isfinite(fit.likelihood))
         if not sound or (best is not None and k > begin and merit(fit, tuning) < merit(best, tuning) - _WORSE):
             worse += 1
+            if sound and best is not None and _settled(fit, best.theta, best.std) and alike(levels, best.levels):
+                break
             if best is None:
                 deviation = 0.3 * deviation
             elif worse > _TRIES:
@@ -229,7 +232,7 @@ def joint_passes(
                 levels = between(levels, best.levels)
             continue
         following = followed(state, levels, tuning, shown)
-        still = (k > 0 or not begin) and bool(np.all(np.abs(fit.theta - anchor) <= _SETTLED * fit.std + 1e-6))
+        still = (k > 0 or not begin) and _settled(fit, anchor, fit.std)
         best = fit
         if still and alike(following, levels):
             break
@@ -237,15 +240,32 @@ def joint_passes(
         anchor, levels = told_of(free, following_anchor, fit.std, np.asarray(theta)), following
     if best is None:
         return replace(fit, theta=anchor)
-    if not cautious:
-        return best
-    higher = replace(best.levels, sigma=best.levels.sigma * caution(best.looks))
+    return cautiously(samples, p, best, tuning, deviation, delay=delay, prior=prior) if cautious else best
+
+
+def cautiously(
+    samples: Sequence[Samples],
+    p: Array,
+    fit: JointFit,
+    tuning: Tuning,
+    deviation: Array,
+    *,
+    delay: float = 0.0,
+    prior: tuple[Array, Array] | None = None,
+) -> JointFit:
+    """Return the fit with deviations at a disturbance above its estimate: one pass more. Arguments as `one_pass`."""
+    levels = replace(fit.levels, sigma=fit.levels.sigma * caution(fit.looks))
+    about = bounded(fit.free, fit.theta, fit.theta)
     way = replace(tuning, follow=False)
-    about = bounded(free, best.theta, best.theta)
-    state, _ = one_pass(samples, p, free, about, deviation, higher, way, delay=delay, prior=prior)
-    last = fit_of(free, state, best.levels, best.passes + 1)
+    state, _ = one_pass(samples, p, fit.free, about, deviation, levels, way, delay=delay, prior=prior)
+    last = fit_of(fit.free, state, fit.levels, fit.passes + 1)
     sound = bool(np.isfinite(last.std).all() and (last.std > 0.0).all())
-    return replace(best, covariance=last.covariance, passes=last.passes) if sound else best
+    return replace(fit, covariance=last.covariance, passes=last.passes) if sound else fit
+
+
+def _settled(fit: JointFit, theta: Array, std: Array) -> bool:
+    """Whether no coefficient has moved from theta (n,), by its deviations (n,)."""
+    return bool(np.all(np.abs(fit.theta - theta) <= _SETTLED * std + 1e-6))
 
 
 def fit_of(free: FreeParameters, state: JointState, levels: Levels, passes: int) -> JointFit:

@@ -18,6 +18,7 @@ from towtank.identification.axes import C_LINEAR, C_QUADRATIC
 from towtank.identification.joint import JointFit, joint_passes, merit
 from towtank.identification.joint_start import size_of
 from towtank.identification.joint_state import Tuning
+from towtank.identification.log_learning import Levels
 from towtank.identification.parameters import FreeParameters, free_parameters
 from towtank.identification.samples import Samples
 from towtank.identification.structure import candidates
@@ -123,7 +124,7 @@ def choose_damping(
     kernel, names = np.array(vehicle.parameters), fit.free.names
     questioned = [name for pair in pairs for name in pair]
 
-    def fitted(free: FreeParameters, theta: Array) -> JointFit:
+    def fitted(free: FreeParameters, theta: Array, levels: Levels) -> JointFit:
         scale = size_of(vehicle, free)
         scale = np.where([name in questioned for name in free.names], _ROOM * scale, scale)
         return joint_passes(
@@ -131,7 +132,7 @@ def choose_damping(
             kernel,
             free,
             theta,
-            fit.levels,
+            levels,
             tuning,
             scale=scale,
             delay=delay,
@@ -145,7 +146,7 @@ def choose_damping(
     both = free_parameters(vehicle, (*names, *(name for name in questioned if name not in names)))
     plain = both.plainly(questioned)
     now = dict(zip(names, fit.free.plainly(questioned).thetas(fit.free.values(fit.theta)), strict=True))
-    seen = fitted(plain, np.array([now.get(name, 0.0) for name in plain.names]))
+    seen = fitted(plain, np.array([now.get(name, 0.0) for name in plain.names]), fit.levels)
     if not (np.isfinite(seen.theta).all() and np.isfinite(seen.likely).all()):
         return None
     values = dict(zip(plain.names, plain.values(seen.theta), strict=True))
@@ -164,7 +165,7 @@ def choose_damping(
     free = both.subset([name for name in both.names if name not in left_out])
     if set(free.names) == set(names):
         return Choice(fit, left_out)
-    again = fitted(free, free.thetas(np.array([values[name] for name in free.names])))
+    again = fitted(free, free.thetas(np.array([values[name] for name in free.names])), seen.levels)
     worth = _WORTH * (len(free) - len(names))
     return Choice(again, left_out) if merit(again, tuning) > merit(fit, tuning) + worth else None
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.findings import Identifiability
-from towtank.identification.joint import JointFit, joint_passes, prior_deviation
+from towtank.identification.joint import JointFit, cautiously, joint_passes, prior_deviation
 from towtank.identification.joint_damping import choose_damping, damping_in_question
 from towtank.identification.joint_estimate import judge
 from towtank.identification.joint_start import prior_information, size_of
@@ -132,13 +132,15 @@ def run_rounds(
             prior=information,
             shown=shown,
             begin=False,
-            told=lambda share: told(0.5 + 0.5 * share),
+            cautious=False,
+            told=lambda share: told(0.5 + 0.4 * share),
         )
+        deviation = prior_deviation(free, scale)
         findings = judge(
             free,
             fit.theta,
             fit.likely,
-            prior_deviation(free, scale),
+            deviation,
             scale,
             prior=None if information is None else information[1],
             speeds=speeds,
@@ -151,4 +153,7 @@ def run_rounds(
         base = vehicle.with_coefficients(dict.fromkeys(left_out, 0.0))
         keep = [k for k, name in enumerate(free.names) if name not in held_now]
         free, theta, levels = free.subset([free.names[k] for k in keep]), fit.theta[keep], fit.levels
+    told(0.9)
+    p = np.array(base.parameters)
+    fit = cautiously(samples, p, fit, tuning, deviation, delay=delay, prior=information)
     return Rounds(fit, findings, base, unidentified, tuple(left_out), added, dropped, few, before)

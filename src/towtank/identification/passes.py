@@ -14,6 +14,7 @@ from towtank.identification.axis_solution import AxisInformation, AxisSolution, 
 from towtank.identification.chain import PaperChain, Settings, Sources, uses_commands
 from towtank.identification.delay import DelayCost, DelayScan, scan_delay
 from towtank.identification.estimate import Estimate, estimate_of
+from towtank.identification.samples import INPUTS_BEFORE
 from towtank.identification.stretches import spread_places
 from towtank.identification.structure import AxisFindings, Candidates, absent, select
 from towtank.recording import Grid
@@ -258,6 +259,10 @@ def _head(grid: Grid, seconds: float) -> Grid:
 
 
 def _rows(grid: Grid, first: int, last: int) -> Grid:
-    """Return the rows [first, last) of a grid, with all inputs."""
-    names = ("t", "pose", "velocity", "acceleration", "fresh", "voltage")
-    return replace(grid, **{name: getattr(grid, name)[first:last] for name in names})
+    """Return the rows [first, last) of a grid, with the inputs that matter to them."""
+    places = {name: slice(first, last) for name in ("t", "pose", "velocity", "acceleration", "fresh", "voltage")}
+    for kind in ("command", "wrench"):
+        stamps = getattr(grid, f"{kind}_t")
+        begin, end = np.searchsorted(stamps, (grid.t[first] - INPUTS_BEFORE, grid.t[last - 1]), "right")
+        places |= dict.fromkeys((f"{kind}_t", f"{kind}_values"), slice(max(0, int(begin) - 1), int(end)))
+    return replace(grid, **{name: getattr(grid, name)[place] for name, place in places.items()})

@@ -19,11 +19,11 @@ from towtank.recording.standard import MOTION, QUATERNION, WRENCH, is_command
 from towtank.recording.synchrony import quaternion_samples
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
 
-__all__ = ["N_MEASURED", "Samples", "held_forces", "samples_of", "with_absent_zero"]
+__all__ = ["INPUTS_BEFORE", "N_MEASURED", "Samples", "held_forces", "samples_of", "with_absent_zero"]
 
 N_MEASURED = 15
 _TOGETHER = 1e-6  # s: stamps closer than this are one instant
-_BEFORE = 5.0  # s of inputs before a stretch that still matter
+INPUTS_BEFORE = 5.0  # s of inputs before a stretch that still matter
 _ENOUGH, _FEW_MORE = (
     60_000,
     1.5,
@@ -68,7 +68,7 @@ class Samples:
 
     def stretch(self, first: int, last: int) -> Samples:
         """Return views of the rows [first, last) with the inputs that matter to them."""
-        begin = max(0, int(np.searchsorted(self.input_t, self.t[first] - _BEFORE, "right")) - 1)
+        begin = max(0, int(np.searchsorted(self.input_t, self.t[first] - INPUTS_BEFORE, "right")) - 1)
         end = int(np.searchsorted(self.input_t, self.t[last - 1], "right"))
         inputs = slice(begin, max(end, begin + 1))
         return replace(

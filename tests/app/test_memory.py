@@ -1,0 +1,34 @@
+"""Memory that is free goes back to the system."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+HELD = """
+import sys
+import numpy as np
+from towtank.app.memory import return_what_is_free
+if sys.argv[1] == "return":
+    return_what_is_free()
+def resident():
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * 4096 / 1e6
+del_first = np.ones(1_000_000)
+del del_first
+arrays = [np.ones(500_000) for _ in range(40)]
+full = resident()
+last = arrays.pop()
+arrays.clear()
+print(full - resident())
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a matter of the C library of Linux")
+def test_what_is_freed_below_something_that_stays_goes_back() -> None:
+    def given_back(word: str) -> float:
+        return float(subprocess.run([sys.executable, "-c", HELD, word], check=True, capture_output=True).stdout)
+
+    assert given_back("return") > 140.0  # of 156 MB
