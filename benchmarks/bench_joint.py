@@ -15,13 +15,13 @@ model at all.
 
 from __future__ import annotations
 
-import os
 import resource
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from figures import Figure, interleaved, report
@@ -113,7 +113,7 @@ def measured() -> Sequence[Figure]:
 
 def hour() -> Sequence[Figure]:
     with tempfile.TemporaryDirectory() as folder:
-        known, short, long = (os.path.join(folder, name) for name in ("known.toml", "short.csv", "hour.csv"))
+        known, short, long = (Path(folder) / name for name in ("known.toml", "short.csv", "hour.csv"))
         save_vehicle(tank_session(10.0).known, known)
         for path, seconds in ((short, 10.0), (long, HOUR)):
             write_csv(tank_session(seconds).recording, path)
