@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from towtank.identification import LogLearning, learn_recordings
+from towtank.identification import Learner, LogLearning, learn_recordings
 from towtank.identification.sign_check import mirrored
 from towtank.recording import ColumnMapping, Recording, read_csv
 from towtank.validation import validate
@@ -28,9 +28,11 @@ __all__ = [
     "Learned",
     "boat",
     "data_folder",
+    "model_fit",
     "pool",
     "real_fit",
     "sea",
+    "streamed",
     "wrongly_wired",
 ]
 
@@ -92,8 +94,21 @@ def data_folder() -> Path | None:
 
 def real_fit(learning: LogLearning, judged: Recording, horizon: float | None = None) -> dict[str, float]:
     """Return the fit [%] of every channel of a run predicted freely by what was learned."""
-    found = validate(learning.model, [judged], horizon=horizon).fit
+    return model_fit(learning.model, judged, horizon)
+
+
+def model_fit(model: Vehicle, judged: Recording, horizon: float | None = None) -> dict[str, float]:
+    """Return the fit [%] of every channel of a run predicted freely by a model."""
+    found = validate(model, [judged], horizon=horizon).fit
     return {name: value for name, value in found.items() if value is not None}
+
+
+def streamed(vehicle: Vehicle, recordings: Sequence[Recording]) -> Vehicle:
+    """Return the model of the streaming filter alone after one recording after the other."""
+    learner = Learner(vehicle)
+    for recording in recordings:
+        learner.run(recording)
+    return learner.model()
 
 
 class Learned:

@@ -1,9 +1,10 @@
 """Real recordings: models learned on some runs, judged on others by free-running prediction.
 
-    python benchmarks/studies/real_study.py [--output real.json]
+    python benchmarks/studies/real_study.py [--streamed] [--output real.json]
 
 Nothing is tuned: vehicles from the catalog, the default method. Recordings from `$TOWTANK_DATA`, else `shared/data`
-beside the repository; without them nothing is shown. The fit is 100 (1 - error / deviation) [%].
+beside the repository; without them nothing is shown. The fit is 100 (1 - error / deviation) [%]. --streamed: by the
+streaming filter alone, sample by sample, for which no limits are set.
 """
 
 from __future__ import annotations
@@ -14,8 +15,21 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from real_cases import BOAT_HALVES, POOL, SPINS, boat, data_folder, pool, real_fit, sea, wrongly_wired
+from real_cases import (
+    BOAT_HALVES,
+    POOL,
+    SPINS,
+    boat,
+    data_folder,
+    model_fit,
+    pool,
+    real_fit,
+    sea,
+    streamed,
+    wrongly_wired,
+)
 from report import checks_table, show
+from rich.table import Table
 from runner import write_json
 from summary import Check
 
@@ -73,6 +87,30 @@ def boat_checks(data: Path) -> list[Check]:
     return out
 
 
+def streamed_table(data: Path) -> Table:
+    """The same by the streaming filter alone."""
+    table = Table(title="streamed, the filter alone", title_justify="left")
+    for name in ("learned from -> judged by", "fit %"):
+        table.add_column(name)
+
+    def row(name: str, fit: dict[str, float], channels: Sequence[str]) -> None:
+        table.add_row(name, ", ".join(f"{channel} {fit[channel]:.0f}" for channel in channels))
+
+    runs = pool(data)
+    for case in POOL:
+        model = streamed(runs.vehicle, [runs.read(name) for name in case.learned])
+        row(f"pool {case.name}", model_fit(model, runs.read(case.judged), case.horizon), [n for n, _ in case.least])
+    vehicle, halves = sea(data)
+    for k, (here, there) in enumerate((halves, halves[::-1]), 1):
+        row(f"sea half {k} -> the other", model_fit(streamed(vehicle, [here]), there), "u")
+    boats = boat(data)
+    for learned, judged in (BOAT_HALVES, BOAT_HALVES[::-1]):
+        model = streamed(boats.vehicle, [boats.read(name) for name in learned])
+        for name in judged:
+            row(f"boat {' + '.join(learned)} -> {name}", model_fit(model, boats.read(name)), "u")
+    return table
+
+
 def said(learning: LogLearning) -> str:
     """What is worth reading of a learning."""
     sums = ", ".join(f"{total.name} {total.value:.3g} ± {total.std:.2g}" for total in learning.estimate.sums)
@@ -83,10 +121,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; 0 where everything that must hold holds, or where there are no recordings."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--output", type=Path, default=None)
+    parser.add_argument("--streamed", action="store_true", help="by the streaming filter alone")
     options = parser.parse_args(argv)
     data = data_folder()
     if data is None:
         show("no real recordings here: set TOWTANK_DATA to where they are")
+        return 0
+    if options.streamed:
+        show(streamed_table(data))
         return 0
     held = pool_checks(data) + sea_checks(data) + boat_checks(data)
     show(checks_table("must hold", held))

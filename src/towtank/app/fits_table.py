@@ -7,8 +7,11 @@ from collections.abc import Mapping
 from towtank.app.output import Output
 from towtank.digits import percent, short
 from towtank.recording import STANDARD
+from towtank.recording.standard import VELOCITIES
 
-__all__ = ["show_fits"]
+__all__ = ["show_fits", "show_own_fits"]
+
+_POSITIONS = ("x", "y", "z")
 
 
 def show_fits(
@@ -36,3 +39,15 @@ def show_fits(
             row.append(errors.get(name, ""))
         table.add_row(*row)
     output.show(table)
+
+
+def show_own_fits(fit: Mapping[str, float | None], output: Output) -> None:
+    """Print the fit [%] of the speeds to what was learned from; where none was measured, of the pose."""
+    speeds = {name: fit.get(name) for name in VELOCITIES}
+    if any(value is not None for value in speeds.values()):
+        show_fits(speeds, None, output)
+        return
+    show_fits(fit, None, output)
+    if any((fit.get(name) or 0.0) < 0.0 for name in _POSITIONS):
+        output.line("Positions add up every push of the water, whatever the model:", "dim")
+        output.line("towtank validate --horizon 10 sets the prediction back to what was measured every 10 s.", "dim")

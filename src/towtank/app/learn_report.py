@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from towtank.app.fits_table import show_fits
+from towtank.app.fits_table import show_own_fits
 from towtank.app.levels_tables import disturbance_document, noise_document, show_levels
 from towtank.app.output import Output
 from towtank.digits import measured, short
@@ -58,8 +58,7 @@ def show_learning(
     whose = " as the joint filter sees them" if learning.method == "output-error" else ""
     show_levels(learning.levels, learning.grids, learning.sources, output, whose=whose)
     output.heading("Fit of the free-running prediction on these very logs")
-    speeds = {name: fit.get(name) for name in _VELOCITIES}
-    show_fits(speeds if any(value is not None for value in speeds.values()) else fit, None, output)
+    show_own_fits(fit, output)
     output.heading(f"How it was learned: {_METHODS.get(learning.method, learning.method)}")
     for text in (*learning.remarks, *_choice(learning, asked)):
         output.item(text)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from towtank.app.fits_table import show_fits
+from towtank.app.fits_table import show_own_fits
 from towtank.app.learn_report import estimate_document
 from towtank.app.live_fit import LiveFit
 from towtank.app.live_table import coefficient_rows, event_line, likely_line, link_lines, measures
@@ -15,7 +15,7 @@ from towtank.identification import Learner
 from towtank.live.status import Status
 from towtank.recording import STANDARD
 from towtank.recording.event import Event
-from towtank.recording.standard import VELOCITIES, WRENCH
+from towtank.recording.standard import WRENCH
 from towtank.vehicle import Vehicle
 
 __all__ = ["events_document", "live_document", "live_line", "show_end"]
@@ -154,8 +154,7 @@ def show_end(status: Status, vehicle: Vehicle, method: str, judged: LiveFit, out
             output.item(f"{', '.join(names)}: {reason}")
     if judged.of is not None:
         output.heading(f"Fit of the free-running prediction on {judged.of}")
-        speeds = {name: judged.fit.get(name) for name in VELOCITIES}
-        show_fits(speeds if any(value is not None for value in speeds.values()) else judged.fit, None, output)
+        show_own_fits(judged.fit, output)
     if status.events:
         output.heading("What happened")
         for event in status.events:

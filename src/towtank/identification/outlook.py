@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from towtank.identification.chain import uses_commands
 from towtank.identification.coefficient_words import phrase, role
 from towtank.identification.estimate import Estimate
 from towtank.identification.identifiability import excitation, excitation_words
@@ -139,7 +140,7 @@ def liveliest(grid: Grid, vehicle: Vehicle, rows: int = _MOST_ROWS) -> tuple[tup
     if n <= rows:
         return ((float(grid.t[0]), float(grid.t[-1])),)
     wrench = grid.wrench
-    if grid.command_t.size and grid.command_values.shape[1] == len(vehicle.thrusters) > 0:
+    if uses_commands(vehicle, grid):
         wrench = held_forces(vehicle, grid.commands, None) @ configuration_matrix(vehicle).T
     long = rows // _STRETCHES
     done = np.vstack([np.zeros(6), np.cumsum(np.nan_to_num(wrench) ** 2, axis=0)])

@@ -6,6 +6,7 @@ import numpy as np
 
 from towtank.core.arrays import Array, kernel
 from towtank.errors import InputError
+from towtank.identification.chain import uses_commands
 from towtank.identification.held_input import HeldInput, held_integral_into, held_push, new_held_input
 from towtank.identification.samples import with_absent_zero
 from towtank.recording import Grid
@@ -46,7 +47,7 @@ def mean_wrenches(vehicle: Vehicle, grid: Grid, delay: float | None = None) -> A
     Raises:
         InputError: the grid has neither this vehicle's commands nor a wrench.
     """
-    if vehicle.thrusters and grid.command_t.size and grid.command_values.shape[1] == len(vehicle.thrusters):
+    if uses_commands(vehicle, grid):
         stamps = np.array(grid.command_t)
         voltage = np.interp(stamps, grid.t, grid.voltage) if np.isfinite(grid.voltage).any() else None
         forces = np.ascontiguousarray(thruster_forces(vehicle, grid.command_values, voltage))
@@ -83,7 +84,7 @@ def inputs_known_from(vehicle: Vehicle, grid: Grid, delay: float | None = None) 
 
     Args as `mean_wrenches`.
     """
-    if vehicle.thrusters and grid.command_t.size and grid.command_values.shape[1] == len(vehicle.thrusters):
+    if uses_commands(vehicle, grid):
         values, stamps = grid.command_values, grid.command_t
         delay = vehicle.command_delay if delay is None else delay
         memory = _FORGOTTEN * max(thruster.time_constant for thruster in vehicle.thrusters)
