@@ -13,14 +13,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context
 
 import numpy as np
 from report import checks_table, show
 from rich.table import Table
-from runner import arguments, write_json
+from runner import arguments, over, write_json
 from summary import Check
 
 from towtank.app.demo_session import DISTURBANCE, MOCAP, tank_session
@@ -93,23 +91,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     table = Table(title=f"damping terms, {len(seeds)} runs each", title_justify="left")
     for name in ("learned from", "manoeuvre", "truth", "axes with the right terms", "RMSE of the drag %", "changes"):
         table.add_column(name)
-    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        waiting = {each: [pool.submit(learned, *each, seed) for seed in seeds] for each in cases}
-        for (case, plan, mode), futures in waiting.items():
-            found = [future.result() for future in futures]
-            right = float(np.mean([one.right for one in found]))
-            rmse = np.sqrt(np.mean(np.square([one.errors for one in found]), axis=(0, 1)))
-            changes = sum(one.changes for one in found)
-            worst = " ".join(f"{100.0 * each:.1f}" for each in rmse)
-            table.add_row(mode, plan, case, f"{100.0 * right:.0f} %", worst, str(changes))
-            where = f"{mode}, {plan}, {case}"
-            documents[where] = [asdict(one) for one in found]
-            held += [
-                Check(
-                    f"{where}: largest RMSE of an axis' drag", float(rmse.max()), high=0.3 if case == "some" else 0.1
-                ),
-                Check(f"{where}: changes reported", changes, high=0.0),
-            ]
+    tasks = [(*each, seed) for each in cases for seed in seeds]
+    outcomes = over("damping terms", learned, tasks, options.workers)
+    for k, (case, plan, mode) in enumerate(cases):
+        found = outcomes[k * len(seeds) : (k + 1) * len(seeds)]
+        right = float(np.mean([one.right for one in found]))
+        rmse = np.sqrt(np.mean(np.square([one.errors for one in found]), axis=(0, 1)))
+        changes = sum(one.changes for one in found)
+        worst = " ".join(f"{100.0 * each:.1f}" for each in rmse)
+        table.add_row(mode, plan, case, f"{100.0 * right:.0f} %", worst, str(changes))
+        where = f"{mode}, {plan}, {case}"
+        documents[where] = [asdict(one) for one in found]
+        held += [
+            Check(f"{where}: largest RMSE of an axis' drag", float(rmse.max()), high=0.3 if case == "some" else 0.1),
+            Check(f"{where}: changes reported", changes, high=0.0),
+        ]
     show(table)
     show(checks_table("must hold", held))
     write_json(options.output, {"study": "damping", "cases": documents, "checks": [each.document() for each in held]})

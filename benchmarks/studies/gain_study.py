@@ -12,13 +12,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 
 import numpy as np
 from report import checks_table, show
 from rich.table import Table
-from runner import arguments, write_json
+from runner import arguments, over, write_json
 from summary import Check
 from tumbling import INERTIAS, named, true_vehicle, tumble
 
@@ -65,18 +63,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     seeds = range(options.seed, options.seed + options.runs)
     held: list[Check] = []
     documents = {}
-    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        for case in cases:
-            found = list(pool.map(learned, [case] * len(seeds), seeds))
-            table = Table(title=f"{case}, {len(seeds)} runs", title_justify="left")
-            for name in ("seed", "gains", "errors of the total inertias %"):
-                table.add_column(name)
-            for seed, (gains, errors) in zip(seeds, found, strict=True):
-                words = ", ".join(f"{name} {gain:.2f} ± {std:.2f}" for name, (gain, std) in gains.items())
-                table.add_row(str(seed), words, ", ".join(f"{100.0 * each:+.1f}" for each in errors))
-            show(table)
-            held += checks(case, found)
-            documents[case] = found
+    for case in cases:
+        found = over(f"gains, {case}", learned, [(case, seed) for seed in seeds], options.workers)
+        table = Table(title=f"{case}, {len(seeds)} runs", title_justify="left")
+        for name in ("seed", "gains", "errors of the total inertias %"):
+            table.add_column(name)
+        for seed, (gains, errors) in zip(seeds, found, strict=True):
+            words = ", ".join(f"{name} {gain:.2f} ± {std:.2f}" for name, (gain, std) in gains.items())
+            table.add_row(str(seed), words, ", ".join(f"{100.0 * each:+.1f}" for each in errors))
+        show(table)
+        held += checks(case, found)
+        documents[case] = found
     show(checks_table("must hold", held))
     write_json(options.output, {"study": "gains", "cases": documents, "checks": [each.document() for each in held]})
     return 0 if all(check.met for check in held) else 1

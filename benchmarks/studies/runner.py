@@ -6,11 +6,11 @@ import argparse
 import json
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from rich.console import Console
@@ -19,7 +19,9 @@ from trial import Outcome, Trial, perform
 
 from towtank.outputs import write_text
 
-__all__ = ["arguments", "plain", "run", "write_json"]
+__all__ = ["arguments", "over", "plain", "run", "write_json"]
+
+T = TypeVar("T")
 
 _ONE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -43,35 +45,47 @@ def arguments(description: str, runs: int, argv: Sequence[str] | None = None) ->
 
 def run(title: str, trials: Sequence[Trial], workers: int) -> list[Outcome]:
     """Perform the trials and return their outcomes in the same order."""
+    return over(title, perform, [(trial,) for trial in trials], workers, failed=lambda each: each.failure is not None)
+
+
+def over(
+    title: str,
+    work: Callable[..., T],
+    tasks: Sequence[tuple[Any, ...]],
+    workers: int,
+    *,
+    failed: Callable[[T], bool] | None = None,
+) -> list[T]:
+    """Return what `work` makes of the arguments of each task, in the same order, with a line of progress."""
     columns = (
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
         TextColumn("{task.fields[failed]}"),
     )  # fmt: skip
-    found: list[Outcome | None] = [None] * len(trials)
+    found: dict[int, T] = {}
     failures = 0
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(title, total=len(trials), failed="")
+        task = progress.add_task(title, total=len(tasks), failed="")
 
-        def done(i: int, outcome: Outcome) -> None:
+        def done(i: int, outcome: T) -> None:
             nonlocal failures
             found[i] = outcome
-            failures += outcome.failure is not None
+            failures += failed is not None and failed(outcome)
             progress.update(task, advance=1, failed=f"{failures} failed" if failures else "")
 
         if workers == 1:
-            for i, trial in enumerate(trials):
-                done(i, perform(trial))
+            for i, arguments_ in enumerate(tasks):
+                done(i, work(*arguments_))
         else:
-            _in_processes(trials, workers, done)
-    return [outcome for outcome in found if outcome is not None]
+            _in_processes(work, tasks, workers, done)
+    return [found[i] for i in range(len(tasks))]
 
 
-def _in_processes(trials: Sequence[Trial], workers: int, done: Any) -> None:
+def _in_processes(work: Callable[..., T], tasks: Sequence[tuple[Any, ...]], workers: int, done: Any) -> None:
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # the processes that start below inherit it
     try:
         with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            waiting = {pool.submit(perform, trial): i for i, trial in enumerate(trials)}
+            waiting = {pool.submit(work, *each): i for i, each in enumerate(tasks)}
             try:
                 for future in as_completed(waiting):
                     done(waiting[future], future.result())

@@ -29,7 +29,7 @@ __all__ = ["Choice", "Pair", "Prior", "choose_damping", "damping_in_question"]
 _BOTH = 4.0  # deviations that each term needs to stay beside the other: it is known to a quarter then
 _NOTHING = 2.0  # deviations below which a term is not different from 0
 _PLAINLY = 10.0  # by which -2 ln L must be less for the other one to take a term's place
-_WORTH = 2.0  # of ln L, that each term more must gain, and each one less may lose
+_WORTH, _LOSS = 2.0, 8.0  # of ln L, that each term more must gain, and each one less may lose: 4 deviations
 _PASSES = 8
 _ROOM = 20.0  # usual sizes that a term may have
 
@@ -166,8 +166,9 @@ def choose_damping(
     if set(free.names) == set(names):
         return Choice(fit, left_out)
     again = fitted(free, free.thetas(np.array([values[name] for name in free.names])), seen.levels)
-    worth = _WORTH * (len(free) - len(names))
-    return Choice(again, left_out) if merit(again, tuning) > merit(fit, tuning) + worth else None
+    more = sum(sum(name in free.names for name in pair) - sum(name in names for name in pair) for pair in pairs)
+    least = _WORTH * more if more > 0 else _LOSS * more
+    return Choice(again, left_out) if merit(again, tuning) > merit(fit, tuning) + least else None
 
 
 def _kept(told: _Told, before: tuple[int, ...], *, asked: bool) -> tuple[int, ...]:

@@ -25,7 +25,7 @@ from towtank.identification.joint_start import (
     start_theta,
     tuning_for,
 )
-from towtank.identification.joint_wanted import idle, known_start, speeds_of, wanted_of
+from towtank.identification.joint_wanted import doubted_inertias, idle, known_start, speeds_of, wanted_of
 from towtank.identification.learned_thrusters import learned_gains, with_thrusters
 from towtank.identification.log_learning import LogLearning
 from towtank.identification.paper_logs import learn_paper
@@ -84,6 +84,7 @@ def learn_joint(
         levels,
         tuning,
         held=held,
+        doubted=doubted_inertias(wanted, held) if asked is None else (),
         zeroed=[name for name in held if first.model.coefficient(name) == 0.0],
         delay=found_delay,
         prior=prior,
@@ -93,7 +94,7 @@ def learn_joint(
     )
     fit, base, findings, unidentified = found.fit, found.base, found.findings, found.unidentified
     parameters, zeroed = fit.free, list(found.zeroed)
-    chosen = [name for name in (*wanted, *found.added) if name not in found.dropped]
+    chosen = [name for name in (*wanted, *found.added, *found.sure) if name not in found.dropped]
     told("free runs", 0.7)
     method, remarks, water = "joint", [], None
     doubts: tuple[str, ...] = ()
@@ -151,7 +152,7 @@ def learn_joint(
             spread = _no_surer(parameters, spread, fit)
         fit = replace(fit, free=parameters, theta=second.refined.theta, covariance=spread, likely=spread)
         unidentified = {name: why for name, why in unidentified.items() if name not in second.refined.added}
-        unidentified.update({name: held[name] for name in found.added if name not in parameters.names})
+        unidentified.update({name: held[name] for name in (*found.added, *found.sure) if name not in parameters.names})
         unidentified.update(second.reasons)
         wanted = (*wanted, *(name for name in second.refined.added if name not in wanted))
         zeroed = [name for name in (*zeroed, *found.added, *second.zeroed) if name not in parameters.names]

@@ -16,10 +16,10 @@ from towtank.identification.findings import Identifiability
 from towtank.identification.joint import JointFit, cautiously, joint_passes, prior_deviation
 from towtank.identification.joint_damping import choose_damping, damping_in_question
 from towtank.identification.joint_estimate import judge
-from towtank.identification.joint_start import prior_information, size_of
+from towtank.identification.joint_start import prior_information, size_of, start_theta
 from towtank.identification.joint_state import Tuning
 from towtank.identification.log_learning import Levels
-from towtank.identification.parameters import DELAY, LAG, FreeParameters
+from towtank.identification.parameters import DELAY, LAG, FreeParameters, free_parameters
 from towtank.identification.samples import Samples
 from towtank.identification.stretches import spread_over
 from towtank.vehicle import Vehicle
@@ -27,6 +27,9 @@ from towtank.vehicle import Vehicle
 __all__ = ["Rounds", "run_rounds"]
 
 _ROUNDS = 3  # of holding what is not determined
+_SURE = (
+    0.025  # deviation of an inertia that least squares does not know to 25 %: on real water the filter's are too small
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +41,7 @@ class Rounds:
         base: the vehicle with what is held where the result has it.
         unidentified: why a coefficient is not. zeroed: those taken as 0.
         added, dropped: damping terms that are free though least squares left them out, and the other way round.
+        sure: inertias that least squares doubts and the filter knows.
         few: stretches that stand for long recordings.
         before: the fit to them with the damping terms of least squares, None where these are what is free.
     """
@@ -49,6 +53,7 @@ class Rounds:
     zeroed: tuple[str, ...]
     added: tuple[str, ...]
     dropped: tuple[str, ...]
+    sure: tuple[str, ...]
     few: Sequence[Samples]
     before: JointFit | None
 
@@ -62,6 +67,7 @@ def run_rounds(
     tuning: Tuning,
     *,
     held: Mapping[str, str],
+    doubted: Sequence[str],
     zeroed: Sequence[str],
     delay: float,
     prior: Vehicle | None,
@@ -73,7 +79,8 @@ def run_rounds(
 
     Args:
         free, theta: what to learn, and where it begins (n,). levels: to begin with.
-        held: why other coefficients are not learned. zeroed: those of them that are taken as 0.
+        held: why other coefficients are not learned. doubted: inertias among them that the filter is asked for.
+        zeroed: those of them that are taken as 0.
         delay: of the inputs [s] where it is not free. prior: a vehicle whose coefficients bear deviations.
         asked: somebody named the coefficients, so that none is held. speeds: see `judge`. told: gets the share done.
     """
@@ -81,24 +88,51 @@ def run_rounds(
     def known(chosen: FreeParameters) -> tuple[Array, Array] | None:
         return None if prior is None else prior_information(prior, chosen)
 
+    def passes(
+        of: Sequence[Samples],
+        holding: Vehicle,
+        chosen: FreeParameters,
+        theta: Array,
+        levels: Levels,
+        *,
+        begin: bool = False,
+        told: Callable[[float], None] | None = None,
+    ) -> JointFit:
+        return joint_passes(
+            of,
+            np.array(holding.parameters),
+            chosen,
+            theta,
+            levels,
+            tuning,
+            scale=size_of(vehicle, chosen),
+            delay=delay,
+            prior=known(chosen),
+            shown=shown,
+            begin=begin,
+            cautious=False,
+            told=told,
+        )
+
     shown = levels.noise  # the filter's may hold what its model lacks
     unidentified, left_out = dict(held), list(zeroed)
     base = vehicle.with_coefficients(dict.fromkeys(left_out, 0.0))
     few = spread_over(samples)
-    fit = joint_passes(
-        few,
-        np.array(base.parameters),
-        free,
-        theta,
-        levels,
-        tuning,
-        scale=size_of(vehicle, free),
-        delay=delay,
-        prior=known(free),
-        shown=shown,
-        cautious=False,
-        told=lambda share: told(0.3 * share),
-    )
+    fit = passes(few, base, free, theta, levels, begin=True, told=lambda share: told(0.3 * share))
+    sure: tuple[str, ...] = ()
+    if doubted:
+        wide = free_parameters(vehicle, (*free.names, *doubted))
+        guess = dict(zip(wide.names, start_theta(vehicle, vehicle, wide, delay=delay, lag=0.0), strict=True))
+        guess |= dict(zip(free.names, fit.theta, strict=True))
+        start = np.array([guess[name] for name in wide.names])
+        more = passes(few, base, wide, start, fit.levels, begin=True)
+        sure = tuple(name for name in doubted if more.std[wide.names.index(name)] <= _SURE)
+        if sure:
+            keep = [k for k, name in enumerate(wide.names) if name in (*free.names, *sure)]
+            free = wide.subset([wide.names[k] for k in keep])
+            fit = passes(few, base, free, more.theta[keep], more.levels)
+            unidentified = {name: why for name, why in unidentified.items() if name not in sure}
+            left_out = [name for name in left_out if name not in sure]
     added: tuple[str, ...] = ()
     dropped: tuple[str, ...] = ()
     before: JointFit | None = None
@@ -120,21 +154,7 @@ def run_rounds(
     theta, levels = fit.theta, fit.levels
     for _ in range(_ROUNDS):
         scale, information = size_of(vehicle, free), known(free)
-        fit = joint_passes(
-            samples,
-            np.array(base.parameters),
-            free,
-            theta,
-            levels,
-            tuning,
-            scale=scale,
-            delay=delay,
-            prior=information,
-            shown=shown,
-            begin=False,
-            cautious=False,
-            told=lambda share: told(0.5 + 0.4 * share),
-        )
+        fit = passes(samples, base, free, theta, levels, told=lambda share: told(0.5 + 0.4 * share))
         deviation = prior_deviation(free, scale)
         findings = judge(
             free,
@@ -156,4 +176,4 @@ def run_rounds(
     told(0.9)
     p = np.array(base.parameters)
     fit = cautiously(samples, p, fit, tuning, deviation, delay=delay, prior=information)
-    return Rounds(fit, findings, base, unidentified, tuple(left_out), added, dropped, few, before)
+    return Rounds(fit, findings, base, unidentified, tuple(left_out), added, dropped, sure, few, before)

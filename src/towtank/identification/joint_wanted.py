@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from towtank.identification.samples import Samples
 from towtank.identification.structure import not_commanded
 from towtank.vehicle import Vehicle
 
-__all__ = ["idle", "known_start", "speeds_of", "wanted_of"]
+__all__ = ["doubted_inertias", "idle", "known_start", "speeds_of", "wanted_of"]
 
 _IDLE = 0.3  # of the usual disturbance: a commanded force that teaches nothing
 
@@ -33,6 +33,11 @@ def wanted_of(
         if not ok
     }
     return names, held
+
+
+def doubted_inertias(names: Collection[str], held: Collection[str]) -> tuple[str, ...]:
+    """Return the inertias that least squares could not find on axes whose damping it found."""
+    return tuple(a.added_mass for a in AXES if a.added_mass in held and (a.linear in names or a.quadratic in names))
 
 
 def known_start(vehicle: Vehicle, first: LogLearning) -> Vehicle:
