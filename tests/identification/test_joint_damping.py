@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from towtank.app.demo_session import tank_session
 from towtank.core.arrays import Array
-from towtank.identification import learn_recordings
+from towtank.identification import Learner, learn_recordings
+from towtank.identification.axes import AXES
 from towtank.identification.information import told_by_data
 from towtank.identification.joint import JointFit, joint_passes
 from towtank.identification.joint_damping import Choice, choose_damping, damping_in_question
+from towtank.identification.joint_rounds import run_rounds
 from towtank.identification.joint_start import levels_of, size_of, start_theta, tuning_for
+from towtank.identification.joint_wanted import doubted_inertias
 from towtank.identification.parameters import free_parameters
 from towtank.identification.samples import Samples, samples_of
 from towtank.identification.stretches import spread_over
 from towtank.recording import Recording
-from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate
+from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import Vehicle
 
 from .runs import TRUTH, box, unknown, waves
@@ -108,6 +113,61 @@ def test_a_log_on_which_both_are_asked_for_and_one_is_there() -> None:
     assert not found["X_u"].identified
     assert found["X_u"].value == 0.0
     assert "not different from 0" in str(found["X_u"].reason)
+
+
+@pytest.mark.parametrize("amplitude", [30.0, 0.05])
+def test_an_inertia_that_least_squares_doubts_is_learned_where_the_filter_is_sure_of_it(amplitude: float) -> None:
+    log = surge(0.0, -30.0, amplitude)
+    vehicle = unknown(box(), **{name: value for name, value in TRUTH.items() if name[0] != "X"})
+    samples, free = [samples_of(log, vehicle)], free_parameters(vehicle, ("X_uu",))
+    found = run_rounds(
+        vehicle,
+        samples,
+        free,
+        start_theta(vehicle, vehicle, free, delay=0.0, lag=0.05),
+        levels_of([log], samples, vehicle),
+        tuning_for(vehicle),
+        held={"X_udot": "too little acceleration"},
+        doubted=doubted_inertias(("X_uu",), ("X_udot", "N_rdot")),
+        zeroed=["X_udot"],
+        delay=0.0,
+        prior=None,
+        asked=False,
+        speeds=np.full((6, 2), 0.5),
+        told=lambda share: None,
+    )
+    values = dict(zip(found.fit.free.names, found.fit.free.values(found.fit.theta), strict=True))
+    if amplitude > 1.0:
+        assert found.sure == ("X_udot",)
+        assert values["X_udot"] == pytest.approx(-10.0, abs=0.6)
+        assert "X_udot" not in found.unidentified
+    else:
+        assert found.sure == ()
+        assert found.unidentified["X_udot"] == "too little acceleration"
+
+
+def test_a_stream_finds_linear_drag_axis_by_axis_and_takes_no_first_motion_for_a_change(
+    tmp_path: Path,
+) -> None:
+    tank = tank_session(2.0)
+    linear = {axis.linear: tank.truth.coefficient(axis.quadratic) * (0.5 if axis.index < 3 else 0.7) for axis in AXES}
+    truth = tank.truth.with_coefficients({**dict.fromkeys((axis.quadratic for axis in AXES), 0.0), **linear})
+    commands = manoeuvre("tank-session", truth, duration=60.0, dt=0.01, seed=1).commands
+    start = (0.0, 0.0, 3.0, 0.0, 0.0, 0.0)
+    run = simulate(truth, commands=commands, dt=0.01, eta0=start, sensors=Mocap(), disturbance=TANK, seed=1)
+    learner = Learner(tank.known)
+    learner.run(run)
+    assert learner.events == ()
+    model = learner.model()
+    for axis in AXES:
+        assert model.coefficient(axis.linear) == pytest.approx(linear[axis.linear], rel=0.15)
+        assert model.coefficient(axis.quadratic) == 0.0
+        assert "stands for both" in str(learner.estimate[axis.quadratic].reason)
+    learner.save(tmp_path / "learner")
+    again = Learner.load(tmp_path / "learner", tank.known)
+    assert [each.reason for each in again.estimate.coefficients] == [
+        each.reason for each in learner.estimate.coefficients
+    ]
 
 
 def test_what_nothing_is_known_of_does_not_drown_the_rest() -> None:
