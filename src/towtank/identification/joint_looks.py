@@ -120,7 +120,12 @@ class Looks:
         return vehicle.with_coefficients(left_out) if left_out else vehicle
 
     def _pairs(self, names: Sequence[str]) -> list[Pair]:
-        return damping_in_question(self._vehicle, names, asked=self._asked is not None)
+        """Return the damping terms to choose between: of axes of which the vehicle's file has none.
+
+        On real water the filter's likelihood is no sure judge between two, and a stream has no other.
+        """
+        pairs = damping_in_question(self._vehicle, names, asked=self._asked is not None)
+        return [pair for pair in pairs if not any(self._vehicle.coefficient(name) for name in pair)]
 
     def _known_before(self, free: FreeParameters) -> tuple[Array, Array] | None:
         return None if self._prior is None else prior_information(self._prior, free)
