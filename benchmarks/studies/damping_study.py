@@ -100,10 +100,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         changes = sum(one.changes for one in found)
         worst = " ".join(f"{100.0 * each:.1f}" for each in rmse)
         table.add_row(mode, plan, case, f"{100.0 * right:.0f} %", worst, str(changes))
-        where = f"{mode}, {plan}, {case}"
+        where, limit = f"{mode}, {plan}, {case}", 0.1 if case in ("quadratic", "linear") else 0.3
         documents[where] = [asdict(one) for one in found]
         held += [
-            Check(f"{where}: largest RMSE of an axis' drag", float(rmse.max()), high=0.1 if case in ("quadratic", "linear") else 0.3),
+            Check(f"{where}: largest RMSE of an axis' drag", float(rmse.max()), high=limit),
             Check(f"{where}: changes reported", changes, high=0.0),
         ]
     show(table)
