@@ -60,6 +60,13 @@ class Spread:
         """RMSE over bound."""
         return self.rmse / self.bound if self.bound > 0.0 else math.nan
 
+    @property
+    def ratio_of_all(self) -> float:
+        """RMSE over bound where every run counts: as 100 % off where the coefficient is called unknown."""
+        known = self.rmse**2 * self.identified if self.identified else 0.0
+        rmse = math.sqrt((known + self.runs - self.identified) / self.runs)
+        return rmse / self.bound if self.bound > 0.0 else math.nan
+
 
 @dataclass(frozen=True)
 class Check:

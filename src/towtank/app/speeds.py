@@ -6,6 +6,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.recording import Grid
+from towtank.recording.rotations import conjugate, rotate
 
 __all__ = ["DERIVED_CORNER", "filled", "lowpass", "speeds"]
 
@@ -46,16 +47,10 @@ def speeds(grid: Grid) -> Array:
             r * np.cos(theta) * np.cos(phi) - q * np.sin(phi),
         ]
     )
-    derived = np.hstack([_into_body(grid, rates[:, :3]), turning])
+    derived = np.hstack([rotate(conjugate(grid.quaternion), rates[:, :3]), turning])
     for i in np.flatnonzero(absent):
         found[:, i] = _without_jumps(derived[:, i], grid.dt)
     return found
-
-
-def _into_body(grid: Grid, world: Array) -> Array:
-    """Return vectors (n, 3) of the world in the body."""
-    w, v = grid.quaternion[:, :1], grid.quaternion[:, 1:]
-    return np.asarray(world - 2.0 * w * np.cross(v, world) + 2.0 * np.cross(v, np.cross(v, world)))
 
 
 def _without_jumps(speed: Array, dt: float) -> Array:

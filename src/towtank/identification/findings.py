@@ -35,6 +35,11 @@ class Finding:
     partner: str | None
     reason: str
 
+    @property
+    def rough(self) -> bool:
+        """Whether it is not determined, and yet further than its deviation from nothing."""
+        return self.state == "undetermined" and self.std < 1.0
+
 
 @dataclass(frozen=True)
 class Combination:

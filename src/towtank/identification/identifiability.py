@@ -1,7 +1,8 @@
 """What a run can tell: which coefficients it determines, which only together, and of which it says nothing.
 
 All is read from the Fisher information of the run over all free coefficients at once, in relative coordinates. A
-coefficient is determined where its deviation, all others unknown, is below a quarter of its value. The others are
+coefficient is determined where its deviation, all others unknown, is below a quarter of its value; where somebody named
+the coefficients, so that there is no choosing, below half of it: the interval of 95 % excludes nothing. The others are
 given up one by one, each with its reason, and the rest is judged anew: first those of which nothing is known even if
 all else were; then a common scale of forces that nothing fixes; then pairs that only appear together, of which the one
 that is told less gives way.
@@ -22,9 +23,19 @@ from towtank.identification.coefficient_words import Role, phrase, role
 from towtank.identification.findings import Combination, Finding, Hold, Identifiability, State
 from towtank.identification.information import alone, along, correlations, deviations, pair, relative, weakest
 
-__all__ = ["Combination", "Finding", "Identifiability", "excitation", "excitation_words", "identifiability"]
+__all__ = [
+    "DETERMINED",
+    "TOLD",
+    "Combination",
+    "Finding",
+    "Identifiability",
+    "excitation",
+    "excitation_words",
+    "identifiability",
+]
 
-_DETERMINED = 0.25
+DETERMINED = 0.25  # deviation below which a coefficient is worth choosing: four deviations from nothing
+TOLD = 0.5  # deviation below which it is told from nothing
 _FELT = 0.10  # deviation, all else known, from which the data does speak of a coefficient
 _ALIKE = 0.95  # correlation
 _LIKELY = 0.9  # correlation from which a pair is looked at closely
@@ -42,6 +53,7 @@ def identifiability(
     prior: Array | None = None,
     speeds: Array | None = None,
     yielding: Collection[str] = (),
+    enough: float = DETERMINED,
 ) -> Identifiability:
     """Judge a run by its information.
 
@@ -53,6 +65,7 @@ def identifiability(
         prior: information (n, n) known beforehand, in the same coordinates.
         speeds: (6, 2) root mean square and largest speed of each axis in the run [m/s, rad/s].
         yielding: names that give way to their like, whichever is told less.
+        enough: relative deviation below which a coefficient is determined.
 
     Raises:
         InputError: shapes that do not fit together.
@@ -66,7 +79,7 @@ def identifiability(
     unit = np.where(log, 1.0, np.where((given > 0.0) & np.isfinite(given), given, 1.0))
     A = relative(information, unit, prior)
     growth = np.where(log, 1.0, np.nan_to_num(theta / unit))
-    judge = _Judge(tuple(names), A, growth, _magnitudes(theta, log), speeds, yielding)
+    judge = _Judge(tuple(names), A, growth, _magnitudes(theta, log), speeds, yielding, enough)
     found = judge.verdict()
     if prior is None:
         return found
@@ -75,7 +88,7 @@ def identifiability(
         found,
         findings=tuple(
             replace(each, reason=words.from_prior(each.name, each.std, float(s)))
-            if each.state == "determined" and not s < _DETERMINED
+            if each.state == "determined" and not s < enough
             else each
             for each, s in zip(found.findings, own, strict=True)
         ),
@@ -97,6 +110,7 @@ class _Judge:
     magnitude: Array
     speeds: Array | None
     yielding: Collection[str] = ()
+    enough: float = DETERMINED
     free: list[int] = field(default_factory=list)
     given_up: dict[int, tuple[State, Hold, str | None, str]] = field(
         default_factory=dict
@@ -111,13 +125,13 @@ class _Judge:
         self.roles = [role(name) for name in self.names]
         self.free = list(range(n))
         whole, single = deviations(self.A), alone(self.A)
-        while self.free and not (self._now() < _DETERMINED).all():
+        while self.free and not (self._now() < self.enough).all():
             if not (self._damping(single) or self._silent(single) or self._scale() or self._pair(single)):
                 self._give_up_one()
         left = np.full(n, np.nan)
         left[self.free] = self._now()
         for i, anchor in self.anchored:
-            if i in self.free and not whole[i] < _DETERMINED:
+            if i in self.free and not whole[i] < self.enough:
                 names = (self.names[i], self.names[anchor])
                 self.combinations.append(Combination(names, (1.0, -1.0), float(left[i]), words.ratio_known(*names)))
         return Identifiability(
@@ -133,7 +147,7 @@ class _Judge:
         if i in self.given_up:
             state, hold, partner, reason = self.given_up[i]
             return Finding(name, state, std, single, left, hold, partner, reason)
-        if std < _DETERMINED and i not in self.stands_for:
+        if std < self.enough and i not in self.stands_for:
             return Finding(name, "determined", std, single, left, "", None, words.determined(name, std))
         partner, why = self.relatives.get(i, (None, words.rests_on_held(name, left)))
         return Finding(name, "merged", std, single, left, "", partner, why)
@@ -144,7 +158,7 @@ class _Judge:
 
     def _silent(self, single: Array) -> bool:
         """Give up those that would stay open even if all else were known."""
-        silent = [i for i in self.free if not single[i] < _DETERMINED]
+        silent = [i for i in self.free if not single[i] < self.enough]
         for i in silent:
             reason = words.silent(self.names[i], self.roles[i], float(single[i]), self.speeds)
             self._drop(i, "undetermined", "value", None, reason)
@@ -155,7 +169,7 @@ class _Judge:
         scaling = [i for i in self.free if self.roles[i].scales]
         axes = [[i for i in scaling if self.roles[i].row == axis] for axis in range(6)]
         groups = [(-1, scaling), *((axis, group) for axis, group in enumerate(axes) if group != scaling)]
-        open_ = {i for i, std in zip(self.free, self._now(), strict=True) if not std < _DETERMINED}
+        open_ = {i for i, std in zip(self.free, self._now(), strict=True) if not std < self.enough}
         for axis, group in groups:
             inertias = [i for i in group if self.roles[i].kind == "inertia"]
             if len(group) < 2 or not inertias or not open_.issuperset(inertias):
@@ -163,7 +177,7 @@ class _Judge:
             direction = np.zeros(len(self.names))
             direction[group] = self.growth[group]
             common = along(self.A, direction)
-            if common < _DETERMINED:
+            if common < self.enough:
                 continue
             gains = [i for i in group if self.roles[i].kind == "gain"]
             anchor = min(gains or inertias, key=lambda i: (self.A[i, i] <= 0.0, i))
@@ -180,11 +194,11 @@ class _Judge:
         now = dict(zip(self.free, self._now(), strict=True))
         for place, i in enumerate(self.free):
             for j in self.free[place + 1 :]:
-                if not _mates(self.roles[i], self.roles[j]) or max(now[i], now[j]) < _DETERMINED:
+                if not _mates(self.roles[i], self.roles[j]) or max(now[i], now[j]) < self.enough:
                     continue
                 I2 = self._pair_information(i, j)
                 told = self._told(i, j, I2, single)
-                if _correlation(I2) < -_LIKE and told.known[1] < _DETERMINED:
+                if _correlation(I2) < -_LIKE and told.known[1] < self.enough:
                     self._merge(i, j, told, single, "zero")
                     return True
         return False
@@ -196,7 +210,7 @@ class _Judge:
         best: tuple[float, int, int, Array] | None = None
         for place, other in zip(*np.nonzero(np.triu(likely, 1)), strict=True):
             i, j = self.free[place], self.free[other]
-            if max(now[i], now[j]) < _DETERMINED or not min(single[i], single[j]) < _FELT:
+            if max(now[i], now[j]) < self.enough or not min(single[i], single[j]) < _FELT:
                 continue
             I2 = self._pair_information(i, j)
             r = abs(_correlation(I2))
@@ -250,7 +264,7 @@ class _Judge:
         """Give up the least of those that are only known together with several others, or simply not well enough."""
         now = self._now()
         members = weakest(self.A, self.free)
-        open_ = [i for i, std in zip(self.free, now, strict=True) if not std < _DETERMINED]
+        open_ = [i for i, std in zip(self.free, now, strict=True) if not std < self.enough]
         among = [i for i in open_ if i in members] or open_
         single = alone(self.A)
         last = max(among, key=lambda i: (_GIVES_WAY.get(self.roles[i].kind, 0), single[i], -i))

@@ -12,9 +12,11 @@ from towtank.identification.axes import AXES
 from towtank.identification.coefficient_words import Role, label, percent, speed_unit
 
 __all__ = [
+    "HELD",
     "Pair",
     "PairTold",
     "anchor",
+    "as_fitted",
     "determined",
     "entangled",
     "from_prior",
@@ -27,6 +29,7 @@ __all__ = [
     "will_be_known",
 ]
 
+HELD = "; held at the vehicle's value"
 _SEPARATE = 0.2  # deviation that both of a pair must reach
 _WIDEST = 10.0  # times the speeds of the run that are still worth proposing
 _NOTHING = 2.0  # deviation from which "nothing" is the word
@@ -66,6 +69,11 @@ def from_prior(name: str, std: float, own: float) -> str:
     return f"{label(name)} is known to {percent(std)} with the prior; {alone}"
 
 
+def as_fitted(reason: str) -> str:
+    """A coefficient that is hardly known, and not held all the same: the sentence for one that is, mended."""
+    return f"{reason.removesuffix(HELD)}; as fitted along with the others"
+
+
 def rests_on_held(name: str, given: float) -> str:
     """A coefficient that is known once another is held."""
     return f"{label(name)} is known to {percent(given)} only with what is held taken as right"
@@ -76,7 +84,7 @@ def silent(name: str, role: Role, single: float, speeds: Array | None) -> str:
     what = f"the run says nothing of {label(name)}"
     if single < _NOTHING:
         what = f"{label(name)} would be known to {percent(single)} at best, with all else known"
-    return f"{what}: {_lack(role, speeds)}; held at the vehicle's value"
+    return f"{what}: {_lack(role, speeds)}{HELD}"
 
 
 def _lack(role: Role, speeds: Array | None) -> str:
@@ -130,10 +138,10 @@ def ratio_known(name: str, held: str) -> str:
 def entangled(name: str, others: Sequence[str], std: float) -> str:
     """A coefficient that is lost among several, or simply not known well enough."""
     if std < _NOTHING and not others:
-        return f"{label(name)} is known to {percent(std)} only in this run; held at the vehicle's value"
+        return f"{label(name)} is known to {percent(std)} only in this run{HELD}"
     known = f"known to {percent(std)} only" if std < _NOTHING else "not known by itself"
     beside = f": it cannot be told from {_listed([label(other) for other in others])}" if others else ""
-    return f"{label(name)} is {known} in this run{beside}; held at the vehicle's value"
+    return f"{label(name)} is {known} in this run{beside}{HELD}"
 
 
 def _listed(names: Sequence[str]) -> str:

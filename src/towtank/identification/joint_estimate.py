@@ -11,7 +11,7 @@ from towtank.core.arrays import Array
 from towtank.identification.axes import AXES
 from towtank.identification.estimate import AxisReport, Estimate, SumOfInertias
 from towtank.identification.findings import Identifiability
-from towtank.identification.identifiability import identifiability
+from towtank.identification.identifiability import DETERMINED, identifiability
 from towtank.identification.information import told_by_data
 from towtank.identification.parameters import IN_DELAY, PLAIN, FreeParameters
 from towtank.identification.physical import consistent
@@ -38,12 +38,13 @@ def judge(
     prior: Array | None = None,
     speeds: Array | None = None,
     yielding: Collection[str] = (),
+    enough: float = DETERMINED,
 ) -> Identifiability:
     """Say what a run determined, from the covariance after it less the deviations (n,) that it started from.
 
     Args:
         scale: size (n,) of coordinates that are no logarithms. prior: information (n, n) that was put in.
-        speeds: (6, 2), yielding: see `identifiability`.
+        speeds: (6, 2), yielding, enough: see `identifiability`.
     """
     before = np.diag(deviation**-2.0) if prior is None else np.diag(deviation**-2.0) + prior
     information = told_by_data(covariance, before)
@@ -55,7 +56,15 @@ def judge(
         elif not log[k]:
             size[k] = max(size[k], 0.05 * scale[k])
     return identifiability(
-        free.names, theta, information, logarithmic=log, size=size, prior=prior, speeds=speeds, yielding=yielding
+        free.names,
+        theta,
+        information,
+        logarithmic=log,
+        size=size,
+        prior=prior,
+        speeds=speeds,
+        yielding=yielding,
+        enough=enough,
     )
 
 
@@ -70,11 +79,13 @@ def assemble(
     axes: Sequence[AxisReport],
     duration: float,
     samples: int,
+    roughly: Collection[str] = (),
 ) -> Assembled:
     """Return the estimate of `wanted` names.
 
     Args:
-        covariance: of theta (n, n). unidentified: why a name is not; it keeps the vehicle's value, or 0 if in `zeroed`.
+        covariance: of theta (n, n). unidentified: why a name is not; it keeps the vehicle's value, or 0 if in `zeroed`,
+            or what was fitted beside the others if in `roughly`.
     """
     rows = [k for k, name in enumerate(free.names) if name in COEFFICIENTS]
     names_free = [free.names[k] for k in rows]
@@ -91,9 +102,10 @@ def assemble(
     for i, name in enumerate(names):
         values[i] = 0.0 if name in zeroed else vehicle.coefficient(name)
     for a, i in enumerate(at):
+        if known[a] or names_free[a] in roughly:
+            values[i] = physical.values[a]
         if not known[a]:
             continue
-        values[i] = physical.values[a]
         for b, j in enumerate(at):
             if known[b]:
                 spread[i, j] = physical.covariance[a, b]

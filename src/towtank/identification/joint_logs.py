@@ -13,6 +13,7 @@ from towtank.core.arrays import Array
 from towtank.identification.drifting_attitude import drifting_attitude
 from towtank.identification.estimate import Estimate
 from towtank.identification.free_run_learning import learn_free_runs
+from towtank.identification.identifiability_words import as_fitted
 from towtank.identification.joint import JointFit, prior_deviation
 from towtank.identification.joint_current import current_of, suspected_current
 from towtank.identification.joint_estimate import assemble
@@ -25,10 +26,17 @@ from towtank.identification.joint_start import (
     start_theta,
     tuning_for,
 )
-from towtank.identification.joint_wanted import doubted_inertias, idle, known_start, speeds_of, wanted_of
+from towtank.identification.joint_wanted import (
+    doubted_by_least_squares,
+    doubted_inertias,
+    idle,
+    known_start,
+    speeds_of,
+    wanted_of,
+)
 from towtank.identification.learned_thrusters import learned_gains, with_thrusters
 from towtank.identification.log_learning import LogLearning
-from towtank.identification.paper_logs import learn_paper
+from towtank.identification.paper_logs import estimate_warnings, learn_paper
 from towtank.identification.parameters import DELAY, LAG, FreeParameters, free_parameters
 from towtank.identification.passes import Progress
 from towtank.identification.samples import Samples, samples_of
@@ -158,7 +166,10 @@ def learn_joint(
         zeroed = [name for name in (*zeroed, *found.added, *second.zeroed) if name not in parameters.names]
     else:
         unidentified = {**{n: why for n, why in findings.reasons.items() if n not in (DELAY, LAG)}, **unidentified}
+    roughly: tuple[str, ...] = ()
     if asked is not None:
+        roughly = tuple(each.name for each in findings.findings if method == "joint" and each.rough)
+        unidentified.update({name: as_fitted(unidentified[name]) for name in roughly if name in unidentified})
         moved_by_water = idle(vehicle, samples)
         unidentified.update({name: why for name, why in moved_by_water.items() if name in parameters.names})
     told("what is known", 0.95)
@@ -173,8 +184,11 @@ def learn_joint(
         first.estimate.axes,
         fit.duration,
         fit.rows,
+        roughly,
     )
     learned = _learned(vehicle, first, assembled.estimate, assembled.remarks, parameters, fit, found_delay, method)
+    if asked is not None:
+        doubts = (*doubts, *doubted_by_least_squares(first, assembled.estimate))
     warnings = (*learned.warnings, *doubts)
     return replace(learned, current=water, warnings=warnings, remarks=(*learned.remarks, *remarks))
 
@@ -229,6 +243,8 @@ def _learned(
         model = with_thrusters(model, lag=math.nan if lag is None else lag, gains=gains)
         model = model.model_copy(update={"command_delay": max(0.0, delay)})
     stds = dict(zip(free.names, fit.std, strict=True))
+    outdated = estimate_warnings(vehicle, first.estimate)
+    about_logs = [text for text in first.warnings if text not in outdated]
     return replace(
         first,
         estimate=estimate,
@@ -240,5 +256,5 @@ def _learned(
         levels=fit.levels,
         gains=gains,
         method=method,
-        warnings=(*first.warnings, *remarks),
+        warnings=(*about_logs, *estimate_warnings(vehicle, estimate), *remarks),
     )

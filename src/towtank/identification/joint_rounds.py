@@ -13,11 +13,13 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.findings import Identifiability
+from towtank.identification.identifiability import DETERMINED, TOLD
 from towtank.identification.joint import JointFit, cautiously, joint_passes, prior_deviation
 from towtank.identification.joint_damping import choose_damping, damping_in_question
 from towtank.identification.joint_estimate import judge
 from towtank.identification.joint_start import prior_information, size_of, start_theta
 from towtank.identification.joint_state import Tuning
+from towtank.identification.joint_wanted import SURE
 from towtank.identification.log_learning import Levels
 from towtank.identification.parameters import DELAY, LAG, FreeParameters, free_parameters
 from towtank.identification.samples import Samples
@@ -27,9 +29,6 @@ from towtank.vehicle import Vehicle
 __all__ = ["Rounds", "run_rounds"]
 
 _ROUNDS = 3  # of holding what is not determined
-_SURE = (
-    0.025  # deviation of an inertia that least squares does not know to 25 %: on real water the filter's are too small
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +81,8 @@ def run_rounds(
         held: why other coefficients are not learned. doubted: inertias among them that the filter is asked for.
         zeroed: those of them that are taken as 0.
         delay: of the inputs [s] where it is not free. prior: a vehicle whose coefficients bear deviations.
-        asked: somebody named the coefficients, so that none is held. speeds: see `judge`. told: gets the share done.
+        asked: somebody named the coefficients, so that none is held, and identified is what is told from 0.
+        speeds: see `judge`. told: gets the share done.
     """
 
     def known(chosen: FreeParameters) -> tuple[Array, Array] | None:
@@ -126,7 +126,7 @@ def run_rounds(
         guess |= dict(zip(free.names, fit.theta, strict=True))
         start = np.array([guess[name] for name in wide.names])
         more = passes(few, base, wide, start, fit.levels, begin=True)
-        sure = tuple(name for name in doubted if more.std[wide.names.index(name)] <= _SURE)
+        sure = tuple(name for name in doubted if more.std[wide.names.index(name)] <= SURE)
         if sure:
             keep = [k for k, name in enumerate(wide.names) if name in (*free.names, *sure)]
             free = wide.subset([wide.names[k] for k in keep])
@@ -164,6 +164,7 @@ def run_rounds(
             scale,
             prior=None if information is None else information[1],
             speeds=speeds,
+            enough=TOLD if asked else DETERMINED,
         )
         held_now = {name: hold for name, hold in findings.held.items() if name not in (DELAY, LAG)}
         if asked or not held_now:

@@ -26,7 +26,7 @@ from towtank.identification.structure import candidates
 from towtank.recording import Grid, Recording, align, bind_thrusters
 from towtank.vehicle import Vehicle
 
-__all__ = ["learn_paper"]
+__all__ = ["estimate_warnings", "learn_paper"]
 
 _ROUNDS = 12  # at most; each with the couplings of what the last one learned
 _SETTLED = 0.1  # deviations, or a thousandth of its value, that nothing may move any more
@@ -117,6 +117,12 @@ def _warnings(
     for grid in grids:
         if grid.repairs:
             out.append(f"{grid.source or 'recording'}: {grid.repairs.summary}")
+    return (*out, *estimate_warnings(vehicle, estimate))
+
+
+def estimate_warnings(vehicle: Vehicle, estimate: Estimate) -> tuple[str, ...]:
+    """Return what is odd about an estimate: nothing identified, an inertia less than the rigid body's own."""
+    out: list[str] = []
     if not any(estimate.identified):
         out.append("nothing could be identified in these recordings; `towtank inspect` says what each axis lacks")
     lowest = vehicle.rigid_body_matrix

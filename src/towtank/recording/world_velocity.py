@@ -9,7 +9,7 @@ from towtank.core.attitude import quaternions_from_eulers
 from towtank.recording.channel import standard_channel
 from towtank.recording.interpolation import interpolation_weights
 from towtank.recording.recording import Recording
-from towtank.recording.rotations import align_signs, rotate
+from towtank.recording.rotations import align_signs, conjugate, rotate
 from towtank.recording.standard import EULER, LINEAR_VELOCITY, QUATERNION, WORLD_VELOCITY
 from towtank.recording.synchrony import common_samples, quaternion_samples
 
@@ -34,7 +34,7 @@ def with_body_velocity(recording: Recording) -> Recording:
     if attitude is None:
         return _noted(recording, "vn ve vd not used: to become u v w they need roll, pitch and yaw")
     stamps, q = attitude
-    turned = rotate(_inverse(interpolation_weights(stamps, t).rotation(align_signs(q))), velocity)
+    turned = rotate(conjugate(interpolation_weights(stamps, t).rotation(align_signs(q))), velocity)
     known = np.isfinite(turned).all(axis=1)
     if not known.any():
         return _noted(recording, "vn ve vd not used: the attitude is unknown wherever they are measured")
@@ -59,7 +59,3 @@ def _attitude(recording: Recording) -> tuple[Array, Array] | None:
     else:
         return None
     return (t, q) if t.size else None
-
-
-def _inverse(q: Array) -> Array:
-    return np.asarray(q * np.array([1.0, -1.0, -1.0, -1.0]))
