@@ -10,7 +10,8 @@ from towtank.identification.joint_wanted import speeds_of
 from towtank.identification.paper_logs import learn_paper
 from towtank.recording import Recording
 from towtank.recording.standard import VELOCITIES
-from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate
+from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
+from towtank.vehicle import load_vehicle
 
 from .runs import TRUTH, box, unknown, waves
 
@@ -45,6 +46,18 @@ def test_what_is_hardly_known_stays_as_fitted_and_says_so() -> None:
     assert found.reason is not None
     assert found.reason.startswith("X_uu would be known to ")
     assert found.reason.endswith("; as fitted along with the others")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_delay_and_a_lag_that_are_hardly_known_do_no_harm(seed: int) -> None:
+    truth = load_vehicle("vlbv300")
+    commands = manoeuvre("surge-sine", truth, duration=4.0, dt=0.01).commands
+    assert commands is not None
+    log = simulate(truth, commands=0.3 * commands, dt=0.01, sensors=Mocap(), seed=seed, disturbance=TANK)
+    learning = learn_recordings(truth, [log], free=("X_udot", "X_uu", "lag"))
+    assert set(learning.estimate.names) == {"X_udot", "X_uu"}
+    assert learning.delay_std > 0.02
+    assert learning.lag_std > 0.0
 
 
 def test_of_what_nothing_is_told_the_vehicle_s_value_stays() -> None:

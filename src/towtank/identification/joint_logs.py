@@ -166,11 +166,12 @@ def learn_joint(
         zeroed = [name for name in (*zeroed, *found.added, *second.zeroed) if name not in parameters.names]
     else:
         unidentified = {**{n: why for n, why in findings.reasons.items() if n not in (DELAY, LAG)}, **unidentified}
-    roughly: tuple[str, ...] = ()
+    roughly: list[str] = []
     if asked is not None:
-        roughly = tuple(each.name for each in findings.findings if method == "joint" and each.rough)
-        unidentified.update({name: as_fitted(unidentified[name]) for name in roughly if name in unidentified})
         moved_by_water = idle(vehicle, samples)
+        if method == "joint":
+            roughly = [f.name for f in findings.findings if f.rough and f.name in unidentified.keys() - moved_by_water]
+        unidentified.update({name: as_fitted(unidentified[name]) for name in roughly})
         unidentified.update({name: why for name, why in moved_by_water.items() if name in parameters.names})
     told("what is known", 0.95)
     assembled = assemble(
