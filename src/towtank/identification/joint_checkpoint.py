@@ -33,7 +33,7 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["load_learner", "save_learner"]
 
-_VERSION = 5
+_VERSION = 6
 _LEVELS = ("noise", "sigma", "rough")
 _BUFFER = ("t", "values", "input_t", "input_force")
 

@@ -17,6 +17,7 @@ from towtank.identification.samples import N_MEASURED
 __all__ = ["alike", "astray", "at_odds", "between", "caution", "followed", "level_merit", "refused_share"]
 
 _NOISE_SHOWN = 1.5  # times what the samples show, at most
+_NOISE_AT_LEAST = 0.5  # of it, of a speed: one that was smoothed tells of none at all
 _LEVELS_SETTLED = 0.05  # of a level
 _USUAL_FOR = 2.0  # independent looks at the disturbance that the usual level counts for
 _FAR_ABOVE = 7.0  # times the usual level
@@ -24,6 +25,7 @@ _REFUSED, _LONG = 0.3, 10.0  # share of a sensor's samples beyond which, after s
 _ASTRAY = 0.1  # share of a sensor's samples that a pass refuses which has gone astray
 _AT_ODDS = 2.0  # mean innovation^2 / S
 _SURELY = 4.0  # deviations by which innovations must be too large
+_SMOOTHER = 0.9  # times a roughness that was too large: it hid the disturbance, whose level may rise but not fall
 _SWING = 5.0  # by which a level may change from one pass to the next
 
 
@@ -44,7 +46,10 @@ def followed(state: JointState, levels: Levels, tuning: Tuning, shown: Array) ->
             noise[j] *= _SWING if refused[j] > _REFUSED else 1.0
         else:
             noise[j] = min(noise[j], _NOISE_SHOWN * shown[j])
-    sigma = levels.sigma.copy()
+            if 6 <= j < 12:
+                noise[j] = max(noise[j], _NOISE_AT_LEAST * shown[j])
+    sigma, rough = levels.sigma.copy(), _rough(state, levels)
+    hidden = np.nan_to_num(rough) < _SMOOTHER * np.nan_to_num(levels.rough)
     floors = np.array([tuning.floor_force] * 3 + [tuning.floor_moment] * 3)
     usual = np.array(tuning.usual)
     for i in range(6):
@@ -59,7 +64,9 @@ def followed(state: JointState, levels: Levels, tuning: Tuning, shown: Array) ->
         if usual[i] > 0.0:
             weight = looks / (looks + _USUAL_FOR)
             sigma[i] = sigma[i] ** weight * usual[i] ** (1.0 - weight)
-    return Levels(noise, np.maximum(sigma, floors), _rough(state, levels))
+        if hidden[i]:
+            sigma[i] = max(sigma[i], levels.sigma[i])
+    return Levels(noise, np.maximum(sigma, floors), rough)
 
 
 def refused_share(state: JointState) -> Array:
@@ -83,7 +90,7 @@ def _rough(state: JointState, levels: Levels) -> Array:
     """Return the random walk (6,) of speeds that are measured themselves, by one step of scoring."""
     rough = levels.rough.copy()
     for i in range(6):
-        believed, score, information = state.stats[6 + i, 4:]
+        believed, score, information = state.stats[6 + i, 4:7]
         now = np.nan_to_num(rough[i])
         if believed > 50.0 and information > 0.0 and (now > 0.0 or score > _SURELY * np.sqrt(2.0 * information)):
             rough[i] = np.sqrt(max(now**2 + score / information, 0.0))

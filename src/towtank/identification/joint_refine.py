@@ -111,7 +111,7 @@ def refine(
         base: what is held. free: what the joint filter had free.
         starts: what is free and where it begins: the joint filter's coefficients, those of least squares.
         instead: the same with the damping terms that least squares chose, where the filter chose others: they take
-            their place where their runs are nearer over windows not seen.
+            their place where their runs are nearer over windows not seen, by more than the deviation of that.
         delay: of the inputs [s] where it is not free.
         prior: mean and information of what is free, known beforehand; `prior_with_terms`, where terms may be added.
         terms: whether others may be added. find_lag: the thrusters' lag too. told: gets the share done.
@@ -130,7 +130,7 @@ def refine(
     found, errors = _steady(runs, begun, prior)
     if others and not found.white:
         other, theirs = _steady(runs, others, prior)
-        if gain(theirs, errors, columns).mean > 0.0:
+        if gain(theirs, errors, columns).beyond(1.0, 0.0):
             found, errors = other, theirs
     white = found.white
     if terms and not white:

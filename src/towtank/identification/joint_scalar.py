@@ -16,9 +16,11 @@ from towtank.core.arrays import kernel
 from towtank.identification.joint_state import C_LIKELIHOOD, C_SINCE, O_BIASES, O_HUBER, JointState
 from towtank.identification.transition import N_FIXED, turn_by
 
-__all__ = ["inject", "innovate", "scalar_update"]
+__all__ = ["count_speed", "inject", "innovate", "scalar_update"]
 
 _CLIPPED = 25.0  # times S that an innovation^2 counts for at most where it tells of the motion's roughness
+_NEIGHBOURS = 0.5  # s from one sample of a speed to the next, for the two to tell of the sensor's noise
+_LEAST_SLOPE = 0.05
 
 
 @kernel
@@ -53,16 +55,15 @@ def scalar_update(state: JointState, column: int, residual: float) -> None:
     if not S > 0.0:
         return
     R = state.noise[column] ** 2
-    if S < 5.0 * R:
+    away = math.fabs(nu) / math.sqrt(S)
+    cap = state.options[O_HUBER]
+    if 6 <= column < 12:
+        count_speed(state, column, nu, S, (S - R) / (S * max(away / cap, 1.0)))
+    elif S < 5.0 * R:
         state.stats[column, 0] += 1.0
         state.stats[column, 1] += nu * nu - (S - R)
     state.stats[column, 2] += nu * nu / S
     state.stats[column, 4] += 1.0
-    since = state.clock[C_SINCE]
-    state.stats[column, 5] += since * (min(nu * nu, _CLIPPED * S) - S) / (S * S)
-    state.stats[column, 6] += since * since / (S * S)
-    away = math.fabs(nu) / math.sqrt(S)
-    cap = state.options[O_HUBER]
     if away > cap:
         state.clock[C_LIKELIHOOD] -= 0.5 * (math.log(S) + cap * (2.0 * away - cap))
         S *= away / cap
@@ -90,6 +91,25 @@ def scalar_update(state: JointState, column: int, residual: float) -> None:
             for j in range(size):
                 if awake[j] > 0.0:
                     P[i, j] = P[j, i]
+
+
+@kernel
+def count_speed(state: JointState, column: int, nu: float, S: float, gain: float) -> None:
+    """Count what the innovation nu of a speed tells of the sensor's noise and of the motion's roughness.
+
+    With e the error before the sample and v its noise, nu = e + v, and the error at the next one is e - K nu + w. So
+    (1 - K) nu^2 - nu nu' is v nu on average, R, whatever the gain K, and whatever the filter takes the roughness for
+    (Mehra 1970); one sample alone tells R and the roughness only together. Of a random walk of variance q per second
+    that a filter of gain K follows, the steady state has dS/dq = h / (K (2 - K)).
+    """
+    own, since = state.stats[column], state.clock[C_SINCE]
+    if own[9] > 0.0 and since < _NEIGHBOURS:
+        own[0] += 1.0
+        own[1] += (1.0 - own[8]) * own[7] * own[7] - nu * own[7]
+    own[7], own[8], own[9] = nu, gain, 1.0
+    slope = since / max(gain * (2.0 - gain), _LEAST_SLOPE)
+    own[5] += slope * (min(nu * nu, _CLIPPED * S) - S) / (S * S)
+    own[6] += slope * slope / (S * S)
 
 
 @kernel

@@ -1,0 +1,79 @@
+"""Levels that the joint filter finds where speeds are measured: noise, the roughness of the motion, disturbance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from towtank.identification import learn_recordings
+from towtank.identification.joint_scalar import count_speed
+from towtank.identification.joint_state import C_SINCE, JointState, Tuning, new_joint_state
+from towtank.identification.parameters import free_parameters
+from towtank.simulation import Ins, OrnsteinUhlenbeck, simulate
+
+from .runs import TRUTH, box, unknown, waves
+
+TANK = OrnsteinUhlenbeck(std=(0.5, 0.5, 0.5, 0.05, 0.05, 0.05))
+NOISE, WALK, STEP = 0.01, 0.02, 0.1  # m/s, m/s sqrt(1/s), s
+
+
+def counting(since: float) -> JointState:
+    """A filter whose counts are all that matters."""
+    free = free_parameters(box(), ("X_uu",))
+    state = new_joint_state(
+        np.array(box().parameters), free, np.zeros(1), np.ones(1), np.zeros((6, 0)), np.full(15, NOISE), np.ones(6),
+        np.full(6, WALK), Tuning(), biases=False,
+    )  # fmt: skip
+    state.clock[C_SINCE] = since
+    return state
+
+
+def followed(gain: float, n: int, seed: int) -> JointState:
+    """What a filter of this gain counts of a random walk under noise; it believes its gain to be the right one."""
+    generator = np.random.default_rng(seed)
+    speed = np.cumsum(generator.normal(0.0, WALK * np.sqrt(STEP), n))
+    seen = speed + generator.normal(0.0, NOISE, n)
+    state, estimate = counting(STEP), seen[0]
+    for z in seen[1:]:
+        nu = float(z - estimate)
+        count_speed(state, 6, nu, NOISE**2 / (1.0 - gain), gain)
+        estimate += gain * nu
+    return state
+
+
+@pytest.mark.parametrize("gain", [0.05, 0.2, 0.45, 0.9])
+def test_neighbouring_innovations_tell_a_sensor_s_noise_whatever_the_gain(gain: float) -> None:
+    n, square, *_ = followed(gain, 20_000, 1).stats[6]
+    assert square / n == pytest.approx(NOISE**2, rel=0.05)
+
+
+def test_roughness_is_found_by_steps_of_scoring() -> None:
+    rough = 5.0 * WALK
+    for _ in range(6):
+        # the gain of the steady state: M^2 / (M + R) = q dt
+        q = rough**2 * STEP
+        M = 0.5 * (q + np.sqrt(q * q + 4.0 * q * NOISE**2))
+        state = followed(float(M / (M + NOISE**2)), 20_000, 2)
+        score, information = state.stats[6, 5:7]
+        rough = float(np.sqrt(max(rough**2 + score / information, 0.0)))
+    assert rough == pytest.approx(WALK, rel=0.05)
+
+
+def test_a_pause_between_two_samples_tells_nothing_of_the_noise() -> None:
+    state = counting(5.0)
+    for nu in (0.1, -0.1, 0.1):
+        count_speed(state, 6, nu, 1.0, 0.5)
+    assert state.stats[6, 0] == 0.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_dvl_s_noise_and_the_disturbance_are_told_apart(seed: int) -> None:
+    rows = ((0, 25.0, 1.2), (1, 30.0, 0.9), (2, 25.0, 1.5), (5, 2.0, 1.1))
+    log = simulate(box(), wrench=waves(6000, 0.01, *rows, square=True), sensors=Ins(), seed=seed, disturbance=TANK)
+    log = log.without("phi", "theta", "psi", "ax", "ay", "az")
+    names = tuple(name for name in TRUTH if name[0] in "XYZN")
+    levels = learn_recordings(unknown(box(), **TRUTH), [log], free=names, delay=0.0).levels
+    assert levels is not None
+    np.testing.assert_allclose(levels.noise[6:9], Ins().dvl_noise, rtol=0.25)
+    assert 0.2 < np.exp(np.mean(np.log(levels.sigma[:3]))) < 1.0
+    assert np.all(levels.rough[:3] < 0.02)
