@@ -2,9 +2,10 @@
 
     python benchmarks/studies/figures.py surge.json delay.json coupled.json --output docs/images/trust
 
-From any of the files, those that are given: RMSE beside the bound over time (surge, delay), the times to 5 % beside
-those of an estimator at the bound (settling), coverage of the 95 % intervals over time (coverage), the delay found
-beside its bound (delay-found), all coefficients of the coupled runs at their end (coupled) and over time (minute).
+From any of the files, those that are given (of an experiment that several have, the last one's): RMSE beside the bound
+over time (surge, delay), the times to 5 % beside those of an estimator at the bound (settling), coverage of the 95 %
+intervals over time (coverage), the delay found beside its bound (delay-found), all coefficients of the coupled runs at
+their end (coupled) and over time (minute).
 Vectors (.svg) on white; `--format png` for a look where nothing shows those.
 """
 
@@ -19,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from experiments import EXPERIMENTS
 from figure_style import (
     BAND,
     DASHED,
@@ -81,7 +83,7 @@ def rmse_figure(parts: Sequence[dict[str, Any]], title: str) -> Figure:
     first = parts[0]["stream"]
     handles = [
         line(MASS, first["names"][0]), line(DRAG, first["names"][1]),
-        line(INK, f"RMSE of {first['runs']} runs, streamed"), dot(INK, "learned from the first seconds as a whole"),
+        line(INK, f"RMSE of {runs_of(parts)} runs, streamed"), dot(INK, "learned from the first seconds as a whole"),
         line(INK, "Cramér-Rao bound", DASHED),
     ]  # fmt: skip
     return finished(figure, panels, handles)
@@ -102,8 +104,7 @@ def settling_figure(parts: Sequence[dict[str, Any]]) -> Figure:
         axes.set_xlim(0.0, min(end, 1.1 * max((float(each[-1]) for each in nearly if each.size), default=end)))
         axes.set_ylim(0.0, 1.02)
         dress(axes, TITLES[part["experiment"]], "share of the runs")
-    runs = len(parts[0]["t5"])
-    handles = [line(MASS, f"{runs} runs, streamed"), line(INK, "an estimator at the bound", DASHED)]
+    handles = [line(MASS, f"{runs_of(parts)} runs, streamed"), line(INK, "an estimator at the bound", DASHED)]
     return finished(figure, panels, handles, "s since the manoeuvre began")
 
 
@@ -251,6 +252,23 @@ def _known_rmse(stream: dict[str, Any]) -> Array:
     return np.where(_share_known(stream) >= KNOWN, 100.0 * array(stream["rmse"]), np.nan)
 
 
+def together(documents: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return one document for each study: of an experiment that several have, the last one's."""
+    found: dict[str, dict[str, Any]] = {}
+    for each in documents:
+        parts = {part["experiment"]: part for part in found.get(each["study"], each)["parts"]}
+        parts |= {part["experiment"]: part for part in each["parts"]}
+        order = sorted(parts, key=lambda name: EXPERIMENTS.index(name) if name in EXPERIMENTS else -1)
+        found[each["study"]] = {**each, "parts": [parts[name] for name in order]}
+    return list(found.values())
+
+
+def runs_of(parts: Sequence[dict[str, Any]]) -> str:
+    """Return how many streams the parts have: "80", or "80 to 400"."""
+    runs = [int(part["stream"]["runs"]) for part in parts]
+    return f"{runs[0]}" if min(runs) == max(runs) else f"{min(runs)} to {max(runs)}"
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Draw what can be drawn from the files."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -260,8 +278,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     options.output.mkdir(parents=True, exist_ok=True)
     metadata = {"Date": None} if options.format == "svg" else None
-    for path in options.studies:
-        for name, figure in draw(json.loads(path.read_text())).items():
+    for document in together([json.loads(path.read_text()) for path in options.studies]):
+        for name, figure in draw(document).items():
             target = options.output / f"{name}.{options.format}"
             with rc_context({"svg.hashsalt": "towtank", "svg.fonttype": "none"}):
                 write = partial(figure.savefig, format=options.format, dpi=DPI, metadata=metadata)
