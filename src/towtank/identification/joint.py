@@ -231,7 +231,7 @@ def joint_passes(
                 anchor = bounded(free, best.theta, best.theta)
                 levels = between(levels, best.levels)
             continue
-        following = followed(state, levels, tuning, shown)
+        following = followed(state, levels, tuning, shown, neighbours=True)
         still = (k > 0 or not begin) and _settled(fit, anchor, fit.std)
         best = fit
         if still and alike(following, levels):

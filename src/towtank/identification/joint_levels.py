@@ -29,16 +29,19 @@ _SMOOTHER = 0.9  # times a roughness that was too large: it hid the disturbance,
 _SWING = 5.0  # by which a level may change from one pass to the next
 
 
-def followed(state: JointState, levels: Levels, tuning: Tuning, shown: Array) -> Levels:
+def followed(state: JointState, levels: Levels, tuning: Tuning, shown: Array, *, neighbours: bool = False) -> Levels:
     """Return the levels that the pass's own innovations and disturbances speak for.
 
     Args:
         shown: noise (15,) that the samples show by themselves. Innovations beyond it are the model's, not the sensors'.
+        neighbours: of speeds, part noise and roughness by neighbouring innovations. That takes several passes to
+            settle, more than a stream has time for.
     """
     noise = levels.noise.copy()
     for j in range(N_MEASURED):
-        if state.stats[j, 0] > 50.0:
-            square = state.stats[j, 1] / state.stats[j, 0]
+        told, total = state.stats[j, 7:9] if neighbours and 6 <= j < 12 else state.stats[j, :2]
+        if told > 50.0:
+            square = total / told
             noise[j] = np.sqrt(np.clip(square, noise[j] ** 2 / 4.0, noise[j] ** 2 * 4.0))
     refused = refused_share(state) * (state.clock[C_DURATION] > _LONG)
     for j in range(N_MEASURED):
@@ -46,10 +49,10 @@ def followed(state: JointState, levels: Levels, tuning: Tuning, shown: Array) ->
             noise[j] *= _SWING if refused[j] > _REFUSED else 1.0
         else:
             noise[j] = min(noise[j], _NOISE_SHOWN * shown[j])
-            if 6 <= j < 12:
+            if neighbours and 6 <= j < 12:
                 noise[j] = max(noise[j], _NOISE_AT_LEAST * shown[j])
-    sigma, rough = levels.sigma.copy(), _rough(state, levels)
-    hidden = np.nan_to_num(rough) < _SMOOTHER * np.nan_to_num(levels.rough)
+    sigma, rough = levels.sigma.copy(), _rough(state, levels, steady=neighbours)
+    hidden = neighbours & (np.nan_to_num(rough) < _SMOOTHER * np.nan_to_num(levels.rough))
     floors = np.array([tuning.floor_force] * 3 + [tuning.floor_moment] * 3)
     usual = np.array(tuning.usual)
     for i in range(6):
@@ -86,11 +89,15 @@ def at_odds(state: JointState) -> bool:
     return bool(np.any(state.stats[:, 2] > _AT_ODDS * np.maximum(believed, 50.0)))
 
 
-def _rough(state: JointState, levels: Levels) -> Array:
-    """Return the random walk (6,) of speeds that are measured themselves, by one step of scoring."""
+def _rough(state: JointState, levels: Levels, *, steady: bool) -> Array:
+    """Return the random walk (6,) of speeds that are measured themselves, by one step of scoring.
+
+    A walk adds to a sample's variance what it did since the last one; in the steady state, all that is not forgotten.
+    """
     rough = levels.rough.copy()
     for i in range(6):
-        believed, score, information = state.stats[6 + i, 4:7]
+        believed = state.stats[6 + i, 4]
+        score, information = state.stats[6 + i, 9:11] if steady else state.stats[6 + i, 5:7]
         now = np.nan_to_num(rough[i])
         if believed > 50.0 and information > 0.0 and (now > 0.0 or score > _SURELY * np.sqrt(2.0 * information)):
             rough[i] = np.sqrt(max(now**2 + score / information, 0.0))

@@ -57,13 +57,16 @@ def scalar_update(state: JointState, column: int, residual: float) -> None:
     R = state.noise[column] ** 2
     away = math.fabs(nu) / math.sqrt(S)
     cap = state.options[O_HUBER]
-    if 6 <= column < 12:
-        count_speed(state, column, nu, S, (S - R) / (S * max(away / cap, 1.0)))
-    elif S < 5.0 * R:
+    if S < 5.0 * R:
         state.stats[column, 0] += 1.0
         state.stats[column, 1] += nu * nu - (S - R)
     state.stats[column, 2] += nu * nu / S
     state.stats[column, 4] += 1.0
+    since = state.clock[C_SINCE]
+    state.stats[column, 5] += since * (min(nu * nu, _CLIPPED * S) - S) / (S * S)
+    state.stats[column, 6] += since * since / (S * S)
+    if 6 <= column < 12:
+        count_speed(state, column, nu, S, (S - R) / (S * max(away / cap, 1.0)))
     if away > cap:
         state.clock[C_LIKELIHOOD] -= 0.5 * (math.log(S) + cap * (2.0 * away - cap))
         S *= away / cap
@@ -103,13 +106,13 @@ def count_speed(state: JointState, column: int, nu: float, S: float, gain: float
     that a filter of gain K follows, the steady state has dS/dq = h / (K (2 - K)).
     """
     own, since = state.stats[column], state.clock[C_SINCE]
-    if own[9] > 0.0 and since < _NEIGHBOURS:
-        own[0] += 1.0
-        own[1] += (1.0 - own[8]) * own[7] * own[7] - nu * own[7]
-    own[7], own[8], own[9] = nu, gain, 1.0
+    if own[13] > 0.0 and since < _NEIGHBOURS:
+        own[7] += 1.0
+        own[8] += (1.0 - own[12]) * own[11] * own[11] - nu * own[11]
+    own[11], own[12], own[13] = nu, gain, 1.0
     slope = since / max(gain * (2.0 - gain), _LEAST_SLOPE)
-    own[5] += slope * (min(nu * nu, _CLIPPED * S) - S) / (S * S)
-    own[6] += slope * slope / (S * S)
+    own[9] += slope * (min(nu * nu, _CLIPPED * S) - S) / (S * S)
+    own[10] += slope * slope / (S * S)
 
 
 @kernel

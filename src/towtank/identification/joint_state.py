@@ -100,10 +100,9 @@ class JointState(NamedTuple):
     clock: Array  # (7,) see C_*
     heard: Array  # (5,) time of the last believed sample of each sensor: position, attitude, velocity, rates, force
     hidden: Array  # (4, 5) per sensor: samples refused in a row, their mean offset, evidence of its return
-    stats: (
-        Array  # (15, 10) per column: tell of noise, sum of what they say of its square; then sum of innovation^2 / S,
-    )
-    # refused, believed, score and information of a random walk of the column; last innovation, its gain, its time
+    stats: Array  # (15, 14) per column: tell of noise, sum of their innovation^2 - H P H^T; then sum of it / S,
+    # refused, believed, score and information of a random walk of the column; of speeds also: pairs of neighbours, sum
+    # of what they say of the noise, score and information in the steady state, last innovation, its gain, whether it is
     level: Array  # (6, 4) per axis: time, integrals of d^2 and of its variance, independent looks at it
     step: Array  # (21 + n, 12) F transposed
     F: Array  # (12, 21 + n)
@@ -190,7 +189,7 @@ def new_joint_state(
         clock=np.zeros(7),
         heard=np.zeros(5),
         hidden=np.zeros((4, 5)),
-        stats=np.zeros((N_MEASURED, 10)),
+        stats=np.zeros((N_MEASURED, 14)),
         level=np.zeros((6, 4)),
         step=np.zeros((N_FIXED + n, 12)),
         F=F,
