@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from towtank.identification import learn_recordings
+from towtank.identification.joint import one_pass
 from towtank.identification.joint_scalar import count_speed
 from towtank.identification.joint_state import C_SINCE, JointState, Tuning, new_joint_state
+from towtank.identification.log_learning import Levels
 from towtank.identification.parameters import free_parameters
+from towtank.identification.samples import samples_of
 from towtank.simulation import Ins, OrnsteinUhlenbeck, simulate
 
 from .runs import TRUTH, box, unknown, waves
@@ -64,6 +67,17 @@ def test_a_pause_between_two_samples_tells_nothing_of_the_noise() -> None:
     for nu in (0.1, -0.1, 0.1):
         count_speed(state, 6, nu, 1.0, 0.5)
     assert state.stats[6, 7] == 0.0
+
+
+def test_speeds_of_two_recordings_are_no_neighbours() -> None:
+    wrench = waves(300, 0.01, (0, 10.0, 1.2))
+    logs = [samples_of(simulate(box(), wrench=wrench, sensors=Ins(), seed=seed), box()) for seed in range(2)]
+    free = free_parameters(box(), ("X_uu",))
+    levels = Levels(np.full(15, NOISE), np.ones(6), np.full(6, WALK))
+    state, _ = one_pass(logs, np.array(box().parameters), free, np.array([3.4]), np.array([0.5]), levels, Tuning())
+    believed, pairs = state.stats[6, 4], state.stats[6, 7]
+    assert believed > 20.0
+    assert pairs == believed - 2.0
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -68,6 +68,8 @@ def begin_motion(state: JointState, held: HeldInput, t: float, z: Array) -> None
         state.heard[k] = t
     for k in range(4):
         state.hidden[k, 0] = 0.0
+    for j in range(6, 12):
+        state.stats[j, 13] = 0.0  # a speed of before the pause is no neighbour
     held_means_into(held, t, state.pushed)
     input_wrench(state)
     state.clock[C_TIME] = t

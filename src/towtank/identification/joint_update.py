@@ -90,6 +90,7 @@ def _start_anew(state: JointState, z: Array, sensor: int, whole: bool) -> None:
             state.P[i, j] = 0.0
             state.P[j, i] = 0.0
         state.P[i, i] = _LOOSE[sensor] ** 2
+        state.stats[3 * sensor + k, 13] = 0.0
         if sensor == 0:
             state.x[k] = z[k]
         elif sensor == 2:
