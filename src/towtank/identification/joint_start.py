@@ -26,7 +26,6 @@ __all__ = [
     "start_levels",
     "start_theta",
     "tuning_for",
-    "typical_noise",
     "usual_disturbance",
 ]
 
@@ -39,11 +38,6 @@ _ADDED = 0.6  # of the rigid body's inertia
 _LINEAR_SPEED = (0.3, 0.5)  # m/s, rad/s at which a guessed linear damping equals the quadratic one
 _TYPICAL = np.array([2e-3] * 3 + [2e-3] * 3 + [1e-2] * 3 + [3e-3] * 3 + [5e-2] * 3)
 _LEAST = np.array([1e-5] * 3 + [1e-5] * 3 + [1e-4] * 3 + [1e-5] * 3 + [1e-3] * 3)
-
-
-def typical_noise() -> Array:
-    """Return deviations (15,) of usual sensors, for columns whose noise cannot be told from the data."""
-    return _TYPICAL.copy()
 
 
 def start_levels(recording: Recording, vehicle: Vehicle) -> Levels:

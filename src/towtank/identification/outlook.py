@@ -108,7 +108,7 @@ def outlook(
     )
     delay = first.delay
     if DELAY in found:
-        agrees = agrees and not abs(found[DELAY] - delay) > _APART * delay_std + _CLOSE
+        agrees = agrees and not abs(found[DELAY] - delay) > _APART * delay_std + _CLOSE_DELAY
         if agrees:
             delay, delay_std = max(0.0, float(found[DELAY])), float(spread[DELAY])
     learned = {name: float(spread[name]) if agrees else estimate[name].std for name in names}

@@ -24,11 +24,6 @@ __all__ = ["INPUTS_BEFORE", "N_MEASURED", "Samples", "held_forces", "samples_of"
 N_MEASURED = 15
 _TOGETHER = 1e-6  # s: stamps closer than this are one instant
 INPUTS_BEFORE = 5.0  # s of inputs before a stretch that still matter
-_ENOUGH, _FEW_MORE = (
-    60_000,
-    1.5,
-)  # rows of long recordings that are gone over first, and times that are left as they are
-_STRETCH = 60.0  # s
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from towtank.errors import InputError
 from towtank.readers.recognition import FOLDER, HEAD, foreign_kind
-from towtank.readers.registry import READERS, SUFFIXES, Mapping, Reader, formats
+from towtank.readers.registry import READERS, SUFFIXES, AnyMapping, Reader, formats
 
 if TYPE_CHECKING:
     from towtank.recording.recording import Recording
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["READERS", "SUFFIXES", "Reader", "read", "recognised"]
 
 
-def read(path: str | os.PathLike[str], mapping: Mapping = None) -> Recording:
+def read(path: str | os.PathLike[str], mapping: AnyMapping = None) -> Recording:
     """Read a log: CSV, Parquet, ArduPilot .BIN or .log, MAVLink .tlog, ROS 1 or 2 bag, MCAP, MATLAB .mat.
 
     Args:

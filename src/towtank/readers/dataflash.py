@@ -11,7 +11,7 @@ from towtank.readers.dvl import at_the_origin
 from towtank.readers.interpretation import recording_of
 from towtank.readers.mapped_tables import mapped_recording
 from towtank.readers.recognition import HEAD, is_dataflash_text
-from towtank.readers.registry import Mapping
+from towtank.readers.registry import AnyMapping
 from towtank.readers.tables import Tables
 from towtank.recording.recording import Recording
 
@@ -26,7 +26,7 @@ def decode(path: Path) -> Tables:
     return decode_binary(data, str(path))
 
 
-def read(path: Path, mapping: Mapping) -> Recording:
+def read(path: Path, mapping: AnyMapping) -> Recording:
     """Return the recording of a log; with a mapping, of what it names."""
     tables = decode(path)
     if mapping is not None:

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from towtank.recording.mapping import ColumnMapping
     from towtank.recording.recording import Recording
 
-__all__ = ["READERS", "SUFFIXES", "Mapping", "Reader", "formats"]
+__all__ = ["READERS", "SUFFIXES", "AnyMapping", "Reader", "formats"]
 
-Mapping: TypeAlias = "ColumnMapping | str | os.PathLike[str] | None"
+AnyMapping: TypeAlias = "ColumnMapping | str | os.PathLike[str] | None"
 
 
 class Reader(Protocol):
@@ -37,7 +37,7 @@ class Reader(Protocol):
     def recognises(self, head: bytes, suffix: str) -> bool:
         """Whether a file is certainly of this kind, by its first 64 KiB (a folder: those of its metadata.yaml)."""
 
-    def read(self, path: Path, mapping: Mapping) -> Recording:
+    def read(self, path: Path, mapping: AnyMapping) -> Recording:
         """Return the recording of a file; raise InputError where nothing in it can be read."""
 
 
@@ -54,7 +54,7 @@ class _Lazy:
     def recognises(self, head: bytes, suffix: str) -> bool:
         return self.sign(head, suffix)
 
-    def read(self, path: Path, mapping: Mapping) -> Recording:
+    def read(self, path: Path, mapping: AnyMapping) -> Recording:
         recording: Recording = getattr(importlib.import_module(self.module), self.function)(path, mapping)
         return recording
 

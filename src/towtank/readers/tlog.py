@@ -15,7 +15,7 @@ from towtank.readers.mavlink_format import MessageLayout, layouts
 from towtank.readers.mavlink_meaning import mavlink_recording
 from towtank.readers.mavlink_senders import Sender, named_tables
 from towtank.readers.mavlink_tables import tables_by_instance
-from towtank.readers.registry import Mapping
+from towtank.readers.registry import AnyMapping
 from towtank.readers.tables import Table, Tables
 from towtank.readers.tlog_scan import Packets, scan_tlog
 from towtank.recording.recording import Recording
@@ -67,7 +67,7 @@ def decode(data: bytes, source: str) -> tuple[Tables, dict[str, Sender]]:
     return whole, senders
 
 
-def read(path: Path, mapping: Mapping) -> Recording:
+def read(path: Path, mapping: AnyMapping) -> Recording:
     """Return the recording of a log; with a mapping, of what it names."""
     tables, senders = decode(path.read_bytes(), str(path))
     if mapping is not None:
