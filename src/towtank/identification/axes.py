@@ -15,9 +15,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["AXES", "C_CONSTANT", "C_FORCE", "C_LHS", "C_LINEAR", "C_QUADRATIC", "C_RESTORING", "N_COLUMNS", "Axis"]
+__all__ = [
+    "AXES",
+    "C_CONSTANT",
+    "C_FORCE",
+    "C_LHS",
+    "C_LINEAR",
+    "C_MASS",
+    "C_QUADRATIC",
+    "C_RESTORING",
+    "N_COLUMNS",
+    "Axis",
+]
 
 C_LINEAR, C_QUADRATIC, C_RESTORING, C_CONSTANT, C_FORCE, C_LHS = range(6)
+C_MASS = C_FORCE  # among an axis' coefficients, the inertia has the place of the force among its columns
 N_COLUMNS = 6
 
 

@@ -15,11 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.axes import C_FORCE, C_LHS, N_COLUMNS
+from towtank.identification.axes import C_FORCE, C_LHS, C_MASS, N_COLUMNS
 
 __all__ = ["AxisInformation", "AxisSolution", "long_run", "merge_information", "solve_axis"]
 
-_MASS = 4
 _SPAN = 2.0  # s, least span over which residuals are taken to be alike
 _STILL = 1e-9  # m/s or rad/s: an axis that moved less was not excited, its numbers are rounding
 _SLOWEST = 0.97  # largest correlation of neighbouring blocks that is taken out beforehand
@@ -167,11 +166,11 @@ def _regression(free: Sequence[bool], known: Array) -> tuple[Array, Array]:
     identity = np.eye(N_COLUMNS)
     columns = [identity[c] for c in range(4) if free[c]]
     force = identity[C_FORCE] + sum((known[c] * identity[c] for c in range(4) if not free[c]), np.zeros(N_COLUMNS))
-    if free[_MASS]:
+    if free[C_MASS]:
         return np.array([*columns, force]).T, identity[C_LHS]
     if not columns:
         return np.zeros((N_COLUMNS, 0)), identity[C_LHS]
-    return np.array(columns).T, known[_MASS] * identity[C_LHS] - force
+    return np.array(columns).T, known[C_MASS] * identity[C_LHS] - force
 
 
 def _covariance(
@@ -222,14 +221,14 @@ def _physical(theta: Array, covariance: Array, free: Sequence[bool], known: Arra
     places = [c for c in range(5) if free[c]]
     values = known.copy()
     J = np.zeros((5, len(places)))
-    if free[_MASS]:
+    if free[C_MASS]:
         inverse_mass = theta[-1]
         for j, c in enumerate(places[:-1]):
             values[c] = theta[j] / inverse_mass
             J[c, j] = 1.0 / inverse_mass
             J[c, -1] = -theta[j] / inverse_mass**2
-        values[_MASS] = 1.0 / inverse_mass
-        J[_MASS, -1] = -1.0 / inverse_mass**2
+        values[C_MASS] = 1.0 / inverse_mass
+        J[C_MASS, -1] = -1.0 / inverse_mass**2
     else:
         values[places] = theta
         J[places, range(len(places))] = 1.0

@@ -9,14 +9,12 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
-from towtank.identification.axes import AXES, Axis
+from towtank.identification.axes import AXES, C_MASS, Axis
 from towtank.identification.structure import AxisFindings
 from towtank.vehicle import Coefficient, Provenance, Vehicle
 from towtank.vehicle import unit as unit_of
 
 __all__ = ["AxisReport", "Estimate", "Learned", "SumOfInertias", "estimate_of", "with_shift"]
-
-_MASS = 4
 
 
 @dataclass(frozen=True)
@@ -136,7 +134,7 @@ def estimate_of(vehicle: Vehicle, findings: Sequence[AxisFindings], duration: fl
     why: dict[str, str | None] = {}
     held: dict[str, float] = {}
     for found in findings:
-        for c in (_MASS, 0, 1, 2, 3):
+        for c in (C_MASS, 0, 1, 2, 3):
             name = _name(found.axis, c)
             if not name or not found.wanted[c]:
                 continue
@@ -181,12 +179,12 @@ def estimate_of(vehicle: Vehicle, findings: Sequence[AxisFindings], duration: fl
 
 
 def _name(axis: Axis, c: int) -> str:
-    return axis.added_mass if c == _MASS else axis.columns[c]
+    return axis.added_mass if c == C_MASS else axis.columns[c]
 
 
 def _coefficient(vehicle: Vehicle, axis: Axis, c: int, value: float) -> float:
     """Added mass from the sum, by the vehicle's rigid-body inertia; every other column is its coefficient."""
-    return float(vehicle.rigid_body_matrix[axis.index, axis.index]) - value if c == _MASS else value
+    return float(vehicle.rigid_body_matrix[axis.index, axis.index]) - value if c == C_MASS else value
 
 
 def _covariance(findings: Sequence[AxisFindings], weights: Sequence[Mapping[tuple[int, int], float]]) -> Array:
@@ -202,7 +200,7 @@ def _covariance(findings: Sequence[AxisFindings], weights: Sequence[Mapping[tupl
                 for (other, d), v in weights[j].items():
                     solution = solutions[axis]
                     if axis == other and solution is not None:
-                        sign = -1.0 if (c == _MASS) != (d == _MASS) else 1.0
+                        sign = -1.0 if (c == C_MASS) != (d == C_MASS) else 1.0
                         total += sign * w * v * float(solution.covariance[c, d])
             out[i, j] = total
     return out
@@ -211,10 +209,13 @@ def _covariance(findings: Sequence[AxisFindings], weights: Sequence[Mapping[tupl
 def _sums(findings: Sequence[AxisFindings]) -> list[SumOfInertias]:
     return [
         SumOfInertias(
-            found.axis.sum_name, float(found.solution.values[_MASS]), float(found.solution.std[_MASS]), found.axis.unit
+            found.axis.sum_name,
+            float(found.solution.values[C_MASS]),
+            float(found.solution.std[C_MASS]),
+            found.axis.unit,
         )
         for found in findings
-        if found.solution is not None and found.solution.free[_MASS]
+        if found.solution is not None and found.solution.free[C_MASS]
     ]
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
-from towtank.identification.axes import AXES, C_CONSTANT, C_LINEAR, C_QUADRATIC, C_RESTORING, Axis
+from towtank.identification.axes import AXES, C_CONSTANT, C_LINEAR, C_MASS, C_QUADRATIC, C_RESTORING, Axis
 from towtank.identification.axis_solution import AxisSolution
 from towtank.vehicle import Vehicle
 
@@ -30,7 +30,6 @@ __all__ = [
     "select",
 ]
 
-_MASS = 4
 _BOTH = 5.0  # deviations that each damping term needs where both are kept
 _KEPT = 2.0  # deviations that any other term needs
 _INERTIA = 4.0  # deviations that an inertia needs to be called identified
@@ -94,7 +93,7 @@ def candidates(vehicle: Vehicle, free: Collection[str] | None = None) -> tuple[C
     for axis in AXES:
         i = axis.index
         known = np.array([vehicle.coefficient(name) if name else 0.0 for name in (*axis.columns, "")])
-        known[_MASS] = vehicle.mass_matrix[i, i]
+        known[C_MASS] = vehicle.mass_matrix[i, i]
         if free is None:
             terms = known[[C_LINEAR, C_QUADRATIC]] != 0.0
             damping = (True, True) if not terms.any() else (bool(terms[0]), bool(terms[1]))
@@ -125,7 +124,7 @@ def select(candidate: Candidates, solve: Solve, cost: Cost, *, commanded: float 
         whole = solve(tuple(free), known) if any(free) else None
     if whole is not None and not candidate.asked and commanded < _COMMANDED and whole.explained < _EXPLAINED:
         whole = None
-    if whole is None or (free[_MASS] and not whole.values[_MASS] > 0.0 and not _rescued(free, known, solve)):
+    if whole is None or (free[C_MASS] and not whole.values[C_MASS] > 0.0 and not _rescued(free, known, solve)):
         return absent(candidate, _unexcited(axis, commanded))
     if free[C_LINEAR] and free[C_QUADRATIC] and not candidate.asked:
         kept, reason = _damping(axis, whole, free, known, solve, cost)
@@ -155,13 +154,13 @@ def by_gradient(findings: AxisFindings, theta: Array) -> AxisFindings:
     The gradient has no deviations of its own; which coefficients are identified is least squares' judgement.
     """
     solution = findings.solution
-    if solution is None or not solution.free[_MASS] or not theta[_MASS] > 0.0:
+    if solution is None or not solution.free[C_MASS] or not theta[C_MASS] > 0.0:
         return findings
     values = solution.values.copy()
-    for c in range(_MASS):
+    for c in range(C_MASS):
         if solution.free[c]:
-            values[c] = theta[c] / theta[_MASS]
-    values[_MASS] = 1.0 / theta[_MASS]
+            values[c] = theta[c] / theta[C_MASS]
+    values[C_MASS] = 1.0 / theta[C_MASS]
     return replace(findings, solution=replace(solution, values=values))
 
 
@@ -172,14 +171,14 @@ def _unfit(axis: Axis, solution: AxisSolution) -> tuple[int, str] | None:
     if weak:
         c = min(weak, key=lambda c: _strength(solution, c))
         return c, f"{axis.columns[c]} is {values[c]:.3g} +- {solution.std[c]:.2g} here, not different from 0"
-    if free[_MASS] and not values[_MASS] > 0.0:
-        return _MASS, (
+    if free[C_MASS] and not values[C_MASS] > 0.0:
+        return C_MASS, (
             f"{axis.sum_name} came out negative in this run: {axis.wrench} does not explain {axis.velocity}; "
             "held at the vehicle's value"
         )
-    if free[_MASS] and _strength(solution, _MASS) < _INERTIA:
-        share = 100.0 * solution.std[_MASS] / values[_MASS]
-        return _MASS, (
+    if free[C_MASS] and _strength(solution, C_MASS) < _INERTIA:
+        share = 100.0 * solution.std[C_MASS] / values[C_MASS]
+        return C_MASS, (
             f"{axis.sum_name} is known to +-{share:.0f} % only in this run: too little acceleration in {axis.name}; "
             "held at the vehicle's value"
         )
@@ -209,7 +208,7 @@ def _rescued(free: list[bool], known: Array, solve: Solve) -> bool:
     for c in (C_LINEAR, C_QUADRATIC):
         single = [flag and (i != c) for i, flag in enumerate(free)]
         found = solve(tuple(single), known) if free[C_LINEAR] and free[C_QUADRATIC] else None
-        if found is not None and found.values[_MASS] > 0.0:
+        if found is not None and found.values[C_MASS] > 0.0:
             return True
     return False
 
@@ -219,7 +218,7 @@ def _damping(
 ) -> tuple[set[int], str | None]:
     """Return the damping columns to keep and, for the one dropped, the reason."""
     both = (C_LINEAR, C_QUADRATIC)
-    dissipates = all(whole.values[c] < 0.0 for c in both) and whole.values[_MASS] > 0.0
+    dissipates = all(whole.values[c] < 0.0 for c in both) and whole.values[C_MASS] > 0.0
     if dissipates and all(_strength(whole, c) >= _BOTH for c in both):
         return set(both), None
     trials: dict[int, float] = {}
@@ -229,7 +228,7 @@ def _damping(
         held[other] = 0.0
         flags = tuple(flag and i != other for i, flag in enumerate(free))
         solution = solve(flags, held)
-        if solution is not None and solution.values[c] < 0.0 and solution.values[_MASS] > 0.0:
+        if solution is not None and solution.values[c] < 0.0 and solution.values[C_MASS] > 0.0:
             trials[c] = cost(solution)
     if not trials:
         return {C_LINEAR}, _inseparable(axis, whole, C_LINEAR)
