@@ -15,10 +15,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from towtank.app.demo_progress import Quantity, quantities, readings
-from towtank.app.demo_session import DURATION, FREE, tank_session
-from towtank.app.demo_stream import pose_and_commands
+from towtank.app.demo.progress import Quantity, quantities, readings
+from towtank.app.demo.stream import pose_and_commands
 from towtank.identification import Learner, learn_recordings
+from towtank.simulation.tank import DURATION, FREE, tank_session
 
 
 def promised(quantity: Quantity) -> float:

@@ -27,14 +27,15 @@ from pathlib import Path
 import numpy as np
 from figures import Figure, interleaved, report
 
-from towtank.app.demo_session import DISTURBANCE, FREE, MOCAP, tank_session
 from towtank.identification import Learner
-from towtank.identification.joint import one_pass, prior_deviation
-from towtank.identification.joint_start import size_of, start_levels, tuning_for
-from towtank.identification.parameters import DELAY, free_parameters
-from towtank.identification.samples import samples_of
+from towtank.identification.data.samples import samples_of
+from towtank.identification.kalman.iterated import one_pass, prior_deviation
+from towtank.identification.kalman.noise_adaptation import start_levels, tuning_for
+from towtank.identification.model.parameters import DELAY, free_parameters
+from towtank.identification.model.prior import size_of
 from towtank.recording import Recording, write_csv
 from towtank.simulation import manoeuvre, simulate
+from towtank.simulation.tank import DISTURBANCE, FREE, MOCAP, tank_session
 from towtank.vehicle import Vehicle, save_vehicle
 
 DURATION, LONG = 60.0, 300.0  # s

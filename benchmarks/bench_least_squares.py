@@ -15,7 +15,7 @@ import numpy as np
 import padasip
 from figures import Figure, interleaved, report
 
-from towtank.identification.regression import RecursiveLeastSquares
+from towtank.identification.least_squares.rls import RecursiveLeastSquares
 
 FORMS = ("qr", "covariance")
 SCHEMES = ("directional", "bounded-gain", "exponential")

@@ -26,9 +26,9 @@ from scipy.optimize import least_squares
 
 from towtank.core.arrays import Array
 from towtank.core.rk4 import simulate_run
-from towtank.identification.output_error import OutputErrorFit, fit_output_error
-from towtank.identification.parameters import FreeParameters, free_parameters, put_parameters
-from towtank.identification.samples import Samples, samples_of
+from towtank.identification.data.samples import Samples, samples_of
+from towtank.identification.model.parameters import FreeParameters, free_parameters, put_parameters
+from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
 from towtank.simulation import Mocap, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle
 

@@ -47,9 +47,9 @@ def serve(seconds: float, paged: bool) -> None:
     from towtank.dashboard import About, Address
     from towtank.dashboard.live_feed import LiveFeed
     from towtank.dashboard.page import Page
-    from towtank.dashboard.warm_up import warm_up as warm_page_up
+    from towtank.dashboard.prediction import warm_up as warm_page_up
     from towtank.live import Sample, SourceState
-    from towtank.live.recorded import rows_of
+    from towtank.live.pipeline.instants import rows_of
     from towtank.live.session import Session
     from towtank.live.warm_up import new_learner, warm_up
     from towtank.recording.channel import standard_channel
@@ -131,7 +131,7 @@ class Apart:
     """Latencies of the loop while two look, and while nobody does, once it has settled; put in place of its own."""
 
     def __init__(self, session: Any, page: Any) -> None:
-        from towtank.live.latency import Latency
+        from towtank.live.pipeline.measures import Latency
 
         self.alone, self.watched = Latency(), Latency()
         self._page, self._began = page, time.monotonic() + SETTLING

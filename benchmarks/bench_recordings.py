@@ -24,7 +24,8 @@ from mcap.stream_reader import StreamReader
 from towtank.readers import read
 from towtank.recording import Recording
 from towtank.recording.channel import standard_channel
-from towtank.recording.mcap_log import McapLog, Quantity
+from towtank.recording.mcap.format import Quantity
+from towtank.recording.mcap.log import McapLog
 
 LIMIT = 5.0  # s for 100 MB
 ROWS = 800_000  # of the fastest source: 2 h 13 min at 100 Hz

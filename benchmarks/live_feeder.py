@@ -13,7 +13,7 @@ import socket
 import time
 from pathlib import Path
 
-from towtank.live.recorded import rows_of
+from towtank.live.pipeline.instants import rows_of
 from towtank.readers import read
 
 

@@ -24,7 +24,7 @@ from sensitivity import pose_sensitivity
 
 from towtank.core.arrays import Array
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate, stream
-from towtank.simulation.mocap import intervals
+from towtank.simulation.sensors.mocap import intervals
 
 __all__ = ["Flags", "SurgeBound", "force_covariance", "force_response", "surge_bound", "visible", "whitened"]
 

@@ -21,12 +21,12 @@ from rich.table import Table
 from runner import arguments, over, write_json
 from summary import Check
 
-from towtank.app.demo_session import DISTURBANCE, MOCAP, tank_session
 from towtank.core.arrays import Array
 from towtank.identification import Learner, learn_recordings
-from towtank.identification.axes import AXES
+from towtank.identification.model.terms import AXES
 from towtank.recording import Recording
 from towtank.simulation import manoeuvre, simulate
+from towtank.simulation.tank import DISTURBANCE, MOCAP, tank_session
 from towtank.vehicle import Vehicle
 
 SHARES = {"quadratic": (0.0, 1.0), "linear": (1.0, 0.0), "both": (0.5, 0.5), "some": (0.15, 0.85)}

@@ -25,10 +25,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from towtank import load_vehicle
-from towtank.live.json_source import JsonSource
-from towtank.live.recorded import rows_of
+from towtank.live.links.json import JsonSource
+from towtank.live.links.source import Raw, Sample, SourceState
+from towtank.live.pipeline.instants import rows_of
 from towtank.live.session import Session
-from towtank.live.source import Raw, Sample, SourceState
 from towtank.live.status import Status
 from towtank.live.warm_up import new_learner
 from towtank.outputs import write_text

@@ -23,9 +23,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pymavlink.generator.mavcrc import x25crc
 
 from towtank import load_vehicle
-from towtank.live.mavlink_source import MavlinkSource
-from towtank.live.source import Sample
-from towtank.readers.mavlink_format import layouts
+from towtank.live.links.mavlink.source import MavlinkSource
+from towtank.live.links.source import Sample
+from towtank.readers.mavlink.format import layouts
 
 LONGEST, MOST_MEMORY = 2.0, 128.0  # s, MiB
 _KINDS = list(dialect.mavlink_map.values())

@@ -33,7 +33,7 @@ from rich.console import Console
 from rich.table import Table
 
 from towtank import load_vehicle
-from towtank.live.recorded import rows_of
+from towtank.live.pipeline.instants import rows_of
 from towtank.outputs import write_text
 from towtank.readers import read
 from towtank.simulation import Mocap, manoeuvre, simulate

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from towtank.identification import Learner, LogLearning, learn_recordings
-from towtank.identification.sign_check import mirrored
+from towtank.identification.offline.first_look import mirrored
 from towtank.recording import ColumnMapping, Recording, read_csv
 from towtank.validation import validate
 from towtank.vehicle import Vehicle, load_vehicle

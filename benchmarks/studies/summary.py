@@ -13,7 +13,7 @@ from experiments import experiment
 from trial import Outcome
 
 from towtank.core.arrays import Array
-from towtank.identification.axes import AXES
+from towtank.identification.model.terms import AXES
 
 __all__ = [
     "ERROR",

@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from towtank.app.demo import run_demo
-from towtank.app.demo_progress import SETTLED, SETTLING, WAITING, Course, quantities, readings
-from towtank.app.demo_session import FREE, tank_session, unseen_session
-from towtank.app.demo_stream import pose_and_commands, stream
-from towtank.app.demo_table import coefficient_table
-from towtank.app.document import json_text
+from towtank.app.demo.progress import SETTLED, SETTLING, WAITING, Course, quantities, readings
+from towtank.app.demo.run import run_demo
+from towtank.app.demo.stream import pose_and_commands, stream
+from towtank.app.demo.table import coefficient_table
+from towtank.app.terminal.output import json_text
 from towtank.errors import InputError
 from towtank.identification import Learner, learn_recordings
 from towtank.recording import read_parquet
+from towtank.simulation.tank import FREE, tank_session, unseen_session
 from towtank.vehicle import load_vehicle
 
 FILES = {

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from towtank.app.figures import Trace, convergence_figure, png, prediction_figure
+from towtank.app.demo.files import Trace, convergence_figure, png, prediction_figure
 from towtank.validation import Prediction
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -53,5 +53,5 @@ def test_prediction_without_a_pose_is_an_empty_figure() -> None:
 
 
 def test_matplotlib_is_imported_on_first_use_only() -> None:
-    code = "import sys, towtank.app.figures; sys.exit('matplotlib' in sys.modules)"
+    code = "import sys, towtank.app.demo.files; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -6,8 +6,8 @@ import io
 
 from rich.console import Console
 
-from towtank.app.fits_table import show_own_fits
-from towtank.app.output import Output
+from towtank.app.tables.fits import show_own_fits
+from towtank.app.terminal.output import Output
 
 
 def told(fit: dict[str, float | None]) -> str:

@@ -18,10 +18,10 @@ import pytest
 from rich.console import Console
 
 from towtank import load_vehicle
-from towtank.app.live_view import LiveView
-from towtank.app.output import Output
+from towtank.app.live.view import LiveView
+from towtank.app.terminal.output import Output
 from towtank.live import open_source
-from towtank.live.recorded import rows_of
+from towtank.live.pipeline.instants import rows_of
 from towtank.live.session import Session
 from towtank.live.warm_up import new_learner
 from towtank.readers import read

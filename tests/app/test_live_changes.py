@@ -13,9 +13,8 @@ import pytest
 from rich.console import Console
 
 from towtank import load_vehicle
-from towtank.app.live_table import event_line, likely_line
-from towtank.app.live_view import LiveView
-from towtank.app.output import Output
+from towtank.app.live.view import LiveView, event_line, likely_line
+from towtank.app.terminal.output import Output
 from towtank.identification import Learner
 from towtank.live import open_source
 from towtank.live.session import Session

@@ -10,7 +10,7 @@ import pytest
 HELD = """
 import sys
 import numpy as np
-from towtank.app.memory import return_what_is_free
+from towtank.app.cli import return_what_is_free
 if sys.argv[1] == "return":
     return_what_is_free()
 def resident():

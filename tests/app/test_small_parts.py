@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from towtank.app.arguments import Window, numbers
-from towtank.app.document import json_text, plain
-from towtank.app.text_plot import text_plot
+from towtank.app.commands.arguments import Window, numbers
+from towtank.app.tables.thrusters import text_plot
+from towtank.app.terminal.output import json_text, plain
 from towtank.digits import measured, short
 from towtank.errors import InputError
 from towtank.recording import Recording

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from towtank.app.spark import error_spark, spark
+from towtank.app.terminal.spark import error_spark, spark
 
 from .commands import Ran, command, process
 
@@ -51,7 +51,7 @@ def test_errors_start_from_nothing() -> None:
 
 
 def test_a_bar_tells_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    from towtank.app import output
+    from towtank.app.terminal import output
 
     written = io.StringIO()
     monkeypatch.setattr(written, "isatty", lambda: True)

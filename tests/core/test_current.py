@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given
 
-from towtank.core.current import current_acceleration, current_in_body
 from towtank.core.dynamics import forward_dynamics
+from towtank.core.forces import current_acceleration, current_in_body
 from towtank.core.inertia import coriolis_matrix
 from towtank.core.rk4 import simulate_run
 

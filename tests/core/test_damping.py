@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from towtank.core.damping import damping_force
+from towtank.core.forces import damping_force
 
 from .proof import numbers, proof, vectors
 

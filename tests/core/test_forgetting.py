@@ -16,9 +16,16 @@ from towtank.core.bounded_gain import (
     bounded_qr_start,
     bounded_qr_update,
 )
-from towtank.core.directional import directional_run, directional_start, directional_update, directional_view
+from towtank.core.forgetting import (
+    block_length,
+    commit_scratch,
+    directional_run,
+    directional_start,
+    directional_update,
+    directional_view,
+    forget_excited,
+)
 from towtank.core.least_squares import qr_covariance, qr_run, qr_solve, qr_start
-from towtank.core.subspace_forgetting import block_length, commit_scratch, forget_excited
 
 from .proof import proof, seeds, sized
 

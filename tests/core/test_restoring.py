@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 
 from towtank.core.attitude import gravity_direction, quaternion_from_euler
-from towtank.core.restoring import restoring_wrench
+from towtank.core.forces import restoring_wrench
 
 from .independent import Body, derivative, rates_to_omega, rotation
 from .proof import eulers, numbers, proof, vectors

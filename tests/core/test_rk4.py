@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from towtank.core.current import current_in_body
 from towtank.core.dynamics import forward_dynamics
+from towtank.core.forces import current_in_body
 from towtank.core.rk4 import LANES, N_STATES, is_coupled, simulate_final, simulate_run, step_into
 
 from .independent import Body, body, pose_difference, quaternion, state

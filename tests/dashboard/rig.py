@@ -20,11 +20,11 @@ from towtank.dashboard.page import Page
 from towtank.errors import InputError
 from towtank.identification import Learner
 from towtank.live import Sample, SourceState
-from towtank.live.recorded import rows_of
+from towtank.live.pipeline.instants import rows_of
 from towtank.live.session import Session
 from towtank.live.warm_up import new_learner
 from towtank.recording.event import Event
-from towtank.recording.mcap_log import McapLog
+from towtank.recording.mcap.log import McapLog
 from towtank.simulation import Mocap, manoeuvre, simulate
 
 WEB = Path(__file__).resolve().parents[2] / "web"

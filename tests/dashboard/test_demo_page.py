@@ -10,13 +10,13 @@ from typing import Any
 
 import pytest
 
-from towtank.app.demo_feed import DemoFeed
-from towtank.app.demo_progress import Course, quantities
-from towtank.app.demo_session import Session, tank_session
-from towtank.app.demo_stream import stream
+from towtank.app.demo.feed import DemoFeed
+from towtank.app.demo.progress import Course, quantities
+from towtank.app.demo.stream import stream
 from towtank.dashboard import Address
 from towtank.dashboard.page import Page
 from towtank.identification import Learner
+from towtank.simulation.tank import Session, tank_session
 
 from .rig import needs_browser, needs_page, wait_until
 

@@ -10,20 +10,15 @@ import numpy as np
 import pytest
 
 from towtank import load_vehicle
-from towtank.app.page_option import PagedCommand
-from towtank.dashboard.access import Access, Address
-from towtank.dashboard.course import Course
-from towtank.dashboard.frames import Kind, decode, encode
-from towtank.dashboard.knowledge import AxisKnowledge, axes_known, verdict
-from towtank.dashboard.mailbox import Mailbox
-from towtank.dashboard.motion import Motion
+from towtank.app.commands.page_option import PagedCommand
+from towtank.dashboard.access import Access, Address, Refusals
+from towtank.dashboard.motion import COMMANDS, WRENCH, Motion
 from towtank.dashboard.prediction import free_run
-from towtank.dashboard.refusals import Refusals
-from towtank.dashboard.signals import COMMANDS, WRENCH
+from towtank.dashboard.pump import Course, Kind, Mailbox, decode, encode
+from towtank.dashboard.standing import AxisKnowledge, axes_known, verdict
 from towtank.errors import InputError
 from towtank.identification import Learner
-from towtank.live.instants import Instants
-from towtank.live.recorded import rows_of
+from towtank.live.pipeline.instants import Instants, rows_of
 from towtank.simulation import manoeuvre, simulate
 from towtank.vehicle import thruster_wrench
 

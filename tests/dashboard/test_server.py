@@ -22,12 +22,12 @@ from rich.console import Console
 from websockets.sync.client import ClientConnection, connect
 
 from towtank import load_vehicle
-from towtank.app.demo import run_demo
-from towtank.app.live_session import LiveOptions, run_live
-from towtank.app.output import Output
+from towtank.app.demo.run import run_demo
+from towtank.app.live.session import LiveOptions, run_live
+from towtank.app.terminal.output import Output
 from towtank.dashboard.access import Address
-from towtank.dashboard.frames import Kind, decode
 from towtank.dashboard.page import Page
+from towtank.dashboard.pump import Kind, decode
 from towtank.errors import InputError
 from towtank.readers import read
 from towtank.simulation import manoeuvre, simulate

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from towtank.identification.axes import AXES, C_CONSTANT, C_FORCE, C_LHS, C_LINEAR, C_QUADRATIC, C_RESTORING
-from towtank.identification.axis_rows import axis_increments_into
+from towtank.identification.least_squares.recursion import axis_increments_into
+from towtank.identification.model.terms import AXES, C_CONSTANT, C_FORCE, C_LHS, C_LINEAR, C_QUADRATIC, C_RESTORING
 from towtank.simulation import simulate
 from towtank.vehicle import Vehicle, inverse_dynamics
 

@@ -7,9 +7,8 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from towtank.core.arrays import Array
-from towtank.identification.change_doubt import Doubt
-from towtank.identification.change_known import Known, likeness
-from towtank.identification.change_window import Window, window_between
+from towtank.identification.changes.evidence import Doubt, Window, window_between
+from towtank.identification.changes.hypotheses import Known, likeness
 
 N, ROWS = 3, 12
 

@@ -10,8 +10,8 @@ import pytest
 
 import towtank as tt
 from towtank.core.arrays import Array
-from towtank.identification.change_words import change_words
-from towtank.identification.parameters import free_parameters
+from towtank.identification.changes.events import change_words
+from towtank.identification.model.parameters import free_parameters
 from towtank.recording import Recording
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre
 from towtank.vehicle import Vehicle

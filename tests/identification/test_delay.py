@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from towtank.identification import learn_paper
-from towtank.identification.delay import DelayCost, DelayScan, scan_delay
+from towtank.identification.least_squares.batch import DelayCost, scan_delay
+from towtank.identification.posterior.assembly import DelayScan
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle
 

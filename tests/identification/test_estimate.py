@@ -7,7 +7,7 @@ import pytest
 
 from towtank.errors import InputError
 from towtank.identification import Estimate, PaperLearner, learn_paper
-from towtank.identification.axis_solution import AxisInformation, merge_information, solve_axis
+from towtank.identification.least_squares.solution import AxisInformation, merge_information, solve_axis
 from towtank.recording import Recording
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate
 

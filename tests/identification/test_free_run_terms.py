@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from towtank.identification import LogLearning, learn_recordings
-from towtank.identification.free_run_terms import groups_of_terms
-from towtank.identification.joint_refine import prior_with_terms
-from towtank.identification.parameters import free_parameters
-from towtank.identification.samples import samples_of
+from towtank.identification.data.samples import samples_of
+from towtank.identification.model.parameters import free_parameters
+from towtank.identification.simulation_error.refinement import groups_of_terms, prior_with_terms
 from towtank.recording import Recording
 from towtank.simulation import Ins, simulate
 from towtank.vehicle import Vehicle

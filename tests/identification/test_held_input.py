@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from towtank.identification.held_input import held_integral_into, held_push, new_held_input
+from towtank.identification.data.zero_order_hold import held_integral_into, held_push, new_held_input
 
 FINE = 1e-4  # s
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from towtank.errors import InputError
-from towtank.identification.identifiability import excitation, excitation_words, identifiability
-from towtank.identification.identifiability_words import needed_factor
-from towtank.identification.information import alone, along, correlations, deviations, pair, relative
+from towtank.identification.posterior.identifiability import excitation, excitation_words, identifiability
+from towtank.identification.posterior.statistics import alone, along, correlations, deviations, pair, relative
+from towtank.identification.posterior.wording import needed_factor
 
 SURGE = ("X_udot", "X_u", "X_uu")
 M, L, Q = 40.0, 20.0, 40.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from towtank.identification.joint_levels import caution
+from towtank.identification.kalman.noise_adaptation import caution
 
 FAR = 7.0  # times the usual level
 COUNTS_FOR = 2.0  # looks that the usual level counts for

@@ -8,21 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from towtank.app.demo_session import tank_session
 from towtank.core.arrays import Array
 from towtank.identification import Learner, learn_recordings
-from towtank.identification.axes import AXES
-from towtank.identification.information import told_by_data
-from towtank.identification.joint import JointFit, joint_passes
-from towtank.identification.joint_damping import Choice, choose_damping, damping_in_question
-from towtank.identification.joint_rounds import run_rounds
-from towtank.identification.joint_start import levels_of, size_of, start_theta, tuning_for
-from towtank.identification.joint_wanted import doubted_inertias
-from towtank.identification.parameters import free_parameters
-from towtank.identification.samples import Samples, samples_of
-from towtank.identification.stretches import spread_over
+from towtank.identification.data.samples import Samples, samples_of, spread_over
+from towtank.identification.kalman.alternatives import Choice, choose_damping, damping_in_question
+from towtank.identification.kalman.iterated import JointFit, joint_passes
+from towtank.identification.kalman.noise_adaptation import levels_of, tuning_for
+from towtank.identification.model.parameters import free_parameters
+from towtank.identification.model.prior import size_of, start_theta
+from towtank.identification.model.terms import AXES
+from towtank.identification.offline.joint import doubted_inertias, run_rounds
+from towtank.identification.posterior.statistics import told_by_data
 from towtank.recording import Recording
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
+from towtank.simulation.tank import tank_session
 from towtank.vehicle import Vehicle
 
 from .runs import TRUTH, box, unknown, waves

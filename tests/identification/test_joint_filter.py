@@ -8,13 +8,13 @@ import pytest
 from towtank.core.arrays import Array
 from towtank.core.attitude import quaternion_product
 from towtank.core.layout import N_PARAMETERS
-from towtank.identification.held_input import held_means_into, held_push, new_held_input
-from towtank.identification.joint_kernel import joint_events, joint_step
-from towtank.identification.joint_rows import attitude_error
-from towtank.identification.joint_state import C_RESETS, C_ROWS, JointState, Tuning, new_joint_state
-from towtank.identification.parameters import free_parameters
-from towtank.identification.samples import Samples, samples_of
-from towtank.identification.transition import N_FIXED, step_and_linearise, transition_scratch
+from towtank.identification.data.samples import Samples, samples_of
+from towtank.identification.data.zero_order_hold import held_means_into, held_push, new_held_input
+from towtank.identification.kalman.filter import joint_events, joint_step
+from towtank.identification.kalman.state import C_RESETS, C_ROWS, JointState, Tuning, new_joint_state
+from towtank.identification.kalman.update import attitude_error
+from towtank.identification.model.linearisation import N_FIXED, step_and_linearise, transition_scratch
+from towtank.identification.model.parameters import free_parameters
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from towtank.identification import learn_recordings
-from towtank.identification.joint import one_pass
-from towtank.identification.joint_scalar import count_speed
-from towtank.identification.joint_state import C_SINCE, JointState, Tuning, new_joint_state
-from towtank.identification.log_learning import Levels
-from towtank.identification.parameters import free_parameters
-from towtank.identification.samples import samples_of
+from towtank.identification.data.noise import Levels
+from towtank.identification.data.samples import samples_of
+from towtank.identification.kalman.iterated import one_pass
+from towtank.identification.kalman.state import C_SINCE, JointState, Tuning, new_joint_state
+from towtank.identification.kalman.update import count_speed
+from towtank.identification.model.parameters import free_parameters
 from towtank.simulation import Ins, OrnsteinUhlenbeck, simulate
 
 from .runs import TRUTH, box, unknown, waves

@@ -10,8 +10,8 @@ import pytest
 
 from towtank.errors import InputError
 from towtank.identification import LogLearning, learn_recordings
-from towtank.identification.free_run_gain import columns_of, gain
-from towtank.identification.samples import samples_of
+from towtank.identification.data.samples import samples_of
+from towtank.identification.simulation_error.cross_validation import columns_of, gain
 from towtank.recording import Channel, Recording
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, simulate
 from towtank.vehicle import Coefficient

@@ -6,10 +6,10 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification import Learner
-from towtank.identification.joint_scalar import scalar_update
-from towtank.identification.joint_state import JointState, Tuning, new_joint_state
-from towtank.identification.parameters import free_parameters
-from towtank.identification.transition import N_FIXED
+from towtank.identification.kalman.state import JointState, Tuning, new_joint_state
+from towtank.identification.kalman.update import scalar_update
+from towtank.identification.model.linearisation import N_FIXED
+from towtank.identification.model.parameters import free_parameters
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate
 
 from .runs import TRUTH, box, unknown, waves

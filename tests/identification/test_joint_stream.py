@@ -9,8 +9,8 @@ import pytest
 
 from towtank.errors import InputError
 from towtank.identification import Learner
-from towtank.identification.joint_learner import JointLearner
-from towtank.identification.joint_levels import refused_share
+from towtank.identification.kalman.noise_adaptation import refused_share
+from towtank.identification.online.joint import JointLearner
 from towtank.recording import Recording
 from towtank.simulation import Ins, simulate
 from towtank.vehicle import Vehicle, load_vehicle

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from towtank.core.attitude import euler_rates_matrix, rotation_from_euler
-from towtank.identification.motion_state import (
+from towtank.identification.least_squares.velocity import (
     ABSENT,
     ATTITUDE_ACCELEROMETER,
     ATTITUDE_GYRO,

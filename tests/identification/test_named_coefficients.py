@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from towtank.identification import LogLearning, learn_recordings
-from towtank.identification.joint_wanted import speeds_of
-from towtank.identification.paper_logs import learn_paper
+from towtank.identification.least_squares.batch import learn_paper
+from towtank.identification.offline.joint import speeds_of
 from towtank.recording import Recording
 from towtank.recording.standard import VELOCITIES
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate

@@ -9,14 +9,13 @@ import pytest
 
 from towtank.core.attitude import quaternions_from_eulers
 from towtank.errors import InputError
-from towtank.identification.fresh_samples import fresh_samples, quantum_of
-from towtank.identification.noise import noise_level, noise_levels
+from towtank.identification.data.noise import fresh_samples, noise_level, noise_levels, quantum_of
 from towtank.recording import Recording, load_mapping, read_csv
 from towtank.simulation import simulate
-from towtank.simulation.ins import Ins
-from towtank.simulation.mocap import Mocap
-from towtank.simulation.paper_runs import paper_commands, square_orders
-from towtank.simulation.sensors import Sensors
+from towtank.simulation.manoeuvres import paper_commands, square_orders
+from towtank.simulation.sensors.ins import Ins
+from towtank.simulation.sensors.mocap import Mocap
+from towtank.simulation.sensors.sensor import Sensors
 from towtank.vehicle import load_vehicle
 
 N = 3000

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from towtank.identification import LogLearning, learn_paper, learn_recordings
-from towtank.identification.outlook import Outlook, liveliest, outlook
+from towtank.identification.offline.forecast import Outlook, liveliest, outlook
 from towtank.recording import Recording, align
 from towtank.simulation import OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import load_vehicle

@@ -10,16 +10,15 @@ from scipy.optimize import least_squares
 from tests.identification.runs import TRUTH, box
 
 from towtank.core.arrays import Array
-from towtank.identification.held_input import new_held_input
-from towtank.identification.output_error import OutputErrorFit, fit_output_error
-from towtank.identification.output_error_kernel import free_run
-from towtank.identification.output_error_rows import HUBER
-from towtank.identification.output_error_space import FreeRun, new_equations, new_workspace
-from towtank.identification.output_error_start import free_run_of
-from towtank.identification.parameters import FreeParameters, free_parameters
-from towtank.identification.samples import Samples, samples_of
+from towtank.identification.data.samples import Samples, samples_of
+from towtank.identification.data.zero_order_hold import new_held_input
+from towtank.identification.model.parameters import FreeParameters, free_parameters
+from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
+from towtank.identification.simulation_error.problem import free_run_of
+from towtank.identification.simulation_error.residuals import HUBER
+from towtank.identification.simulation_error.trajectory import FreeRun, free_run, new_equations, new_workspace
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, manoeuvre, simulate, stream
-from towtank.simulation.mocap import intervals
+from towtank.simulation.sensors.mocap import intervals
 from towtank.vehicle import Vehicle, load_vehicle
 
 DT = 0.01

@@ -11,11 +11,10 @@ from tests.identification.test_output_error import DT, NOISE, POSE, SURGE, only,
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
-from towtank.identification.output_error import OutputErrorFit, fit_output_error
-from towtank.identification.output_error_jumps import jumps
-from towtank.identification.output_error_memory import residual_memory
-from towtank.identification.parameters import free_parameters
-from towtank.identification.samples import Samples
+from towtank.identification.data.samples import Samples
+from towtank.identification.model.parameters import free_parameters
+from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error, residual_memory
+from towtank.identification.simulation_error.residuals import jumps
 
 SAMPLES = only(recorded(box(), push(600, 0)), POSE)
 

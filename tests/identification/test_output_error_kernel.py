@@ -13,13 +13,18 @@ import pytest
 
 from towtank.core.arrays import Array
 from towtank.core.attitude import quaternion_product, quaternions_from_eulers
-from towtank.identification.held_input import new_held_input
-from towtank.identification.output_error_kernel import free_run
-from towtank.identification.output_error_rows import GATE, GONE, HUBER, robust_cost, weight_of
-from towtank.identification.output_error_space import FreeRun, NormalEquations, new_equations, new_workspace
-from towtank.identification.output_error_start import free_run_of
-from towtank.identification.parameters import FreeParameters, free_parameters
-from towtank.identification.samples import Samples, samples_of
+from towtank.identification.data.samples import Samples, samples_of
+from towtank.identification.data.zero_order_hold import new_held_input
+from towtank.identification.model.parameters import FreeParameters, free_parameters
+from towtank.identification.simulation_error.problem import free_run_of
+from towtank.identification.simulation_error.residuals import GATE, GONE, HUBER, robust_cost, weight_of
+from towtank.identification.simulation_error.trajectory import (
+    FreeRun,
+    NormalEquations,
+    free_run,
+    new_equations,
+    new_workspace,
+)
 from towtank.simulation import simulate
 from towtank.vehicle import Vehicle, configuration_matrix, load_vehicle
 

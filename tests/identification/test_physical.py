@@ -7,9 +7,8 @@ import pytest
 from scipy.optimize import minimize
 
 from towtank.errors import InputError
-from towtank.identification.nearest_point import conditional_covariance, nearest_point, square_root
-from towtank.identification.physical import Consistency, consistent
-from towtank.identification.physical_bounds import families
+from towtank.identification.posterior.physical import Consistency, consistent, families
+from towtank.identification.posterior.statistics import conditional_covariance, nearest_point, square_root
 from towtank.vehicle import Vehicle, VehicleWarning, load_vehicle
 
 from .runs import box

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from towtank.identification import learn_recordings
-from towtank.identification.samples import samples_of
-from towtank.identification.sign_check import mirrored, reversals
+from towtank.identification.data.samples import samples_of
+from towtank.identification.offline.first_look import mirrored, reversals
 from towtank.recording import Recording
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate
 from towtank.vehicle import Thruster, Vehicle, configuration_matrix, load_vehicle

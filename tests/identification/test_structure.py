@@ -8,9 +8,14 @@ import pytest
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification import Estimate, PaperLearner, learn_paper
-from towtank.identification.axes import AXES
-from towtank.identification.axis_solution import AxisInformation, AxisSolution, solve_axis
-from towtank.identification.structure import AxisFindings, candidates, paper_names, select
+from towtank.identification.least_squares.solution import (
+    AxisFindings,
+    AxisInformation,
+    AxisSolution,
+    select,
+    solve_axis,
+)
+from towtank.identification.model.terms import AXES, candidates, paper_names
 from towtank.recording import Recording
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle

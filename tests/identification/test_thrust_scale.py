@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from towtank.identification import LogLearning, learn_paper
-from towtank.identification.thrust_scale import scale_remarks, with_scale, with_thrust_scale
+from towtank.identification.posterior.thrusters import scale_remarks, with_scale, with_thrust_scale
 from towtank.recording import Recording
 from towtank.simulation import manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from towtank.core.attitude import rotation_from_euler
 from towtank.errors import InputError
 from towtank.live import Raw, Sample, Source
-from towtank.live.natnet_source import NatnetSource
-from towtank.live.qtm_source import QtmSource
-from towtank.live.tracked_body import TrackedBody, capture_address, quaternion_of_matrix
+from towtank.live.links.mocap.natnet import NatnetSource
+from towtank.live.links.mocap.qtm import QtmSource
+from towtank.live.links.mocap.tracked_body import TrackedBody, capture_address, quaternion_of_matrix
 from towtank.recording.mapping import ColumnMapping
 
 from .capture_servers import Pose, natnet_server, qtm_server
@@ -191,7 +191,7 @@ def test_wrong_addresses(text: str) -> None:
 def test_nobody_there_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="does not answer"):
         QtmSource(f"qtm:127.0.0.1:{free_port()}").open()
-    monkeypatch.setattr("towtank.live.natnet_source._ANSWER", 0.3)
+    monkeypatch.setattr("towtank.live.links.mocap.natnet._ANSWER", 0.3)
     with pytest.raises(InputError, match="no NatNet server"):
         NatnetSource(f"natnet:127.0.0.1:{free_port()}").open()
     with pytest.raises(InputError, match="up=y"):

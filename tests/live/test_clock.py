@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import pytest
 
-from towtank.live.clock import SourceClock
+from towtank.live.pipeline.clock import SourceClock
 
 DAYS = 5.96 * 86400.0
 

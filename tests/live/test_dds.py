@@ -9,7 +9,7 @@ import pytest
 
 from towtank.errors import InputError
 from towtank.live import Raw, Sample, open_source
-from towtank.live.dds_link import DdsLink, _struct
+from towtank.live.links.ros2.transports import DdsLink, _struct
 from towtank.vehicle import load_vehicle
 
 from .ros2_peer import ODOMETRY, WRENCH, odometry, wrench
@@ -92,7 +92,7 @@ def test_odometry_and_wrench_over_dds(loopback: None) -> None:
 
 
 def test_every_type_that_means_something_can_be_told_to_dds() -> None:
-    from towtank.readers.ros_meaning import MEANINGS
+    from towtank.readers.ros.meaning import MEANINGS
 
     for kind in MEANINGS:
         made = _struct(kind)

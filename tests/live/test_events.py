@@ -16,13 +16,13 @@ from mcap.reader import make_reader
 
 from towtank import load_vehicle
 from towtank.live import Sample, SourceState
-from towtank.live.errands import Errands
 from towtank.live.events import EventLog, Sight
+from towtank.live.pipeline.lane import Errands
 from towtank.live.session import Session
 from towtank.live.warm_up import new_learner
 from towtank.readers import read
 from towtank.recording.event import EVENT_TOPIC, Event
-from towtank.recording.mcap_log import McapLog
+from towtank.recording.mcap.log import McapLog
 
 EPOCH = 1.7e9
 

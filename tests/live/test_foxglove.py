@@ -20,15 +20,15 @@ from mcap.reader import make_reader
 from towtank import load_vehicle
 from towtank.errors import InputError
 from towtank.live import Raw, Sample
-from towtank.live.foxglove_server import FoxgloveServer
-from towtank.live.recorded import rows_of
+from towtank.live.foxglove import FoxgloveServer
+from towtank.live.links.source import SourceState
+from towtank.live.pipeline.instants import rows_of
 from towtank.live.session import Session
-from towtank.live.source import SourceState
 from towtank.live.status import Status
 from towtank.live.warm_up import new_learner
 from towtank.readers import read
 from towtank.recording import Recording
-from towtank.recording.mcap_log import McapLog
+from towtank.recording.mcap.log import McapLog
 from towtank.simulation import Mocap, manoeuvre, simulate
 from towtank.vehicle import Vehicle, thruster_wrench
 

@@ -9,11 +9,10 @@ import pytest
 
 from towtank import load_vehicle
 from towtank.core.attitude import quaternion_from_euler
-from towtank.live.commands import CommandNames
-from towtank.live.instants import Instants
-from towtank.live.preference import Preference
-from towtank.live.sorter import Arrival
-from towtank.live.source import Sample
+from towtank.live.links.source import Sample
+from towtank.live.pipeline.instants import Instants
+from towtank.live.pipeline.sorter import Arrival, Preference
+from towtank.live.session import CommandNames
 from towtank.vehicle import Vehicle
 
 

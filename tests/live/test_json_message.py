@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from towtank.live.json_message import JsonMessages
+from towtank.live.links.json import JsonMessages
 from towtank.recording import Column, ColumnMapping, Marker, Recording, marker_to_origin, to_ned_frd
 from towtank.recording.channel import standard_channel
 

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from towtank.live.mavlink_frames import Framer
-from towtank.readers.mavlink_format import layouts
+from towtank.live.links.mavlink.frames import Framer
+from towtank.readers.mavlink.format import layouts
 
 from .mavlink_peer import Autopilot
 

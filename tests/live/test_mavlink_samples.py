@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from towtank.live import Sample
-from towtank.live.mavlink_frames import Framer
-from towtank.live.mavlink_samples import MavlinkSamples
-from towtank.readers.mavlink_format import layouts
+from towtank.live.links.mavlink.frames import Framer
+from towtank.live.links.mavlink.samples import MavlinkSamples
+from towtank.readers.mavlink.format import layouts
 
 from .mavlink_peer import AIDED, UNAIDED, Autopilot, second
 

@@ -15,12 +15,12 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from towtank.errors import InputError
 from towtank.live import Raw, Sample, open_source
-from towtank.live.mavlink_connection import connection_of
-from towtank.live.mavlink_frames import Frame
-from towtank.live.mavlink_requests import SYSTEM, Requests, parameter_of
-from towtank.live.mavlink_source import MavlinkSource
-from towtank.readers.mavlink_format import layouts
-from towtank.readers.mavlink_senders import Sender
+from towtank.live.links.mavlink.connection import connection_of
+from towtank.live.links.mavlink.frames import Frame
+from towtank.live.links.mavlink.requests import SYSTEM, Requests, parameter_of
+from towtank.live.links.mavlink.source import MavlinkSource
+from towtank.readers.mavlink.format import layouts
+from towtank.readers.mavlink.senders import Sender
 from towtank.vehicle import load_vehicle
 
 from .mavlink_peer import AIDED, Autopilot, free_port
@@ -35,9 +35,9 @@ LOOKED_INTO = (
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("towtank.live.mavlink_source._FIRST", 0.3)
-    monkeypatch.setattr("towtank.live.mavlink_source._SETTLED", 0.5)
-    monkeypatch.setattr("towtank.live.mavlink_source._STATE", 0.1)
+    monkeypatch.setattr("towtank.live.links.mavlink.source._FIRST", 0.3)
+    monkeypatch.setattr("towtank.live.links.mavlink.source._SETTLED", 0.5)
+    monkeypatch.setattr("towtank.live.links.mavlink.source._STATE", 0.1)
 
 
 def source_of(text: str) -> MavlinkSource:
@@ -167,7 +167,7 @@ def test_who_speaks_first_sends_heartbeats_of_a_ground_station() -> None:
 
 
 def test_tcp_that_breaks_is_connected_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("towtank.live.mavlink_streams._AGAIN", 0.05)
+    monkeypatch.setattr("towtank.live.links.mavlink.connection._AGAIN", 0.05)
     with socket.create_server(("127.0.0.1", 0)) as server:
         source = source_of(f"tcp:127.0.0.1:{server.getsockname()[1]}")
         source.open()

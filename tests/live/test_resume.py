@@ -13,14 +13,13 @@ import pytest
 
 from towtank import Learner, load_vehicle
 from towtank.errors import InputError
-from towtank.live.checkpoint import Checkpoint
-from towtank.live.recorded import rows_of
-from towtank.live.resume import earlier
+from towtank.live.links.source import Sample
+from towtank.live.pipeline.instants import rows_of
+from towtank.live.recording.checkpoint import Checkpoint, earlier
 from towtank.live.session import Session
-from towtank.live.source import Sample
 from towtank.live.warm_up import new_learner
 from towtank.recording import Recording
-from towtank.recording.mcap_log import McapLog
+from towtank.recording.mcap.log import McapLog
 from towtank.simulation import Mocap, manoeuvre, simulate
 from towtank.vehicle import Vehicle
 
@@ -44,7 +43,7 @@ class Lines:
         return batch
 
     def state(self) -> Any:
-        from towtank.live.source import SourceState
+        from towtank.live.links.source import SourceState
 
         return SourceState(ended=not self._samples)
 

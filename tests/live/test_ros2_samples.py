@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from towtank.errors import InputError
 from towtank.live import Raw, Sample
-from towtank.live.ros2_links import Message, link_of, topic_of_key, topic_of_token
-from towtank.live.ros2_samples import Ros2Samples
-from towtank.live.ros2_source import Ros2Source
+from towtank.live.links.ros2.samples import Ros2Samples
+from towtank.live.links.ros2.source import Ros2Source
+from towtank.live.links.ros2.transports import Message, link_of, topic_of_key, topic_of_token
 from towtank.recording.mapping import ColumnMapping
 
 from .mavlink_peer import free_port

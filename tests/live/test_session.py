@@ -20,15 +20,15 @@ import pytest
 from towtank import Learner, load_vehicle
 from towtank.errors import InputError
 from towtank.live import Raw, Sample, SourceState, open_source
-from towtank.live.lane import GAP, Lane
-from towtank.live.recorded import rows_of
+from towtank.live.pipeline.instants import rows_of
+from towtank.live.pipeline.lane import GAP, Lane
+from towtank.live.pipeline.sorter import Arrival
 from towtank.live.session import Session
-from towtank.live.sorter import Arrival
 from towtank.live.status import Status
 from towtank.live.warm_up import new_learner
 from towtank.readers import read
 from towtank.recording import Recording
-from towtank.recording.mcap_log import McapLog
+from towtank.recording.mcap.log import McapLog
 from towtank.simulation import Mocap, manoeuvre, simulate
 from towtank.vehicle import Vehicle
 
@@ -197,7 +197,7 @@ def test_a_full_disk_costs_samples_of_the_recording_and_is_said(
     told: list[str] = []
 
     def stream() -> Iterator[list[Sample]]:
-        monkeypatch.setattr("towtank.recording.mcap_log.os.write", written)
+        monkeypatch.setattr("towtank.recording.mcap.log.os.write", written)
         yield every[:400]
         time.sleep(0.3)
         full.set()

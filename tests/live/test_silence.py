@@ -10,11 +10,10 @@ import pytest
 
 from towtank import load_vehicle
 from towtank.live import Raw, Sample
-from towtank.live.recent import Recent
-from towtank.live.recorded import rows_of
+from towtank.live.learning import Recent, Silence
+from towtank.live.links.source import SourceState
+from towtank.live.pipeline.instants import rows_of
 from towtank.live.session import Session
-from towtank.live.silence import Silence
-from towtank.live.source import SourceState
 from towtank.live.status import Status
 from towtank.live.warm_up import new_learner
 from towtank.recording import Recording

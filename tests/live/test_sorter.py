@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import random
 
-from towtank.live.sorter import Arrival, Sorter
-from towtank.live.source import Sample
+from towtank.live.links.source import Sample
+from towtank.live.pipeline.sorter import Arrival, Sorter
 
 
 def arrival(t: float, came: float, rank: int = 0) -> Arrival:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from towtank.readers import read
-from towtank.readers.aiding import Evidence, aided, aiding_of
-from towtank.readers.sources import Source
+from towtank.readers.ardupilot.aiding import Evidence, aided, aiding_of
+from towtank.readers.common.sources import Source
 
 from .encoders import DataFlashWriter, dive_bin
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from towtank.readers.sources import Source, choose
-from towtank.readers.thruster_outputs import command_source, thruster_outputs
-from towtank.readers.water_pressure import Pressure, depth_sources
+from towtank.readers.ardupilot.thruster_outputs import command_source, thruster_outputs
+from towtank.readers.ardupilot.water_pressure import Pressure, depth_sources
+from towtank.readers.common.sources import Source, choose
 
 
 def source(table: str, samples: int, distance: int = 0, refused: str = "") -> Source:

@@ -9,9 +9,8 @@ import pytest
 
 from towtank.errors import InputError
 from towtank.readers import read
-from towtank.readers.dataflash_binary import decode_binary
-from towtank.readers.dataflash_format import LETTERS
-from towtank.readers.dataflash_text import decode_text
+from towtank.readers.dataflash.records import LETTERS, decode_binary
+from towtank.readers.dataflash.text import decode_text
 from towtank.recording import ColumnMapping, Recording
 
 from .encoders import DataFlashWriter, dive_bin

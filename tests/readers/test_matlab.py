@@ -14,7 +14,7 @@ import scipy.io
 
 from towtank.errors import InputError
 from towtank.readers import read
-from towtank.readers.matlab_file import load_variables
+from towtank.readers.matlab.variables import load_variables
 from towtank.recording import ColumnMapping
 
 N = 300

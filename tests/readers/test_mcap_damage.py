@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, Writer
 
 from towtank.errors import InputError
 from towtank.readers import read
-from towtank.readers.mcap_scan import scan_mcap
+from towtank.readers.mcap.scan import scan_mcap
 from towtank.recording import Recording
 
 from .ros_bags import Said, imu, multi_array, write_mcap2
@@ -41,7 +41,7 @@ def messages(n: int = N) -> list[Said]:
 
 @pytest.fixture
 def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("towtank.recording.mcap_write._CHUNK", 2000)
+    monkeypatch.setattr("towtank.recording.mcap.write._CHUNK", 2000)
 
 
 def chunks_of(data: bytes) -> list[tuple[int, int]]:

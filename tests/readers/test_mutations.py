@@ -13,7 +13,8 @@ import pytest
 
 from towtank.errors import InputError
 from towtank.readers.registry import READERS
-from towtank.recording.mcap_log import McapLog, Quantity
+from towtank.recording.mcap.format import Quantity
+from towtank.recording.mcap.log import McapLog
 
 from .ros_bags import write_bag1, write_mcap2
 from .test_matlab import save_73

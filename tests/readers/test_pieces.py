@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from towtank.readers.aiding import Aiding
-from towtank.readers.dataflash_binary import decode_binary
-from towtank.readers.dataflash_meaning import sources_of_messages as of_dataflash
-from towtank.readers.mavlink_autopilot import with_autopilot
-from towtank.readers.mavlink_meaning import sources_of_messages as of_mavlink
-from towtank.readers.sources import Source
-from towtank.readers.tables import Table
-from towtank.readers.tlog import decode
+from towtank.readers.ardupilot.aiding import Aiding
+from towtank.readers.common.sources import Source
+from towtank.readers.common.tables import Table
+from towtank.readers.dataflash.meaning import sources_of_messages as of_dataflash
+from towtank.readers.dataflash.records import decode_binary
+from towtank.readers.mavlink.autopilot import with_autopilot
+from towtank.readers.mavlink.meaning import sources_of_messages as of_mavlink
+from towtank.readers.mavlink.tlog import decode
 
 from .encoders import dive_bin, dive_tlog
 

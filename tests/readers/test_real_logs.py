@@ -75,7 +75,7 @@ def test_dead_reckoning_of_the_samples(data: Path) -> None:
 def test_the_tlog_is_what_pymavlink_reads(data: Path) -> None:
     from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-    from towtank.readers.tlog import decode
+    from towtank.readers.mavlink.tlog import decode
 
     path = data / "ardusub_samples" / "small.tlog"
     tables, _ = decode(path.read_bytes(), "log")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from towtank.readers.command_end import with_command_end
-from towtank.readers.ros_clock import reconciled
-from towtank.readers.tables import Table
+from towtank.readers.common.tables import Table
+from towtank.readers.ros.clock import reconciled
+from towtank.readers.ros.tables import with_command_end
 from towtank.recording import Recording
 
 N = 2000

@@ -13,11 +13,11 @@ import pytest
 from towtank.core.attitude import quaternions_from_eulers
 from towtank.errors import InputError
 from towtank.readers import read
-from towtank.readers.mcap_scan import scan_mcap
-from towtank.readers.ros_meaning import MEANINGS, meaning_of
-from towtank.readers.rosbag_tables import ros_tables
+from towtank.readers.mcap.scan import scan_mcap
+from towtank.readers.ros.meaning import MEANINGS, meaning_of
+from towtank.readers.ros.tables import ros_tables
 from towtank.recording import Content, Recording
-from towtank.recording.frames import convert_quaternion
+from towtank.recording.frames.conversion import convert_quaternion
 
 from .ros_bags import Said, header, imu, multi_array, odometry, register, write_mcap2, xyz, xyzw
 

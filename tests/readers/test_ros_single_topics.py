@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from towtank.core.attitude import quaternions_from_eulers
-from towtank.live.ros2_links import Message
-from towtank.live.ros2_samples import Ros2Samples
+from towtank.live.links.ros2.samples import Ros2Samples
+from towtank.live.links.ros2.transports import Message
 from towtank.readers import read
-from towtank.readers.ros_thrusters import is_thruster_topic, thruster_order
-from towtank.recording.frames import convert_quaternion
-from towtank.recording.rotations import conjugate, multiply, rotate
+from towtank.readers.ros.meaning import is_thruster_topic, thruster_order
+from towtank.recording.frames.conversion import convert_quaternion
+from towtank.recording.frames.rotations import conjugate, multiply, rotate
 
 from .ros_bags import ROS2, Said, cdr, header, odometry, write_mcap2, xyz, xyzw
 

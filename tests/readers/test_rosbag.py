@@ -15,10 +15,10 @@ from rosbags.typesys import Stores, get_typestore
 
 from towtank.errors import InputError
 from towtank.readers import read
-from towtank.readers.rosbag1 import scan_rosbag1
-from towtank.readers.rosbag2 import scan_rosbag2
-from towtank.readers.rosbag_layout import decode
-from towtank.readers.rosbag_types import types_of
+from towtank.readers.ros.bag1 import scan_rosbag1
+from towtank.readers.ros.bag2 import scan_rosbag2
+from towtank.readers.ros.layout import decode
+from towtank.readers.ros.types import types_of
 from towtank.recording import ColumnMapping, Recording
 
 from .ros_bags import (
@@ -174,7 +174,7 @@ def test_every_number_is_that_of_the_library(bags: dict[str, Path], kind: str) -
 
 
 def _mcap_topics(path: Path) -> Any:
-    from towtank.readers.mcap_scan import scan_mcap
+    from towtank.readers.mcap.scan import scan_mcap
 
     return scan_mcap(path, lambda heading: True).topics
 
@@ -194,7 +194,7 @@ def _at(message: Any, path: str) -> float:
 def test_big_endian_messages(tmp_path: Path) -> None:
     store = get_typestore(Stores.ROS2_HUMBLE)
     message = store.types["geometry_msgs/msg/Vector3"](x=1.5, y=-2.0, z=1e300)
-    from towtank.readers.raw_messages import RawMessages
+    from towtank.readers.common.raw_messages import RawMessages
 
     raw = RawMessages.of(
         [bytes(store.serialize_cdr(message, message.__msgtype__, little_endian=k % 2 == 0)) for k in range(6)]
@@ -304,7 +304,7 @@ def test_an_array_that_claims_to_be_huge_is_damaged(tmp_path: Path) -> None:
     size = int(topic.raw.size[0])
     for row in (3, 17):
         struct.pack_into("<I", data, row * size + 12, 0xFFFF_FFFF)
-    from towtank.readers.raw_messages import RawMessages
+    from towtank.readers.common.raw_messages import RawMessages
 
     found = decode(
         RawMessages(data, topic.raw.size), topic.kind, types_of(topic.kind, *topic.definition, False), ros1=False

@@ -11,10 +11,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from towtank.errors import InputError
 from towtank.readers import read
-from towtank.readers.mavlink_checksum import checksum
-from towtank.readers.mavlink_format import layouts
-from towtank.readers.tlog import decode
-from towtank.readers.tlog_scan import scan_tlog
+from towtank.readers.mavlink.format import checksum, layouts
+from towtank.readers.mavlink.tlog import decode, scan_tlog
 from towtank.recording import ColumnMapping, Recording
 
 from .encoders import TlogWriter, dive_tlog
@@ -333,9 +331,9 @@ def test_px4_tells_its_aiding_in_a_message_of_its_own(tmp_path: Path, flags: int
 
 def test_a_file_that_is_mostly_something_else_costs_a_bounded_search(monkeypatch: pytest.MonkeyPatch) -> None:
     tried = []
-    monkeypatch.setattr("towtank.readers.tlog_scan.checksum", lambda data: tried.append(1) or checksum(data))
-    monkeypatch.setattr("towtank.readers.tlog_scan._MANY_VAIN", 100)
-    monkeypatch.setattr("towtank.readers.tlog_scan._MOST_VAIN", 300)
+    monkeypatch.setattr("towtank.readers.mavlink.tlog.checksum", lambda data: tried.append(1) or checksum(data))
+    monkeypatch.setattr("towtank.readers.mavlink.tlog._MANY_VAIN", 100)
+    monkeypatch.setattr("towtank.readers.mavlink.tlog._MOST_VAIN", 300)
     good = bytes(dive_tlog(parameters=SIX).data)
     whole = scan_tlog(good, layouts())
     noise = b"\0" * 20 + b"\xfe\x01\x02\0" * 2000  # might all be packets of version 1, type 0 or 254

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from towtank.core.attitude import quaternions_from_eulers
 from towtank.errors import InputError
 from towtank.recording import Channel, Recording, align, gap_limit, sampling_rate, standard_channel
-from towtank.recording.frames import wrap_angle
+from towtank.recording.frames.conversion import wrap_angle
 from towtank.recording.standard import QUATERNION, STANDARD
 
 T = np.arange(1001) / 100.0

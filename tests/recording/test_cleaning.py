@@ -7,7 +7,7 @@ import pytest
 
 from towtank.core.attitude import quaternions_from_eulers
 from towtank.recording import Recording, dead_channels, find_spikes
-from towtank.recording.frames import wrap_angle
+from towtank.recording.frames.conversion import wrap_angle
 
 N = 2000
 T = np.arange(N) / 100.0

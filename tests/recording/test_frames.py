@@ -10,15 +10,22 @@ from hypothesis import strategies as st
 from towtank.core.attitude import eulers_from_quaternions, quaternions_from_eulers
 from towtank.errors import InputError
 from towtank.recording import Recording, marker_to_origin, standard_channel, to_ned_frd
-from towtank.recording.frames import (
+from towtank.recording.frames.conversion import (
     convert_body_vector,
     convert_euler,
     convert_quaternion,
     convert_world_vector,
     wrap_angle,
 )
-from towtank.recording.lever_arm import origin_position, origin_velocity
-from towtank.recording.rotations import align_signs, conjugate, interpolate_rotation, multiply, normalised, rotate
+from towtank.recording.frames.lever_arm import origin_position, origin_velocity
+from towtank.recording.frames.rotations import (
+    align_signs,
+    conjugate,
+    interpolate_rotation,
+    multiply,
+    normalised,
+    rotate,
+)
 from towtank.recording.standard import EULER, QUATERNION
 
 T = np.arange(5) / 10.0

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from towtank.recording import held_at, held_mean, standard_channel
-from towtank.recording.held import stack_held
+from towtank.recording.grids.grid import stack_held
 
 STAMPS = np.array([0.0, 0.25, 1.0])
 VALUES = np.array([[1.0, 10.0], [2.0, 20.0], [-3.0, -30.0]])

@@ -17,7 +17,8 @@ from mcap.reader import make_reader
 
 from towtank.errors import InputError
 from towtank.readers import read
-from towtank.recording.mcap_log import McapLog, Quantity
+from towtank.recording.mcap.format import Quantity
+from towtank.recording.mcap.log import McapLog
 
 POSE = [Quantity("x", "m", "NED"), Quantity("psi", "rad", "NED-FRD")]
 GYRO = [Quantity("r", "rad/s", "FRD")]
@@ -89,7 +90,7 @@ def test_sources_are_announced_once_and_samples_fit(tmp_path: Path) -> None:
 
 def test_flushed_at_most_a_second_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
-    monkeypatch.setattr("towtank.recording.mcap_log.time.monotonic", lambda: now)
+    monkeypatch.setattr("towtank.recording.mcap.log.time.monotonic", lambda: now)
     log = McapLog.open(tmp_path / "a.mcap")
     log.source("gyro", GYRO)
     for k in range(10):
@@ -110,7 +111,7 @@ def test_flushed_at_most_a_second_later(tmp_path: Path, monkeypatch: pytest.Monk
 
 WRITER = """
 import sys
-from towtank.recording.mcap_log import McapLog, Quantity
+from towtank.recording.mcap.log import McapLog, Quantity
 log = McapLog.open(sys.argv[1], interval=0.05)
 log.source("gyro", [Quantity("r", "rad/s", "FRD")])
 log.source("depth", [Quantity("z", "m", "NED")])
@@ -150,7 +151,7 @@ def test_kill_9_costs_what_was_not_flushed(tmp_path: Path, seed: int) -> None:
 
 FULL = """
 import resource, signal, sys
-from towtank.recording.mcap_log import McapLog, Quantity
+from towtank.recording.mcap.log import McapLog, Quantity
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 log = McapLog.open(sys.argv[1])
 log.source("gyro", [Quantity("r", "rad/s", "FRD")])

@@ -15,7 +15,8 @@ from towtank.errors import InputError
 from towtank.readers import read
 from towtank.recording import Recording
 from towtank.recording.channel import standard_channel
-from towtank.recording.mcap_log import McapLog, Quantity
+from towtank.recording.mcap.format import Quantity
+from towtank.recording.mcap.log import McapLog
 
 EPOCH = datetime(2026, 5, 4, 12, 0, tzinfo=UTC)
 POSE = [Quantity("x", "m", "NED"), Quantity("psi", "rad", "NED-FRD")]

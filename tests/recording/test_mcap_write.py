@@ -149,7 +149,7 @@ def test_written_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyP
     def broken(self: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("towtank.recording.mcap_file.McapFile.finish", broken)
+    monkeypatch.setattr("towtank.recording.mcap.container.McapFile.finish", broken)
     with pytest.raises(KeyboardInterrupt):
         run.without("u").write(tmp_path / "a.mcap")
     assert (tmp_path / "a.mcap").read_bytes() == before

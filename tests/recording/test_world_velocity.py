@@ -9,9 +9,9 @@ import pytest
 
 import towtank as tt
 from towtank.core.attitude import quaternions_from_eulers
-from towtank.identification.samples import samples_of
+from towtank.identification.data.samples import samples_of
 from towtank.recording import Recording, align, standard_channel, with_body_velocity
-from towtank.recording.rotations import rotate
+from towtank.recording.frames.rotations import rotate
 from towtank.simulation import manoeuvre
 from towtank.vehicle import load_vehicle
 

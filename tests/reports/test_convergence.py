@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from towtank.identification import learn_recordings
-from towtank.identification.convergence import convergence
+from towtank.identification.offline.convergence import convergence
 from towtank.readers import read
 from towtank.vehicle import load_vehicle
 

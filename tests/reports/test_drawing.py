@@ -9,16 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from towtank.identification.convergence import Convergence
-from towtank.identification.estimate import Estimate
+from towtank.identification.offline.convergence import Convergence
+from towtank.identification.posterior.estimate import Estimate
 from towtank.recording import Recording
 from towtank.report import LearnFacts, ValidateFacts
-from towtank.report.chart import Band, Chart, Line, Point, Stem, chart_svg
-from towtank.report.decimation import decimated, pieces
-from towtank.report.heatmap import correlation, heatmap_svg, strongest
+from towtank.report.chart import Band, Chart, Line, Point, Stem, chart_svg, decimated, pieces, ticks
 from towtank.report.learn_page import report_html
-from towtank.report.thruster_drawing import thrusters_svg
-from towtank.report.ticks import ticks
+from towtank.report.sections.identifiability import correlation, heatmap_svg, strongest
+from towtank.report.sections.vehicle import thrusters_svg
 from towtank.report.validate_page import validate_html
 from towtank.validation import CHANNELS, Prediction, score
 from towtank.vehicle import load_vehicle

@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from towtank.app.learned_course import LearnedCourse
-from towtank.app.live_reports import LiveReports
-from towtank.app.live_session import LiveOptions
+from towtank.app.live.reports import LearnedCourse, LiveReports
+from towtank.app.live.session import LiveOptions
 from towtank.identification import Learner
 from towtank.live import open_source
 from towtank.live.session import Session
 from towtank.recording.event import Event
-from towtank.report.event_section import event_section
+from towtank.report.sections.events import event_section
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import load_vehicle
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from towtank.report.error_section import growth
+from towtank.report.sections.prediction import growth
 from towtank.validation import Prediction
 
 from .conftest import Made

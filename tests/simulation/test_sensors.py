@@ -11,7 +11,7 @@ from towtank.core.attitude import rotation_from_euler
 from towtank.errors import InputError
 from towtank.recording import Recording
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, Perfect, simulate, stream
-from towtank.simulation.mocap import intervals
+from towtank.simulation.sensors.mocap import intervals
 
 from .vessels import table, vessel
 

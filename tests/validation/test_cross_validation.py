@@ -14,7 +14,7 @@ from towtank.errors import InputError
 from towtank.identification import Estimate
 from towtank.recording import Recording
 from towtank.validation import cross_validate, validate
-from towtank.validation.folds import split
+from towtank.validation.cross_validation import split
 from towtank.vehicle import Vehicle
 
 from .errors import boat, noisy_run

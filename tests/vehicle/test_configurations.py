@@ -13,7 +13,7 @@ import pytest
 
 from towtank.errors import InputError
 from towtank.vehicle import Coefficient, Configurations, Vehicle, differences, load_vehicle, save_vehicle
-from towtank.vehicle.configuration_index import slug
+from towtank.vehicle.configurations import slug
 
 
 def rov(**more: float | Coefficient) -> Vehicle:

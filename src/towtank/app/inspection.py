@@ -6,20 +6,18 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from towtank.app.contents_table import contents_document
-from towtank.app.first_look import DRIVEN, first_look
-from towtank.app.learn_report import delay_deviation
-from towtank.app.levels_tables import disturbance_document
-from towtank.app.output import Teller
-from towtank.app.repairs_text import learning_warnings
+from towtank.app.tables.learning import delay_deviation, disturbance_document
+from towtank.app.tables.repairs import contents_document, learning_warnings
+from towtank.app.terminal.output import Teller
 from towtank.identification import LogLearning, learn_paper
-from towtank.identification.axes import AXES
-from towtank.identification.chain import Sources, uses_commands
-from towtank.identification.log_learning import Levels
-from towtank.identification.noise import NoiseLevel, noise_levels
-from towtank.identification.outlook import Outlook, Prospect, liveliest, outlook
+from towtank.identification.data.noise import Levels, NoiseLevel, noise_levels
+from towtank.identification.least_squares.chain import uses_commands
+from towtank.identification.model.terms import AXES
+from towtank.identification.offline.first_look import DRIVEN, first_look
+from towtank.identification.offline.forecast import Outlook, Prospect, liveliest, outlook
+from towtank.identification.posterior.assembly import Sources
 from towtank.recording import Grid, Recording, align, bind_thrusters
-from towtank.recording.channel_facts import ChannelFacts, channel_facts
+from towtank.recording.facts import ChannelFacts, channel_facts
 from towtank.recording.repairs import Repairs
 from towtank.recording.standard import MOTION, QUATERNION, WORLD_VELOCITY
 from towtank.vehicle import Vehicle

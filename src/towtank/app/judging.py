@@ -1,4 +1,7 @@
-"""The ways to judge a model: alone, against others, by folds; what each shows, says in the document and reports."""
+"""The ways to judge a model: alone, against others, by folds; what each shows, says in the document and reports.
+
+The learning that cross-validation repeats.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +10,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from towtank.errors import InputError, nearest
+
 if TYPE_CHECKING:
-    from towtank.app.output import Output, Teller
+    from towtank.app.terminal.output import Output, Teller
+    from towtank.identification import LogLearning
     from towtank.recording import Recording
     from towtank.validation import Validation
     from towtank.validation.cross_validation import Learn
     from towtank.vehicle import Vehicle
 
-__all__ = ["Judged", "against_others", "alone", "by_folds", "write_validate_report"]
-
+__all__ = ["Judged", "against_others", "alone", "by_folds", "learn_by", "write_validate_report"]
 
 _SPARK = 16  # characters
+_METHODS = ("joint", "output-error", "paper")
 
 
 @dataclass(frozen=True)
@@ -32,8 +38,8 @@ class Judged:
 
 def alone(vehicle: Vehicle, recordings: Sequence[Recording], options: dict[str, Any], tell: Teller) -> Judged:
     """Judge one model."""
-    from towtank.app.fits_table import show_fits
-    from towtank.app.residual_tables import residual_document, show_residuals
+    from towtank.app.tables.fits import show_fits
+    from towtank.app.tables.judging import residual_document, show_residuals
     from towtank.validation import residuals
     from towtank.validation import validate as judge
 
@@ -52,7 +58,7 @@ def _sparks(found: Validation, *, ascii_only: bool) -> dict[str, str]:
     """Return the size of each channel's errors over time, recording after recording, as spark lines."""
     import numpy as np
 
-    from towtank.app.spark import error_spark
+    from towtank.app.terminal.spark import error_spark
 
     out = {}
     for name in found.fit:
@@ -68,8 +74,7 @@ def against_others(
     vehicles: Mapping[str, Vehicle], recordings: Sequence[Recording], options: dict[str, Any], tell: Teller
 ) -> Judged:
     """Judge several models on the same logs."""
-    from towtank.app.comparison_tables import comparison_document, show_comparison
-    from towtank.app.residual_tables import residual_document
+    from towtank.app.tables.judging import comparison_document, residual_document, show_comparison
     from towtank.validation import compare, residuals
 
     found = compare(vehicles, recordings, progress=tell, **options)
@@ -90,7 +95,7 @@ def by_folds(
     tell: Teller,
 ) -> Judged:
     """Judge a model on windows, each learned anew on the others."""
-    from towtank.app.fold_tables import fold_document, show_folds
+    from towtank.app.tables.judging import fold_document, show_folds
     from towtank.validation import cross_validate
 
     found = cross_validate(vehicle, recordings, windows=folds, learn=learn, progress=tell, **options)
@@ -108,7 +113,7 @@ def write_validate_report(
     told: Mapping[str, Any],
 ) -> None:
     """Write the report of a validation; `told` are further facts of it. Raises InputError."""
-    from towtank.app.report_output import origin_of, write_report
+    from towtank.app.reports import origin_of, write_report
     from towtank.report import ValidateFacts
     from towtank.report.validate_page import validate_html
 
@@ -121,3 +126,19 @@ def write_validate_report(
         **told,
     )
     write_report(path, validate_html(facts))
+
+
+def learn_by(method: str | None, delay: float | None) -> Learn:
+    """Return what learns by a method, `learn`'s own where omitted. Raises InputError for an unknown one."""
+    if method is not None and method not in _METHODS:
+        expected = ", ".join(f'"{name}"' for name in _METHODS)
+        raise InputError(f'--method: found "{method}", expected one of {expected}{nearest(method, _METHODS)}')
+
+    def learn(vehicle: Vehicle, recordings: Sequence[Recording]) -> LogLearning:
+        from towtank.identification import learn_recordings
+
+        if method is None:
+            return learn_recordings(vehicle, recordings, delay=delay)
+        return learn_recordings(vehicle, recordings, method=method, delay=delay)
+
+    return learn

@@ -10,7 +10,7 @@ import numpy as np
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import gravity_direction
-from towtank.core.damping import damping_force
+from towtank.core.forces import damping_force, restoring_wrench
 from towtank.core.inertia import coriolis_force
 from towtank.core.layout import (
     I_CONSTANT,
@@ -22,7 +22,6 @@ from towtank.core.layout import (
     I_WEIGHT,
     N_PARAMETERS,
 )
-from towtank.core.restoring import restoring_wrench
 from towtank.core.rk4 import N_STATES, stage_into
 
 __all__ = ["forward_dynamics", "inverse_dynamics", "net_wrench"]

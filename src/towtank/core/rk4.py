@@ -36,7 +36,6 @@ __all__ = ["LANES", "N_STATES", "is_coupled", "simulate_final", "simulate_run", 
 
 N_STATES = 13
 LANES = 16
-
 _M, _V, _L, _Q = I_MASS, I_MASS_INVERSE, I_LINEAR, I_QUADRATIC
 _W, _B, _0 = I_WEIGHT, I_MOMENT, I_CONSTANT
 

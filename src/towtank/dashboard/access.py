@@ -1,19 +1,24 @@
-"""Who may do what: hosts, origins, and the token, compared in constant time."""
+"""Who may do what: hosts, origins, and the token, compared in constant time.
+
+What was refused: counted, and told once for each peer.
+"""
 
 from __future__ import annotations
 
 import hmac
 import ipaddress
 import socket
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from towtank.errors import InputError
 
-__all__ = ["DEFAULT_PAGE", "Access", "Address"]
+__all__ = ["DEFAULT_PAGE", "Access", "Address", "Refusals"]
 
 DEFAULT_PAGE = "127.0.0.1:8765"
 _PORTS = 65535
+_MOST = 256  # peers that are told of
 
 
 @dataclass(frozen=True)
@@ -113,3 +118,27 @@ def _names(host: str) -> set[str]:
     """Return the names of this machine under which others may call it."""
     own = socket.gethostname().lower()
     return {host.lower(), own, own.partition(".")[0], f"{own.partition('.')[0]}.local"}
+
+
+class Refusals:
+    """Counts by reason.
+
+    Args:
+        tell: called with one line for each peer and reason, the first time.
+    """
+
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        self.counts: Counter[str] = Counter()
+        self._tell, self._told = tell, set[tuple[str, str]]()
+
+    def add(self, peer: str, reason: str) -> None:
+        """Count one refusal of a peer, by its address."""
+        self.counts[reason] += 1
+        if (peer, reason) not in self._told and len(self._told) < _MOST:
+            self._told.add((peer, reason))
+            self._tell(f"page: {peer}: {reason}: refused, and counted from now on without a word")
+
+    @property
+    def total(self) -> int:
+        """How many there were."""
+        return sum(self.counts.values())

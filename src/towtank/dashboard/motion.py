@@ -1,22 +1,54 @@
-"""The last half minute of all signals, out of the instants that a session hands over."""
+"""The last half minute of all signals, out of the instants that a session hands over.
+
+The signals that the page draws, in the order of their columns.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.dashboard.feed import Instant
-from towtank.dashboard.signals import ACCELERATION, COMMANDS, POSE, VELOCITY, WRENCH, signals_of
 from towtank.vehicle import Vehicle, thruster_wrench
 
-__all__ = ["Motion"]
+__all__ = ["ACCELERATION", "COMMANDS", "POSE", "VELOCITY", "WRENCH", "Motion", "Signal", "signals_of"]
 
+POSE, VELOCITY, ACCELERATION, WRENCH = slice(0, 6), slice(6, 12), slice(12, 15), slice(15, 21)
+COMMANDS = 21  # the first column of the commands; voltage stands behind them
+_DEGREES = 180.0 / math.pi
 _STEP = 0.0095  # s: what comes within it is one row, so that no more than about 100 rows are drawn a second
 _SPAN = 3000  # rows that are kept
 _VECTORS = {"pose": POSE, "velocity": VELOCITY, "acceleration": ACCELERATION, "wrench": WRENCH}
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One column: its name, the chart that it stands in, the unit shown, and by what SI is multiplied for that."""
+
+    name: str
+    chart: str
+    unit: str
+    scale: float = 1.0
+
+
+def signals_of(vehicle: Vehicle) -> tuple[Signal, ...]:
+    """Return the signals of a vehicle."""
+    return (
+        *(Signal(name, "position", "m") for name in ("x", "y", "z")),
+        *(Signal(name, "attitude", "°", _DEGREES) for name in ("phi", "theta", "psi")),
+        *(Signal(name, "velocity", "m/s") for name in ("u", "v", "w")),
+        *(Signal(name, "rates", "°/s", _DEGREES) for name in ("p", "q", "r")),
+        *(Signal(name, "acceleration", "m/s²") for name in ("ax", "ay", "az")),
+        *(Signal(name, "force", "N") for name in ("X", "Y", "Z")),
+        *(Signal(name, "moment", "N m") for name in ("K", "M", "N")),
+        *(Signal(thruster.name, "commands", "units of the curve") for thruster in vehicle.thrusters),
+        Signal("voltage", "voltage", "V"),
+    )
 
 
 class Motion:

@@ -13,11 +13,10 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Self
 
-from towtank.dashboard.access import Access, Address
+from towtank.dashboard.access import Access, Address, Refusals
 from towtank.dashboard.assets import page_assets
 from towtank.dashboard.feed import Feed
 from towtank.dashboard.pump import Pump
-from towtank.dashboard.refusals import Refusals
 from towtank.dashboard.routes import Reports, application
 from towtank.errors import InputError
 

@@ -1,4 +1,7 @@
-"""What the model as learned makes of the last seconds: a free run from the measured state, driven by the commands."""
+"""What the model as learned makes of the last seconds: a free run from the measured state, driven by the commands.
+
+Everything that the page computes with, compiled before a session begins.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.dashboard.signals import ACCELERATION, COMMANDS, POSE, VELOCITY, WRENCH
+from towtank.dashboard.motion import ACCELERATION, COMMANDS, POSE, VELOCITY, WRENCH, Motion
 from towtank.errors import InputError
-from towtank.identification import Estimate
+from towtank.identification import Estimate, Learner
 from towtank.recording import Grid
 from towtank.validation import predict
 from towtank.vehicle import Vehicle
 
-__all__ = ["SECONDS", "FreeRun", "free_run"]
+__all__ = ["SECONDS", "FreeRun", "free_run", "warm_up"]
 
 SECONDS = 10.0  # s that the free run lasts
 _RATE = 25.0  # Hz
@@ -135,3 +138,10 @@ def _body(angles: Array, rate: Array) -> Array:
             c1 * c2 * h - s1 * g,
         ]
     )
+
+
+def warm_up(vehicle: Vehicle) -> None:
+    """Run two seconds of a vehicle at rest through the free run."""
+    motion = Motion(vehicle)
+    motion.add([(0.02 * k, {"pose": np.zeros(6), "wrench": np.zeros(6)}) for k in range(100)])
+    free_run(vehicle, Learner(vehicle, method="paper").estimate, 0.0, *motion.last(2.0))

@@ -1,36 +1,153 @@
-"""From the session to its viewers, at a steady pace: reads the feed, makes frames, and puts them into mailboxes."""
+"""From the session to its viewers, at a steady pace: reads the feed, makes frames, and puts them into mailboxes.
+
+How numbers went over hours, in constant memory: when there is no room, every second one is given up.
+
+What goes through the socket: numbers in binary frames, everything else as JSON; told in docs/design/page.md.
+
+What waits for one viewer: bounded, so that one who is slow sees newer frames and misses older ones.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import json
+import struct
 import time
+from collections import deque
 from collections.abc import Callable
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.dashboard.course import Course
 from towtank.dashboard.feed import Feed, Now
-from towtank.dashboard.frames import Kind, encode
-from towtank.dashboard.knowledge import axes_known
-from towtank.dashboard.mailbox import Mailbox
 from towtank.dashboard.motion import Motion
 from towtank.dashboard.prediction import SECONDS, FreeRun, free_run
-from towtank.dashboard.standing import events_document, greeting, state_document
+from towtank.dashboard.standing import axes_known, events_document, greeting, state_document
 from towtank.identification import Estimate
 from towtank.recording.event import Event
 
-__all__ = ["VIEWERS", "Pump"]
+__all__ = ["HEADER", "VERSION", "VIEWERS", "Course", "Kind", "Mailbox", "Pump", "decode", "encode"]
 
+VERSION = 1
+HEADER = struct.Struct("<BBHIII")  # version, kind, columns, rows, sequence, nothing
+_ROOM = 40  # frames of a stream: two seconds of signals
 VIEWERS = 16  # at once
 _TICK = 0.05  # s between two batches of signals
 _STATE = 0.25  # s between two states, points of the convergence and free runs
 _SHOWN = 20.0  # s of signals that a new viewer gets
 _EVENTS = 200  # that are shown
 _TOP = 98.0  # percentile of the speeds that counts as the largest: a jump of a marker is none
+
+
+class Course:
+    """Rows over time, at most `most` of them.
+
+    Attributes:
+        step: least time [s] between two rows; it doubles whenever the room is full.
+    """
+
+    def __init__(self, width: int, *, step: float, most: int = 2048) -> None:
+        self.step = step
+        self._t, self._rows, self._count = np.empty(most), np.empty((most, width), dtype=np.float32), 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, t: float, row: Array) -> bool:
+        """Take a row of time t [s] unless the last one is nearer than `step`; return whether it was taken."""
+        if self._count and not t - self._t[self._count - 1] >= self.step:
+            return False
+        if self._count == self._t.size:
+            half = self._t[::2].size
+            self._t[:half], self._rows[:half] = self._t[::2].copy(), self._rows[::2].copy()
+            self._count, self.step = half, 2.0 * self.step
+        self._t[self._count], self._rows[self._count] = t, row
+        self._count += 1
+        return True
+
+    @property
+    def t(self) -> Array:
+        """Times (n,) [s]."""
+        return self._t[: self._count]
+
+    @property
+    def rows(self) -> Array:
+        """Values (n, width), single precision."""
+        return self._rows[: self._count].astype(np.float64)
+
+
+class Kind(IntEnum):
+    """What a frame holds."""
+
+    SIGNALS = 1  # rows to append: the columns of "signals" in the greeting
+    COEFFICIENTS = 2  # rows to append: values, then deviations, of "coefficients" in the greeting
+    PREDICTION = 3  # rows to replace: u .. r measured, u .. r predicted
+    TRACK = 4  # rows to append: x, y, z [m]
+
+
+def encode(kind: Kind, t: Array, values: Array, sequence: int = 0) -> bytes:
+    """Return a frame of times (n,) [s] and values (n, m): header, n Float64, then m columns of n Float32."""
+    rows, columns = values.shape
+    head = HEADER.pack(VERSION, kind, columns, rows, sequence & 0xFFFFFFFF, 0)
+    return head + t.astype("<f8").tobytes() + np.ascontiguousarray(values.T, dtype="<f4").tobytes()
+
+
+def decode(frame: bytes) -> tuple[Kind, int, Array, Array]:
+    """Return kind, sequence, times (n,) and values (n, m) of a frame."""
+    version, kind, columns, rows, sequence, _ = HEADER.unpack_from(frame)
+    if version != VERSION or len(frame) != HEADER.size + 8 * rows + 4 * rows * columns:
+        raise ValueError(f"not a frame: version {version}, {rows} rows, {columns} columns, {len(frame)} bytes")
+    t = np.frombuffer(frame, "<f8", rows, HEADER.size)
+    values = np.frombuffer(frame, "<f4", rows * columns, HEADER.size + 8 * rows).reshape(columns, rows).T
+    return Kind(kind), sequence, t, values.astype(np.float64)
+
+
+class Mailbox:
+    """Frames for one viewer; used within one event loop.
+
+    A frame put in a *place* replaces the one that waits there; others queue, and the oldest is given up when there is
+    no room.
+
+    Attributes:
+        skipped: frames given up.
+    """
+
+    def __init__(self, room: int = _ROOM) -> None:
+        self.skipped = 0
+        self._places: dict[str, str | bytes] = {}
+        self._queue: deque[bytes] = deque()
+        self._room = room
+        self._filled = asyncio.Event()
+
+    def __len__(self) -> int:
+        return len(self._places) + len(self._queue)
+
+    def put(self, frame: bytes) -> None:
+        """Queue a frame."""
+        if len(self._queue) >= self._room:
+            self._queue.popleft()
+            self.skipped += 1
+        self._queue.append(frame)
+        self._filled.set()
+
+    def replace(self, place: str, frame: str | bytes) -> None:
+        """Put a frame where only the newest counts."""
+        if place in self._places:
+            self.skipped += 1
+        self._places[place] = frame
+        self._filled.set()
+
+    async def next(self) -> str | bytes:
+        """Return what is to be sent next, once there is something."""
+        while not self._places and not self._queue:
+            self._filled.clear()
+            await self._filled.wait()
+        if self._places:
+            return self._places.pop(next(iter(self._places)))
+        return self._queue.popleft()
 
 
 class Pump:

@@ -1,8 +1,12 @@
-"""What can be asked of the page's server: a fixed table of files, a few numbers, and three controls."""
+"""What can be asked of the page's server: a fixed table of files, a few numbers, and three controls.
+
+One viewer: a socket that is written to and never read from.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import re
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
@@ -13,20 +17,19 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Receive, Scope, Send
-from starlette.websockets import WebSocket
+from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from towtank.dashboard.access import Access
+from towtank.dashboard.access import Access, Refusals
 from towtank.dashboard.assets import INDEX, Asset
 from towtank.dashboard.feed import Feed
-from towtank.dashboard.pump import Pump
-from towtank.dashboard.refusals import Refusals
-from towtank.dashboard.viewer import look
+from towtank.dashboard.pump import VIEWERS, Mailbox, Pump
 from towtank.vehicle import vehicle_text
 
 __all__ = ["Reports", "application"]
 
+_POLICY, _LATER = 1008, 1013  # codes of closing
+_IN_ORDER = (1000, 1001, 1005, 1006, 1011, 1012)  # of a peer that left, or that we gave up
 Reports = Callable[[], bytes]
-
 _LONGEST = 2048  # bytes of a body
 _MARK = 200  # characters of a mark
 _PIECE = 1 << 18  # bytes of the recording that are read at once
@@ -41,6 +44,53 @@ _SAFE = {
     "cache-control": "no-store",
 }
 _WORDS = {401: "token needed: open the address that was printed at the start", 403: "refused", 404: "not found"}
+
+
+async def look(socket: WebSocket, pump: Pump, access: Access, refusals: Refusals) -> None:
+    """Serve one viewer until one side leaves."""
+    peer = socket.client.host if socket.client else "?"
+    if not access.host(socket.headers) or not access.origin(socket.headers):
+        refusals.add(peer, "a socket from a foreign page")
+        await socket.close(_POLICY)
+        return
+    if not access.may_look(socket.headers, socket.cookies):
+        refusals.add(peer, "a socket without the token")
+        await socket.close(_POLICY)
+        return
+    if pump.viewers >= VIEWERS:
+        await socket.close(_LATER)
+        return
+    await socket.accept()
+    box = Mailbox()
+    box.replace("you", _you(access.known(socket.headers, socket.cookies)))
+    pump.join(box)
+    sending = asyncio.create_task(_send(socket, box))
+    try:
+        message = await socket.receive()
+        if message["type"] == "websocket.receive" or message.get("code") not in _IN_ORDER:
+            refusals.add(peer, "a frame that no page of ours sends")
+            with contextlib.suppress(Exception):
+                await asyncio.wait_for(socket.close(_POLICY), 1.0)
+    finally:
+        pump.leave(box)
+        sending.cancel()
+        with contextlib.suppress(asyncio.CancelledError, Exception):
+            await sending
+
+
+async def _send(socket: WebSocket, box: Mailbox) -> None:
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+        while True:
+            frame = await box.next()
+            if isinstance(frame, str):
+                await socket.send_text(frame)
+            else:
+                await socket.send_bytes(frame)
+
+
+def _you(steers: bool) -> str:
+    """Say whether this viewer may steer."""
+    return f'{{"type": "you", "steers": {"true" if steers else "false"}}}'
 
 
 def application(

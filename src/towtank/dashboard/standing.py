@@ -1,21 +1,111 @@
-"""Where a session stands as one JSON document: what `GET /api/state` answers and the page shows."""
+"""Where a session stands as one JSON document: what `GET /api/state` answers and the page shows.
+
+How well each axis is known, in one number that means something: its inertia, and its drag at a speed it has had.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from towtank.dashboard.feed import About, Now
-from towtank.dashboard.knowledge import AxisKnowledge, verdict
+from towtank.dashboard.motion import signals_of
 from towtank.dashboard.prediction import SECONDS, FreeRun
-from towtank.dashboard.signals import signals_of
-from towtank.identification.axes import AXES
+from towtank.identification import Estimate
+from towtank.identification.model.terms import AXES, Axis
 from towtank.recording.event import Event
 
-__all__ = ["events_document", "greeting", "number", "state_document"]
+__all__ = ["AxisKnowledge", "axes_known", "events_document", "greeting", "number", "state_document", "verdict"]
 
+_WELL = 0.05  # relative deviation
+_SLOWEST = 1e-3  # m/s, rad/s
+_LEAST = 0.05  # N, N m: what is asked for below that is what an allocation leaves over
 _AXIS = {name: axis.name for axis in AXES for name in (axis.added_mass, axis.linear, axis.quadratic) if name}
+
+
+@dataclass(frozen=True)
+class AxisKnowledge:
+    """How well one axis is known.
+
+    Attributes:
+        axis: its name. learned: whether anything of it is to be learned.
+        inertia: relative deviation of rigid-body and added inertia together; NaN where not known.
+        drag: relative deviation of the drag at `speed`; NaN where not known.
+        speed: largest that was seen [m/s, rad/s]. asked: force or moment asked for (rms over 10 s) [N, N m].
+    """
+
+    axis: str
+    learned: bool
+    inertia: float
+    drag: float
+    speed: float
+    asked: float
+
+    @property
+    def known(self) -> float:
+        """The worse of the two; NaN where one of those that are learned is not known."""
+        told = self.learned and math.isfinite(self.inertia) and math.isfinite(self.drag)
+        return max(self.inertia, self.drag) if told else math.nan
+
+
+def axes_known(estimate: Estimate, speeds: Sequence[float], asked: Sequence[float]) -> tuple[AxisKnowledge, ...]:
+    """Return how well each axis is known.
+
+    Args:
+        speeds: the largest (6,) seen so far [m/s, rad/s]. asked: rms of the wrench (6,), or nothing.
+    """
+    return tuple(
+        _axis_knowledge(estimate, axis, float(speeds[axis.index]), float(asked[axis.index]) if len(asked) else 0.0)
+        for axis in AXES
+    )
+
+
+def _axis_knowledge(estimate: Estimate, axis: Axis, speed: float, asked: float) -> AxisKnowledge:
+    drags = [name for name in (axis.linear, axis.quadratic) if name in estimate.names]
+    sums = {each.name: each for each in estimate.sums}
+    inertia = drag = math.nan
+    if axis.sum_name in sums:
+        total = sums[axis.sum_name]
+        inertia = total.std / abs(total.value) if total.value else math.nan
+    known = [name for name in drags if estimate[name].identified]
+    if known and speed > _SLOWEST:
+        rows = [estimate.names.index(name) for name in known]
+        weights = np.array([speed if name == axis.linear else speed * speed for name in known])
+        force = float(weights @ estimate.values[rows])
+        spread = float(weights @ estimate.covariance[np.ix_(rows, rows)] @ weights)
+        drag = math.sqrt(max(spread, 0.0)) / abs(force) if force else math.nan
+    elif not drags:
+        drag = 0.0
+    if axis.added_mass not in estimate.names:
+        inertia = 0.0
+    learned = bool(drags) or axis.added_mass in estimate.names
+    return AxisKnowledge(axis.name, learned, inertia, drag, speed, asked if asked > _LEAST else 0.0)
+
+
+def verdict(axes: Sequence[AxisKnowledge]) -> str:
+    """Return in one sentence what is known and what to do next."""
+    wanted = [each for each in axes if each.learned]
+    if not wanted:
+        return "No axis is being learned."
+    well = [each for each in wanted if each.known <= _WELL]
+    if len(well) == len(wanted):
+        return "All axes are known to 5 % or better: save the model, or go on to make it surer."
+    unknown = [each for each in wanted if math.isnan(each.known)]
+    rest = unknown or [max((e for e in wanted if e.known > _WELL), key=lambda each: each.known)]
+    doing = [each for each in wanted if each.asked > 0.0 and not each.known <= _WELL]
+    names = _listed([each.axis for each in rest])
+    told = f"{len(well)} of {len(wanted)} axes known to 5 % or better."
+    if doing and all(each.axis in {e.axis for e in doing} for each in rest):
+        return f"{told} Keep driving {names}, with changes of speed."
+    return f"{told} Next: drive {names}."
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def number(value: float, scale: float = 1.0) -> float | None:
@@ -99,7 +189,7 @@ def state_document(
             each.name: {"value": number(each.value), "std": number(each.std), "unit": each.unit}
             for each in now.estimate.sums
         },
-        "axes": {each.axis: _axis(each) for each in axes},
+        "axes": {each.axis: _axis_state(each) for each in axes},
         "prediction": None
         if run is None
         else {"rms": _numbers(tuple(run.rms)), "t": [number(run.t[0]), number(run.t[-1])]},
@@ -137,7 +227,7 @@ def events_document(events: Sequence[Event]) -> dict[str, Any]:
     return {"type": "events", "events": [{"t": e.t, "kind": e.kind, "text": e.text} for e in events]}
 
 
-def _axis(each: AxisKnowledge) -> dict[str, Any]:
+def _axis_state(each: AxisKnowledge) -> dict[str, Any]:
     return {
         "learned": each.learned,
         "known": number(each.known),

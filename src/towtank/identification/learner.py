@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
-from towtank.identification.estimate import Estimate
+from towtank.identification.posterior.estimate import Estimate
 from towtank.recording import Recording
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle
@@ -48,10 +48,10 @@ class Learner:
             known = ", ".join(STREAMING_METHODS)
             raise InputError(f'method: found "{method}", expected one of {known}{nearest(method, STREAMING_METHODS)}')
         if method == "joint":
-            from towtank.identification.joint_learner import JointLearner
+            from towtank.identification.online.joint import JointLearner
 
             return super().__new__(JointLearner)
-        from towtank.identification.paper_learner import PaperLearner
+        from towtank.identification.online.least_squares import PaperLearner
 
         return super().__new__(PaperLearner)
 
@@ -121,7 +121,7 @@ class Learner:
         Raises:
             InputError: the file is missing, damaged, of another version, or of another vehicle.
         """
-        from towtank.identification.joint_checkpoint import load_learner
+        from towtank.identification.online.checkpoint import load_learner
 
         return load_learner(path, vehicle, prior=prior, background=background, known=known)
 

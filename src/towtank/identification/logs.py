@@ -6,16 +6,14 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from towtank.errors import InputError, nearest
-from towtank.identification.joint_logs import learn_joint
-from towtank.identification.learned_thrusters import with_gains_of
-from towtank.identification.log_learning import LogLearning
-from towtank.identification.paper_logs import learn_paper
-from towtank.identification.passes import Progress
-from towtank.identification.samples import samples_of
-from towtank.identification.sign_check import mirrored, reversals
-from towtank.identification.thrust_scale import with_scale
+from towtank.identification.data.samples import samples_of
+from towtank.identification.least_squares.batch import Progress, learn_paper
+from towtank.identification.offline.first_look import mirrored, reversals
+from towtank.identification.offline.joint import learn_joint
+from towtank.identification.posterior.assembly import LogLearning
+from towtank.identification.posterior.thrusters import with_gains_of, with_scale
 from towtank.recording import Recording
-from towtank.recording.world_velocity import with_body_velocity
+from towtank.recording.frames.world_velocity import with_body_velocity
 from towtank.vehicle import Vehicle
 from towtank.vehicle.names import ROWS
 

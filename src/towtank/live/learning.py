@@ -1,36 +1,139 @@
-"""The thread that learns: samples in order of time, those of one instant together, into the learner."""
+"""The thread that learns: samples in order of time, those of one instant together, into the learner.
+
+Commands that have stopped while motion still comes: the last ones are not in force for ever.
+
+The last minute of what was learned from, as a recording: what the model of a session is judged on.
+"""
 
 from __future__ import annotations
 
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from towtank.identification import Estimate, Learner
-from towtank.live.checkpoint import Checkpoint
-from towtank.live.errands import Errands
 from towtank.live.events import EventLog, Sight
-from towtank.live.excitation import Excitation
-from towtank.live.instants import Instants
-from towtank.live.lane import Ended, Gap, Lane
-from towtank.live.latency import Latency
-from towtank.live.preference import Preference
-from towtank.live.recent import Recent
-from towtank.live.recorded import Row
-from towtank.live.silence import Silence
-from towtank.live.sorter import Arrival, Sorter
+from towtank.live.pipeline.instants import Instants, Row
+from towtank.live.pipeline.lane import Ended, Errands, Gap, Lane
+from towtank.live.pipeline.measures import Excitation, Latency
+from towtank.live.pipeline.sorter import Arrival, Preference, Sorter
+from towtank.live.recording.checkpoint import Checkpoint
+from towtank.recording import Recording
+from towtank.recording.channel import Channel
 from towtank.recording.event import Event
+from towtank.recording.standard import is_standard, standard_of
 from towtank.vehicle import Vehicle
 
-__all__ = ["Learning", "Learnt"]
+__all__ = ["Learning", "Learnt", "Recent", "Silence"]
 
+_LEAST, _PERIODS = 1.0, 5.0  # s, and usual periods of the commands, without any
+_FEWEST, _MOST = 10, 50  # periods that tell what is usual
+_STEADY = 2.0  # times the usual period: nine of ten are shorter, else commands are sent when they change, and hold
+_SPAN = 60.0  # s
+_MOST_RECENT = 30_000  # instants
+_Row = tuple[float, tuple[str, ...], tuple[float, ...]]
 _TOGETHER = 1e-6  # s: stamps closer than this are one instant
 _BREAK = 2.0  # s without a sample, after which a new stretch begins
 _CHECKPOINT = 5.0  # s between two checkpoints
 _IDLE = 0.1  # s
+
+
+class Silence:
+    """Watches the commands, or wrenches, of a session.
+
+    Where they came steadily, and none has come for a second and five of their periods, they are not known any more.
+    Commands that are sent only when they change are never missed.
+
+    Attributes:
+        since: time of the last commands [s] while they are missed; None while they come.
+    """
+
+    def __init__(self) -> None:
+        self.since: float | None = None
+        self._last: float | None = None
+        self._periods: deque[float] = deque(maxlen=_MOST)
+
+    def see(self, t: float, arguments: Mapping[str, Any]) -> Event | None:
+        """Take the learner's arguments of time t [s]; return the event where commands have just gone silent."""
+        if "commands" in arguments or "wrench" in arguments:
+            if self._last is not None and self.since is None and t > self._last:
+                self._periods.append(t - self._last)
+            self._last, self.since = t, None
+            return None
+        if self._last is None or self.since is not None:
+            return None
+        limit = self._limit()
+        if limit is None or t - self._last <= limit:
+            return None
+        self.since = self._last
+        text = f"no commands since {self._last:.1f} s while motion comes; learning waits for them"
+        return Event(self._last, "occlusion", text, {"measured": "commands", "noticed": t})
+
+    def forget(self) -> None:
+        """Begin a new stretch: nothing is known of what was before, but the usual period."""
+        self._last = self.since = None
+
+    def _limit(self) -> float | None:
+        """Return after how long [s] commands are missed; None where they do not come steadily."""
+        if len(self._periods) < _FEWEST:
+            return None
+        ordered = sorted(self._periods)
+        usual = ordered[len(ordered) // 2]
+        if ordered[int(0.9 * (len(ordered) - 1))] > _STEADY * usual:
+            return None
+        return max(_LEAST, _PERIODS * usual)
+
+
+class Recent:
+    """Keeps the instants of the current stretch, and of the one before while that is the longer one."""
+
+    def __init__(self) -> None:
+        self._rows: deque[_Row] = deque(maxlen=_MOST_RECENT)
+        self._before: deque[_Row] = deque()
+
+    def add(self, t: float, sample: Mapping[str, float]) -> None:
+        """Take what belongs to one instant."""
+        self._rows.append((t, tuple(sample), tuple(sample.values())))
+        while t - self._rows[0][0] > _SPAN:
+            self._rows.popleft()
+
+    def break_off(self) -> None:
+        """Begin a new stretch."""
+        if _span(self._rows) >= _span(self._before):
+            self._before = self._rows
+        self._rows = deque(maxlen=_MOST_RECENT)
+
+    def copy(self) -> Recent:
+        """Return what is kept by now, for another thread."""
+        out = Recent()
+        out._rows, out._before = self._rows.copy(), self._before.copy()
+        return out
+
+    def recording(self) -> Recording | None:
+        """Return the longer stretch; None where nothing stands in it."""
+        rows = max(self._rows, self._before, key=_span)
+        times: dict[str, list[float]] = {}
+        values: dict[str, list[float]] = {}
+        for t, names, numbers in rows:
+            for name, value in zip(names, numbers, strict=True):
+                if is_standard(name) and np.isfinite(value) and not (times.get(name) and t <= times[name][-1]):
+                    times.setdefault(name, []).append(t)
+                    values.setdefault(name, []).append(value)
+        channels = {}
+        for name, own in times.items():
+            told = standard_of(name)
+            channels[name] = Channel(name, np.array(own), np.array(values[name]), told.unit, told.frame)
+        return Recording(channels, "the session's last minute") if channels else None
+
+
+def _span(rows: deque[_Row]) -> float:
+    return rows[-1][0] - rows[0][0] if rows else 0.0
 
 
 @dataclass(frozen=True)

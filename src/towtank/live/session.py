@@ -1,4 +1,7 @@
-"""A live session: a thread reads each link, one records, one learns, and none of them waits for another."""
+"""A live session: a thread reads each link, one records, one learns, and none of them waits for another.
+
+Commands by number bound to the thrusters of the vehicle, sample by sample.
+"""
 
 from __future__ import annotations
 
@@ -7,29 +10,65 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 from towtank.identification import Learner
-from towtank.live.checkpoint import Checkpoint
-from towtank.live.clock import SourceClock
-from towtank.live.commands import CommandNames
 from towtank.live.events import EventLog
-from towtank.live.kept import Kept
-from towtank.live.lane import Lane
 from towtank.live.learning import Learning
-from towtank.live.recorder import Recorder, RecordingState
-from towtank.live.sorter import Arrival, Sorter
-from towtank.live.source import Raw, Sample, Source
+from towtank.live.links.source import Raw, Sample, Source
+from towtank.live.pipeline.clock import SourceClock
+from towtank.live.pipeline.lane import Lane
+from towtank.live.pipeline.sorter import Arrival, Sorter
+from towtank.live.recording.checkpoint import Checkpoint
+from towtank.live.recording.messages import Kept
+from towtank.live.recording.recorder import Recorder, RecordingState
 from towtank.live.status import SourceStatus, Status
 from towtank.recording.event import Event
-from towtank.recording.mcap_log import McapLog
+from towtank.recording.mcap.log import McapLog
+from towtank.recording.standard import COMMAND_PREFIX, is_command, is_standard
 from towtank.vehicle import Vehicle
 
-__all__ = ["Session"]
+__all__ = ["CommandNames", "Session"]
 
+_MOST, _LONGEST = 20, 60  # names that are told, and their characters
 _READ = 0.1  # s for which a link is waited for
 _SETTLING = 1.5  # s that samples wait at most for their source's clock
 _ROOM = 20_000  # samples that wait to be learned from
 _ENOUGH = 30.0  # s that are waited for what is left to learn from at the end
+
+
+class CommandNames:
+    """Renames cmd_1, cmd_2, ... in the order of the vehicle's thrusters; commands by name stay.
+
+    Attributes:
+        foreign: channels that are none of the vehicle's, or not standard ones: they are passed over.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        own = [each.name for each in vehicle.thrusters]
+        self._known = {f"{COMMAND_PREFIX}{k}": f"{COMMAND_PREFIX}{name}" for k, name in enumerate(own, 1)}
+        self._known |= {f"{COMMAND_PREFIX}{name}": f"{COMMAND_PREFIX}{name}" for name in own}
+        self._any = not own
+        self._bound: dict[tuple[str, ...], tuple[str, ...]] = {}  # names -> the vehicle's, "" where passed over
+        self.foreign: dict[str, None] = {}
+
+    def bound(self, sample: Sample) -> Sample:
+        """Return the sample with the vehicle's names."""
+        names = self._bound.get(sample.names)
+        if names is None:
+            names = tuple(self._own(name) for name in sample.names)
+            if len(self._bound) < 1000:
+                self._bound[sample.names] = names
+        if names == sample.names:
+            return sample
+        kept = [(name, value) for name, value in zip(names, sample.values, strict=True) if name]
+        return replace(sample, names=tuple(name for name, _ in kept), values=tuple(value for _, value in kept))
+
+    def _own(self, name: str) -> str:
+        found = self._known.get(name, "") if is_command(name) and not self._any else name if is_standard(name) else ""
+        if not found and len(self.foreign) < _MOST:
+            self.foreign.setdefault(ascii(name[:_LONGEST])[1:-1])  # it will stand on a terminal
+        return found
 
 
 class Session:

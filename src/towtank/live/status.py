@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 from towtank.live.learning import Learnt
-from towtank.live.recorder import RecordingState
-from towtank.live.source import SourceState
+from towtank.live.links.source import SourceState
+from towtank.live.recording.recorder import RecordingState
 from towtank.recording.event import Event
 
 __all__ = ["SourceStatus", "Status"]

@@ -7,8 +7,7 @@ from typing import Any
 
 from towtank.errors import InputError
 from towtank.identification import Learner
-from towtank.live.instants import Instants
-from towtank.live.recorded import rows_of
+from towtank.live.pipeline.instants import Instants, rows_of
 from towtank.simulation import simulate
 from towtank.vehicle import Vehicle
 

@@ -21,7 +21,6 @@ __all__ = [
 
 HEAD = 1 << 16  # bytes of a file that are looked at
 FOLDER = "/"  # stands for the suffix of a folder; its head is its metadata.yaml
-
 _FOREIGN = {
     b"\x1f\x8b": "gzip; unpack it first",
     b"PK\x03\x04": "a zip archive or a spreadsheet; unpack it or save it as CSV",

@@ -64,15 +64,19 @@ def _is_table(head: bytes, suffix: str) -> bool:
 
 
 READERS: tuple[Reader, ...] = (
-    _Lazy("Parquet", (".parquet",), "towtank.recording.parquet", recognition.is_parquet, "read_parquet"),
-    _Lazy("MCAP", (".mcap",), "towtank.readers.mcap", recognition.is_mcap),
-    _Lazy("ROS bag", (".bag", ".db3"), "towtank.readers.rosbag", recognition.is_rosbag),
-    _Lazy("MATLAB", (".mat",), "towtank.readers.matlab", recognition.is_matlab),
-    _Lazy("ArduPilot DataFlash", (".bin", ".log"), "towtank.readers.dataflash", recognition.is_dataflash),
-    _Lazy("MAVLink telemetry log", (".tlog",), "towtank.readers.tlog", recognition.is_tlog),
-    _Lazy("CSV", (".csv",), "towtank.recording.csv_read", _is_table, "read_csv"),
+    _Lazy("Parquet", (".parquet",), "towtank.recording.tables.parquet", recognition.is_parquet, "read_parquet"),
+    _Lazy("MCAP", (".mcap",), "towtank.readers.mcap.reader", recognition.is_mcap),
+    _Lazy("ROS bag", (".bag", ".db3"), "towtank.readers.ros.reader", recognition.is_rosbag),
+    _Lazy("MATLAB", (".mat",), "towtank.readers.matlab.reader", recognition.is_matlab),
+    _Lazy("ArduPilot DataFlash", (".bin", ".log"), "towtank.readers.dataflash.reader", recognition.is_dataflash),
+    _Lazy("MAVLink telemetry log", (".tlog",), "towtank.readers.mavlink.tlog", recognition.is_tlog),
+    _Lazy("CSV", (".csv",), "towtank.recording.tables.csv", _is_table, "read_csv"),
 )
+
+
 SUFFIXES: tuple[str, ...] = tuple(dict.fromkeys(suffix for reader in reversed(READERS) for suffix in reader.suffixes))
+
+
 _OTHERS = frozenset(SUFFIXES) - {".csv", ".log"}
 
 

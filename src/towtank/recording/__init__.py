@@ -3,24 +3,20 @@
 Everything is in SI, NED (world) and FRD (body); files in other frames are converted once, when they are read.
 """
 
-from towtank.recording.alignment import align
-from towtank.recording.binding import bind_thrusters
 from towtank.recording.channel import Channel, standard_channel
 from towtank.recording.cleaning import dead_channels, find_spikes
-from towtank.recording.contents import Content
-from towtank.recording.conversion import to_ned_frd
-from towtank.recording.csv_read import read_csv
-from towtank.recording.csv_write import write_csv
-from towtank.recording.grid import Grid
-from towtank.recording.held import held_at, held_mean
-from towtank.recording.lever_arm import marker_to_origin
-from towtank.recording.mapping import Column, ColumnMapping, Marker, load_mapping
-from towtank.recording.parquet import read_parquet, write_parquet
+from towtank.recording.frames.conversion import to_ned_frd
+from towtank.recording.frames.lever_arm import marker_to_origin
+from towtank.recording.frames.world_velocity import with_body_velocity
+from towtank.recording.grids.alignment import align
+from towtank.recording.grids.grid import Grid, held_at, held_mean
+from towtank.recording.grids.timing import find_gaps, gap_limit, median_step, sampling_rate
+from towtank.recording.mapping import Column, ColumnMapping, Marker, bind_thrusters, load_mapping
 from towtank.recording.recording import Recording
-from towtank.recording.repairs import Repairs
+from towtank.recording.repairs import Content, Repairs
 from towtank.recording.standard import STANDARD
-from towtank.recording.timing import find_gaps, gap_limit, median_step, sampling_rate
-from towtank.recording.world_velocity import with_body_velocity
+from towtank.recording.tables.csv import read_csv, write_csv
+from towtank.recording.tables.parquet import read_parquet, write_parquet
 
 __all__ = [
     "STANDARD",

@@ -15,21 +15,19 @@ from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
 from towtank.recording.channel import Channel
-from towtank.recording.frames import wrap_angle
+from towtank.recording.frames.conversion import wrap_angle
+from towtank.recording.grids.timing import gap_limit
 from towtank.recording.recording import Recording
 from towtank.recording.standard import ACCELERATIONS, EULER, POSITION
-from towtank.recording.timing import gap_limit
 
 __all__ = ["Kind", "dead_channels", "find_spikes"]
 
 Kind = Literal["linear", "angle", "quaternion"]
-
 _BEYOND = 10.0  # times the usual increment that a spike stands out
 _AGREEMENT = 0.5  # of the spike's height that its neighbours may differ by
 _WINDOW = 15  # samples on either side that make the usual increment
 _MOST = 0.02  # of the samples: with more of them it is the signal's nature, not an accident
 _PASSES = 3
-
 _GROUPS = (POSITION, EULER, ("u", "v", "w"), ("p", "q", "r"), ACCELERATIONS)
 
 

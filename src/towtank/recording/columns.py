@@ -1,30 +1,193 @@
-"""Which columns of a table become which channels: by their standard names, or by a mapping."""
+"""Which columns of a table become which channels: by their standard names, or by a mapping.
+
+From the columns of a file to a Recording: the checks and repairs that every table reader shares.
+
+Rows are put in order of time, rows of one time are merged (the last value that is not NaN wins), infinities
+count as missing, and everything mended is counted. Columns may hold several rates interleaved: a channel
+keeps the times where it has a value.
+"""
 
 from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
-from towtank.recording.assemble import assemble
-from towtank.recording.contents import Content
-from towtank.recording.conversion import to_ned_frd
-from towtank.recording.lever_arm import marker_to_origin
+from towtank.recording.channel import Channel, read_only, standard_channel
+from towtank.recording.frames.conversion import to_ned_frd
+from towtank.recording.frames.lever_arm import marker_to_origin
+from towtank.recording.frames.world_velocity import with_body_velocity
 from towtank.recording.mapping import Column, ColumnMapping, load_mapping
 from towtank.recording.recording import Recording
-from towtank.recording.repairs import Repairs
+from towtank.recording.repairs import Content, Repairs
 from towtank.recording.standard import WORLD_VELOCITY, is_standard
-from towtank.recording.world_velocity import with_body_velocity
 
-__all__ = ["Carried", "in_standard_frames", "recording_of_columns"]
+__all__ = ["MINIMUM_SAMPLES", "Carried", "assemble", "in_standard_frames", "recording_of_columns"]
 
+MINIMUM_SAMPLES = 4
+_RESTART_OVERLAP = 1.0  # s that two stretches of a channel must share before the clock counts as restarted
+_RESTART_SAMPLES = 20
 ReadNumbers = Callable[[Sequence[str]], Mapping[str, Array]]
+
+
+def assemble(
+    t: Array,
+    columns: Mapping[str, Array],
+    *,
+    place: str,
+    source: str,
+    notes: Iterable[str] = (),
+    attributes: Mapping[str, str] | None = None,
+    repairs: Repairs | None = None,
+    units: Mapping[str, tuple[str, str]] | None = None,
+    contents: tuple[Content, ...] = (),
+) -> Recording:
+    """Return the recording of a table.
+
+    Args:
+        t: times (n,) [s], in any order, repeated or NaN.
+        columns: values (n,) by channel name, NaN where not measured.
+        place: the file, for messages.
+        source: the source that the recording names.
+        notes, attributes, repairs, contents: carried over to the recording.
+        units: unit and frame of the channels that are not standard ones.
+
+    Raises:
+        InputError: fewer than 4 times, no values at all, or a clock that restarts within the file.
+    """
+    remarks = list(notes)
+    if not columns:
+        raise InputError(f"{place}: no column with a measurement; map its columns with --map FILE.toml")
+    timed = np.isfinite(t)
+    untimed = int(t.size - np.count_nonzero(timed))
+    if untimed:
+        t = t[timed]
+        columns = {name: column[timed] for name, column in columns.items()}
+    times, order = _ordered_times(t)
+    if times.size < MINIMUM_SAMPLES:
+        raise InputError(f"{place}: found {times.size} samples, expected at least {MINIMUM_SAMPLES}")
+
+    table = _Table(t, times, order, place)
+    channels: dict[str, Channel] = {}
+    for name, column in columns.items():
+        own, values = table.channel(name, column)
+        if not values.size:
+            remarks.append(f'channel "{name}" holds no value; left out')
+            continue
+        if is_standard(name):
+            channels[name] = standard_channel(name, own, values)
+        else:
+            channels[name] = Channel(name, own, values, *(units or {}).get(name, ("", "")))
+    if not channels:
+        raise InputError(f"{place}: no column holds any value, expected at least one measurement")
+    known_holes = repairs is not None  # counted when the data was first read
+    mended = (repairs or Repairs()) + Repairs(
+        disorder=table.disorder,
+        duplicates=table.duplicates,
+        untimed=untimed,
+        nan=0 if known_holes else table.missing,
+        infinities=table.infinities,
+        details=tuple(table.details),
+    )
+    return Recording(channels, source, tuple(remarks), attributes or {}, mended, contents)
+
+
+def _ordered_times(t: Array) -> tuple[Array, NDArray[np.intp] | None]:
+    """Distinct times in order, and the stable order of the rows (None where they increase already)."""
+    if t.size < 2 or bool((t[1:] > t[:-1]).all()):
+        return read_only(t), None
+    order = np.argsort(t, kind="stable")
+    ordered = t[order]
+    return read_only(ordered[np.concatenate(([True], ordered[1:] > ordered[:-1]))]), order
+
+
+class _Table:
+    """Takes one column after the other; counts repairs, each row once however many columns it touches."""
+
+    def __init__(self, t: Array, times: Array, order: NDArray[np.intp] | None, place: str) -> None:
+        self._t, self._times, self._order, self._place = t, times, order, place
+        self._stamps: dict[bytes, Array] = {}
+        self._late = np.zeros(t.size if order is not None else 0, dtype=np.bool_)
+        self._repeated = np.zeros_like(self._late)
+        self.missing = self.infinities = 0
+        self.details: list[str] = []
+
+    @property
+    def disorder(self) -> int:
+        return int(np.count_nonzero(self._late))
+
+    @property
+    def duplicates(self) -> int:
+        return int(np.count_nonzero(self._repeated))
+
+    def channel(self, name: str, column: Array) -> tuple[Array, Array]:
+        """Times and values of a column where it is measured, in order, one value a time."""
+        infinite = int(np.count_nonzero(np.isinf(column)))
+        if infinite:
+            column = np.where(np.isinf(column), np.nan, column)
+            self.infinities += infinite
+            self.details.append(f'{infinite} infinite in "{name}"')
+        if self._order is None:
+            known = ~np.isnan(column)
+            values = column[known]
+        else:
+            known, values = self._merged(name, column)
+        if values.size == self._times.size:
+            return self._times, values
+        own = self._stamps.setdefault(np.packbits(known).tobytes(), read_only(self._times[known]))
+        self.missing += _count_missing(known, own)
+        return own, values
+
+    def _merged(self, name: str, column: Array) -> tuple[NDArray[np.bool_], Array]:
+        rows = np.flatnonzero(~np.isnan(column))
+        t = self._t[rows]
+        latest = np.maximum.accumulate(t)
+        late = t < latest
+        if late.any():
+            self._check_restart(name, rows, t)
+            self._late[rows[late]] = True
+        by_time = np.argsort(t, kind="stable")
+        ordered = t[by_time]
+        last = np.ones(ordered.size, dtype=np.bool_)
+        last[:-1] = ordered[1:] > ordered[:-1]
+        self._repeated[rows[by_time[~last]]] = True
+        known = np.zeros(self._times.size, dtype=np.bool_)
+        known[np.searchsorted(self._times, ordered[last])] = True
+        return known, column[rows[by_time[last]]]
+
+    def _check_restart(self, name: str, rows: NDArray[np.intp], t: Array) -> None:
+        """Refuse a file whose clock restarts: sorting would shuffle two runs into one."""
+        cuts = np.flatnonzero(t[1:] < t[:-1]) + 1
+        starts, ends = np.concatenate(([0], cuts)), np.concatenate((cuts, [t.size]))
+        long = ends - starts >= _RESTART_SAMPLES
+        if np.count_nonzero(long) < 2:
+            return
+        starts, ends = starts[long], ends[long]
+        for i in range(1, starts.size):
+            overlap = min(t[ends[i] - 1], t[ends[i - 1] - 1]) - max(t[starts[i]], t[starts[i - 1]])
+            if overlap > _RESTART_OVERLAP:
+                back = t[ends[i - 1] - 1] - t[starts[i]]
+                raise InputError(
+                    f"{self._place}: the clock restarts at data row {rows[starts[i]] + 1} ({back:.6g} s "
+                    f'back) and "{name}" is measured twice over {overlap:.6g} s; expected one run in a file: '
+                    "split it there"
+                )
+
+
+def _count_missing(known: NDArray[np.bool_], own: Array) -> int:
+    """Empty cells inside a channel that has a value in most rows, where they make a hole in its own time."""
+    if own.size < 2 or 2 * own.size <= known.size:
+        return 0
+    steps = np.diff(own)
+    hole = steps > 1.5 * np.median(steps)
+    return int((np.diff(np.flatnonzero(known))[hole] - 1).sum())
 
 
 @dataclass(frozen=True)

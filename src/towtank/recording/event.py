@@ -11,10 +11,18 @@ from types import MappingProxyType
 __all__ = ["EVENT_ENCODING", "EVENT_KINDS", "EVENT_SCHEMA", "EVENT_TOPIC", "Event", "event_json"]
 
 EVENT_TOPIC, EVENT_ENCODING = "/towtank/events", "json"
-
 EVENT_KINDS = ("change", "thruster", "configuration", "mended", "occlusion", "overload", "clock", "mark", "resume")
-
 _NOTHING: Mapping[str, float | str] = MappingProxyType({})
+_FORM = {
+    "type": "object",
+    "properties": {
+        "t": {"type": "number", "description": "s, on the clock of the recording"},
+        "kind": {"type": "string", "enum": list(EVENT_KINDS)},
+        "text": {"type": "string"},
+        "details": {"type": "object"},
+    },
+}
+EVENT_SCHEMA = ("towtank.Event", "jsonschema", json.dumps(_FORM).encode())  # name, encoding, text
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,18 +42,6 @@ class Event:
     kind: str
     text: str
     details: Mapping[str, float | str] = field(default_factory=lambda: _NOTHING)
-
-
-_FORM = {
-    "type": "object",
-    "properties": {
-        "t": {"type": "number", "description": "s, on the clock of the recording"},
-        "kind": {"type": "string", "enum": list(EVENT_KINDS)},
-        "text": {"type": "string"},
-        "details": {"type": "object"},
-    },
-}
-EVENT_SCHEMA = ("towtank.Event", "jsonschema", json.dumps(_FORM).encode())  # name, encoding, text
 
 
 def event_json(event: Event) -> str:

@@ -12,6 +12,8 @@
     of = ["position", "velocity"]      # what is moved to the body origin; default both
 
 Channel names stand on the left, columns of the table on the right.
+
+Commands by their place in a mapping bound to the thrusters of a vehicle.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NoReturn, Self
 
 from pydantic import (
     AfterValidator,
@@ -36,16 +38,17 @@ from pydantic import (
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
-from towtank.recording.standard import (
-    COMMAND_PREFIX,
-    EULER,
-    QUATERNION,
-    STANDARD,
-    is_command,
-    is_standard,
-)
+from towtank.recording.recording import Recording
+from towtank.recording.standard import COMMAND_PREFIX, EULER, QUATERNION, STANDARD, is_command, is_standard
 
-__all__ = ["Column", "ColumnMapping", "Marker", "load_mapping"]
+__all__ = ["Column", "ColumnMapping", "Marker", "bind_thrusters", "load_mapping"]
+
+_KEYS: Mapping[str, tuple[str, ...]] = {
+    "": ("thrusters", "body", "world", "rate", "columns", "marker"),
+    "columns": ("from", "scale", "offset"),
+    "thrusters": ("from", "scale", "offset"),
+    "marker": ("position", "of"),
+}
 
 
 class _Record(BaseModel):
@@ -80,6 +83,8 @@ class Column(_Record):
 
 
 _ColumnEntry = Annotated[Column, BeforeValidator(lambda value: {"from": value} if isinstance(value, str) else value)]
+
+
 _ChannelName = Annotated[str, AfterValidator(_channel_name)]
 
 
@@ -147,14 +152,6 @@ def load_mapping(path: str | os.PathLike[str]) -> ColumnMapping:
         raise InputError(f"{path}: {_explain(error.errors()[0], error.error_count())}") from error
 
 
-_KEYS: Mapping[str, tuple[str, ...]] = {
-    "": ("thrusters", "body", "world", "rate", "columns", "marker"),
-    "columns": ("from", "scale", "offset"),
-    "thrusters": ("from", "scale", "offset"),
-    "marker": ("position", "of"),
-}
-
-
 def _explain(error: Any, count: int) -> str:
     location = [str(part) for part in error["loc"] if part != "[key]"]
     key = ".".join(location)
@@ -177,3 +174,46 @@ def _explain(error: Any, count: int) -> str:
 
 def _expected(reason: str) -> str:
     return reason.removeprefix("Input should be ").removeprefix("a valid ")
+
+
+def bind_thrusters(recording: Recording, thrusters: Sequence[str]) -> Recording:
+    """Return the recording with one command channel `cmd_<thruster>` for each thruster, in the vehicle's
+    order.
+
+    Commands cmd_1 .. cmd_n, as a mapping's `thrusters = [...]` gives them, are renamed in order; commands
+    that bear the vehicle's names stay. A recording without commands (of wrenches) is returned as it is.
+
+    Raises:
+        InputError: the recording has more, fewer or other thrusters than the vehicle.
+    """
+    found = [name.removeprefix(COMMAND_PREFIX) for name in recording.names if is_command(name)]
+    if not found:
+        return recording
+    prefix = f"{recording.source}: " if recording.source else ""
+    if set(found) == set(thrusters):
+        names = {name: name for name in thrusters}
+    elif set(found) == {str(k) for k in range(1, len(found) + 1)}:
+        if len(found) != len(thrusters):
+            many = "thruster" if len(found) == 1 else "thrusters"
+            raise InputError(
+                f"{prefix}found commands of {len(found)} {many}, the vehicle has {len(thrusters)} "
+                f"({', '.join(thrusters) or 'none'})"
+            )
+        names = {str(k): name for k, name in enumerate(thrusters, 1)}
+    else:
+        _refuse(prefix, found, thrusters)
+    bound = [recording[COMMAND_PREFIX + old].renamed(COMMAND_PREFIX + new) for old, new in names.items()]
+    rest = [channel for name, channel in recording.channels.items() if not is_command(name)]
+    return recording.with_channels([*rest, *bound])
+
+
+def _refuse(prefix: str, found: Sequence[str], thrusters: Sequence[str]) -> NoReturn:
+    known = ", ".join(thrusters) or "none"
+    for name in found:
+        if name not in thrusters:
+            raise InputError(
+                f'{prefix}the vehicle has no thruster "{name}" for "{COMMAND_PREFIX}{name}"'
+                f"{nearest(name, thrusters)}; its thrusters: {known}"
+            )
+    missing = [COMMAND_PREFIX + name for name in thrusters if name not in found]
+    raise InputError(f"{prefix}no {', '.join(missing)}; expected a command for each thruster of the vehicle ({known})")

@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.recording.channel import Channel, read_only, standard_channel
-from towtank.recording.contents import Content
-from towtank.recording.repairs import Repairs
+from towtank.recording.repairs import Content, Repairs
 from towtank.recording.standard import is_held
 
 __all__ = ["Recording"]
@@ -186,7 +185,7 @@ class Recording:
         CSV holds the channels alone; Parquet and MCAP keep units, frames, source, notes, attributes, repairs and
         contents.
         """
-        from towtank.recording.writing import write_recording
+        from towtank.recording.tables.writing import write_recording
 
         write_recording(self, path)
 

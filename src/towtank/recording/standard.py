@@ -24,15 +24,6 @@ __all__ = [
     "standard_of",
 ]
 
-
-class Standard(NamedTuple):
-    """Unit, frame ("NED", "FRD", "NED-FRD" for an attitude, "" for none) and meaning of a channel."""
-
-    unit: str
-    frame: str
-    description: str
-
-
 POSITION = ("x", "y", "z")
 EULER = ("phi", "theta", "psi")
 QUATERNION = ("qw", "qx", "qy", "qz")
@@ -44,6 +35,15 @@ ACCELERATIONS = ("ax", "ay", "az")
 WRENCH = ("X", "Y", "Z", "K", "M", "N")
 MOTION = POSE + VELOCITIES + ACCELERATIONS
 COMMAND_PREFIX = "cmd_"
+
+
+class Standard(NamedTuple):
+    """Unit, frame ("NED", "FRD", "NED-FRD" for an attitude, "" for none) and meaning of a channel."""
+
+    unit: str
+    frame: str
+    description: str
+
 
 STANDARD: dict[str, Standard] = {
     "x": Standard("m", "NED", "position north of the body origin"),
@@ -76,6 +76,8 @@ STANDARD: dict[str, Standard] = {
     "N": Standard("N m", "FRD", "moment of the thrusters about body z (yaw)"),
     "voltage": Standard("V", "", "supply voltage of the thrusters"),
 }
+
+
 _COMMAND = Standard("command", "", "command of a thruster, in the unit of its curve")
 
 

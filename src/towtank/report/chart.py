@@ -1,7 +1,13 @@
-"""Charts as inline SVG: lines, bands and marks over one axis, coloured by the page's own style sheet."""
+"""Charts as inline SVG: lines, bands and marks over one axis, coloured by the page's own style sheet.
+
+Long series drawn in few points: of every column of pixels the least and the greatest, in the order they came.
+
+Round numbers along an axis.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -9,13 +15,68 @@ from html import escape
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.report.decimation import decimated, pieces
-from towtank.report.ticks import tick_text, ticks
 
-__all__ = ["Band", "Chart", "Line", "Point", "Stem", "chart_svg"]
+__all__ = ["Band", "Chart", "Line", "Point", "Stem", "chart_svg", "decimated", "pieces", "ticks"]
 
+_GAP = 6.0  # typical steps without a sample, beyond which a line is broken
 _LEFT, _RIGHT, _TOP, _BOTTOM = 46, 10, 8, 30
 _ROOM = 0.06  # of the height, above and below
+
+
+def pieces(x: Array, y: Array) -> list[tuple[Array, Array]]:
+    """Return the stretches (x, y) of a series without its NaN, cut where there is a gap."""
+    known = np.isfinite(x) & np.isfinite(y)
+    x, y = np.asarray(x, dtype=np.float64)[known], np.asarray(y, dtype=np.float64)[known]
+    if x.size < 2:
+        return [(x, y)] if x.size else []
+    steps = np.diff(x)
+    cuts = np.flatnonzero(steps > _GAP * float(np.median(steps))) + 1
+    return list(zip(np.split(x, cuts), np.split(y, cuts), strict=True))
+
+
+def decimated(x: Array, y: Array, columns: int, span: tuple[float, float]) -> tuple[Array, Array]:
+    """Return at most two points for each of `columns` equal parts of `span`; all where there are no more than that.
+
+    No extreme is lost: the envelope of the line stays what it was.
+    """
+    if x.size <= 2 * columns:
+        return x, y
+    low, high = span
+    column = np.clip(((x - low) / (high - low) * columns).astype(np.intp), 0, columns - 1)
+    starts = np.flatnonzero(np.concatenate([[True], np.diff(column) > 0]))
+    ends = np.concatenate([starts[1:], [x.size]])
+    rows: list[int] = []
+    for first, last in zip(starts, ends, strict=True):
+        least, most = int(first + np.argmin(y[first:last])), int(first + np.argmax(y[first:last]))
+        rows += [min(least, most), max(least, most)] if least != most else [least]
+    return x[rows], y[rows]
+
+
+def ticks(low: float, high: float, count: int = 5) -> list[float]:
+    """Return about `count` round numbers within [low, high].
+
+    >>> ticks(0.0, 10.0)
+    [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]
+    """
+    span = high - low
+    if not (math.isfinite(span) and span > 0.0):
+        return []
+    rough = span / max(count, 1)
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(m * power for m in (1.0, 2.0, 2.5, 5.0, 10.0) if m * power >= rough * 0.999)
+    first = math.ceil(low / step - 1e-9)
+    last = math.floor(high / step + 1e-9)
+    return [float(f"{k * step:.12g}") + 0.0 for k in range(first, last + 1)]
+
+
+def tick_text(value: float) -> str:
+    """Return the number beside a tick.
+
+    >>> tick_text(-0.25), tick_text(120000.0)
+    ('−0.25', '1.2e5')
+    """
+    text = f"{value:.6g}" if abs(value) < 1e5 else f"{value:.3g}".replace("e+0", "e").replace("e+", "e")
+    return text.replace("-", "−")
 
 
 @dataclass(frozen=True, eq=False)

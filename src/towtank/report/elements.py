@@ -27,7 +27,6 @@ __all__ = [
 ]
 
 Cell = tuple[str, str]  # class, HTML
-
 _MINUS = re.compile(r"(?<=[ (])-(?=\d)")
 
 

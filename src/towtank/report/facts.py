@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from towtank.identification import Estimate
-from towtank.identification.convergence import Convergence
+from towtank.identification.offline.convergence import Convergence
 from towtank.recording import Recording
 from towtank.recording.event import Event
 from towtank.validation import Comparison, CrossValidation, Prediction, Residual, Validation

@@ -5,19 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 from towtank.digits import short
-from towtank.report.coefficient_section import coefficient_section, held_section
-from towtank.report.convergence_section import convergence_section
 from towtank.report.elements import fit_number, listed, number, section
-from towtank.report.event_section import event_section
 from towtank.report.facts import LearnFacts
-from towtank.report.identifiability_section import identifiability_section
-from towtank.report.input_section import input_section
-from towtank.report.log_section import log_section
-from towtank.report.origin_section import footer, origin_section
 from towtank.report.page import page
-from towtank.report.prediction_section import prediction_section
-from towtank.report.residual_section import residual_section
-from towtank.report.vehicle_section import vehicle_section
+from towtank.report.sections.coefficients import coefficient_section, held_section
+from towtank.report.sections.convergence import convergence_section
+from towtank.report.sections.events import event_section
+from towtank.report.sections.identifiability import identifiability_section
+from towtank.report.sections.logs import log_section
+from towtank.report.sections.origin import footer, origin_section
+from towtank.report.sections.prediction import prediction_section
+from towtank.report.sections.residuals import residual_section
+from towtank.report.sections.thrusters import input_section
+from towtank.report.sections.vehicle import vehicle_section
 from towtank.report.verdict import NAMES, learn_verdict
 
 __all__ = ["report_html"]

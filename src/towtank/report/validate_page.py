@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from towtank.digits import short
-from towtank.report.comparison_section import comparison_section
 from towtank.report.elements import fit_number, listed, number, paragraph, section
-from towtank.report.error_section import error_section
 from towtank.report.facts import ValidateFacts
-from towtank.report.fold_section import fold_section
-from towtank.report.log_section import log_section
-from towtank.report.origin_section import footer, origin_section
 from towtank.report.page import page
-from towtank.report.prediction_section import fit_table, prediction_figures
-from towtank.report.residual_section import residual_section
-from towtank.report.vehicle_section import vehicle_section
+from towtank.report.sections.comparison import comparison_section, fold_section
+from towtank.report.sections.logs import log_section
+from towtank.report.sections.origin import footer, origin_section
+from towtank.report.sections.prediction import error_section, fit_table, prediction_figures
+from towtank.report.sections.residuals import residual_section
+from towtank.report.sections.vehicle import vehicle_section
 from towtank.report.verdict import NAMES, validate_verdict
 
 __all__ = ["validate_html"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from towtank.identification.axes import AXES
-from towtank.identification.estimate import Estimate, Learned
+from towtank.identification.model.terms import AXES
+from towtank.identification.posterior.estimate import Estimate, Learned
 from towtank.vehicle import index
 
 __all__ = ["NAMES", "Verdict", "learn_verdict", "state_of", "validate_verdict"]
@@ -14,7 +14,6 @@ __all__ = ["NAMES", "Verdict", "learn_verdict", "state_of", "validate_verdict"]
 _SURE, _FAIR = 0.1, 0.5  # relative deviations: known, roughly known
 _GOOD, _USABLE = 80.0, 50.0  # fits [%]
 _MERGED = ("stands for both", "cannot be told apart", "are correlated", "stands in proportion", "known only together")
-
 NAMES: Mapping[str, str] = {
     "u": "surge speed", "v": "sway speed", "w": "heave speed", "p": "roll rate", "q": "pitch rate", "r": "yaw rate",
     "x": "north", "y": "east", "z": "depth", "phi": "roll", "theta": "pitch", "psi": "heading",

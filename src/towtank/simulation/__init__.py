@@ -3,16 +3,15 @@
 from towtank.simulation.batch import Batch, simulate_batch
 from towtank.simulation.disturbance import OrnsteinUhlenbeck
 from towtank.simulation.excitation import AXES, available_rows, usual_amplitudes
-from towtank.simulation.ins import Ins
-from towtank.simulation.manoeuvre_file import manoeuvre_from_recording
-from towtank.simulation.manoeuvres import MANOEUVRES, BuiltIn, Manoeuvre, manoeuvre
-from towtank.simulation.mocap import Mocap
+from towtank.simulation.inputs import stream
+from towtank.simulation.manoeuvres import MANOEUVRES, BuiltIn, Manoeuvre, manoeuvre, manoeuvre_from_recording
 from towtank.simulation.motion import Motion
-from towtank.simulation.presets import SENSORS
-from towtank.simulation.sensors import Perfect, Sensors
+from towtank.simulation.sensors.ins import Ins
+from towtank.simulation.sensors.mocap import Mocap
+from towtank.simulation.sensors.presets import SENSORS
+from towtank.simulation.sensors.sensor import Perfect, Sensors
 from towtank.simulation.signals import FORMS
 from towtank.simulation.simulate import Progress, simulate
-from towtank.simulation.streams import stream
 
 __all__ = [
     "AXES",

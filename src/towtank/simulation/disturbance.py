@@ -15,7 +15,7 @@ import numpy as np
 from towtank.core.arrays import Array, kernel
 from towtank.errors import InputError, nearest
 from towtank.recording.standard import WRENCH
-from towtank.simulation.streams import stream
+from towtank.simulation.inputs import stream
 
 __all__ = ["OrnsteinUhlenbeck"]
 

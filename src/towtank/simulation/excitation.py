@@ -18,7 +18,6 @@ from towtank.vehicle import Vehicle, allocatable_axes, configuration_matrix, cur
 __all__ = ["AXES", "available_rows", "fit_to_thrusters", "tempo", "usual_amplitudes"]
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-
 _FRACTION = 0.35  # of what the thrusters can give on an axis
 _HEADROOM = 0.9  # of what a thruster can give, where several axes are driven at once
 _ACCELERATION = np.array([0.4, 0.4, 0.4, 0.1, 0.1, 0.4])  # m/s^2, rad/s^2, of a vehicle without thrusters

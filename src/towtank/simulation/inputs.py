@@ -1,8 +1,12 @@
-"""What a caller hands to the simulators, checked and put into arrays."""
+"""What a caller hands to the simulators, checked and put into arrays.
+
+Independent random streams from one seed, by name: asking for one never changes another.
+"""
 
 from __future__ import annotations
 
 import math
+import zlib
 from typing import Any
 
 import numpy as np
@@ -12,7 +16,7 @@ from towtank.core.arrays import Array
 from towtank.core.attitude import quaternions_from_eulers
 from towtank.errors import InputError
 
-__all__ = ["finite_array", "initial_states", "positive", "step_count"]
+__all__ = ["finite_array", "initial_states", "positive", "step_count", "stream"]
 
 
 def finite_array(name: str, value: ArrayLike, *shapes: tuple[int | str, ...]) -> Array:
@@ -64,3 +68,15 @@ def initial_states(eta0: Array, nu0: Array) -> Array:
     """Return states (..., 13) of poses eta0 (..., 6) [m, rad] and velocities nu0 (..., 6)."""
     q = quaternions_from_eulers(np.ascontiguousarray(eta0[..., 3:].reshape(-1, 3))).reshape(*eta0.shape[:-1], 4)
     return np.ascontiguousarray(np.concatenate([eta0[..., :3], q, nu0], axis=-1))
+
+
+def stream(seed: int, *names: str) -> np.random.Generator:
+    """Return the random generator of `seed` that belongs to `names`, e.g. ("dvl", "noise").
+
+    Raises:
+        InputError: the seed is not a whole number >= 0.
+    """
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError(f"seed: found {seed!r}, expected a whole number, 0 or more")
+    key = tuple(zlib.crc32(name.encode()) for name in names)
+    return np.random.default_rng(np.random.SeedSequence(int(seed), spawn_key=key))

@@ -15,7 +15,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 
-__all__ = ["FORMS", "Form", "chirp", "multisine", "prbs", "ramp", "sine", "square", "stairs", "telegraph"]
+__all__ = ["FORMS", "Form", "Lane", "chirp", "multisine", "prbs", "ramp", "sine", "square", "stairs", "telegraph"]
 
 Lane = tuple[int, int]
 _SINGLE: Lane = (0, 1)

@@ -2,9 +2,9 @@
 
 from towtank.validation.comparison import ChannelComparison, Comparison, Contest, compare
 from towtank.validation.cross_validation import CrossValidation, Fold, FoldedCoefficient, cross_validate
-from towtank.validation.prediction import Prediction, predict
+from towtank.validation.prediction import CHANNELS, Prediction, predict
 from towtank.validation.residuals import Residual, residuals
-from towtank.validation.scores import CHANNELS, Validation, fit_percent, score, validate
+from towtank.validation.scores import Validation, fit_percent, score, validate
 
 __all__ = [
     "CHANNELS",

@@ -18,7 +18,8 @@ from towtank.errors import InputError
 from towtank.recording import Recording
 from towtank.validation.error_memory import memory_of
 from towtank.validation.error_series import ErrorSeries, error_series
-from towtank.validation.scores import CHANNELS, Validation, validate
+from towtank.validation.prediction import CHANNELS
+from towtank.validation.scores import Validation, validate
 from towtank.vehicle import Vehicle
 
 __all__ = ["ChannelComparison", "Comparison", "Contest", "compare", "difference"]

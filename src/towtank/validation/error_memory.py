@@ -26,7 +26,6 @@ from towtank.validation.error_series import ErrorSeries
 __all__ = ["Memory", "Samples", "memory_of", "whiten"]
 
 Indices = NDArray[np.int64]
-
 _ENOUGH = 12_000  # samples that the fit looks at; of more, every second, third, ...
 _FEWEST, _FEWEST_COARSE = 30, 200
 _PER_MEMORY = 10.0

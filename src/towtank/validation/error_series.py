@@ -15,7 +15,6 @@ __all__ = ["AXIS", "ErrorSeries", "Stretch", "error_series"]
 
 _POSITION = ("x", "y", "z")
 _WRENCH_OF = dict(zip(("u", "v", "w", "p", "q", "r", "phi", "theta", "psi"), (0, 1, 2, 3, 4, 5, 3, 4, 5), strict=True))
-
 AXIS = {
     "u": "surge", "v": "sway", "w": "heave", "p": "roll", "q": "pitch", "r": "yaw",
     "x": "north", "y": "east", "z": "depth", "phi": "roll angle", "theta": "pitch angle", "psi": "heading",

@@ -3,6 +3,10 @@
 With a horizon it is set back to the measured state every so many seconds, which is the fair question for a vehicle
 that tumbles: small errors of attitude grow without bound and say little about coefficients. When is a matter of the
 recording alone: models that answer sooner or later are set back at the same instants.
+
+The state that a prediction starts from, out of what was measured there.
+
+The wrench that a model's thrusters gave over every step of a grid: held commands, delay and lag, exactly.
 """
 
 from __future__ import annotations
@@ -12,23 +16,195 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from towtank.core.arrays import Array
-from towtank.core.attitude import eulers_from_quaternions
+from towtank.core.arrays import Array, kernel
+from towtank.core.attitude import eulers_from_quaternions, quaternion_from_euler, rotation_from_quaternion
 from towtank.core.rk4 import simulate_run
 from towtank.errors import InputError
+from towtank.identification.data.samples import with_absent_zero
+from towtank.identification.data.zero_order_hold import HeldInput, held_integral_into, held_push, new_held_input
+from towtank.identification.least_squares.chain import uses_commands
+from towtank.identification.least_squares.velocity import (
+    ABSENT,
+    ATTITUDE_ACCELEROMETER,
+    ATTITUDE_GYRO,
+    ATTITUDE_MEASURED,
+    MEASURED,
+    gravity_directions,
+    new_motion,
+)
+from towtank.identification.posterior.assembly import Sources
 from towtank.recording import Grid
+from towtank.recording.channel import in_one_block
 from towtank.recording.standard import POSE, VELOCITIES
-from towtank.validation.inputs import inputs_known_from, mean_wrenches
-from towtank.validation.starts import Starts
-from towtank.vehicle import Vehicle
+from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
 
 __all__ = ["CHANNELS", "Prediction", "predict"]
 
+_WINDOW = 0.2  # s to either side, for a velocity taken from the pose,
+_EDGE = 0.6  # s on the one side there is, at the start and the end of a recording
+_ATTITUDE = {"measured": ATTITUDE_MEASURED, "accelerometer": ATTITUDE_ACCELEROMETER, "gyro": ATTITUDE_GYRO}
+_FORGOTTEN = 3.0  # time constants, after which 5 % of a force is left
+_LONGEST = 0.1  # of a recording, that is spent on that
 CHANNELS = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
 _LONGEST_STEP = 0.02  # s
 _BLOCK = 20_000  # steps simulated at once
 _STILL = np.zeros(3)
 _ANGLES = ("phi", "theta", "psi")
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Measured states of one grid. What was not measured keeps the value that the prediction has reached."""
+
+    grid: Grid
+    sources: Sources
+    gravity: Array
+
+    @classmethod
+    def of(cls, grid: Grid) -> Starts:
+        """Prepare the states of a grid."""
+        sources = Sources.of(grid.pose, grid.velocity, grid.acceleration)
+        rates = np.array([MEASURED if i > 2 and sources.velocity[i] == "measured" else ABSENT for i in range(6)])
+        motion = new_motion(rates, _ATTITUDE[sources.attitude], 0.0, np.inf)
+        pose, acceleration = in_one_block(grid.pose), in_one_block(grid.acceleration)
+        velocity = np.array(grid.velocity)
+        return cls(grid, sources, gravity_directions(motion, grid.t, pose, velocity, acceleration))
+
+    def known(self, row: int) -> bool:
+        """Whether everything that the grid measures at all is measured in this row."""
+        grid, sources = self.grid, self.sources
+        measured = [i for i in range(6) if sources.velocity[i] == "measured"]
+        if not np.isfinite(grid.velocity[row, measured]).all():
+            return False
+        if "derived" in sources.velocity and not np.isfinite(grid.pose[row]).all():
+            return False
+        return bool(np.isfinite(self.gravity[row]).all())
+
+    def state(self, row: int, reached: Array) -> Array:
+        """Return the state (13,) at a row; `reached` (13,) supplies what was not measured."""
+        out = reached.copy()
+        pose = self.grid.pose[row]
+        for j in range(3):
+            if np.isfinite(pose[j]):
+                out[j] = pose[j]
+        k = self.gravity[row]
+        phi, theta = np.arctan2(k[1], k[2]), np.arctan2(-k[0], np.hypot(k[1], k[2]))
+        psi = pose[5] if np.isfinite(pose[5]) else _heading(reached[3:7])
+        out[3:7] = quaternion_from_euler(float(phi), float(theta), float(psi))
+        derived = self._derived(row) if "derived" in self.sources.velocity else None
+        for i, kind in enumerate(self.sources.velocity):
+            if kind == "measured":
+                out[7 + i] = self.grid.velocity[row, i]
+            elif kind == "derived" and derived is not None:
+                out[7 + i] = derived[i]
+        return out
+
+    def _derived(self, row: int) -> Array:
+        """Return the body velocity (6,) from a quadratic through the poses around a row."""
+        grid = self.grid
+        measured = np.isfinite(grid.pose).all(axis=1)
+        for window in (_WINDOW, _EDGE):
+            near = np.flatnonzero((np.abs(grid.t - grid.t[row]) <= window + 1e-9) & measured)
+            s = grid.t[near] - grid.t[row]
+            if near.size and s[0] < -0.5 * window and s[-1] > 0.5 * window:
+                break
+        out = np.zeros(6)
+        if near.size < 3:
+            return out
+        rate = np.linalg.lstsq(np.column_stack([np.ones_like(s), s, s * s]), grid.pose[near], rcond=None)[0][1]
+        phi, theta, psi = grid.pose[row, 3:]
+        R = rotation_from_quaternion(np.array(quaternion_from_euler(float(phi), float(theta), float(psi))))
+        out[:3] = R.T @ rate[:3]
+        s1, c1, s2, c2 = np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta)
+        out[3] = rate[3] - s2 * rate[5]
+        out[4] = c1 * rate[4] + s1 * c2 * rate[5]
+        out[5] = -s1 * rate[4] + c1 * c2 * rate[5]
+        return out
+
+
+def _heading(q: Array) -> float:
+    w, x, y, z = q
+    return float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+
+
+@kernel
+def _means(held: HeldInput, shape: Array, t: Array, stamps: Array, forces: Array) -> Array:
+    """Return the mean wrench (n - 1, 6) over each interval of t (n,) of forces (k, m) held from stamps (k,) on."""
+    n, m = t.shape[0], forces.shape[1]
+    out = np.zeros((n - 1, 6))
+    total = np.empty(m)
+    event = 0
+    for i in range(n):
+        while event < stamps.shape[0] and stamps[event] <= t[i]:
+            held_push(held, stamps[event], forces[event])
+            event += 1
+        held_integral_into(held, t[i], total)
+        if i > 0:
+            for a in range(6):
+                for j in range(m):
+                    out[i - 1, a] += shape[a, j] * total[j] / (t[i] - t[i - 1])
+    return out
+
+
+def mean_wrenches(vehicle: Vehicle, grid: Grid, delay: float | None = None) -> Array:
+    """Return the mean wrench [N, N m] (n - 1, 6) over each step of the grid, body FRD; before the first command, it.
+
+    Args:
+        delay: from input to force [s]; where omitted the vehicle's for commands and none for a recorded wrench, which
+            is what acted.
+
+    Raises:
+        InputError: the grid has neither this vehicle's commands nor a wrench.
+    """
+    if uses_commands(vehicle, grid):
+        stamps = np.array(grid.command_t)
+        voltage = np.interp(stamps, grid.t, grid.voltage) if np.isfinite(grid.voltage).any() else None
+        forces = np.ascontiguousarray(thruster_forces(vehicle, grid.command_values, voltage))
+        shape = configuration_matrix(vehicle)
+        lag = np.array([thruster.time_constant for thruster in vehicle.thrusters])
+        delay = vehicle.command_delay if delay is None else delay
+    elif grid.wrench_t.size:
+        stamps, forces = np.array(grid.wrench_t), with_absent_zero(np.array(grid.wrench_values))
+        shape, lag, delay = np.eye(6), np.zeros(6), 0.0 if delay is None else delay
+    else:
+        raise InputError(
+            f"{grid.source or 'recording'}: neither thruster commands nor a wrench is recorded, so nothing can be "
+            "predicted; map the thrusters' columns (--map) or record X Y Z K M N"
+        )
+    finite = np.isfinite(forces).all(axis=1)
+    if not finite.all():
+        stamps, forces = stamps[finite], forces[finite]
+    if not stamps.size:
+        raise InputError(f"{grid.source or 'recording'}: no row has a command for every thruster")
+    return _means(
+        new_held_input(shape.shape[1], lag, delay),
+        np.ascontiguousarray(shape),
+        grid.t,
+        stamps,
+        np.ascontiguousarray(forces),
+    )
+
+
+def inputs_known_from(vehicle: Vehicle, grid: Grid, delay: float | None = None) -> float:
+    """Return the time [s] from which on the recorded inputs act: before it nobody knows what the thrusters did.
+
+    Thrusters that lag still remember for a few time constants what came before the recording. No more than a tenth of
+    what is left is spent on that.
+
+    Args as `mean_wrenches`.
+    """
+    if uses_commands(vehicle, grid):
+        values, stamps = grid.command_values, grid.command_t
+        delay = vehicle.command_delay if delay is None else delay
+        memory = _FORGOTTEN * max(thruster.time_constant for thruster in vehicle.thrusters)
+    else:
+        values, stamps = with_absent_zero(np.array(grid.wrench_values)), grid.wrench_t
+        delay, memory = 0.0 if delay is None else delay, 0.0
+    known = stamps[np.isfinite(values).all(axis=1)]
+    if not known.size:
+        return float(grid.t[0])
+    acts = float(known[0]) + delay - 1e-9
+    return acts + min(memory, max(0.0, _LONGEST * (float(grid.t[-1]) - acts)))
 
 
 @dataclass(frozen=True, eq=False)

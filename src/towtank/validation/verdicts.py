@@ -15,7 +15,6 @@ from towtank.validation.error_series import AXIS, ErrorSeries
 __all__ = ["CHANCE", "Kind", "Verdict", "follows", "verdict_of"]
 
 Kind = Literal["white", "nearly white", "disturbed", "drifting", "follows the command", "none", "diverged", "unknown"]
-
 CHANCE = 0.01  # probability below which a trace of the command is believed,
 _WORTH = 0.02  # and the least share of the error's power that is worth a word
 _SMALL = 0.1  # share of the slow part in the power, below which errors are mostly noise

@@ -1,27 +1,27 @@
 """Vehicles: records, files, catalog, thrusters, and the dynamics of a vehicle."""
 
-from towtank.vehicle.bench import Bench, read_bench
-from towtank.vehicle.catalog import catalog_names, catalog_text
 from towtank.vehicle.checks import doubts, faults
 from towtank.vehicle.configurations import Configuration, Configurations
-from towtank.vehicle.curves import Curve, PolynomialCurve, QuadraticCurve, TableCurve, Voltage
-from towtank.vehicle.curves import force as curve_force
 from towtank.vehicle.differences import Difference, Differences, differences
 from towtank.vehicle.files import (
     VehicleWarning,
+    catalog_names,
+    catalog_text,
     curve_text,
     load_vehicle,
     parse_vehicle,
     save_vehicle,
     vehicle_text,
 )
-from towtank.vehicle.fit_thruster import ThrusterFit, fit_bench, fit_thruster
-from towtank.vehicle.inverse_curves import command as curve_command
-from towtank.vehicle.inverse_curves import force_range
 from towtank.vehicle.motion import forward_dynamics, inverse_dynamics
 from towtank.vehicle.names import COEFFICIENTS, HYDRODYNAMIC, RESTORING, describe, index, mirror, unit
 from towtank.vehicle.records import Buoyancy, Coefficient, Provenance, Restoring, RigidBody, Thruster
-from towtank.vehicle.thrusters import (
+from towtank.vehicle.thrusters.bench import Bench, read_bench
+from towtank.vehicle.thrusters.curves import Curve, PolynomialCurve, QuadraticCurve, TableCurve, Voltage, force_range
+from towtank.vehicle.thrusters.curves import command as curve_command
+from towtank.vehicle.thrusters.curves import force as curve_force
+from towtank.vehicle.thrusters.fit import ThrusterFit, fit_bench, fit_thruster
+from towtank.vehicle.thrusters.wrench import (
     allocatable_axes,
     allocate,
     configuration_matrix,

@@ -8,8 +8,8 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.vehicle import matrices
-from towtank.vehicle.curves import Curve, PolynomialCurve
 from towtank.vehicle.names import COLUMNS, ROWS
+from towtank.vehicle.thrusters.curves import Curve, PolynomialCurve
 
 if TYPE_CHECKING:
     from towtank.vehicle.vehicle import Vehicle

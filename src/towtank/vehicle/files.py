@@ -1,4 +1,7 @@
-"""Vehicle files (TOML): reading with errors that name the place, writing whole or not at all."""
+"""Vehicle files (TOML): reading with errors that name the place, writing whole or not at all.
+
+The vehicles that come with towtank: one TOML file each, with the provenance of every number.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,8 @@ import re
 import tomllib
 import warnings
 from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +21,39 @@ from tomlkit.items import InlineTable, Table
 
 from towtank.errors import InputError, nearest
 from towtank.outputs import write_text
-from towtank.vehicle.base import Record
-from towtank.vehicle.catalog import catalog_names, catalog_text
+from towtank.vehicle.base import Record, first_line
 from towtank.vehicle.checks import faults
-from towtank.vehicle.curves import Curve
-from towtank.vehicle.messages import first_line
 from towtank.vehicle.names import RESTORING
 from towtank.vehicle.records import Coefficient, Thruster
+from towtank.vehicle.thrusters.curves import Curve
 from towtank.vehicle.vehicle import Vehicle
 
-__all__ = ["VehicleWarning", "curve_text", "load_vehicle", "parse_vehicle", "save_vehicle", "vehicle_text"]
+__all__ = [
+    "VehicleWarning",
+    "catalog_names",
+    "catalog_text",
+    "curve_text",
+    "load_vehicle",
+    "parse_vehicle",
+    "save_vehicle",
+    "vehicle_text",
+]
 
 _LINE_COLUMN = re.compile(r"^(.*) \(at line (\d+), column (\d+)\)$", re.DOTALL)
+
+
+@cache
+def catalog_names() -> tuple[str, ...]:
+    """Return the names of the catalog, in alphabetical order."""
+    folder = files("towtank.vehicle") / "catalog"
+    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
+
+
+def catalog_text(name: str) -> str:
+    """Return the TOML text of a vehicle of the catalog. Raises InputError for an unknown name."""
+    if name not in catalog_names():
+        raise InputError(f'"{name}" is not in the catalog{nearest(name, catalog_names())}')
+    return (files("towtank.vehicle") / "catalog" / f"{name}.toml").read_text(encoding="utf-8")
 
 
 class VehicleWarning(UserWarning):

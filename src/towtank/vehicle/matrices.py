@@ -20,10 +20,11 @@ __all__ = [
 ]
 
 GRAVITY = 9.81
-"""Acceleration of gravity [m/s^2] in W = m g."""
-
 _SAME = 1e-6
 _SINGULAR = 1e-12
+
+
+"""Acceleration of gravity [m/s^2] in W = m g."""
 
 
 def _added(values: Mapping[str, float], i: int, j: int) -> float | None:

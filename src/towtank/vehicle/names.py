@@ -28,8 +28,23 @@ __all__ = [
 ROWS = "XYZKMN"
 COLUMNS = "uvwpqr"
 RESTORING = ("W_minus_B", "BG_x", "BG_y", "BG_z")
-
 Kind = Literal["mass", "linear", "quadratic", "constant", "weight", "moment"]
+# by kind, then (force row?, linear velocity column?)
+_UNITS = {
+    ("mass", True, True): "kg",
+    ("mass", True, False): "kg m",
+    ("mass", False, True): "kg m",
+    ("mass", False, False): "kg m^2",
+    ("linear", True, True): "N s/m",
+    ("linear", True, False): "N s/rad",
+    ("linear", False, True): "N s",
+    ("linear", False, False): "N m s/rad",
+    ("quadratic", True, True): "kg/m",
+    ("quadratic", True, False): "kg m/rad^2",
+    ("quadratic", False, True): "kg",
+    ("quadratic", False, False): "kg m^2/rad^2",
+}
+_AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
 
 def _table() -> dict[str, tuple[Kind, int, int]]:
@@ -48,25 +63,12 @@ def _table() -> dict[str, tuple[Kind, int, int]]:
 
 
 _INDEX = _table()
-COEFFICIENTS: tuple[str, ...] = tuple(_INDEX)
-HYDRODYNAMIC: tuple[str, ...] = tuple(name for name in COEFFICIENTS if name not in RESTORING)
 
-# by kind, then (force row?, linear velocity column?)
-_UNITS = {
-    ("mass", True, True): "kg",
-    ("mass", True, False): "kg m",
-    ("mass", False, True): "kg m",
-    ("mass", False, False): "kg m^2",
-    ("linear", True, True): "N s/m",
-    ("linear", True, False): "N s/rad",
-    ("linear", False, True): "N s",
-    ("linear", False, False): "N m s/rad",
-    ("quadratic", True, True): "kg/m",
-    ("quadratic", True, False): "kg m/rad^2",
-    ("quadratic", False, True): "kg",
-    ("quadratic", False, False): "kg m^2/rad^2",
-}
-_AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+
+COEFFICIENTS: tuple[str, ...] = tuple(_INDEX)
+
+
+HYDRODYNAMIC: tuple[str, ...] = tuple(name for name in COEFFICIENTS if name not in RESTORING)
 
 
 def index(name: str) -> tuple[Kind, int, int]:

@@ -1,10 +1,13 @@
-"""A vehicle: all that the model (8) needs, as one frozen record, and the same as the kernels' vector."""
+"""A vehicle: all that the model (8) needs, as one frozen record, and the same as the kernels' vector.
+
+A dictionary that cannot be changed, so that records which hold one are frozen, hashable and picklable.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn, TypeVar
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, field_validator, model_validator
@@ -15,14 +18,38 @@ from towtank.core.inertia import rigid_body_mass
 from towtank.core.layout import pack_parameters
 from towtank.errors import InputError
 from towtank.vehicle import matrices
-from towtank.vehicle.base import NonNegative, Record, Share, described, misplaced, unknown_key
+from towtank.vehicle.base import NonNegative, Record, Share, described, first_line, misplaced, unknown_key
 from towtank.vehicle.checks import doubts, faults
-from towtank.vehicle.frozen import FrozenDict
-from towtank.vehicle.messages import first_line
 from towtank.vehicle.names import HYDRODYNAMIC, RESTORING, ROWS, index, mirror
 from towtank.vehicle.records import Buoyancy, Coefficient, Provenance, Restoring, RigidBody, Thruster
 
 __all__ = ["Vehicle"]
+
+_K = TypeVar("_K")
+_V = TypeVar("_V")
+
+
+class FrozenDict(dict[_K, _V]):
+    """A dict whose every changing method raises TypeError."""
+
+    def _refuse(self, *_: Any, **__: Any) -> NoReturn:
+        raise TypeError("this record is frozen; use with_coefficients to make a changed copy")
+
+    __setitem__ = __delitem__ = _refuse
+    __ior__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(frozenset(self.items()))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (dict(self),)
+
+    def __copy__(self) -> FrozenDict[_K, _V]:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> FrozenDict[_K, _V]:
+        return self
 
 
 def _name(value: Any) -> str:

@@ -1,0 +1,1 @@
+"""The commands of `towtank`: their options and what they call."""

@@ -1,0 +1,118 @@
+"""Options that several commands share, and how their texts are read."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from towtank.errors import InputError
+from towtank.readers.registry import SUFFIXES
+
+if TYPE_CHECKING:
+    from towtank.recording import Recording
+
+__all__ = ["LOG_KINDS", "Json", "Log", "Map", "Report", "Window", "WindowText", "numbers", "output_place", "positive"]
+
+LOG_KINDS = ", ".join(SUFFIXES)
+Log = Annotated[Path, typer.Argument(metavar="LOG", help=f"Log file ({LOG_KINDS}) or the folder of a ROS 2 bag.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else on standard output.")]
+Map = Annotated[
+    Path | None,
+    typer.Option(
+        "--map",
+        metavar="MAPPING",
+        help="TOML file that says which column of the log is which channel, or which TABLE.field.",
+    ),
+]
+WindowText = Annotated[
+    str | None,
+    typer.Option(
+        "--window",
+        metavar="START,END",
+        help="Use this stretch of time only, in seconds of the log's own clock; either may be left out (10, or ,60), "
+        "and a negative one counts from the end.",
+    ),
+]
+Report = Annotated[
+    Path | None,
+    typer.Option(
+        "--report",
+        metavar="FILE.html",
+        help="Report to write, one page with tables and figures; .pdf where Chromium, Chrome or Edge is installed.",
+    ),
+]
+
+
+@dataclass(frozen=True)
+class Window:
+    """A stretch of time [s]; None where it is open, negative from the end of the log."""
+
+    start: float | None
+    end: float | None
+
+    @classmethod
+    def parse(cls, text: str | None) -> Window | None:
+        """Read `START,END`. Raises InputError."""
+        if text is None:
+            return None
+        parts = text.split(",")
+        if len(parts) != 2 or not text.strip(" ,"):
+            raise InputError(f'--window: found "{text}", expected START,END in seconds, as 10,60 or 10,')
+        start, end = (_number("--window", part) if part.strip() else None for part in parts)
+        if start is not None and end is not None and (start < 0.0) == (end < 0.0) and not end > start:
+            raise InputError(f'--window: found "{text}", expected an end after the start')
+        return cls(start, end)
+
+    def within(self, recording: Recording) -> tuple[float, float]:
+        """Return the stretch [s] in the clock of a recording; an open end is infinite."""
+        start, end = (self._own(edge, recording) for edge in (self.start, self.end))
+        return (-math.inf if start is None else start), (math.inf if end is None else end)
+
+    @staticmethod
+    def _own(edge: float | None, recording: Recording) -> float | None:
+        from_end = edge is not None and edge < 0.0 and recording.start >= 0.0
+        return recording.end + edge if from_end and edge is not None else edge
+
+
+def numbers(option: str, text: str | None, count: int, expected: str) -> tuple[float, ...] | None:
+    """Read `count` numbers with commas between. Raises InputError."""
+    if text is None:
+        return None
+    parts = text.split(",")
+    if len(parts) != count:
+        raise InputError(f'{option}: found "{text}", expected {expected}')
+    return tuple(_number(option, part) for part in parts)
+
+
+def _number(option: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise InputError(f'{option}: found "{text.strip()}", expected a number') from None
+    if not math.isfinite(value):
+        raise InputError(f'{option}: found "{text.strip()}", expected a finite number')
+    return value
+
+
+def positive(option: str, value: float | None, *, zero: bool = False) -> float | None:
+    """Return the value of an option. Raises InputError unless it is a finite number above 0 (or 0)."""
+    if value is not None and not (math.isfinite(value) and (value > 0.0 or (zero and value == 0.0))):
+        raise InputError(f"{option}: found {value:g}, expected a number {'of 0 or more' if zero else 'above 0'}")
+    return value
+
+
+def output_place(option: str, path: Path | None, suffixes: tuple[str, ...]) -> Path | None:
+    """Return the place of an output. Raises InputError, before any work is done, if it cannot be written there."""
+    if path is None:
+        return None
+    if path.suffix.lower() not in suffixes:
+        raise InputError(f'{option}: found "{path}", expected a name that ends in {" or ".join(suffixes)}')
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist; create it first or choose another place")
+    if path.is_dir():
+        raise InputError(f"{path}: this is a folder, expected the name of a file to write")
+    return path

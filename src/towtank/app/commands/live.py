@@ -1,0 +1,164 @@
+"""`towtank live`: a model from what a vehicle is sending."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from towtank.app.commands.arguments import Json, Map, Report, output_place, positive
+from towtank.app.commands.page_option import FoxgloveOption, PageOption, page_address
+from towtank.app.reports import report_place
+from towtank.errors import InputError, nearest
+
+__all__ = ["live"]
+
+_METHODS = ("joint", "paper")
+
+
+def live(
+    sources: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="SOURCE",
+            help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, /dev/NAME,BAUD (MAVLink); ros2:[DOMAIN], "
+            "dds:[DOMAIN] (ROS 2); qtm:HOST[/BODY], natnet:HOST[/BODY] (motion capture); json:HOST:PORT, - (JSON lines "
+            "over UDP, on standard input); replay:FILE[@SPEED] (a log, @0 as fast as possible). Of "
+            "several, the one named first is learned from where both measure the same.",
+        ),
+    ],
+    vehicle: Annotated[
+        str,
+        typer.Option(
+            "--vehicle", metavar="VEHICLE", help="Catalog name or file: body, thrusters, coefficients to keep."
+        ),
+    ],
+    record: Annotated[
+        Path | None,
+        typer.Option(
+            "--record",
+            metavar="FILE.mcap",
+            help="Record everything that comes; what was learned is kept beside it in FILE.mcap.state.",
+        ),
+    ] = None,
+    resume: Annotated[
+        bool,
+        typer.Option("--resume", help="Go on with FILE.mcap and with what was learned from it; begin it where absent."),
+    ] = False,
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method",
+            metavar="METHOD",
+            help='"joint": one Kalman filter over motion, disturbance and all coefficients. "paper": least squares on '
+            "filtered regressors, one axis after the other.",
+        ),
+    ] = "joint",
+    seconds: Annotated[
+        float | None, typer.Option("--for", metavar="S", help="End after so many seconds; default: at Ctrl-C.")
+    ] = None,
+    window: Annotated[
+        float,
+        typer.Option(
+            "--window",
+            metavar="S",
+            help="Hold samples back for so long, so that late ones are learned from in their place; later ones are "
+            "recorded only.",
+        ),
+    ] = 0.1,
+    free: Annotated[
+        str | None,
+        typer.Option("--free", metavar="NAME,...", help="Learn only these, as X_udot,X_uu; hold the rest."),
+    ] = None,
+    prior: Annotated[
+        str | None,
+        typer.Option(
+            "--prior", metavar="VEHICLE", help="What is known beforehand: a vehicle whose coefficients bear a std."
+        ),
+    ] = None,
+    no_changes: Annotated[
+        bool, typer.Option("--no-changes", help="Do not watch for changes of the vehicle, as a payload taken up.")
+    ] = False,
+    configurations: Annotated[
+        Path | None,
+        typer.Option(
+            "--configurations",
+            metavar="DIR",
+            help="Configurations (towtank config) that the vehicle may become: they are recognised.",
+        ),
+    ] = None,
+    mapping: Map = None,
+    model_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="MODEL.toml",
+            help="Vehicle file to write at the end; default: beside the recording, where there is one.",
+        ),
+    ] = None,
+    report: Report = None,
+    page: PageOption = None,
+    foxglove: FoxgloveOption = None,
+    json: Json = False,
+    json_lines: Annotated[
+        bool,
+        typer.Option("--json-lines", help="Print one line of JSON a second, and the whole document as the last line."),
+    ] = False,
+) -> None:
+    """Learn from what a vehicle is sending, while it drives.
+
+    Coefficients and their deviations are shown as they settle, with what comes from each link. A payload taken up, lost
+    ballast or a fouled thruster is noticed, told, and learned. Ctrl-C ends in order: the recording is closed, the model
+    written. Nothing is ever commanded.
+
+    \b
+    Examples:
+      towtank live udpin:0.0.0.0:14550 --vehicle bluerov2_heavy --record dive.mcap -o mine.toml
+      towtank live json:127.0.0.1:5005 udpin:0.0.0.0:14550 --vehicle mine.toml --map mocap.toml
+      towtank live udpin:0.0.0.0:14550 --vehicle bluerov2_heavy --page
+      towtank live replay:dive.mcap@0 --vehicle bluerov2_heavy --json
+    """
+    if method not in _METHODS:
+        expected = ", ".join(f'"{name}"' for name in _METHODS)
+        raise InputError(f'--method: found "{method}", expected one of {expected}{nearest(method, _METHODS)}')
+    if json and json_lines:
+        raise InputError("--json and --json-lines: found both, expected one of them")
+    if resume and record is None:
+        raise InputError("--resume: expected --record FILE.mcap, the recording to go on with")
+    if no_changes and configurations is not None:
+        raise InputError("--no-changes and --configurations: found both; what changes is recognised, if it is watched")
+    if len(set(sources)) < len(sources):
+        raise InputError(f"SOURCE: found one of {', '.join(sources)} twice")
+    positive("--for", seconds)
+    positive("--window", window, zero=True)
+    output_place("--output", model_file, (".toml",))
+    output_place("--record", record, (".mcap",))
+    report_place(report)
+    page_address(page)
+
+    from towtank.app.commands.learn import names_of
+    from towtank.app.live.session import LiveOptions, run_live
+    from towtank.app.terminal.output import Output
+
+    options = LiveOptions(
+        sources=tuple(sources),
+        vehicle=vehicle,
+        record=record,
+        resume=resume,
+        method=method,
+        seconds=seconds,
+        window=window,
+        free=names_of(free),
+        prior=prior,
+        changes=not no_changes,
+        configurations=configurations,
+        mapping=mapping,
+        model_file=model_file,
+        report=report,
+        json_lines=json_lines,
+        page=page,
+        foxglove=foxglove,
+    )
+    run_live(options, Output(json=json or json_lines))

@@ -1,0 +1,184 @@
+"""`towtank manoeuvre list` and `towtank simulate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from towtank.app.commands.arguments import Json, Map, numbers, output_place, positive
+from towtank.app.terminal.guard import PlainCommand
+from towtank.errors import InputError
+
+if TYPE_CHECKING:
+    from towtank.app.terminal.output import Teller
+    from towtank.simulation import BuiltIn, Manoeuvre
+    from towtank.vehicle import Vehicle
+
+__all__ = ["commands", "simulate"]
+
+commands = typer.Typer(help="Built-in manoeuvres.", rich_markup_mode=None)
+_LONGEST_STEP = 0.01  # s, of the integration
+_MOST_STEPS = 20_000_000
+_DEFAULT_RATE = 100.0
+
+
+@commands.command("list", cls=PlainCommand)
+def list_manoeuvres(json: Json = False) -> None:
+    """List the built-in manoeuvres.
+
+    \b
+    Example:
+      towtank manoeuvre list
+    """
+    from towtank.app.terminal.output import Output
+    from towtank.digits import short
+    from towtank.simulation import AXES, FORMS, MANOEUVRES
+
+    output = Output(json=json)
+    table = output.table("FORM", "What AXIS does, for a minute unless --duration says otherwise", wrap="What AXIS does")
+    for form, shape in FORMS.items():
+        table.add_row(form, shape.description)
+    output.line("AXIS-FORM, where AXIS is one of " + ", ".join((*AXES, "all")))
+    output.line("example: yaw-stairs")
+    output.line()
+    output.show(table)
+    output.heading("Others")
+    others = output.table("Manoeuvre", ">Usual s", "What it does", wrap="What it does")
+    for name, found in MANOEUVRES.items():
+        if name.partition("-")[0] not in (*AXES, "all"):
+            others.add_row(name, short(found.duration), found.description)
+    output.show(others)
+    output.line()
+    output.line("Next: towtank simulate VEHICLE MANOEUVRE -o log.csv", "dim")
+    output.document({"manoeuvres": [{"name": name, **_entry(found)} for name, found in MANOEUVRES.items()]})
+
+
+def _entry(found: BuiltIn) -> dict[str, object]:
+    return {
+        "description": found.description,
+        "axes": found.axes,
+        "form": found.form,
+        "duration_s": found.duration,
+    }
+
+
+def simulate(
+    vehicle: Annotated[str, typer.Argument(metavar="VEHICLE", help="Catalog name or vehicle file.")],
+    manoeuvre: Annotated[
+        str, typer.Argument(metavar="MANOEUVRE", help="Built-in name, or a file of commands or wrenches over time.")
+    ],
+    file: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="Log to write, .csv, .parquet or .mcap.")
+    ],
+    duration: Annotated[
+        float | None, typer.Option("--duration", metavar="S", help="Seconds; default the manoeuvre's own.")
+    ] = None,
+    rate: Annotated[
+        float, typer.Option("--rate", metavar="HZ", help="Rate of the commands and of perfect sensors.")
+    ] = _DEFAULT_RATE,
+    sensors: Annotated[
+        Literal["perfect", "mocap", "ins"],
+        typer.Option("--sensors", help="What measures: everything exactly, motion capture, or IMU with DVL and depth."),
+    ] = "perfect",
+    seed: Annotated[int, typer.Option("--seed", metavar="N", help="The same seed gives the same file.")] = 0,
+    delay: Annotated[
+        float | None,
+        typer.Option("--delay", metavar="S", help="From command to thruster, in seconds; default the vehicle's."),
+    ] = None,
+    current: Annotated[
+        str | None, typer.Option("--current", metavar="N,E,D", help="Velocity of the water in m/s, north east down.")
+    ] = None,
+    disturbance: Annotated[
+        float | None,
+        typer.Option("--disturbance", metavar="N", help="Standard deviation of a random force on X, Y and Z."),
+    ] = None,
+    mapping: Map = None,
+    json: Json = False,
+) -> None:
+    """Simulate a vehicle through a manoeuvre, as its sensors see it.
+
+    \b
+    Example:
+      towtank simulate vlbv300 surge-square -o surge.csv --duration 60 --sensors mocap --seed 1
+    """
+    from towtank.app.files import read_vehicle
+    from towtank.app.terminal.output import Output
+
+    output_place("--output", file, (".csv", ".parquet", ".mcap"))
+    positive("--duration", duration)
+    positive("--rate", rate)
+    positive("--delay", delay, zero=True)
+    positive("--disturbance", disturbance, zero=True)
+    water = numbers("--current", current, 3, "three numbers N,E,D in m/s, as 0.2,0,0")
+    if seed < 0:
+        raise InputError(f"--seed: found {seed}, expected 0 or more")
+    if duration is not None and duration * rate > _MOST_STEPS:
+        raise InputError(
+            f"--duration {duration:g} s at --rate {rate:g} Hz: found {duration * rate:.3g} samples, expected at most "
+            f"{_MOST_STEPS:g}"
+        )
+    output = Output(json=json)
+    with output.progress("simulating") as tell:
+        found = read_vehicle(vehicle, output)
+        tell("simulating", 0.0)
+        inputs = _inputs(manoeuvre, found, mapping, duration, 1.0 / rate, seed, tell)
+        from towtank.simulation import OrnsteinUhlenbeck
+        from towtank.simulation import simulate as run
+
+        recording = run(
+            found,
+            **inputs.inputs,
+            current=water or (0.0, 0.0, 0.0),
+            sensors=sensors,
+            disturbance=OrnsteinUhlenbeck(std=disturbance) if disturbance else None,
+            delay=delay,
+            seed=seed,
+            substeps=max(1, round(inputs.dt / _LONGEST_STEP)),
+            progress=lambda done, n: tell("simulating", 0.9 * done / n),
+        )
+        tell(f"writing {file.name}", 0.9)
+        recording.write(file)
+    samples = max(len(channel) for channel in recording.channels.values())
+    output.line(
+        f"{found.name}, {inputs.name}: {recording.duration:g} s, {samples} samples at {rate:g} Hz, {sensors} sensors"
+    )
+    output.line(f"channels: {' '.join(recording.names)}")
+    output.line(f"written to {file}")
+    output.line()
+    output.line(f"Next: towtank learn {file} --vehicle {vehicle} -o learned.toml", "dim")
+    output.document(
+        {
+            "vehicle": found.name,
+            "manoeuvre": inputs.name,
+            "file": file,
+            "duration_s": recording.duration,
+            "rate_hz": rate,
+            "samples": samples,
+            "sensors": sensors,
+            "seed": seed,
+            "delay_s": found.command_delay if delay is None else delay,
+            "current": water or (0.0, 0.0, 0.0),
+            "disturbance_n": disturbance or 0.0,
+            "channels": recording.names,
+            "warnings": output.warnings,
+        }
+    )
+
+
+def _inputs(
+    name: str, vehicle: Vehicle, mapping: Path | None, duration: float | None, dt: float, seed: int, tell: Teller
+) -> Manoeuvre:
+    """Return the inputs of a built-in manoeuvre, or those of a file."""
+    from towtank.app.files import read_logs
+    from towtank.recording import bind_thrusters
+    from towtank.simulation import MANOEUVRES, manoeuvre, manoeuvre_from_recording
+
+    path = Path(name)
+    if name in MANOEUVRES or not (path.suffix or path.exists()):
+        return manoeuvre(name, vehicle, duration=duration, dt=dt, seed=seed)
+    recording = read_logs([path], mapping, tell)[0]
+    if mapping is not None:
+        recording = bind_thrusters(recording, [thruster.name for thruster in vehicle.thrusters])
+    return manoeuvre_from_recording(recording, vehicle, dt=dt, duration=duration)

@@ -1,0 +1,263 @@
+"""`towtank demo`: a simulated tank session, learned sample by sample, judged on a session never seen.
+
+It is what live data will do: `Learner.update` with every pose and its commands, an estimate to be read at any time,
+and at the end a vehicle file.
+
+Everything compiled before the clock of the demo starts, with a word to whoever waits.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.text import Text
+
+from towtank.app.commands.page_option import new_page, page_address, serving
+from towtank.app.demo.files import write_demo
+from towtank.app.demo.progress import Course, quantities
+from towtank.app.demo.stream import Moment, stream
+from towtank.app.demo.table import Screen, coefficient_table
+from towtank.app.demo.words import commands, fit_text, plan, verdict
+from towtank.app.live.facts import standing, stream_facts
+from towtank.app.live.report import events_document
+from towtank.app.reports import learn_facts
+from towtank.app.terminal.output import Output
+from towtank.errors import InputError
+from towtank.identification import Learner, learn_recordings
+from towtank.outputs import write_text
+from towtank.report import LearnFacts
+from towtank.simulation.tank import DELAY, DURATION, FREE, SEED, Session, tank_session, unseen_session
+from towtank.validation import Validation, validate
+
+if TYPE_CHECKING:
+    from towtank.app.demo.feed import DemoFeed
+    from towtank.dashboard.page import Page
+
+__all__ = ["run_demo"]
+
+_SECONDS = 2.0
+_SHORTEST, _LONGEST = 2.0, 3600.0  # s
+_TITLE = "towtank demo: a small ROV in a simulated tank, learned while it moves"
+
+
+def warm_up(compiling: Callable[[], None]) -> None:
+    """Run a session of two seconds through the whole demo; `compiling` is called once if a kernel must be compiled."""
+    from numba.core import event
+
+    class Listener(event.Listener):  # type: ignore[misc]
+        told = False
+
+        def on_start(self, event: Any) -> None:
+            if not self.told:
+                self.told = True
+                compiling()
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Listener()):
+        session = tank_session(_SECONDS)
+        learner = Learner(session.known, free=FREE)
+        stream(session, learner, Course(quantities(session.truth)), paced=False, show=lambda moment: None)
+        learn_recordings(session.known, [session.recording], free=FREE)
+        validate(session.truth, [unseen_session().recording.window(0.0, _SECONDS)])
+
+
+def run_demo(
+    output: Path,
+    *,
+    seconds: float | None = None,
+    fast: bool = False,
+    browser: bool = False,
+    page: str | None = None,
+    payload: bool = False,
+    console: Console,
+    json_output: bool = False,
+) -> dict[str, Any]:
+    """Run the demo and return its JSON document.
+
+    Args:
+        output: folder for model, recordings, figures and page; made where it does not exist.
+        seconds: length of the session, default 180. fast: do not wait for the clock.
+        browser: open the page at the end, where standard output is a terminal.
+        page: HOST:PORT of the live page, opened at the start instead; None: there is none.
+        payload: the vehicle takes one up, after the axes in turn.
+        console: takes table, progress and messages. json_output: standard output belongs to the document alone.
+
+    Raises:
+        InputError: the folder or the page cannot be made, or the length is out of range.
+    """
+    with ExitStack() as stack:
+        return _run(stack, output, seconds, fast, browser, page, payload, console, json_output)
+
+
+def _run(
+    stack: ExitStack,
+    output: Path,
+    seconds: float | None,
+    fast: bool,
+    browser: bool,
+    page: str | None,
+    payload: bool,
+    console: Console,
+    json_output: bool,
+) -> dict[str, Any]:
+    duration = DURATION if seconds is None else float(seconds)
+    if not _SHORTEST <= duration <= _LONGEST:
+        raise InputError(f"--seconds: found {duration:g}, expected {_SHORTEST:g} to {_LONGEST:g}")
+    page_address(page)
+    _make_folder(output)
+    _say(console, _TITLE, "bold")
+    warm_up(lambda: _say(console, "compiling kernels (first run only)", "yellow"))
+    session = tank_session(duration, payload=payload)
+    _say(console, plan(session, fast))
+    console.print()
+
+    learner = Learner(session.known, free=session.free)
+    course = Course(quantities(session.truth, weight=payload))
+    watched = not json_output and sys.stdout.isatty()
+    feed, live = _page(session, learner, course, page, console)
+    stack.enter_context(serving(live, lambda line: _whole(console, line), browser=browser and watched))
+    screen = Screen(console, session)
+    with screen.showing() as show:
+        last = stream(session, learner, course, paced=not fast, show=show, watch=feed)
+
+    if feed is not None:
+        feed.streamed()
+    facts = _as_it_is(session, learner) if payload else _second_pass(console, session, course)
+    if feed is not None:
+        again = "" if payload else "learned once more from the whole recording"
+        feed.finish(facts.estimate, facts.model, facts.delay, again)
+    unseen = unseen_session(payload=payload)
+    judged = validate(facts.model, [unseen.recording])
+    files = write_demo(output, session, unseen, facts, judged, course)
+    if feed is not None:
+        feed.written(files[0].read_bytes())
+    console.print()
+    console.print(coefficient_table(course, ascii_only=screen.ascii_only, final=True))
+    console.print()
+    _say(console, verdict(course), "bold")
+    _say(console, fit_text(judged))
+    console.print()
+    _say(console, f"written to {output}: {', '.join(path.name for path in files)}")
+    _say(console, "next, with a log of your own vehicle:")
+    _whole(console, f"  {commands(output)[0][1]}")
+    if live is not None and watched:
+        _stay(console)
+    elif browser and watched:
+        import webbrowser
+
+        webbrowser.open(files[0].resolve().as_uri())
+    return _document(session, facts, course, judged, files, last)
+
+
+def _page(
+    session: Session, learner: Learner, course: Course, place: str | None, console: Console
+) -> tuple[DemoFeed | None, Page | None]:
+    """Return what the live page shows, and the page; nothing where none is asked for."""
+    if place is None:
+        return None, None
+    from towtank.app.demo.feed import DemoFeed
+
+    feed = DemoFeed(session, learner, course)
+    return feed, new_page(feed, place, lambda line: _say(console, line), reports=feed.report)
+
+
+def _stay(console: Console) -> None:
+    """Keep the page until Ctrl-C."""
+    _say(console, "the page stays until Ctrl-C")
+    with suppress(KeyboardInterrupt):
+        threading.Event().wait()
+
+
+def _as_it_is(session: Session, learner: Learner) -> LearnFacts:
+    """Return what the learner knows of a vehicle that has changed: a log is learned from as if it never did."""
+    learner.settle()
+    facts = stream_facts(standing(learner), None, of="", events=learner.events)
+    return replace(facts, recordings=[session.recording])
+
+
+def _second_pass(console: Console, session: Session, course: Course) -> LearnFacts:
+    """Learn once more from the whole recording, as `towtank learn` does, and add the result to the course."""
+    _say(console, "second pass over the recording, as `towtank learn` takes a log")
+    with Output().progress("second pass") as tell:
+        learning = learn_recordings(session.known, [session.recording], free=session.free, progress=tell)
+    course.read(session.recording.duration, learning.estimate)
+    return learn_facts(learning, learning.model, None, [session.recording])
+
+
+def _say(console: Console, text: str, style: str = "") -> None:
+    console.print(Text(text, style=style))
+
+
+def _whole(console: Console, text: str) -> None:
+    """Print a text that is to be copied, never wrapped."""
+    console.print(Text(text), soft_wrap=True)
+
+
+def _make_folder(output: Path) -> None:
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise InputError(f"--output {output}: found a file, expected a folder; choose another place") from error
+    except OSError as error:
+        why = error.strerror
+        raise InputError(f"--output {output}: cannot make this folder ({why}); choose another place") from error
+    trial = output / ".trial"
+    write_text(trial, "")
+    trial.unlink()
+
+
+def _document(
+    session: Session, facts: LearnFacts, course: Course, judged: Validation, files: list[Path], last: Moment
+) -> dict[str, Any]:
+    coefficients: dict[str, Any] = {}
+    for each in facts.estimate.coefficients:
+        truth = session.final.coefficient(each.name)
+        entry = {"value": each.value, "std": each.std, "unit": each.unit, "identified": each.identified}
+        errors = _errors(truth, each.value, each.std)
+        coefficients[each.name] = {"truth": truth, **entry, "reason": each.reason, **errors}
+    sums = {
+        quantity.name: {
+            "truth": quantity.truth,
+            "value": value,
+            "std": std,
+            "unit": quantity.unit,
+            "identified": value == value,
+            **_errors(quantity.truth, value, std),
+        }
+        for quantity, value, std in course.latest()
+        if quantity.kind == "inertia"
+    }
+    return {
+        "vehicle": session.truth.name,
+        "seconds": session.recording.duration,
+        "samples": last.samples,
+        "seed": SEED,
+        "method": facts.method,
+        "delay_s": DELAY,
+        "delay_learned_s": facts.delay,
+        "delay_std_s": facts.delay_std,
+        "coefficients": coefficients,
+        "sums": sums,
+        "events": events_document(course.events),
+        "fit": judged.fit,
+        "files": files,
+        "latency_ms": last.latency_ms,
+        "samples_per_second": last.rate,
+    }
+
+
+def _errors(truth: float, value: float, std: float) -> dict[str, float | None]:
+    """Return the error in percent of the truth and in deviations; None where it is not identified."""
+    if not std > 0.0:
+        return {"error_percent": None, "error_in_std": None}
+    share = 100.0 * (value / truth - 1.0) if truth else None
+    return {"error_percent": share, "error_in_std": (value - truth) / std}

@@ -1,0 +1,1 @@
+"""The live session of the command line."""

@@ -1,0 +1,168 @@
+"""How a live session ended, as tables and as a document; and one line of JSON a second while it runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from towtank.app.live.facts import LiveFit
+from towtank.app.live.view import coefficient_rows, event_line, likely_line, link_lines, measures
+from towtank.app.tables.fits import show_own_fits
+from towtank.app.tables.learning import estimate_document
+from towtank.app.terminal.output import Output
+from towtank.identification import Learner
+from towtank.live.status import Status
+from towtank.recording import STANDARD
+from towtank.recording.event import Event
+from towtank.recording.standard import WRENCH
+from towtank.vehicle import Vehicle
+
+__all__ = ["events_document", "live_document", "live_line", "show_end"]
+
+
+def live_document(
+    status: Status,
+    learner: Learner,
+    sources: Sequence[str],
+    prior: str | None,
+    method: str,
+    warnings: Sequence[str],
+    judged: LiveFit,
+) -> dict[str, Any]:
+    """Return the document of `learn --json`, with what only a live session can say under "live".
+
+    "fit" is that of a free run over the recording, else over the last minute: "fit_of" says which, "fit_reason" why
+    there is none.
+    """
+    learnt = status.learnt
+    level = getattr(learner, "disturbance", None)
+    return {
+        "vehicle": learner.vehicle.name,
+        "logs": list(sources),
+        "prior": prior,
+        "method": method,
+        "remarks": ["learned sample by sample while it came"],
+        "duration_s": learnt.estimate.duration,
+        "samples": learnt.estimate.samples,
+        "delay_s": learnt.delay,
+        "delay_std_s": None,
+        "lag_s": learnt.lag,
+        "lag_std_s": None,
+        "scale_std": learner.vehicle.scale_std,
+        **estimate_document(learnt.estimate),
+        "disturbance": {}
+        if level is None
+        else {name: {"std": float(x), "unit": STANDARD[name].unit} for name, x in zip(WRENCH, level, strict=True) if x},
+        "noise": judged.noise,
+        "fit": judged.fit,
+        "fit_of": judged.of,
+        "fit_reason": judged.reason or None,
+        "warnings": [*warnings, *status.warnings],
+        "events": events_document(status.events),
+        "live": live_part(status),
+    }
+
+
+def events_document(events: Sequence[Event]) -> list[dict[str, Any]]:
+    """Return events, the one noticed first before."""
+    return [{"t": each.t, "kind": each.kind, "text": each.text, "details": dict(each.details)} for each in events]
+
+
+def live_part(status: Status) -> dict[str, Any]:
+    """Return how the session fared."""
+    recording = status.recording
+    return {
+        "elapsed_s": status.elapsed,
+        "samples": status.samples,
+        "instants": status.learnt.instants,
+        "latency_ms": status.learnt.latency,
+        "processing_ms": status.learnt.processing,
+        "dropped": status.dropped,
+        "late": status.late,
+        "bad": status.bad,
+        "waiting": status.waiting,
+        "likely": dict(status.learnt.likely),
+        "excitation": dict(zip(WRENCH, status.learnt.excitation, strict=False)),
+        "sources": {
+            each.text: {
+                "samples": each.samples,
+                "rates_hz": each.state.rates,
+                "asked_hz": each.state.asked,
+                "bad": each.state.bad,
+                "late": each.state.late,
+                "strange_stamps": each.strange,
+                "clock_offset_s": each.offset,
+                "clock_drift": each.drift,
+                "senders": each.state.senders,
+                "said": each.state.said,
+            }
+            for each in status.sources
+        },
+        "recording": None
+        if recording is None
+        else {
+            "file": recording.path,
+            "bytes": recording.size,
+            "count": recording.count,
+            "lost": recording.lost,
+            "trouble": recording.trouble,
+        },
+        "doubled": status.doubled,
+    }
+
+
+def live_line(status: Status, events: Sequence[Event] = ()) -> dict[str, Any]:
+    """Return where a session stands, short enough for one line a second; events: that are new, or told anew."""
+    learnt = status.learnt
+    known: Mapping[str, Any] = {
+        each.name: {"value": each.value, "std": each.std} for each in learnt.estimate.coefficients if each.identified
+    }
+    recording = status.recording
+    return {
+        "elapsed_s": round(status.elapsed, 3),
+        "t": learnt.t if math.isfinite(learnt.t) else None,
+        "samples": status.samples,
+        "delay_s": learnt.delay,
+        "coefficients": known,
+        "latency_ms": learnt.latency,
+        "processing_ms": learnt.processing,
+        "dropped": status.dropped,
+        "late": status.late,
+        "bad": status.bad,
+        "recorded_bytes": None if recording is None else recording.size,
+        "lost": None if recording is None else recording.lost,
+        "events": events_document(events),
+        "warnings": status.warnings,
+    }
+
+
+def show_end(status: Status, vehicle: Vehicle, method: str, judged: LiveFit, output: Output) -> None:
+    """Print how a session ended."""
+    learnt = status.learnt
+    output.line()
+    output.line(f"{vehicle.name}, learned live, method {method}", "bold")
+    rows, rest = coefficient_rows(learnt, ascii_only=output.ascii)
+    if rows:
+        table = output.table("Coefficient", ">Estimate +- std" if output.ascii else ">Estimate ± std", ">Rel.", "Unit")
+        for row in rows:
+            table.add_row(*row)
+        output.show(table)
+    if rest:
+        output.heading("Not identified: held in the model, and why")
+        for reason, names in rest.items():
+            output.item(f"{', '.join(names)}: {reason}")
+    if judged.of is not None:
+        output.heading(f"Fit of the free-running prediction on {judged.of}")
+        show_own_fits(judged.fit, output)
+    if status.events:
+        output.heading("What happened")
+        for event in status.events:
+            output.item(event_line(event, status.epoch, ascii_only=output.ascii))
+    if learnt.likely:
+        output.line(likely_line(learnt.likely))
+    output.line()
+    for line in (*measures(status), *link_lines(status)):
+        output.line(line)
+    for text in status.warnings:
+        output.item(text, style="yellow", mark="!")

@@ -1,0 +1,310 @@
+"""The live session of the command line: links, recording and learner made, run, and ended in order."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+from towtank.app.commands.page_option import new_page, serving
+from towtank.app.files import read_configurations, read_prior, read_vehicle
+from towtank.app.live.facts import judged
+from towtank.app.live.report import live_document, live_line, show_end
+from towtank.app.live.view import LiveView
+from towtank.app.terminal.output import Output
+from towtank.errors import InputError
+from towtank.identification import Learner
+from towtank.identification.posterior.thrusters import with_gains_of
+from towtank.live.links.urls import open_source
+from towtank.live.recording.checkpoint import Checkpoint, Earlier, earlier
+from towtank.live.session import Session
+from towtank.live.status import Status
+from towtank.live.warm_up import new_learner, warm_up
+from towtank.recording import load_mapping
+from towtank.recording.event import Event
+from towtank.recording.mcap.log import McapLog
+from towtank.vehicle import Provenance, Vehicle, save_vehicle
+from towtank.vehicle.names import RESTORING
+
+if TYPE_CHECKING:
+    from towtank.app.live.reports import LiveReports
+    from towtank.dashboard.page import Page
+
+__all__ = ["LiveOptions", "run_live"]
+
+_FLUSH = 0.5  # s at most between a sample and the disk
+_LINES = 1.0  # s between two lines of JSON
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """What was asked for on the command line."""
+
+    sources: tuple[str, ...]
+    vehicle: str
+    record: Path | None = None
+    resume: bool = False
+    method: str = "joint"
+    seconds: float | None = None
+    window: float = 0.1
+    free: tuple[str, ...] | None = None
+    prior: str | None = None
+    changes: bool = True
+    configurations: Path | None = None
+    mapping: Path | None = None
+    model_file: Path | None = None
+    report: Path | None = None
+    json_lines: bool = False
+    page: str | None = None
+    foxglove: str | None = None
+
+
+def run_live(options: LiveOptions, output: Output) -> None:
+    """Run a live session and print how it ended."""
+    vehicle = read_vehicle(options.vehicle, output)
+    prior = None if options.prior is None else read_prior(options.prior, output)
+    if prior is not None:
+        vehicle, said = with_gains_of(vehicle, prior)
+        for text in said:
+            output.warn(text)
+    known = None if options.configurations is None else read_configurations(options.configurations, output)
+    mapping = None if options.mapping is None else load_mapping(options.mapping)
+    sources = [(text, open_source(text, vehicle, mapping)) for text in options.sources]
+
+    background = not all(getattr(source, "patient", False) for _, source in sources)
+
+    def fresh() -> Learner:
+        return new_learner(
+            vehicle,
+            options.method,
+            options.free,
+            prior,
+            background=background,
+            changes=options.changes,
+            known=known,
+        )
+
+    learner = fresh()
+    checkpoint, before = _earlier(options, vehicle, prior=prior, background=background, known=known)
+    if before is None and options.record is not None and options.record.exists():
+        raise InputError(f"{options.record}: exists already; add --resume to go on with it, or choose another name")
+    output.say("making ready: compiling what is not compiled yet (up to a minute the first time)")
+    with output.progress("making ready") as tell:
+        warm_up(vehicle, fresh(), tell)
+        if options.page is not None:
+            from towtank.dashboard.prediction import warm_up as warm_page_up
+
+            warm_page_up(vehicle)
+        if options.page is not None or options.report is not None:
+            from towtank.app.live.reports import warm_up as warm_reports_up
+
+            warm_reports_up(vehicle)
+    epoch = round(time.time(), 3) if before is None else before.epoch
+    learner = learner if before is None or before.learner is None else before.learner
+    log = _log(options, vehicle, epoch, going_on=before is not None)
+    session = Session(
+        sources,
+        vehicle,
+        learner,
+        epoch=epoch,
+        window=options.window,
+        log=log,
+        checkpoint=checkpoint,
+        interval=0.25 if output.console.is_terminal or options.json_lines or options.page or options.foxglove else 1.0,
+    )
+    reports = _reports(options, session)
+    try:
+        if before is not None:
+            with output.progress("learning from what was recorded") as tell:
+                session.learning.catch_up(before.rows(tell), since=before.since, inputs=before.inputs)
+            output.say(_gone_on(options, before, session))
+        page = _page(options, session, vehicle, reports, output)
+        viewers = _foxglove(options, session, vehicle, epoch, output)
+        session.open()
+    except BaseException:
+        if log is not None:
+            log.close()
+            if before is None:
+                log.path.unlink(missing_ok=True)
+        raise
+    output.say(f"listening to {', '.join(options.sources)}")
+    with _ends() as stop, serving(page, output.say), viewers:
+        status = _run(session, stop, options, vehicle, output)
+    _end(session, status, options, vehicle, reports, output)
+
+
+def _reports(options: LiveOptions, session: Session) -> LiveReports | None:
+    """Return what makes reports of a session; None where none can be asked for."""
+    if options.page is None and options.report is None:
+        return None
+    from towtank.app.live.reports import LiveReports
+
+    return LiveReports(session, options)
+
+
+def _page(
+    options: LiveOptions, session: Session, vehicle: Vehicle, reports: LiveReports | None, output: Output
+) -> Page | None:
+    """Return the live page of a session, bound to its address; None where none is asked for."""
+    if options.page is None:
+        return None
+    from towtank.dashboard.feed import About
+    from towtank.dashboard.live_feed import LiveFeed
+
+    names = (*vehicle.hydrodynamics, *RESTORING)
+    before = {name: value for name in names if (value := vehicle.coefficient(name))}
+    about = About(title=", ".join(options.sources), vehicle=vehicle, method=options.method, reference=before)
+    return new_page(
+        LiveFeed(session, about), options.page, output.say, reports=None if reports is None else reports.now
+    )
+
+
+def _foxglove(
+    options: LiveOptions, session: Session, vehicle: Vehicle, epoch: float, output: Output
+) -> contextlib.AbstractContextManager[object]:
+    """Return a server for Foxglove, listening already; nothing where none is asked for."""
+    if options.foxglove is None:
+        return contextlib.nullcontext()
+    from towtank.live.foxglove import FoxgloveServer
+
+    server = FoxgloveServer(session, vehicle, epoch, options.foxglove)
+    output.say(f"foxglove: ws://{server.open()}")
+    return contextlib.closing(server)
+
+
+def _earlier(options: LiveOptions, vehicle: Vehicle, **settings: Any) -> tuple[Checkpoint | None, Earlier | None]:
+    """Return the checkpoint beside the recording, and the session that is gone on with, where there are any."""
+    if options.record is None:
+        return None, None
+    digest = hashlib.sha256(repr(vehicle).encode()).hexdigest()
+    about: dict[str, Any] = {"method": options.method, "free": options.free, "prior": options.prior, "vehicle": digest}
+    about["changes"] = options.changes
+    checkpoint = Checkpoint(options.record, about)
+    if not (options.resume and options.record.exists()):
+        return checkpoint, None
+    return checkpoint, earlier(options.record, vehicle, checkpoint, **settings)
+
+
+def _log(options: LiveOptions, vehicle: Vehicle, epoch: float, *, going_on: bool) -> McapLog | None:
+    if options.record is None:
+        return None
+    if going_on:
+        return McapLog.resume(options.record, interval=_FLUSH)
+    return McapLog.open(
+        options.record,
+        source=", ".join(options.sources),
+        epoch=datetime.fromtimestamp(epoch, UTC),
+        attributes={"vehicle": vehicle.name},
+        interval=_FLUSH,
+    )
+
+
+def _gone_on(options: LiveOptions, before: Earlier, session: Session) -> str:
+    if before.recording is None:
+        return f"{options.record}: nothing was recorded yet; it is gone on with"
+    instants = session.learning.now.instants
+    how = "once more" if before.learner is None else "after its checkpoint"
+    recorded = f"{before.recording.duration:.5g} s recorded"
+    return f"{options.record}: gone on with, {recorded}, {instants} instants learned from {how}"
+
+
+def _run(session: Session, stop: threading.Event, options: LiveOptions, vehicle: Vehicle, output: Output) -> Status:
+    if options.json_lines:
+        told: list[Event] = []
+
+        def show_line(status: Status) -> None:
+            new = [event for event in status.events if event not in told]
+            told[:] = status.events
+            _write(live_line(status, new))
+
+        return session.run(stop, seconds=options.seconds, show=show_line, period=_LINES)
+    view = LiveView(output, vehicle, options.method)
+    with view.showing() as show:
+        return session.run(stop, seconds=options.seconds, show=show, period=0.25)
+
+
+def _end(
+    session: Session,
+    status: Status,
+    options: LiveOptions,
+    vehicle: Vehicle,
+    reports: LiveReports | None,
+    output: Output,
+) -> None:
+    """Write the model and the report, print what was learned."""
+    learner = session.learning.learner
+    place = _model_place(options, status)
+    if place is not None:
+        kept = learner.model()
+        note = f"learned live from {', '.join(options.sources)} ({status.learnt.estimate.duration:.5g} s)"
+        provenance = Provenance(source=kept.provenance.source, notes=(*kept.provenance.notes, note))
+        save_vehicle(kept.model_copy(update={"provenance": provenance}), place)
+    if reports is not None and options.report is not None:
+        reports.write(options.report, output.warnings)
+    fit = judged(session.learning, options.record)
+    document = live_document(status, learner, options.sources, options.prior, options.method, output.warnings, fit)
+    if options.json_lines:
+        _write(live_line(status) | {"final": True, **document})
+        return
+    show_end(status, vehicle, options.method, fit, output)
+    if place is not None:
+        output.line(f"model written to {place}")
+    else:
+        output.line("no model is kept: -o MODEL.toml or --record keeps one", "dim")
+    if options.report is not None:
+        output.line(f"report written to {options.report}")
+    if options.record is not None:
+        output.line(f"Next: towtank learn {options.record} --vehicle {options.vehicle} -o MODEL.toml", "dim")
+    output.document(document)
+
+
+def _model_place(options: LiveOptions, status: Status) -> Path | None:
+    """Return where the model goes: as asked, else beside the recording under a name that is free."""
+    if options.model_file is not None or options.record is None or not any(status.learnt.estimate.identified):
+        return options.model_file
+    place = options.record.with_suffix(".toml")
+    number = 2
+    while place.exists():
+        place = options.record.with_name(f"{options.record.stem}-{number}.toml")
+        number += 1
+    return place
+
+
+def _write(line: dict[str, object]) -> None:
+    import json
+
+    from towtank.app.terminal.output import plain
+
+    sys.stdout.write(json.dumps(plain(line), allow_nan=False) + "\n")
+    sys.stdout.flush()
+
+
+@contextlib.contextmanager
+def _ends() -> Iterator[threading.Event]:
+    """Yield what Ctrl-C and SIGTERM set; a second one ends at once."""
+    stop = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def asked(number: int, frame: FrameType | None) -> None:
+        stop.set()
+        signal.signal(number, before[signal.Signals(number)])
+
+    for number in before:
+        signal.signal(number, asked)
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,53 @@
+"""Fits of a free-running prediction as a table with bars."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from towtank.app.terminal.output import Output
+from towtank.digits import percent, short
+from towtank.recording import STANDARD
+from towtank.recording.standard import VELOCITIES
+
+__all__ = ["show_fits", "show_own_fits"]
+
+_POSITIONS = ("x", "y", "z")
+
+
+def show_fits(
+    fit: Mapping[str, float | None],
+    rmse: Mapping[str, float | None] | None,
+    output: Output,
+    errors: Mapping[str, str] | None = None,
+) -> None:
+    """Print the fit [%] of every channel that was measured, and its error where `rmse` is given.
+
+    Args:
+        errors: spark lines of the errors over time.
+    """
+    measured = {name: value for name, value in fit.items() if value is not None}
+    if not measured:
+        output.line("nothing to compare with: no motion was measured")
+        return
+    columns = ("Channel", ">Fit %", "") if rmse is None else ("Channel", ">Fit %", "", ">RMS error", "Unit")
+    table = output.table(*columns, *(() if errors is None else ("Error over time",)))
+    for name, value in measured.items():
+        row = [name, percent(value), f"{output.bar(value / 100.0):<20}"]
+        if rmse is not None:
+            row += [short(rmse.get(name), 3), STANDARD[name].unit]
+        if errors is not None:
+            row.append(errors.get(name, ""))
+        table.add_row(*row)
+    output.show(table)
+
+
+def show_own_fits(fit: Mapping[str, float | None], output: Output) -> None:
+    """Print the fit [%] of the speeds to what was learned from; where none was measured, of the pose."""
+    speeds = {name: fit.get(name) for name in VELOCITIES}
+    if any(value is not None for value in speeds.values()):
+        show_fits(speeds, None, output)
+        return
+    show_fits(fit, None, output)
+    if any((fit.get(name) or 0.0) < 0.0 for name in _POSITIONS):
+        output.line("Positions add up every push of the water, whatever the model:", "dim")
+        output.line("towtank validate --horizon 10 sets the prediction back to what was measured every 10 s.", "dim")

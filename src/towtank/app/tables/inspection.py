@@ -1,0 +1,166 @@
+"""An inspection as tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from towtank.app.inspection import AxisVerdict, Inspection
+from towtank.app.tables.learning import disturbance_cells
+from towtank.app.tables.repairs import show_contents
+from towtank.app.terminal.output import Output
+from towtank.digits import short
+from towtank.identification.data.noise import NoiseLevel
+from towtank.identification.model.terms import AXES
+from towtank.recording.facts import ChannelFacts
+from towtank.recording.standard import EULER
+
+__all__ = ["show_inspection"]
+
+_OUTLIERS = 1e-3
+
+
+def show_inspection(found: Inspection, output: Output) -> None:
+    """Print an inspection."""
+    recording = found.recording
+    output.line(found.log, "bold")
+    output.line(f"{short(recording.duration, 5)} s, {len(found.channels)} channels")
+    _show_channels(found.channels, found.noise, output)
+    show_contents(recording, output)
+    lines = (*found.repairs.lines, *recording.notes)
+    output.heading("Clock and samples")
+    for line in lines or ("nothing to repair",):
+        output.item(line)
+    output.heading("Delay from command to motion")
+    output.line(_delay(found))
+    _show_axes(found, output)
+    _show_outlook(found, output)
+    _show_disturbance(found, output)
+    if found.warnings:
+        output.heading("Warnings")
+        for text in found.warnings:
+            output.item(text)
+    if found.delay_from == "correlation":
+        output.line()
+        output.line("With --vehicle VEHICLE it says so of each coefficient, and how well it will be known.", "dim")
+
+
+def _show_channels(channels: Sequence[ChannelFacts], noise: Mapping[str, NoiseLevel], output: Output) -> None:
+    output.line()
+    table = output.table("Channel", "Unit", ">Hz", ">Span s", ">Lost", ">Gaps", ">Noise", ">Range", wrap="Range")
+    for each in channels:
+        held = each.changes is not None
+        table.add_row(
+            each.name,
+            each.unit,
+            short(each.rate_hz, 3),
+            f"{_seconds(each.start_s)} .. {_seconds(each.end_s)}",
+            "held" if held else str(each.missing),
+            "-" if held else str(each.gaps),
+            _noise(noise.get(each.name)),
+            f"{short(each.min, 3)} .. {short(each.max, 3)}",
+        )
+    output.show(table)
+    for line in _about_noise(noise):
+        output.item(line)
+
+
+def _noise(level: NoiseLevel | None) -> str:
+    if level is None or not math.isfinite(level.std):
+        return "-"
+    if level.dead:
+        return "still"
+    return f"{'' if level.white else '< '}{level.std:.2g}"
+
+
+def _about_noise(noise: Mapping[str, NoiseLevel]) -> list[str]:
+    """Return what else there is to say of the channels' samples."""
+    lines: list[str] = []
+    attitude = [f"{name} {_noise(noise[name])}" for name in EULER if name in noise]
+    if attitude and "qw" in noise:
+        lines.append(f"noise of the attitude in rad: {', '.join(attitude)}")
+    wild = [f"{name} {100.0 * each.share_of_outliers:.2g} %" for name, each in noise.items() if _wild(each)]
+    if wild:
+        lines.append(f"samples that stand off (spikes, hidden markers): {', '.join(wild)}")
+    coarse = [f"{name} {each.quantum:.2g}" for name, each in noise.items() if each.quantum > 0.0]
+    if coarse:
+        lines.append(f"coarse steps: {', '.join(coarse)}")
+    dead = [name for name, each in noise.items() if each.dead]
+    if dead:
+        lines.append(f"never changes: {', '.join(dead)}")
+    return lines
+
+
+def _wild(level: NoiseLevel) -> bool:
+    return level.white and level.share_of_outliers > _OUTLIERS
+
+
+def _seconds(t: float) -> str:
+    return f"{round(t, 2) + 0.0:.12g}"
+
+
+def _delay(found: Inspection) -> str:
+    if found.delay is None:
+        commanded = found.grid is not None and found.grid.command_t.size
+        return "unknown: no axis follows the inputs" if commanded else "unknown: no commands, or no motion"
+    spread = found.delay_std
+    around = f" ± {1e3 * spread:.1f}" if spread is not None and spread == spread else ""
+    if found.delay_from == "correlation":
+        around = f" ± {1e3 * spread:.0f}" if spread is not None and spread == spread else ""
+        return f"about {1e3 * found.delay:.0f}{around} ms, by correlation; --vehicle tells it better"
+    return f"{1e3 * found.delay:.1f}{around} ms"
+
+
+def _show_disturbance(found: Inspection, output: Output) -> None:
+    if found.outlook is None:
+        return
+    output.heading("Disturbance (standard deviation of the force that nothing explains)")
+    if found.levels is None:
+        output.line("not told: what the commands leave unexplained is no random force of one time constant")
+        return
+    table = output.table(*(f">{axis.name}" for axis in AXES), "Unit")
+    table.add_row(*disturbance_cells(found.levels, [found.sources]), "N, N m")
+    output.show(table)
+
+
+def _show_axes(found: Inspection, output: Output) -> None:
+    output.heading("What can be identified")
+    table = output.table("Axis", "Speed", "Verdict", wrap="Verdict")
+    for name, verdict in found.axes.items():
+        speed = f"{verdict.velocity} {verdict.source}"
+        table.add_row(name, speed, _verdict(verdict))
+    output.show(table)
+    reasons: dict[str, list[str]] = {}
+    for verdict in found.axes.values():
+        if verdict.identifiable:
+            for coefficient, reason in verdict.coefficients.items():
+                if reason:
+                    reasons.setdefault(reason, []).append(coefficient)
+    if reasons:
+        output.line()
+        for reason, names in reasons.items():
+            output.item(f"not {', '.join(dict.fromkeys(names))}: {reason}")
+
+
+def _show_outlook(found: Inspection, output: Output) -> None:
+    ahead = found.outlook
+    if ahead is None:
+        return
+    output.heading("How well they will be known (standard deviation after learning)")
+    told: set[str] = set()
+    for verdict in found.axes.values():
+        lines = [prospect.text for name, prospect in verdict.prospects.items() if name not in told]
+        told.update(verdict.prospects)
+        if lines:
+            output.item(", ".join([lines[0], *(line.replace(" will be known to", " to") for line in lines[1:])]))
+    if len(found.windows) > 1:
+        stretches = ", ".join(f"{start:.0f} .. {end:.0f}" for start, end in found.windows)
+        output.line(f"Told from where most happens, {stretches} s; the whole log tells more.", "dim")
+
+
+def _verdict(verdict: AxisVerdict) -> str:
+    if not verdict.identifiable:
+        return f"no: {verdict.reason}"
+    if verdict.explained is not None:
+        return f"follows the inputs: they explain {verdict.explained:.0%} of its acceleration"
+    return f"yes: {', '.join(name for name, why in verdict.coefficients.items() if why is None)}"

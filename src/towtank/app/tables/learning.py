@@ -1,0 +1,279 @@
+"""What was learned, as tables and as a document.
+
+Levels of noise and disturbance that learning found, as a table and as a document.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from towtank.app.tables.fits import show_own_fits
+from towtank.app.terminal.output import Output
+from towtank.digits import measured, short
+from towtank.identification import Estimate
+from towtank.identification.data.noise import Levels
+from towtank.identification.model.terms import AXES
+from towtank.identification.posterior.assembly import LogLearning, Sources
+from towtank.intervals import interval, interval_text
+from towtank.recording import STANDARD, Grid
+from towtank.recording.standard import MOTION
+
+__all__ = [
+    "delay_deviation",
+    "disturbance_cells",
+    "disturbance_document",
+    "estimate_document",
+    "learn_document",
+    "noise_document",
+    "show_learning",
+]
+
+_KINDS = (
+    ("noise of pose", slice(0, 6), "m, rad"),
+    ("noise of speed", slice(6, 12), "m/s, rad/s"),
+    ("noise of force", slice(12, 15), "m/s^2"),
+)
+_VELOCITIES = ("u", "v", "w", "p", "q", "r")
+_METHODS = {
+    "joint": "joint Kalman filter",
+    "output-error": "output error (free runs)",
+    "paper": "the paper's method (filtered regressors)",
+}
+
+
+def noise_document(levels: Levels | None, grids: Sequence[Grid]) -> dict[str, Any]:
+    """Return the noise of each channel that was measured: standard deviation of a sample, and its unit."""
+    if levels is None:
+        return {}
+    return {
+        name: {"std": float(levels.noise[j]), "unit": STANDARD[name].unit}
+        for j, name in enumerate(MOTION)
+        if _measured(grids)[j]
+    }
+
+
+def disturbance_document(levels: Levels | None, sources: Sequence[Sources]) -> dict[str, Any]:
+    """Return the disturbance force of each axis whose speed is known: its standard deviation and its unit."""
+    if levels is None:
+        return {}
+    return {
+        axis.wrench: {"std": float(level), "unit": STANDARD[axis.wrench].unit}
+        for axis, level, told in zip(AXES, levels.sigma, _moving(sources), strict=True)
+        if told
+    }
+
+
+def show_levels(
+    levels: Levels | None, grids: Sequence[Grid], sources: Sequence[Sources], output: Output, *, whose: str = ""
+) -> None:
+    """Print the levels of all axes side by side; nothing where there are none.
+
+    Args:
+        whose: picture of the disturbance it is, where that is not the model's.
+    """
+    if levels is None:
+        return
+    output.heading(f"Noise and disturbance{whose} (standard deviations)")
+    table = output.table("", *(f">{axis.name}" for axis in AXES), "Unit")
+    table.add_row("disturbance", *disturbance_cells(levels, sources), "N, N m")
+    known = _measured(grids)
+    for label, columns, unit in _KINDS:
+        if known[columns].any():
+            cells = [_brief(x) if told else "-" for x, told in zip(levels.noise[columns], known[columns], strict=True)]
+            table.add_row(label, *cells, *[""] * (6 - len(cells)), unit)
+    output.show(table)
+
+
+def disturbance_cells(levels: Levels, sources: Sequence[Sources]) -> list[str]:
+    """Return the disturbance of each axis as text, "-" where its speed is not known."""
+    return [_brief(level) if told else "-" for level, told in zip(levels.sigma, _moving(sources), strict=True)]
+
+
+def _moving(sources: Sequence[Sources]) -> list[bool]:
+    """Return whether the speed of each axis is measured or derived in any recording."""
+    return [any(each.velocity[i] != "absent" for each in sources) for i in range(6)]
+
+
+def _brief(value: float) -> str:
+    return f"{value:.2g}"
+
+
+def _measured(grids: Sequence[Grid]) -> NDArray[np.bool_]:
+    """Return which of the 15 columns are measured in any recording."""
+    return np.asarray(np.any([grid.fresh.any(axis=0) for grid in grids], axis=0))
+
+
+def show_learning(
+    learning: LogLearning,
+    fit: Mapping[str, float | None],
+    logs: Sequence[Path],
+    warnings: Sequence[str],
+    output: Output,
+    *,
+    asked: str,
+    prior: str | None = None,
+) -> None:
+    """Print what was learned.
+
+    Args:
+        asked: the method asked for. prior: what was known beforehand, as it was named.
+    """
+    estimate = learning.estimate
+    names = ", ".join(log.name for log in logs)
+    output.line(f"{learning.vehicle.name} from {names}", "bold")
+    known = "" if prior is None else f", prior {prior}"
+    output.line(f"{short(estimate.duration)} s, {estimate.samples} samples, method {learning.method}{known}")
+    _show_coefficients(learning, output)
+    if estimate.sums:
+        output.heading("Inertias as they move the vehicle (body and water together)")
+        table = output.table("Sum", ">Value", ">± std", ">95 % interval", "Unit")
+        for total in estimate.sums:
+            row = (*measured(total.value, total.std), interval_text(total.value, total.std))
+            table.add_row(total.name, *row, total.unit)
+        output.show(table)
+    _show_held(learning, output)
+    _show_input(learning, output)
+    whose = " as the joint filter sees them" if learning.method == "output-error" else ""
+    show_levels(learning.levels, learning.grids, learning.sources, output, whose=whose)
+    output.heading("Fit of the free-running prediction on these very logs")
+    show_own_fits(fit, output)
+    output.heading(f"How it was learned: {_METHODS.get(learning.method, learning.method)}")
+    for text in (*learning.remarks, *_choice(learning, asked)):
+        output.item(text)
+    if warnings:
+        output.heading("Warnings")
+        for text in warnings:
+            output.item(text)
+
+
+def _choice(learning: LogLearning, asked: str) -> list[str]:
+    if learning.remarks:
+        return []
+    if asked == "joint":
+        return ["no free runs to compare with could be made of these logs"]
+    return ["as asked for (--method)"]
+
+
+def _show_coefficients(learning: LogLearning, output: Output) -> None:
+    learned = [each for each in learning.estimate.coefficients if each.identified]
+    if not learned:
+        return
+    output.line()
+    table = output.table("Coefficient", ">Value", ">± std", ">95 % interval", ">Before", "Unit")
+    for each in learned:
+        before = short(_before(learning, each.name))
+        row = (*measured(each.value, each.std), interval_text(each.value, each.std), before)
+        table.add_row(each.name, *row, each.unit)
+    output.show(table)
+
+
+def _show_held(learning: LogLearning, output: Output) -> None:
+    """Print what was not learned, with the value that the model keeps, grouped by the reason."""
+    reasons: dict[str, list[str]] = {}
+    for each in learning.estimate.coefficients:
+        if not each.identified:
+            reasons.setdefault(each.reason or "no reason given", []).append(f"{each.name} = {short(each.value)}")
+    if reasons:
+        output.heading("Not identified: held in the model, and why")
+        for reason, names in reasons.items():
+            output.item(f"{', '.join(names)}: {reason}")
+
+
+def _show_input(learning: LogLearning, output: Output) -> None:
+    output.heading("From command to thrust")
+    std = delay_deviation(learning)
+    spread = "" if std is None else f" ± {1e3 * std:.1f}"
+    found = "given" if learning.delay_scan is None else "found"
+    output.line(f"delay {1e3 * learning.delay:.1f}{spread} ms ({found})")
+    if math.isfinite(learning.lag):
+        value, spread = measured(1e3 * learning.lag, 1e3 * learning.lag_std)
+        output.line(f"lag {value}{f' ± {spread}' if spread else ''} ms, first order (found)")
+    else:
+        lags = sorted({thruster.time_constant for thruster in learning.vehicle.thrusters if thruster.time_constant})
+        if lags:
+            output.line(f"lag {', '.join(short(1e3 * lag) for lag in lags)} ms, first order (of the vehicle file)")
+    if learning.gains:
+        told = (f"{name} {gain:.3f} ± {std:.3f}" for name, (gain, std) in learning.gains.items())
+        output.line(f"gain of thrusters, times their curves: {', '.join(told)}")
+    if learning.vehicle.scale_std and learning.vehicle.thrusters:
+        output.line(
+            f"scale of thrust known to {100.0 * learning.vehicle.scale_std:.3g} %, within every deviation above"
+        )
+
+
+def delay_deviation(learning: LogLearning) -> float | None:
+    """Return the deviation of the delay [s]; None where it was given or has none."""
+    if learning.delay_scan is None:
+        return None
+    std = learning.delay_std if math.isfinite(learning.delay_std) else learning.delay_scan.std
+    return std if math.isfinite(std) else None
+
+
+def _before(learning: LogLearning, name: str) -> float | None:
+    try:
+        return learning.vehicle.coefficient(name)
+    except ValueError:
+        return None
+
+
+def learn_document(
+    learning: LogLearning,
+    fit: Mapping[str, float | None],
+    warnings: Sequence[str],
+    rmse: Mapping[str, float | None] | None = None,
+) -> dict[str, Any]:
+    """Return the part of the JSON document that learning fills."""
+    estimate = learning.estimate
+    return {
+        "method": learning.method,
+        "remarks": learning.remarks,
+        "duration_s": estimate.duration,
+        "samples": estimate.samples,
+        "delay_s": learning.delay,
+        "delay_std_s": delay_deviation(learning),
+        "lag_s": learning.lag,
+        "lag_std_s": learning.lag_std,
+        "gains": {name: {"value": gain, "std": std} for name, (gain, std) in learning.gains.items()},
+        "current": None
+        if learning.current is None
+        else {"velocity_ned": list(learning.current.velocity), "std": list(learning.current.std)},
+        "scale_std": learning.vehicle.scale_std,
+        **estimate_document(estimate),
+        "disturbance": disturbance_document(learning.levels, learning.sources),
+        "noise": noise_document(learning.levels, learning.grids),
+        "fit": {**{name: fit.get(name) for name in _VELOCITIES}, **fit},
+        "rmse": dict(rmse or {}),
+        "warnings": list(warnings),
+    }
+
+
+def estimate_document(estimate: Estimate) -> dict[str, Any]:
+    """Return the coefficients and the sums of inertias with their deviations, or reasons."""
+    return {
+        "coefficients": {
+            each.name: {
+                "value": each.value,
+                "std": each.std,
+                "interval": interval(each.value, each.std),
+                "unit": each.unit,
+                "identified": each.identified,
+                "reason": each.reason,
+            }
+            for each in estimate.coefficients
+        },
+        "sums": {
+            total.name: {
+                "value": total.value,
+                "std": total.std,
+                "interval": interval(total.value, total.std),
+                "unit": total.unit,
+            }
+            for total in estimate.sums
+        },
+    }

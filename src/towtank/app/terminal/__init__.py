@@ -1,0 +1,1 @@
+"""Output, errors and exit codes of a command."""

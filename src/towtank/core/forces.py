@@ -1,0 +1,77 @@
+"""Hydrodynamic damping: linear and quadratic, diagonal or full matrices of SNAME derivatives.
+
+The force on the vehicle is L nu + Q |nu| nu with L_ij = X_u .. N_r and Q_ij = X_{u|u|} .. N_{r|r|}, negative on the
+diagonal of a physical vehicle. Fossen's D(nu) nu is its opposite. The printed paper's (30) lacks a velocity factor.
+
+Restoring forces of gravity and buoyancy for any centres and any net weight.
+
+With k = R^T e_z and b = r_G W - r_B B, Fossen (4.5) is g(eta) = -[(W - B) k ; b x k]. The printed paper's (20), row 4,
+has the wrong sign; here a centre of buoyancy above the centre of gravity (BG_z = b_z > 0) rights the vehicle.
+
+A water current, constant in the inertial frame and irrotational.
+
+nu_r = nu - [R^T v_c ; 0] enters the hydrodynamic terms. Because the current is constant, an observer drifting with the
+water is inertial too and sees the same rigid body: M_RB nu_r_dot + C_RB(nu_r) nu_r = M_RB nu_dot + C_RB(nu) nu, so the
+whole of (8) holds in nu_r with the total mass matrix. Fossen (2021), section 8.1 and property 10.1.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from towtank.core.arrays import Array, kernel
+from towtank.core.attitude import rotation_from_quaternion
+
+__all__ = ["current_acceleration", "current_in_body", "damping_force", "restoring_wrench"]
+
+
+@kernel
+def damping_force(linear: Array, quadratic: Array, nu: Array) -> Array:
+    """Return the damping force on the vehicle (6,) [N, N m]: L nu + Q |nu| nu."""
+    out = np.zeros(6)
+    for i in range(6):
+        for j in range(6):
+            out[i] += (linear[i, j] + quadratic[i, j] * math.fabs(nu[j])) * nu[j]
+    return out
+
+
+@kernel
+def restoring_wrench(weight: float, moment: Array, k: Array) -> Array:
+    """Return g(eta) (6,) [N, N m] of (8); the wrench that acts on the vehicle is its opposite.
+
+    Args:
+        weight: W - B [N].
+        moment: b = r_G W - r_B B (3,) [N m], body FRD.
+        k: direction of gravity in the body (3,), see `towtank.core.attitude.gravity_direction`.
+    """
+    out = np.empty(6)
+    for i in range(3):
+        out[i] = -weight * k[i]
+    out[3] = -(moment[1] * k[2] - moment[2] * k[1])
+    out[4] = -(moment[2] * k[0] - moment[0] * k[2])
+    out[5] = -(moment[0] * k[1] - moment[1] * k[0])
+    return out
+
+
+@kernel
+def current_in_body(q: Array, current: Array) -> Array:
+    """Return nu_c (6,) = [R^T v_c ; 0] for the attitude q (4,) and the current v_c (3,) [m/s], NED."""
+    R = rotation_from_quaternion(q)
+    out = np.zeros(6)
+    for i in range(3):
+        for j in range(3):
+            out[i] += R[j, i] * current[j]
+    return out
+
+
+@kernel
+def current_acceleration(q: Array, omega: Array, current: Array) -> Array:
+    """Return nu_c_dot (6,) = [-omega x R^T v_c ; 0]: a constant current turns in a turning body."""
+    c = current_in_body(q, current)
+    out = np.zeros(6)
+    out[0] = -(omega[1] * c[2] - omega[2] * c[1])
+    out[1] = -(omega[2] * c[0] - omega[0] * c[2])
+    out[2] = -(omega[0] * c[1] - omega[1] * c[0])
+    return out

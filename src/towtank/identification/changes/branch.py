@@ -1,0 +1,254 @@
+"""Filters split off the joint filter: with more coordinates, wider ones, or told something after the event.
+
+The last seconds of rows and inputs, as they came, to be gone over again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.identification.changes.evidence import Window, window_between
+from towtank.identification.data.samples import Buffer, Samples
+from towtank.identification.data.zero_order_hold import HeldInput, held_push
+from towtank.identification.kalman.filter import joint_events
+from towtank.identification.kalman.state import C_RESETS, O_FOLLOW, O_REST, JointState
+from towtank.identification.kalman.update import inject
+from towtank.identification.model.linearisation import N_FIXED, transition_scratch
+from towtank.identification.model.parameters import PLAIN, FreeParameters
+
+__all__ = ["Fork", "Recent", "copied", "informed", "split_later", "split_off", "with_coordinates", "without_change_of"]
+
+_Record = TypeVar("_Record", JointState, HeldInput)
+_UNKNOWN = 0.3  # deviation of a logarithm of which little is known
+_HELD = 1e-4  # deviation of what a hypothesis leaves alone, as a share of the step that it might have made
+
+
+@dataclass(eq=False)
+class Fork:
+    """A filter that runs beside the first one since it was split off, free to follow a change at that moment.
+
+    Attributes:
+        t: when it was split off [s]. free: its coordinates, those of the first filter and more. steps: deviations (n,)
+            by which they were widened. state, held: the filter and its inputs.
+        theta0, P0: coordinates (n,) and covariance (n, n) before they were widened.
+        first, inputs: copies of the filter that it was split off, as it was then.
+        until: when it ends [s]. resets: times that its motion had begun anew by then.
+        said, most: what it said when it was read last, and the most that any change can have for it then.
+    """
+
+    t: float
+    free: FreeParameters
+    steps: Array
+    state: JointState
+    held: HeldInput
+    theta0: Array
+    P0: Array
+    first: JointState
+    inputs: HeldInput
+    until: float
+    resets: float
+    said: Window | None = None
+    most: float = 0.0
+
+    def take(self, rows: Samples) -> None:
+        """Take rows and inputs that came since."""
+        state, held = self.state, self.held
+        pushed = joint_events(state, held, rows.t, rows.values, rows.input_t, rows.input_force, True, 0, len(rows), 0)
+        for k in range(pushed, rows.input_t.size):
+            held_push(held, rows.input_t[k], rows.input_force[k])
+
+    @property
+    def sound(self) -> bool:
+        """Whether it has followed the motion without a break, its numbers finite and its variances positive."""
+        return bool(
+            self.state.clock[C_RESETS] == self.resets
+            and np.isfinite(self.state.theta).all()
+            and np.isfinite(self.state.P).all()
+            and (np.diag(self.state.P)[: N_FIXED + len(self.free)] >= 0.0).all()
+        )
+
+    @property
+    def partly_unknown(self) -> bool:
+        """Whether little was known of a coefficient when it was split off."""
+        std = np.sqrt(np.maximum(np.diag(self.P0), 0.0))
+        return bool(np.any((self.free.codes[:, 3] != PLAIN) & (std > _UNKNOWN)))
+
+    def read(self) -> None:
+        """Keep what the samples so far say."""
+        if self.sound:
+            self.said = self.window()
+            self.most = self.said.most(self.steps)
+
+    def window(self) -> Window:
+        """Return what the samples since it was split off say by themselves."""
+        n = len(self.free)
+        block = self.state.P[N_FIXED : N_FIXED + n, N_FIXED : N_FIXED + n]
+        return window_between(self.theta0, self.P0, self.steps, self.state.theta, block)
+
+
+def split_off(
+    t: float, state: JointState, held: HeldInput, free: FreeParameters, wide: FreeParameters, steps: Array, until: float
+) -> Fork:
+    """Return a filter that goes on from here with the coordinates `wide`, `free` first, widened by `steps` (n,).
+
+    It stays linear about the anchor of `state`, so that a wide prior cannot lead it astray.
+    """
+    n = len(wide)
+    split = with_coordinates(state, wide, [*range(len(free)), *[-1] * (n - len(free))])
+    block = slice(N_FIXED, N_FIXED + n)
+    theta0, P0 = split.theta.copy(), split.P[block, block].copy()
+    split.P[block, block] += np.diag(steps**2)
+    split.options[O_FOLLOW] = split.options[O_REST] = 0.0
+    split.taught[:] = 0.0
+    resets = float(state.clock[C_RESETS])
+    return Fork(t, wide, steps, split, copied(held), theta0, P0, copied(state), copied(held), until, resets)
+
+
+def split_later(fork: Fork, free: FreeParameters, rows: Samples, when: Sequence[float]) -> list[Fork]:
+    """Return filters that were split off where `fork` was or later: at the times `when` [s], in order.
+
+    Args:
+        free: coordinates of the filter that it was split off. rows: what came since; the filters have taken it all.
+    """
+    state, held = copied(fork.first), copied(fork.inputs)
+    state.options[O_FOLLOW] = 0.0
+    out = []
+    pushed = done = 0
+    for t in when:
+        last = int(np.searchsorted(rows.t, t, side="right"))
+        pushed = joint_events(
+            state, held, rows.t, rows.values, rows.input_t, rows.input_force, True, done, last, pushed
+        )
+        done = max(done, last)
+        later = split_off(t, state, held, free, fork.free, fork.steps, fork.until)
+        later.take(rows.part(done, pushed))
+        if later.sound:
+            out.append(later)
+    return out
+
+
+def with_coordinates(state: JointState, free: FreeParameters, source: Sequence[int]) -> JointState:
+    """Return a copy of the filter with other coordinates.
+
+    Args:
+        free: the coordinates (n,). source: index of each in `state`, -1 for one that is new: 0, and known exactly.
+    """
+    n, old = len(free), state.theta.size
+    biases = state.P.shape[0] - N_FIXED - old
+    rows = [*range(N_FIXED), *(N_FIXED + k if k >= 0 else -1 for k in source), *range(N_FIXED + old, state.P.shape[0])]
+    into = [i for i, k in enumerate(rows) if k >= 0]
+    out_of = [k for k in rows if k >= 0]
+    size = N_FIXED + n + biases
+    P = np.zeros((size, size))
+    P[np.ix_(into, into)] = state.P[np.ix_(out_of, out_of)]
+    given = [(i, k) for i, k in enumerate(source) if k >= 0]
+    vectors = {name: np.zeros(n) for name in ("theta", "anchor", "walk", "taught", "gained")}
+    for name, vector in vectors.items():
+        for i, k in given:
+            vector[i] = getattr(state, name)[k]
+    dx = np.zeros(size)
+    dx[into] = state.dx[out_of]
+    F, A, work, scratch = transition_scratch(n)
+    fresh = {
+        "P": P,
+        "codes": np.ascontiguousarray(free.codes),
+        "step": np.zeros((N_FIXED + n, 12)),
+        "F": F,
+        "A": A,
+        "work": work,
+        "scratch": scratch,
+        "W": np.zeros((12, size)),
+        "g": np.zeros(size),
+        "dx": dx,
+        "awake": np.ones(size),
+        "h": np.zeros(size),
+        **vectors,
+    }
+    return JointState(
+        **{name: fresh[name] if name in fresh else np.array(value) for name, value in state._asdict().items()}
+    )
+
+
+def copied(record: _Record) -> _Record:
+    """Return a copy that shares nothing."""
+    return record._replace(**{name: np.array(value) for name, value in record._asdict().items()})
+
+
+def informed(state: JointState, rows: Array, covariance: Array, residual: Array) -> None:
+    """Tell the filter rows (m, n) of its coordinates, measured with a covariance (m, m) and residuals (m,) from now."""
+    n = state.theta.size
+    spread = state.P[:, N_FIXED : N_FIXED + n] @ rows.T
+    S = rows @ spread[N_FIXED : N_FIXED + n] + covariance
+    gain = np.linalg.solve(0.5 * (S + S.T), spread.T).T
+    state.dx[:] += gain @ residual
+    P = state.P - gain @ spread.T
+    state.P[:] = 0.5 * (P + P.T)
+    inject(state)
+
+
+def without_change_of(fork: Fork, steps: Array) -> JointState:
+    """Return the fork's filter as it would be, had it been widened by `steps` (n,) only: fewer of its own."""
+    state = copied(fork.state)
+    left = np.flatnonzero(steps < fork.steps)
+    if left.size == 0:
+        return state
+    root = np.zeros((len(fork.free), left.size))
+    root[left, np.arange(left.size)] = np.sqrt(fork.steps[left] ** 2 - steps[left] ** 2)
+    narrow = fork.P0 + np.diag(np.maximum(steps, np.where(fork.steps > 0.0, _HELD * fork.steps, 1e-9)) ** 2)
+    rows = np.asarray(np.linalg.solve(0.5 * (narrow + narrow.T), root).T, dtype=np.float64)
+    doubt = np.eye(left.size)
+    doubt += rows @ root
+    informed(state, rows, doubt, rows @ (fork.theta0 - state.theta))
+    return state
+
+
+class Recent:
+    """Pieces of a stream.
+
+    Args:
+        seconds: that are kept.
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+        self._pieces: list[Samples] = []
+
+    def add(self, buffer: Buffer) -> Samples:
+        """Take what is in a buffer, empty it, and forget what is too old; return what was taken."""
+        rows = buffer.whole
+        piece = replace(
+            rows,
+            t=rows.t.copy(),
+            values=rows.values.copy(),
+            input_t=rows.input_t.copy(),
+            input_force=rows.input_force.copy(),
+        )
+        buffer.clear()
+        if len(piece) or piece.input_t.size:
+            self._pieces.append(piece)
+            newest = piece.t[-1] if len(piece) else piece.input_t[-1]
+            while len(self._pieces[0]) and self._pieces[0].t[-1] < newest - self._seconds:
+                self._pieces.pop(0)
+        return piece
+
+    def since(self, t: float) -> Samples:
+        """Return what came after t [s], in one; t is the time of a row."""
+        pieces = [each for each in self._pieces if not len(each) or each.t[-1] > t]
+        whole = replace(
+            pieces[0],
+            t=np.concatenate([each.t for each in pieces]),
+            values=np.concatenate([each.values for each in pieces]),
+            input_t=np.concatenate([each.input_t for each in pieces]),
+            input_force=np.concatenate([each.input_force for each in pieces]),
+        )
+        first = int(np.searchsorted(whole.t, t, side="right"))
+        return whole.part(first, int(np.searchsorted(whole.input_t, t, side="right")))
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._pieces.clear()

@@ -1,0 +1,388 @@
+"""Watches a joint filter for a change of the vehicle: filters split off time and again, each free to have seen one.
+
+Every half second a filter is split off the first one, with inertia, drag, weight, righting moment and, where commands
+are known, the gains of the thrusters widened by what a payload or a fouled thruster would do to them. What its samples
+say by themselves (`changes.evidence`) is the evidence of a change at that moment, of any parts. A change is one that
+has an evidence beyond `_SURE` twice in a row, and of which it is clear whether body or thruster is to blame. Then the
+filter that saw it goes on in place of the first one, told what has not changed, so that nothing is learned twice. The
+moment is sought in steps of 0.1 s, by replay: a filter that began before the change has seen both vehicles, and blames
+whatever bends most easily. Without motion a split filter learns nothing, its evidence stays zero, and the first filter,
+whose coefficients do not walk, waits as it is.
+
+Follows a stream for changes of its vehicle: the watch, fed as the filter is fed, and the story of what it saw.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.identification.changes.branch import (
+    Fork,
+    Recent,
+    copied,
+    informed,
+    split_later,
+    split_off,
+    with_coordinates,
+    without_change_of,
+)
+from towtank.identification.changes.events import Story
+from towtank.identification.changes.evidence import Doubt
+from towtank.identification.changes.hypotheses import (
+    Change,
+    Hypothesis,
+    Known,
+    Recognised,
+    Referee,
+    Verdict,
+    hypotheses,
+    judged,
+    known_as,
+    likeness,
+    steps_of,
+)
+from towtank.identification.data.samples import Buffer, Samples
+from towtank.identification.data.zero_order_hold import HeldInput
+from towtank.identification.kalman.state import O_FOLLOW, JointState
+from towtank.identification.model.parameters import GAIN_PREFIX, FreeParameters, free_parameters
+from towtank.recording.event import Event
+from towtank.vehicle import Vehicle
+
+__all__ = ["Follow"]
+
+_EVERY, _LIVES = 0.5, 3.0  # s: a filter is split off so often, and lives for so long;
+_OLD_ONE, _LIVES_LONG = 4, 8.0  # every so many-th lives longer, for what shows slowly
+_YOUNG = 0.4  # s of age that a filter must have to be asked
+_LOOKS = 0.25  # s from one look to the next
+_SURE = 11.0  # log Bayes factor of a change; Ville's inequality alone: one false alarm in 8 h
+_CLEAR, _WAITS = 5.0, 3.0  # log odds between body and thrusters, and for how long they are waited for [s]
+_FINELY, _EARLIER, _LATER = 0.1, 0.5, 1.0  # s: the beginning is sought so finely, so far about the best one,
+_PERSISTS, _AGED = 0.4, 0.2  # when it has lasted so long, if thrusters may be to blame, and so long ago at least
+_AGAIN = 2  # looks in a row
+_BELIEVED = 20.0  # s after a look was asked for in which a change is believed
+_REFEREE = 15.0  # s for which a change is compared with known configurations
+_TAKEN, _DROPPED = 0.98, 0.3  # probability at which a known configuration is taken as prior, and given up
+_WATCHED = 15.0  # s of motion from which on changes are watched for
+
+
+class Watch:
+    """The filters that watch.
+
+    Args:
+        vehicle: what is known. buffer: an empty one, of the inputs that are used; commands tell thrusters apart.
+        known: configurations by name. doubt: how much windows err, learned along.
+
+    Attributes:
+        may_look: the stream can go over all that it saw once more. asked: when it was asked to [s]: while little is
+            known of a coefficient, an axis that begins to move surprises as a change does, and the filter, linear about
+            a mere guess, cannot tell. What is seen again after that look is believed.
+    """
+
+    def __init__(self, vehicle: Vehicle, buffer: Buffer, known: Mapping[str, Vehicle], doubt: Doubt) -> None:
+        self.vehicle, self.known = vehicle, dict(known)
+        self._rows = buffer
+        self.doubt = doubt
+        self._recent = Recent(_LIVES_LONG + _EVERY)
+        self._forks: list[Fork] = []
+        self._batch: Samples | None = None  # rows that filters catch up with, one after the other
+        self._waiting: list[Fork] = []
+        self._last = -np.inf
+        self._ways: tuple[Hypothesis, ...] = ()
+        self._steps = np.empty(0)
+        self._wide: FreeParameters | None = None
+        self._next_split = self._next_look = -np.inf
+        self._count = 0
+        self._suspect: tuple[Fork, int, float] | None = None
+        self._referee: Referee | None = None
+        self.may_look = False
+        self.asked = -np.inf
+        self.likely: dict[str, float] = {}  # configurations, with their probabilities, since the last change
+
+    def restart(self, *, referee: bool = False) -> None:
+        """Forget all filters: the first one has begun anew. The referee stays where that is wanted."""
+        self._forks.clear()
+        self._rows.clear()
+        self._recent.clear()
+        self._waiting.clear()
+        self._batch = self._suspect = None
+        self._next_split = self._next_look = -np.inf
+        if not referee:
+            self._referee = None
+
+    def take_input(self, t: float, force: Array) -> None:
+        """Take the forces (m,) asked for from t [s] on."""
+        if self._forks or self._referee is not None:
+            self._rows.add_input(t, force)
+
+    def take_row(self, t: float, z: Array) -> None:
+        """Take the row z (15,) of time t [s]."""
+        if self._forks or self._referee is not None:
+            self._rows.add_row(t, z)
+
+    def look(self, t: float, state: JointState, held: HeldInput, free: FreeParameters) -> Change | Recognised | None:
+        """Do what is due at t [s], a little with every row: let filters catch up, ask them, split off the next one."""
+        span, self._last = t - self._last, t
+        if self._waiting:
+            share = min(1.0, max(span / _LOOKS, 0.0))
+            for _ in range(max(1, math.ceil(2.0 * share * len(self._forks)))):
+                if self._waiting:
+                    self._serve(self._waiting.pop())
+            if self._waiting:
+                return None
+            found = self._ask(t, free)
+            if found is not None:
+                return found
+            return self._compare(t, state, held) if self._referee is not None else None
+        if t >= self._next_look:
+            self._next_look = t + _LOOKS
+            self._batch = self._recent.add(self._rows)
+            self._waiting = [fork for fork in self._all if fork.sound]
+            if t >= self._next_split:
+                self._split(t, state, held, free)
+        return None
+
+    # -- inside
+
+    @property
+    def _all(self) -> list[Fork]:
+        return self._forks if self._referee is None else [*self._forks, self._referee.fork]
+
+    def _serve(self, fork: Fork) -> None:
+        """Let a filter take the rows of the batch, and read what it says."""
+        if self._batch is not None:
+            fork.take(self._batch)
+            fork.read()
+
+    def _catch_up(self) -> None:
+        """Let every filter take all that there is."""
+        while self._waiting:
+            self._serve(self._waiting.pop())
+        self._batch = self._recent.add(self._rows)
+        for fork in self._all:
+            self._serve(fork)
+        self._forks = [fork for fork in self._forks if fork.sound]
+
+    def _split(self, t: float, state: JointState, held: HeldInput, free: FreeParameters) -> None:
+        if self._wide is None or self._wide.names[: len(free)] != free.names:
+            more = [GAIN_PREFIX + each.name for each in self.vehicle.thrusters] if self._rows.commands else []
+            self._wide = free_parameters(self.vehicle, [*free.names, *more])
+            self._steps = steps_of(self.vehicle, self._wide)
+            self._ways = hypotheses(self._wide, self._steps)
+        self._count += 1
+        lives = _LIVES_LONG if self._count % _OLD_ONE == 0 else _LIVES
+        doubted = None if self._suspect is None else self._suspect[0]
+        for fork in self._forks:
+            short = fork.until - fork.t < _LIVES_LONG
+            if self._suspect is None and fork.until <= t and short and fork.sound and fork.said is not None:
+                self.doubt.learn(fork.said, fork.steps)
+        self._forks = [fork for fork in self._forks if fork.sound and (fork.until > t or fork is doubted)]
+        self._forks.append(split_off(t, state, held, free, self._wide, self._steps, t + lives))
+        self._next_split = t + _EVERY
+
+    def _ask(self, t: float, free: FreeParameters) -> Change | None:
+        if not self.doubt.known:
+            return None
+        verdict, fork = self._verdict(t)
+        if verdict is None or fork is None:
+            self._suspect = None
+            return None
+        times, since = (1, t) if self._suspect is None else (self._suspect[1] + 1, self._suspect[2])
+        self._suspect = fork, times, since
+        thrusters = any(way.thruster is not None for way in self._ways)
+        if times < _AGAIN or (thrusters and t - since < _PERSISTS):
+            return None
+        self._catch_up()
+        verdict, fork = self._verdict(t)
+        if verdict is None or fork is None:
+            return None
+        finer = self._finely(fork, free, t)
+        verdict = judged([each.window().tempered(self.doubt.factor) for each in finer], self._ways)
+        if verdict.clear < _CLEAR and t - since < _WAITS:
+            return None
+        fork = finer[verdict.window]
+        if self.may_look and fork.partly_unknown and not t - self.asked < _BELIEVED:
+            self.asked = t
+            self.restart()
+            return None
+        return self._change(t, fork, verdict, free)
+
+    def _verdict(self, t: float) -> tuple[Verdict | None, Fork | None]:
+        """Return what the filters say at t [s], and which fits best; None where nothing is sure."""
+        doubt = self.doubt.factor
+        sure = _SURE * math.sqrt(doubt)  # where windows err more, they err wildly more often, too
+        asked = [
+            (fork, fork.said)
+            for fork in self._forks
+            if t - fork.t >= _YOUNG and fork.said is not None and fork.sound and fork.most > sure * doubt
+        ]
+        if not asked:
+            return None, None
+        verdict = judged([window.tempered(doubt) for _, window in asked], self._ways)
+        return (verdict, asked[verdict.window][0]) if verdict.evidence > sure else (None, None)
+
+    def _finely(self, best: Fork, free: FreeParameters, t: float) -> list[Fork]:
+        """Return filters that were split off about when the best one was, in small steps of time."""
+        out = [best]
+        near = [fork for fork in self._forks if best.t - _EARLIER - 0.05 <= fork.t <= best.t + _LATER]
+        for fork, following in zip(near, [*near[1:], None], strict=True):
+            end = fork.t + _EVERY if following is None else following.t
+            times = np.arange(fork.t + _FINELY, min(end, t - _AGED) - 0.5 * _FINELY, _FINELY)
+            out += split_later(fork, free, self._recent.since(fork.t), [float(each) for each in times])
+        return out
+
+    def _change(self, t: float, fork: Fork, verdict: Verdict, free: FreeParameters) -> Change:
+        whole = without_change_of(fork, verdict.steps)
+        keep = [k for k in range(len(fork.free)) if k < len(free) or verdict.steps[k] > 0.0]
+        kept = fork.free.subset([fork.free.names[k] for k in keep])
+        state = with_coordinates(whole, kept, keep)
+        state.options[O_FOLLOW] = 1.0
+        before = fork.theta0[keep], np.sqrt(np.maximum(np.diag(fork.P0)[keep], 0.0))
+        self.restart()
+        self.likely = {}
+        if self.known:
+            known = [
+                known_as(name, model, self.vehicle, fork.free, fork.theta0, fork.P0)
+                for name, model in self.known.items()
+            ]
+            self._referee = Referee(fork, self._ways, kept, verdict.steps, t + _REFEREE, known=known)
+        return Change(fork.t, t, verdict, kept, state, copied(fork.held), before)
+
+    def _compare(self, t: float, state: JointState, held: HeldInput) -> Recognised | None:
+        referee = self._referee
+        assert referee is not None
+        if not referee.fork.sound or referee.fork.said is None:
+            return None
+        window = referee.fork.said.tempered(self.doubt.factor)
+        verdict = judged([window], referee.ways)
+        shares = likeness(window, referee.known, verdict.changed)
+        self.likely = {one.name: float(share) for one, share in zip(referee.known, shares, strict=False)}
+        best = int(np.argmax(shares[:-1]))
+        name, share = referee.known[best].name, float(shares[best])
+        if t > referee.until:
+            self._referee = None
+        if referee.taken is None and share > _TAKEN:
+            referee.taken = name
+            return self._take(t, referee, referee.known[best], share, state, held)
+        if referee.taken is not None and self.likely[referee.taken] < _DROPPED:
+            gone, referee.taken = referee.taken, None
+            return self._give_up(t, referee, gone)
+        return None
+
+    def _take(
+        self, t: float, referee: Referee, known: Known, share: float, state: JointState, held: HeldInput
+    ) -> Recognised:
+        """Tell the filter what is known of the configuration."""
+        self._catch_up()
+        at = [referee.fork.free.names.index(name) for name in referee.keeps.names]
+        told = copied(state)
+        covariance = known.covariance[np.ix_(at, at)]
+        covariance = covariance + np.diag(1e-12 + 1e-6 * np.diag(covariance))
+        informed(told, np.eye(len(at)), covariance, known.theta[at] - told.theta)
+        self.restart(referee=True)
+        return Recognised(t, known.name, share, True, referee.keeps, told, held)
+
+    def _give_up(self, t: float, referee: Referee, name: str) -> Recognised:
+        """Go on from what the samples alone say."""
+        self._catch_up()
+        whole = without_change_of(referee.fork, referee.steps)
+        at = [referee.fork.free.names.index(each) for each in referee.keeps.names]
+        state = with_coordinates(whole, referee.keeps, at)
+        state.options[O_FOLLOW] = 1.0
+        held = copied(referee.fork.held)
+        self.restart(referee=True)
+        return Recognised(t, name, self.likely[name], False, referee.keeps, state, held)
+
+
+class Follow:
+    """What watches, once the inputs are known.
+
+    Args:
+        vehicle: what is known of it. known: configurations that it may become, by name; None: nobody watches.
+    """
+
+    def __init__(self, vehicle: Vehicle, known: Mapping[str, Vehicle] | None) -> None:
+        self._vehicle, self._known = vehicle, known
+        self.watch: Watch | None = None
+        self.story = Story(vehicle)
+        self._doubt = Doubt()
+
+    @property
+    def watching(self) -> bool:
+        """Whether changes are watched for."""
+        return self._known is not None
+
+    @property
+    def asked(self) -> float:
+        """When a look was asked for, since what was seen may be no change [s]."""
+        return -np.inf if self.watch is None else self.watch.asked
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """What happened, in the order of noticing."""
+        return self.story.events
+
+    @property
+    def likely(self) -> dict[str, float]:
+        """Known configurations and how probable each is, since the last change."""
+        return {} if self.watch is None else dict(self.watch.likely)
+
+    @property
+    def doubt(self) -> tuple[float, ...]:
+        """What was learned of how much windows err."""
+        return self._doubt.numbers
+
+    def restore(self, events: Sequence[Event], doubt: Sequence[float]) -> None:
+        """Go on with what `events` and `doubt` of another one were."""
+        self.story.restore(tuple(events))
+        self._doubt.restore(doubt)
+
+    def restart(self) -> None:
+        """Begin anew: the filter is another one, or its motion is."""
+        self.story.settle()
+        if self.watch is not None:
+            self.watch.restart()
+
+    def mended(self, t: float) -> None:
+        """Begin anew, since the filter had to be mended at t [s]."""
+        self.restart()
+        self.story.mended(t)
+
+    def take_input(self, t: float, force: Array) -> None:
+        """Take the forces (m,) asked for from t [s] on."""
+        if self.watch is not None:
+            self.watch.take_input(t, force)
+
+    def take_row(
+        self,
+        t: float,
+        z: Array,
+        seen: float,
+        filter_: tuple[FreeParameters, JointState, HeldInput],
+        like: Buffer,
+        *,
+        may_look: bool,
+    ) -> Change | Recognised | None:
+        """Take the row z (15,) of time t [s], after the filter; return what goes on in its place, where one does.
+
+        Args:
+            seen: motion so far [s]. filter_: its coordinates, itself, its inputs. like: a buffer of such inputs.
+            may_look: see `Watch`.
+        """
+        if self._known is None:
+            return None
+        if self.watch is None:
+            self.watch = Watch(self._vehicle, like.fresh(), self._known, self._doubt)
+        self.watch.take_row(t, z)
+        self.watch.may_look = may_look
+        if seen < _WATCHED:
+            return None
+        free, state, held = filter_
+        self.story.tell(t, free, state)
+        found = self.watch.look(t, state, held, free)
+        if found is not None:
+            self.story.add(found, found.state)
+        return found

@@ -1,0 +1,195 @@
+"""What happened to the vehicle, told as events; the numbers of the last one are told anew while they settle.
+
+A change of the vehicle in words and numbers: which coefficients, by how much, how sure.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.identification.changes.hypotheses import Change, Recognised
+from towtank.identification.kalman.state import JointState, known_to
+from towtank.identification.model.parameters import (
+    CONSTANT,
+    GAIN_PREFIX,
+    LINEAR,
+    MASS,
+    MOMENT,
+    PLAIN,
+    QUADRATIC,
+    WEIGHT,
+    FreeParameters,
+)
+from towtank.recording.event import Event
+from towtank.vehicle import Vehicle
+
+__all__ = ["Story", "change_words"]
+
+_AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+_SHOWN, _SURELY = 4, 2.0  # coefficients at most; deviations
+_SIGN = {"-": "−"}
+_FIRST, _SETTLES = 1.0, 8.0  # s after which a change is told anew, ever later, and at last
+
+
+def change_words(
+    vehicle: Vehicle,
+    free: FreeParameters,
+    before: tuple[Array, Array],
+    now: tuple[Array, Array],
+    *,
+    thruster: str | None,
+) -> str:
+    """Return what changed in one line, the surest first.
+
+    Args:
+        before, now: coordinates (n,) and their deviations (n,).
+        thruster: that is blamed, None for a change of the body.
+    """
+    step, std = now[0] - before[0], np.hypot(before[1], now[1])
+    if thruster is not None:
+        k = free.names.index(GAIN_PREFIX + thruster)
+        share = 100.0 * math.exp(step[k])
+        digits = 0 if share * std[k] >= 1.0 else 1
+        return f"thruster {thruster}: {share:.{digits}f} ± {share * std[k]:.{digits}f} % of its thrust"
+    told = [
+        (abs(step[k]) / max(std[k], 1e-12), _one(vehicle, free, k, before[0][k], now[0][k], std[k]))
+        for k in range(len(free))
+        if std[k] > 0.0
+    ]
+    sure = [text for size, text in sorted(told, key=lambda each: -each[0]) if size > _SURELY and text]
+    if sure:
+        return ", ".join(sure[:_SHOWN])
+    return "something about the body, not yet known what"
+
+
+def change_details(
+    vehicle: Vehicle, free: FreeParameters, before: tuple[Array, Array], now: tuple[Array, Array]
+) -> dict[str, float]:
+    """Return the step of every coefficient and its deviation, as X_udot and X_udot_std; gains as shares of before."""
+    out: dict[str, float] = {}
+    old, new = free.values(before[0]), free.values(now[0])
+    std = np.hypot(np.abs(free.slopes(before[0])) * before[1], np.abs(free.slopes(now[0])) * now[1])
+    for k, name in enumerate(free.names):
+        if int(free.codes[k, 0]) in (MASS, LINEAR, QUADRATIC, WEIGHT, MOMENT, CONSTANT) or name.startswith(GAIN_PREFIX):
+            out[name], out[f"{name}_std"] = float(new[k] - old[k]), float(std[k])
+    return out
+
+
+def _one(vehicle: Vehicle, free: FreeParameters, k: int, old: float, new: float, std: float) -> str:
+    kind, i, _, transform = (int(code) for code in free.codes[k])
+    name = free.names[k]
+    if kind == MASS and transform != PLAIN:
+        unit = "kg" if i < 3 else "kg m²"
+        return f"{_AXES[i]} inertia {_signed(math.exp(new) - math.exp(old), math.exp(new) * std)} {unit}"
+    if kind in (LINEAR, QUADRATIC) and transform != PLAIN:
+        which = "linear drag" if kind == LINEAR else "drag"
+        ratio = math.exp(new - old)
+        return f"{_AXES[i]} {which} {_signed(100.0 * (ratio - 1.0), 100.0 * ratio * std)} %"
+    if kind == WEIGHT:
+        return f"net weight {_signed(new - old, std)} N"
+    if kind == MOMENT and i == 2 and abs(old) > 0.0:
+        share = 100.0 / abs(old)
+        return f"roll and pitch stiffness {_signed((new - old) * share * math.copysign(1.0, old), std * share)} %"
+    if kind in (MASS, LINEAR, QUADRATIC, MOMENT, CONSTANT):
+        return f"{name} {_signed(new - old, std)}"
+    return ""
+
+
+def _signed(value: float, std: float) -> str:
+    """Return a step and its deviation, to the first digits of the deviation: "+4.1 ± 0.3"."""
+    digits = max(0, 1 - math.floor(math.log10(std))) if 0.0 < std < math.inf else 1
+    digits -= digits > 0 and std * 10.0**digits >= 20.0
+    text = f"{abs(value):.{min(digits, 6)}f}"
+    return f"{'−' if value < 0.0 else '+'}{text} ± {std:.{min(digits, 6)}f}"
+
+
+class Story:
+    """Events in the order in which they were noticed.
+
+    A change that is noticed again while its numbers settle is the same one, seen better.
+
+    Args:
+        vehicle: that they happen to.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.vehicle = vehicle
+        self.events: tuple[Event, ...] = ()
+        self._open: tuple[Change, int] | None = None  # the last change, its place among the events
+        self._again = _FIRST  # s after it was noticed that it is told anew
+
+    def add(self, found: Change | Recognised, state: JointState) -> None:
+        """Add a change, or a configuration that was recognised."""
+        if isinstance(found, Recognised):
+            if found.taken:
+                text = f"this is {found.name}, met before (probability {100.0 * found.probability:.1f} %)"
+            else:
+                text = f"this is not {found.name} after all (probability {100.0 * found.probability:.1f} %)"
+            details: dict[str, float | str] = {
+                "configuration": found.name,
+                "probability": found.probability,
+                "taken": float(found.taken),
+            }
+            self._put(Event(found.t, "configuration", text, details))
+            return
+        before = self._open
+        if before is not None and _goes_on(before[0], found):
+            self._open = replace(found, t=before[0].t, noticed=before[0].noticed, before=before[0].before), before[1]
+            self.tell(found.noticed, found.free, state)
+            return
+        self._open, self._again = (found, len(self.events)), _FIRST
+        self._put(self._event(found, found.free, state))
+
+    def settle(self) -> None:
+        """Leave the last change as it has been told."""
+        self._open = None
+
+    def mended(self, t: float) -> None:
+        """Add that the filter had lost itself and was set right."""
+        self.settle()
+        text = "the filter had lost itself; it goes on with what it knew, less sure"
+        self._put(Event(t, "mended", text))
+
+    def tell(self, t: float, free: FreeParameters, state: JointState) -> None:
+        """Tell the last change anew with what is known at t [s]."""
+        if self._open is None:
+            return
+        change, place = self._open
+        if free.names != change.free.names:
+            self._open = None
+        if self._open is None or t < change.noticed + self._again:
+            return
+        self._again *= 2.0
+        if self._again > _SETTLES:
+            self._open = None
+        self.events = (*self.events[:place], self._event(change, free, state), *self.events[place + 1 :])
+
+    def restore(self, events: tuple[Event, ...]) -> None:
+        """Put in what was told before."""
+        self.events, self._open = events, None
+
+    def _put(self, event: Event) -> None:
+        self.events = (*self.events, event)
+
+    def _event(self, change: Change, free: FreeParameters, state: JointState) -> Event:
+        before, now = change.before, (state.theta.copy(), known_to(state))
+        verdict = change.verdict
+        text = change_words(self.vehicle, free, before, now, thruster=verdict.thruster)
+        details: dict[str, float | str] = {
+            "noticed": change.noticed,
+            "log_evidence": verdict.evidence,
+            "log_odds": float(np.nan_to_num(verdict.clear, posinf=99.0)),
+            **({"thruster": verdict.thruster} if verdict.thruster else verdict.parts),
+            **change_details(self.vehicle, free, before, now),
+        }
+        return Event(change.t, "thruster" if verdict.thruster else "change", text, details)
+
+
+def _goes_on(one: Change, other: Change) -> bool:
+    """Whether a change is the same one, seen better: of the same kind, while its numbers settle."""
+    alike = one.verdict.thruster == other.verdict.thruster and one.free.names == other.free.names
+    return alike and other.noticed <= one.noticed + _SETTLES

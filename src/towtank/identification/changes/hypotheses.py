@@ -1,0 +1,298 @@
+"""What windows say about a change: whether there was one and since when, of which parts, or of which thruster.
+
+What can change about a vehicle, by how much at a time, and which coefficients that touches.
+
+A payload or a fouled hull: inertia, drag, weight in water, righting moment, in any combination. A thruster that is
+fouled, worn or dead: its gain, one thruster at a time.
+
+Configurations met before: whether what a vehicle has become is one of them.
+
+What the watch finds: a change, or a configuration met before, with the filter that goes on.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.special import logsumexp
+
+from towtank.core.arrays import Array
+from towtank.identification.changes.branch import Fork
+from towtank.identification.changes.evidence import Window
+from towtank.identification.data.zero_order_hold import HeldInput
+from towtank.identification.kalman.state import JointState
+from towtank.identification.model.parameters import (
+    CONSTANT,
+    DELAY,
+    GAIN_PREFIX,
+    IN_GAIN,
+    LAG,
+    LINEAR,
+    MASS,
+    MOMENT,
+    PLAIN,
+    QUADRATIC,
+    WEIGHT,
+    FreeParameters,
+)
+from towtank.identification.model.prior import size_of
+from towtank.vehicle import COEFFICIENTS, Vehicle
+
+__all__ = [
+    "BODY_PARTS",
+    "Change",
+    "Hypothesis",
+    "Known",
+    "Recognised",
+    "Referee",
+    "Verdict",
+    "hypotheses",
+    "judged",
+    "known_as",
+    "likeness",
+    "steps_of",
+]
+
+BODY_PARTS = ("inertia", "drag", "weight", "righting")  # what a payload changes
+_PARTS = {MASS: "inertia", LINEAR: "drag", QUADRATIC: "drag", WEIGHT: "weight", CONSTANT: "weight", MOMENT: "righting"}
+_STEP = {MASS: 0.10, LINEAR: 0.25, QUADRATIC: 0.25, IN_GAIN: 0.4}  # of a logarithm
+_SHARE = {MASS: 0.3, LINEAR: 0.5, QUADRATIC: 0.5, WEIGHT: 0.2, MOMENT: 0.2, CONSTANT: 0.5}  # of the size of the rest
+_TOUCHED = 0.05  # probability of a part from which on it is thought to have changed too,
+_ALONG = 0.2  # and the share of its step that any other part of the body may have made: a payload touches all
+_REPEATS = 0.01  # share by which a vehicle differs from itself, taken up again
+_NO_STD = 0.05  # share by which a coefficient is known that bears no deviation
+_UNKNOWN = 0.5  # probability, to begin with, that a changed vehicle has not been met before
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """One way in which a vehicle may have changed.
+
+    Attributes:
+        parts: of `BODY_PARTS`, or the name of one free gain, as gain_port.
+        steps: deviations (n,) of the step of every coordinate, 0 for those that it leaves alone.
+        weight: logarithm of its probability among all ways.
+    """
+
+    parts: tuple[str, ...]
+    steps: Array
+    weight: float
+
+    @property
+    def thruster(self) -> str | None:
+        """Name of the thruster that it blames; None for a change of the body."""
+        return self.parts[0].removeprefix(GAIN_PREFIX) if self.parts[0].startswith(GAIN_PREFIX) else None
+
+
+def steps_of(vehicle: Vehicle, free: FreeParameters) -> Array:
+    """Return the deviations (n,) of a change of each coordinate; 0 for what does not change: delay and lag."""
+    size = size_of(vehicle, free)
+    out = np.zeros(len(free))
+    for k in range(len(free)):
+        kind, transform = int(free.codes[k, 0]), free.codes[k, 3]
+        if transform == PLAIN:
+            out[k] = _SHARE.get(kind, 0.0) * size[k]
+        else:
+            out[k] = _STEP.get(kind, 0.0)
+    return out
+
+
+def hypotheses(free: FreeParameters, steps: Array) -> tuple[Hypothesis, ...]:
+    """Return every way: each combination of the parts of the body that are free, and each gain that is."""
+    part = [_PARTS.get(int(code[0]), "") for code in free.codes]
+    there = [name for name in BODY_PARTS if name in part]
+    body = [chosen for count in range(1, len(there) + 1) for chosen in itertools.combinations(there, count)]
+    gains = [k for k in range(len(free)) if free.codes[k, 0] == IN_GAIN and steps[k] > 0.0]
+    families = bool(body) + bool(gains)
+    out = []
+    for chosen in body:
+        taken = np.array([name in chosen for name in part])
+        out.append(Hypothesis(chosen, np.where(taken, steps, 0.0), -float(np.log(families * len(body)))))
+    for k in gains:
+        alone = np.zeros(len(free))
+        alone[k] = steps[k]
+        out.append(Hypothesis((free.names[k],), alone, -float(np.log(families * len(gains)))))
+    return tuple(out)
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What the windows say.
+
+    Attributes:
+        evidence: log Bayes factor of any change against none, of the window that has the largest.
+        window: index of the one that what is blamed fits best: it began where the change did.
+        parts: of the body, with the probability that each changed, given that the body did.
+        thruster: the one that is blamed, None where it is the body.
+        clear: log odds of what is blamed, the body or that one gain, against all else.
+        steps: deviations (n,) of what changed by the likelier family.
+        changed: log evidence of any change in that window, on the scale of `Window.evidence`.
+    """
+
+    evidence: float
+    window: int
+    parts: dict[str, float]
+    thruster: str | None
+    clear: float
+    steps: Array
+    changed: float
+
+
+def judged(windows: Sequence[Window], ways: Sequence[Hypothesis]) -> Verdict:
+    """Weigh every way of a change at the beginning of every window by its evidence.
+
+    What came before a window began is the same under all of them, so that windows compare as they are.
+    """
+    none = np.array([window.evidence(window.P0) for window in windows])
+    scores = np.array(
+        [
+            [way.weight + window.evidence(window.P0 + np.diag(way.steps**2)) - least for way in ways]
+            for window, least in zip(windows, none, strict=True)
+        ]
+    )
+    each = np.asarray(logsumexp(scores, axis=1))
+    thrusters = np.array([way.thruster is not None for way in ways])
+    body = float(logsumexp(scores[:, ~thrusters])) if not thrusters.all() else -np.inf
+    gain = {int(k): float(logsumexp(scores[:, k])) for k in np.flatnonzero(thrusters)}
+    best = max(gain, key=lambda k: gain[k]) if gain else None
+    if best is not None and gain[best] <= body:
+        best = None
+    blamed = ~thrusters if best is None else np.arange(len(ways)) == best
+    blame = float(logsumexp(scores[:, blamed]))
+    clear = blame - (float(logsumexp(scores[:, ~blamed])) if not blamed.all() else -np.inf)
+    fits = int(np.argmax(logsumexp(scores[:, blamed], axis=1)))
+    parts = _parts(ways, scores[fits], ~thrusters)
+    return Verdict(
+        evidence=float(each.max()),
+        window=fits,
+        parts=parts,
+        thruster=None if best is None else ways[best].thruster,
+        clear=clear,
+        steps=ways[best].steps if best is not None else _union(ways, parts, windows[fits].score.size),
+        changed=float(each[fits] + none[fits]),
+    )
+
+
+def _parts(ways: Sequence[Hypothesis], scores: Array, body: Array) -> dict[str, float]:
+    """Return the probability of each part of the body, given that the body changed."""
+    out: dict[str, float] = {}
+    if body.any():
+        among = float(logsumexp(scores[body]))
+        for k in (int(each) for each in np.flatnonzero(body)):
+            for part in ways[k].parts:
+                out[part] = out.get(part, 0.0) + float(np.exp(scores[k] - among))
+    return out
+
+
+def _union(ways: Sequence[Hypothesis], parts: dict[str, float], size: int) -> Array:
+    """Return the deviations of every part that may well have changed, and a share of those of all others."""
+    steps = np.zeros(size)
+    for way in ways:
+        if way.thruster is None:
+            touched = all(parts[part] > _TOUCHED for part in way.parts)
+            steps = np.maximum(steps, way.steps if touched else _ALONG * way.steps)
+    return steps
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """A configuration in the coordinates of a filter: its name, theta (n,), covariance (n, n)."""
+
+    name: str
+    theta: Array
+    covariance: Array
+
+
+def known_as(name: str, model: Vehicle, vehicle: Vehicle, free: FreeParameters, theta0: Array, P0: Array) -> Known:
+    """Return a stored model as a configuration. What it does not tell of is as before: theta0 (n,), P0 (n, n)."""
+    n = len(free)
+    theta = free.theta(model, delay=model.command_delay, lag=0.05)
+    slopes, size = np.abs(free.slopes(theta)), size_of(vehicle, free)
+    gains = {each.name: each.gain for each in model.thrusters}
+    before = {each.name: each.gain for each in vehicle.thrusters}
+    std = np.zeros(n)
+    told = np.zeros(n, dtype=bool)
+    for k, coefficient in enumerate(free.names):
+        if free.codes[k, 0] == IN_GAIN:
+            thruster = coefficient.removeprefix(GAIN_PREFIX)
+            theta[k] = np.log(max(gains.get(thruster, before[thruster]) / before[thruster], 1e-3))
+            std[k], told[k] = _REPEATS, True
+            continue
+        if coefficient in (DELAY, LAG) or coefficient not in COEFFICIENTS or not np.isfinite(theta[k]):
+            continue
+        value = abs(model.coefficient(coefficient))
+        given = model.deviation(coefficient)
+        plain = free.codes[k, 3] == PLAIN
+        if value == 0.0 and given is None and not plain:
+            continue  # it has none in the file
+        scale = max(value, 0.1 * size[k]) if plain else slopes[k]
+        std[k] = np.hypot(given if given is not None else _NO_STD * scale, _REPEATS * scale) / slopes[k]
+        told[k] = True
+    covariance = np.where(np.outer(told, told), np.diag(std**2), 0.0)
+    left = np.outer(~told, ~told)
+    covariance = np.where(left, P0, covariance)
+    return Known(name, np.where(told, theta, theta0), covariance)
+
+
+def likeness(window: Window, known: Sequence[Known], otherwise: float) -> Array:
+    """Return the probability of each configuration and, last, of none of them (k + 1,).
+
+    Args:
+        otherwise: log evidence of a vehicle that has not been met before, on the scale of `Window.evidence`.
+    """
+    each = -np.log(max(len(known), 1)) + np.log1p(-_UNKNOWN)
+    scores = [each + window.evidence(one.covariance, one.theta - window.theta0) for one in known]
+    scores.append(float(np.log(_UNKNOWN)) + otherwise)
+    return np.asarray(np.exp(np.array(scores) - np.logaddexp.reduce(scores)))
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A change that was noticed, and the filter that goes on.
+
+    Attributes:
+        t, noticed: when it began, as far as known, and now [s]. verdict: what speaks for it.
+        free, state, held: the filter from here on. before: coordinates (n,) before, and their deviations (n,).
+    """
+
+    t: float
+    noticed: float
+    verdict: Verdict
+    free: FreeParameters
+    state: JointState
+    held: HeldInput
+    before: tuple[Array, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Recognised:
+    """A configuration met before that the vehicle has become, or, where it was given up, has not.
+
+    Attributes:
+        t: now [s]. name: of the configuration. probability: of it. taken: as prior; False where it is given up.
+        free, state, held: the filter from here on.
+    """
+
+    t: float
+    name: str
+    probability: float
+    taken: bool
+    free: FreeParameters
+    state: JointState
+    held: HeldInput
+
+
+@dataclass(eq=False)
+class Referee:
+    """A split filter that goes on beside a change, to compare it with what is known."""
+
+    fork: Fork
+    ways: tuple[Hypothesis, ...]
+    keeps: FreeParameters
+    steps: Array
+    until: float
+    taken: str | None = None
+    known: list[Known] = field(default_factory=list)

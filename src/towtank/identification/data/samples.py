@@ -1,0 +1,313 @@
+"""A recording as the nonlinear estimators take it: rows of measurements at their own times, and held inputs.
+
+No common grid: a row is an instant at which something was measured, NaN stands for what was not. Sensors of several
+rates, irregular times and gaps need nothing else.
+
+Recordings in pieces: of a length, or, where they are long, a few that stand for the whole.
+
+What a streaming learner has seen, kept for as long as it may still go over it again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.core.attitude import eulers_from_quaternions
+from towtank.errors import InputError
+from towtank.recording import Recording, bind_thrusters, with_body_velocity
+from towtank.recording.grids.grid import stack_held
+from towtank.recording.grids.timing import quaternion_samples
+from towtank.recording.standard import MOTION, QUATERNION, WRENCH, is_command
+from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
+
+__all__ = [
+    "INPUTS_BEFORE",
+    "N_MEASURED",
+    "Buffer",
+    "Samples",
+    "cuts",
+    "held_forces",
+    "samples_of",
+    "spread_over",
+    "spread_places",
+    "with_absent_zero",
+]
+
+N_MEASURED = 15
+_TOGETHER = 1e-6  # s: stamps closer than this are one instant
+INPUTS_BEFORE = 5.0  # s of inputs before a stretch that still matter
+_ENOUGH, _FEW_MORE = 60_000, 1.5  # rows that stand for a long recording; so many times as many are no long one
+_STRETCH = 60.0  # s
+_FIRST = 1024
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Measurements and inputs of one recording.
+
+    Attributes:
+        t: times (n,) [s], increasing.
+        values: (n, 15) x y z phi theta psi u v w p q r ax ay az, NaN where not measured; psi and phi as recorded.
+        input_t: stamps (k,) [s] of the inputs. input_force: steady force that each asks for (k, m): of the thrusters,
+            or the wrench itself.
+        shape: wrench (6, m) of each unit of input. lag: time constants (m,) [s].
+        commands: whether the inputs are thruster commands. source: for messages.
+    """
+
+    t: Array
+    values: Array
+    input_t: Array
+    input_force: Array
+    shape: Array
+    lag: Array
+    commands: bool
+    source: str = ""
+
+    def __len__(self) -> int:
+        return int(self.t.size)
+
+    def part(self, row: int, input_: int) -> Samples:
+        """Return views of what is left from a row and an input on."""
+        return replace(
+            self,
+            t=self.t[row:],
+            values=self.values[row:],
+            input_t=self.input_t[input_:],
+            input_force=self.input_force[input_:],
+        )
+
+    def stretch(self, first: int, last: int) -> Samples:
+        """Return views of the rows [first, last) with the inputs that matter to them."""
+        begin = max(0, int(np.searchsorted(self.input_t, self.t[first] - INPUTS_BEFORE, "right")) - 1)
+        end = int(np.searchsorted(self.input_t, self.t[last - 1], "right"))
+        inputs = slice(begin, max(end, begin + 1))
+        return replace(
+            self,
+            t=self.t[first:last],
+            values=self.values[first:last],
+            input_t=self.input_t[inputs],
+            input_force=self.input_force[inputs],
+        )
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last row [s]."""
+        return float(self.t[-1] - self.t[0]) if self.t.size else 0.0
+
+    @property
+    def measured(self) -> Array:
+        """Which of the 15 columns are measured anywhere (15,), bool."""
+        return np.asarray(np.isfinite(self.values).any(axis=0))
+
+
+def with_absent_zero(wrench: Array) -> Array:
+    """Return a wrench (n, 6) with the components that are nowhere recorded set to zero; all NaN stays as it is."""
+    absent = ~np.isfinite(wrench).any(axis=tuple(range(wrench.ndim - 1)))
+    return wrench if absent.all() else np.where(absent, 0.0, wrench)
+
+
+def samples_of(recording: Recording, vehicle: Vehicle) -> Samples:
+    """Return the rows and inputs of a recording.
+
+    Raises:
+        InputError: no motion in it, no commands and no wrench, or thrusters that the vehicle lacks.
+    """
+    bound = with_body_velocity(bind_thrusters(recording, [thruster.name for thruster in vehicle.thrusters]))
+    prefix = f"{recording.source}: " if recording.source else ""
+    columns: list[tuple[int, Array, Array]] = []
+    whole = all(name in bound for name in QUATERNION)
+    if whole:
+        t, q = quaternion_samples(bound)
+        angles = eulers_from_quaternions(q)
+        columns += [(3 + j, t, angles[:, j]) for j in range(3)]
+    for j, name in enumerate(MOTION):
+        if name in bound and not (whole and 3 <= j < 6):
+            channel = bound[name].measured
+            columns.append((j, channel.t, channel.values))
+    columns = [column for column in columns if column[1].size]
+    if not columns:
+        raise InputError(f"{prefix}no motion in it (pose, velocity, rates or specific force)")
+    t, rows = _instants([column[1] for column in columns])
+    values = np.full((t.size, N_MEASURED), np.nan)
+    for (j, _, measured), row in zip(columns, rows, strict=True):
+        values[row, j] = measured
+    del columns, rows, measured, row  # room for the inputs
+    input_t, force, shape, lag, commands = _inputs(bound, vehicle, prefix)
+    return Samples(t, values, input_t, force, shape, lag, commands, recording.source)
+
+
+def held_forces(vehicle: Vehicle, commands: Array, voltage: Array | float | None) -> Array:
+    """Return the steady thruster forces (..., m) of commands (..., m); NaN commands stay NaN."""
+    return np.ascontiguousarray(thruster_forces(vehicle, commands, voltage))
+
+
+def _instants(stamps: list[Array]) -> tuple[Array, list[Array]]:
+    """Return the union (n,) of all stamps, those within a microsecond being one, and each one's rows."""
+    distinct = {id(t): t for t in stamps}
+    union = np.unique(np.concatenate(list(distinct.values()))) if len(distinct) > 1 else stamps[0]
+    if union.size > 1:
+        first = np.concatenate([[True], np.diff(union) > _TOGETHER])
+        union = union[first]
+    found = {
+        key: np.maximum(np.searchsorted(union, t + 0.5 * _TOGETHER, "right") - 1, 0) for key, t in distinct.items()
+    }
+    return np.ascontiguousarray(union), [found[id(t)] for t in stamps]
+
+
+def _inputs(recording: Recording, vehicle: Vehicle, prefix: str) -> tuple[Array, Array, Array, Array, bool]:
+    names = [name for name in recording.names if is_command(name)]
+    if vehicle.thrusters and names:
+        ordered = [recording[f"cmd_{thruster.name}"] for thruster in vehicle.thrusters]
+        t, values = stack_held(ordered)
+        if t.size:
+            voltage = None
+            if "voltage" in recording and len(known := recording["voltage"].measured):
+                voltage = np.interp(t, known.t, known.values)
+            lag = np.array([thruster.time_constant for thruster in vehicle.thrusters])
+            return t, held_forces(vehicle, values, voltage), configuration_matrix(vehicle), lag, True
+    present = [name for name in WRENCH if name in recording and len(recording[name].measured)]
+    t, known_values = stack_held([recording[name] for name in present])
+    if not t.size:
+        raise InputError(
+            f"{prefix}neither thruster commands nor a wrench is recorded, so there is nothing to learn from; "
+            "map the thrusters' columns (--map) or record X Y Z K M N"
+        )
+    wrench = np.zeros((t.size, 6))
+    wrench[:, [WRENCH.index(name) for name in present]] = known_values
+    return t, wrench, np.eye(6), np.zeros(6), False
+
+
+def cuts(t: Array, length: float) -> list[tuple[int, int]]:
+    """Return first row and row after the last of pieces of t (n,) about as long as `length` [s]."""
+    if not t.size:
+        return []
+    parts = max(1, round(float(t[-1] - t[0]) / length))
+    edges = np.searchsorted(t, np.linspace(t[0], t[-1], parts + 1)[1:-1])
+    bounds = [0, *(int(edge) for edge in edges), t.size]
+    return [(a, b) for a, b in pairwise(bounds) if b - a >= 3]
+
+
+def spread_places(stamps: Sequence[Array]) -> list[tuple[int, int, int]] | None:
+    """Return stretches, evenly spread: number of the recording, first row, row after the last.
+
+    None where the recordings, at the times `stamps`, are not long.
+    """
+    total = sum(t.size for t in stamps)
+    if total <= _FEW_MORE * _ENOUGH:
+        return None
+    pieces = [(k, a, b) for k, t in enumerate(stamps) for a, b in cuts(t, _STRETCH)]
+    chosen = np.linspace(0, len(pieces) - 1, max(1, len(pieces) * _ENOUGH // total)).astype(np.int64)
+    return [pieces[k] for k in np.unique(chosen)]
+
+
+def spread_over(samples: Sequence[Samples]) -> Sequence[Samples]:
+    """Return stretches of long recordings, see `spread_places`; the recordings themselves where they are not long."""
+    places = spread_places([each.t for each in samples])
+    return samples if places is None else [samples[k].stretch(a, b) for k, a, b in places]
+
+
+class Buffer:
+    """Rows and inputs in growing arrays, in stretches that owe nothing to each other.
+
+    Args:
+        shape: wrench (6, m) of each input. lag: time constants (m,) [s]. commands: whether inputs are commands.
+    """
+
+    def __init__(self, shape: Array, lag: Array, *, commands: bool) -> None:
+        self.shape, self.lag, self.commands = shape, lag, commands
+        self.t, self.values = np.empty(_FIRST), np.empty((_FIRST, N_MEASURED))
+        self.input_t, self.input_force = np.empty(_FIRST), np.empty((_FIRST, shape.shape[1]))
+        self.rows = self.inputs = 0
+        self._starts: list[tuple[int, int]] = [(0, 0)]
+
+    def add_row(self, t: float, z: Array) -> None:
+        """Add a row z (15,) of time t [s]."""
+        if self.rows == self.t.size:
+            self.t, self.values = _doubled(self.t), _doubled(self.values)
+        self.t[self.rows], self.values[self.rows] = t, z
+        self.rows += 1
+
+    def add_input(self, t: float, force: Array) -> None:
+        """Add the forces (m,) asked for from t [s] on."""
+        if self.inputs == self.input_t.size:
+            self.input_t, self.input_force = _doubled(self.input_t), _doubled(self.input_force)
+        self.input_t[self.inputs], self.input_force[self.inputs] = t, force
+        self.inputs += 1
+
+    def fresh(self) -> Buffer:
+        """Return an empty one of the same inputs."""
+        return Buffer(self.shape, self.lag, commands=self.commands)
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self.rows = self.inputs = 0
+        self._starts = [(0, 0)]
+
+    def break_off(self) -> None:
+        """Begin a new stretch."""
+        if (self.rows, self.inputs) != self._starts[-1]:
+            self._starts.append((self.rows, self.inputs))
+
+    def since(self, rows: int, inputs: int) -> list[tuple[bool, Samples]]:
+        """Return what came after so many rows and inputs: whether it begins a new stretch, and views of it."""
+        out = []
+        ends = [*self._starts[1:], (self.rows, self.inputs)]
+        for (a, c), (b, d) in zip(self._starts, ends, strict=True):
+            first, put = max(a, rows), max(c, inputs)
+            if b > first or d > put:
+                out.append((a >= rows and (a, c) != (0, 0), self._part(first, b, put, d)))
+        return out
+
+    def _part(self, a: int, b: int, c: int, d: int) -> Samples:
+        return Samples(
+            self.t[a:b],
+            self.values[a:b],
+            self.input_t[c:d],
+            self.input_force[c:d],
+            self.shape,
+            self.lag,
+            self.commands,
+        )
+
+    @property
+    def starts(self) -> list[tuple[int, int]]:
+        """First row and first input of each stretch."""
+        return list(self._starts)
+
+    @property
+    def whole(self) -> Samples:
+        """Everything in one, whatever its stretches."""
+        return self._part(0, self.rows, 0, self.inputs)
+
+    def restore(
+        self, t: Array, values: Array, input_t: Array, input_force: Array, starts: Sequence[Sequence[int]]
+    ) -> None:
+        """Put in what `whole` and `starts` of another buffer gave."""
+        self.t, self.values, self.input_t, self.input_force = (
+            _roomy(each) for each in (t, values, input_t, input_force)
+        )
+        self.rows, self.inputs = t.shape[0], input_t.shape[0]
+        self._starts = [(int(a), int(b)) for a, b in starts]
+
+    @property
+    def stretches(self) -> list[Samples]:
+        """All stretches with rows in them; views, not copies."""
+        ends = [*self._starts[1:], (self.rows, self.inputs)]
+        return [self._part(a, b, c, d) for (a, c), (b, d) in zip(self._starts, ends, strict=True) if b > a]
+
+
+def _roomy(array: Array) -> Array:
+    out = np.empty((max(_FIRST, 2 * array.shape[0]), *array.shape[1:]))
+    out[: array.shape[0]] = array
+    return out
+
+
+def _doubled(array: Array) -> Array:
+    out = np.empty((2 * array.shape[0], *array.shape[1:]))
+    out[: array.shape[0]] = array
+    return out

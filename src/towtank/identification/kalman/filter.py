@@ -1,0 +1,385 @@
+"""The joint filter over a stream: rows of measurements and held commands, in the order of time.
+
+One row costs one step of the filter; a log and a live stream go through the same code.
+
+The joint filter between measurements: the motion under the inputs, and its covariance, P <- F P F^T + Q.
+
+The anchor of the joint filter: the coefficients that the motion is linearised about.
+
+Between anchors the filter is linear in the coefficients, so that a wide prior cannot lead it astray: early and wild
+estimates act to first order only. Once coefficients are known well and far from their anchor, it is moved to them.
+"""
+
+from __future__ import annotations
+
+import math
+
+from towtank.core.arrays import Array, kernel
+from towtank.core.attitude import quaternion_from_euler
+from towtank.identification.data.zero_order_hold import HeldInput, held_means_into, held_push
+from towtank.identification.kalman.state import (
+    C_DURATION,
+    C_ROWS,
+    C_STARTED,
+    C_TIME,
+    O_ADAPT,
+    O_BIAS_WALK,
+    O_BIASES,
+    O_CURRENT_WALK,
+    O_FLOOR_FORCE,
+    O_FLOOR_MOMENT,
+    O_FOLLOW,
+    O_GAP,
+    O_REST,
+    O_STEP,
+    O_TIME_CONSTANT,
+    REST_MEMORY,
+    JointState,
+)
+from towtank.identification.kalman.update import GRAVITY, update_row
+from towtank.identification.model.linearisation import N_FIXED, N_MOVING, step_and_linearise, turn_by
+from towtank.identification.model.parameters import IN_DELAY, IN_GAIN, IN_LAG, MASS, PLAIN, put_parameters
+
+__all__ = ["begin_motion", "joint_events", "joint_step"]
+
+_DIST = 12
+_TINY = 1e-30
+_KNOWN = 0.3  # deviation of a logarithm from which on its anchor follows it,
+_FAR = 1e-3  # once it is this far away
+_START = (0.3, 0.2, 0.3, 0.2)  # deviations at the start where a sensor has said nothing: m, rad, m/s, rad/s
+
+
+@kernel
+def input_wrench(state: JointState) -> None:
+    """Write the mean wrench of the inputs over the last step into `state.tau`, with the anchor's gains."""
+    m = state.shape.shape[1]
+    for i in range(6):
+        s = 0.0
+        for j in range(m):
+            s += state.shape[i, j] * state.pushed[0, j]
+        state.tau[i] = s
+    for c in range(state.theta.shape[0]):
+        if state.codes[c, 0] == IN_GAIN:
+            j = state.codes[c, 1]
+            more = math.exp(state.anchor[c]) - 1.0
+            for i in range(6):
+                state.tau[i] += more * state.shape[i, j] * state.pushed[0, j]
+
+
+@kernel
+def _off_anchor(state: JointState) -> None:
+    """Add to the motion what the coefficients' way from their anchor does over the step, to first order."""
+    x, F = state.x, state.F
+    n = state.theta.shape[0]
+    ex = ey = ez = 0.0
+    for c in range(n):
+        away = state.theta[c] - state.anchor[c]
+        if away != 0.0:
+            column = N_FIXED + c
+            for i in range(3):
+                x[i] += F[i, column] * away
+            ex += F[3, column] * away
+            ey += F[4, column] * away
+            ez += F[5, column] * away
+            for i in range(6):
+                x[7 + i] += F[6 + i, column] * away
+    turn_by(x, ex, ey, ez)
+
+
+@kernel
+def _covariance(state: JointState, h: float) -> None:
+    P, F, T, W = state.P, state.F, state.step, state.W
+    columns, size = F.shape[1], P.shape[0]
+    fade = math.exp(-h / state.options[O_TIME_CONSTANT])
+    for i in range(N_MOVING):
+        for j in range(columns):
+            T[j, i] = F[i, j]
+        for j in range(size):
+            W[i, j] = 0.0
+        for k in range(columns):
+            f = F[i, k]
+            if f != 0.0:
+                for j in range(size):
+                    W[i, j] += f * P[k, j]
+    for i in range(N_MOVING):
+        for j in range(N_MOVING):
+            P[i, j] = 0.0
+        for k in range(columns):
+            a = W[i, k]
+            if a != 0.0:
+                for j in range(i, N_MOVING):
+                    P[i, j] += a * T[k, j]
+        for j in range(N_MOVING, size):
+            P[i, j] = W[i, j]
+        for j in range(_DIST, _DIST + 6):
+            P[i, j] *= fade
+    for i in range(N_MOVING):
+        for j in range(i + 1, size):
+            P[j, i] = P[i, j]
+    for i in range(_DIST, _DIST + 6):
+        for j in range(N_MOVING, size):
+            P[i, j] *= fade
+    for j in range(_DIST, _DIST + 6):
+        for i in range(N_MOVING, size):
+            P[i, j] *= fade
+    _noise(state, h, fade)
+
+
+@kernel
+def _noise(state: JointState, h: float, fade: float) -> None:
+    P = state.P
+    for i in range(6):
+        P[_DIST + i, _DIST + i] += state.sigma[i] ** 2 * (1.0 - fade * fade)
+        P[6 + i, 6 + i] += state.rough[i] ** 2 * h
+    for i in range(3):
+        P[18 + i, 18 + i] += state.options[O_CURRENT_WALK] * h
+    n = state.theta.shape[0]
+    for c in range(n):
+        P[N_FIXED + c, N_FIXED + c] += state.walk[c] * h
+    if state.options[O_BIASES] > 0.0:
+        for i in range(6):
+            P[N_FIXED + n + i, N_FIXED + n + i] += state.options[O_BIAS_WALK] * h
+
+
+@kernel
+def _follow_level(state: JointState, h: float) -> None:
+    """Count E[d^2] of each axis, and let the disturbance's level follow it where that is wanted."""
+    adapt = state.options[O_ADAPT]
+    for i in range(6):
+        variance = state.P[_DIST + i, _DIST + i]
+        power = state.force[i] ** 2 + variance
+        state.level[i, 0] += h
+        state.level[i, 1] += h * state.force[i] ** 2
+        state.level[i, 2] += h * variance
+        left = 1.0 - variance / max(state.sigma[i] ** 2, _TINY)
+        if 0.0 < left < 1.0:  # what is old of it by tau has a variance of 1 - exp(-2 tau / T)
+            state.level[i, 3] += h / max(-0.5 * state.options[O_TIME_CONSTANT] * math.log(left), h)
+        if adapt > 0.0:
+            floor = state.options[O_FLOOR_FORCE] if i < 3 else state.options[O_FLOOR_MOMENT]
+            now = state.sigma[i] ** 2
+            now += (power - now) * min(1.0, h / adapt)
+            state.sigma[i] = max(math.sqrt(now), floor)
+
+
+@kernel
+def _rest(state: JointState, h: float) -> None:
+    """Let coefficients rest that hardly learn any more, and wake those that would learn again.
+
+    One that learns at a steady rate gains 1 / T per second after T seconds. One that gains a small share of that hears
+    little, and what it hears is what the model of disturbances does not know: it would only wander.
+    """
+    share = state.options[O_REST]
+    fade = math.exp(-h / REST_MEMORY)
+    for c in range(state.theta.shape[0]):
+        taught = state.taught[c]
+        state.gained[c] *= fade
+        rests = taught > REST_MEMORY and state.gained[c] * taught < share * REST_MEMORY
+        state.awake[N_FIXED + c] = 0.0 if rests else 1.0
+        if not rests:
+            state.taught[c] = taught + h
+
+
+@kernel
+def predict(state: JointState, held: HeldInput, t: float, coupled: bool) -> bool:
+    """Advance the filter to the time t [s]; False where the inputs are not known yet."""
+    span = t - state.clock[C_TIME]
+    steps = max(1, math.ceil(span / state.options[O_STEP] - 1e-9))
+    h = span / steps
+    T = state.options[O_TIME_CONSTANT]
+    fade = math.exp(-h / T)
+    mean = (1.0 - fade) * T / h
+    total = state.scratch[11]
+    for k in range(steps):
+        end = t if k == steps - 1 else state.clock[C_TIME] + h
+        if not held_means_into(held, end, state.pushed):
+            return False
+        input_wrench(state)
+        for i in range(6):
+            total[i] = state.tau[i] + mean * state.force[i]
+        step_and_linearise(
+            state.p,
+            state.x,
+            total,
+            state.current,
+            h,
+            1.0 / T,
+            state.codes,
+            state.anchor,
+            state.shape,
+            state.pushed,
+            coupled,
+            state.F,
+            state.A,
+            state.work,
+            state.scratch,
+        )
+        _off_anchor(state)
+        _covariance(state, h)
+        for i in range(6):
+            state.force[i] *= fade
+        _follow_level(state, h)
+        _rest(state, h)
+        state.clock[C_TIME] = end
+        state.clock[C_DURATION] += h
+    return True
+
+
+@kernel
+def wants_anchor(state: JointState) -> bool:
+    """Whether a coefficient that is known well enough has left its anchor."""
+    for k in range(state.theta.shape[0]):
+        if math.fabs(state.theta[k] - state.anchor[k]) > _FAR and _known(state, k):
+            return True
+    return False
+
+
+@kernel
+def _known(state: JointState, k: int) -> bool:
+    variance = state.P[N_FIXED + k, N_FIXED + k]
+    return bool(state.codes[k, 3] != PLAIN and variance < _KNOWN * _KNOWN)
+
+
+@kernel
+def _bend(state: JointState, k: int, away: float) -> float:
+    """Return the way of a logarithm that has the effect which `away` had to first order, and scale its deviation.
+
+    An inertia acts through its inverse, 1/M (1 - away); damping acts as it is, D (1 + away). A way against that law,
+    towards a larger inertia or a smaller damping, is taken as it stands.
+    """
+    if state.codes[k, 0] == MASS:
+        if away >= 0.0:
+            return away
+        slope = 1.0 / (1.0 - away)
+        way = -math.log(1.0 - away)
+    else:
+        if away <= 0.0:
+            return away
+        slope = 1.0 / (1.0 + away)
+        way = math.log(1.0 + away)
+    i = N_FIXED + k
+    for j in range(state.P.shape[0]):
+        state.P[i, j] *= slope
+    for j in range(state.P.shape[0]):
+        state.P[j, i] *= slope
+    return way
+
+
+@kernel
+def move_anchor(state: JointState, held: HeldInput) -> None:
+    """Linearise about the present coefficients, where they are known, from here on.
+
+    Couplings of the mass matrix are shrunk where it would not be positive definite.
+    """
+    n = state.theta.shape[0]
+    for k in range(n):
+        away = state.theta[k] - state.anchor[k]
+        if state.codes[k, 0] == IN_DELAY:
+            continue  # commands on their way have their due times already
+        if state.codes[k, 3] == PLAIN:
+            state.anchor[k] += away
+            continue
+        if not _known(state, k):
+            continue
+        state.anchor[k] += _bend(state, k, min(max(away, -20.0), 20.0))
+        state.theta[k] = state.anchor[k]
+        if state.codes[k, 0] == IN_LAG:
+            for j in range(held.lag.shape[0]):
+                held.lag[j] = math.exp(state.anchor[k])
+    for _ in range(200):
+        if put_parameters(state.p, state.codes, state.anchor, state.small):
+            return
+        for k in range(n):
+            if state.codes[k, 0] == MASS and state.codes[k, 1] != state.codes[k, 2]:
+                state.anchor[k] *= 0.9
+
+
+@kernel
+def begin_motion(state: JointState, held: HeldInput, t: float, z: Array) -> None:
+    """Begin the motion at the row z (15,) of time t [s]; coefficients, biases and current stay as they are."""
+    x, P = state.x, state.P
+    size = P.shape[0]
+    for i in range(18):
+        for j in range(size):
+            P[i, j] = 0.0
+            P[j, i] = 0.0
+    for i in range(3):
+        x[i] = z[i] if math.isfinite(z[i]) else 0.0
+        P[i, i] = _START[0] ** 2 if math.isfinite(z[i]) else 100.0
+        if not math.isfinite(z[i]) and state.clock[C_STARTED] > 0.0:
+            P[i, i] = 100.0
+    phi, theta, psi = z[3], z[4], z[5]
+    if not (math.isfinite(phi) and math.isfinite(theta)):
+        phi, theta = 0.0, 0.0
+        if math.isfinite(z[12]) and math.isfinite(z[13]) and math.isfinite(z[14]) and z[14] < -0.3 * GRAVITY:
+            phi = math.atan2(-z[13], -z[14])
+            theta = math.atan2(z[12], math.hypot(z[13], z[14]))
+    if not math.isfinite(psi):
+        psi = 0.0
+    x[3], x[4], x[5], x[6] = quaternion_from_euler(phi, theta, psi)
+    for i in range(3):
+        P[3 + i, 3 + i] = _START[1] ** 2
+        measured = math.isfinite(z[6 + i])
+        x[7 + i] = z[6 + i] if measured else 0.0
+        P[6 + i, 6 + i] = _START[2] ** 2
+        measured = math.isfinite(z[9 + i])
+        x[10 + i] = z[9 + i] - state.bias[i] if measured else 0.0
+        P[9 + i, 9 + i] = _START[3] ** 2
+    for i in range(6):
+        state.force[i] = 0.0
+        P[12 + i, 12 + i] = state.sigma[i] ** 2
+    for j in range(size):
+        state.dx[j] = 0.0
+    for k in range(5):
+        state.heard[k] = t
+    for k in range(4):
+        state.hidden[k, 0] = 0.0
+    for j in range(6, 12):
+        state.stats[j, 13] = 0.0  # a speed of before the pause is no neighbour
+    held_means_into(held, t, state.pushed)
+    input_wrench(state)
+    state.clock[C_TIME] = t
+    state.clock[C_STARTED] = 1.0
+
+
+@kernel
+def joint_step(state: JointState, held: HeldInput, t: float, z: Array, coupled: bool) -> bool:
+    """Take the row z (15,) of time t [s]; False where it taught nothing: out of order, or no inputs known yet."""
+    now = state.clock[C_TIME]
+    started = state.clock[C_STARTED] > 0.0
+    if started and not t > now:
+        return False
+    if not started or t - now > state.options[O_GAP]:
+        if held.counters[0] > 0.0:
+            begin_motion(state, held, t, z)
+            update_row(state, z, coupled)
+        return False
+    if not predict(state, held, t, coupled):
+        state.clock[C_STARTED] = 0.0
+        return False
+    update_row(state, z, coupled)
+    if state.options[O_FOLLOW] > 0.0 and wants_anchor(state):
+        move_anchor(state, held)
+    state.clock[C_ROWS] += 1.0
+    return True
+
+
+@kernel
+def joint_events(
+    state: JointState,
+    held: HeldInput,
+    t: Array,
+    values: Array,
+    input_t: Array,
+    input_force: Array,
+    coupled: bool,
+    first: int,
+    last: int,
+    pushed: int,
+) -> int:
+    """Take rows first .. last of t (n,), values (n, 15), with inputs (k,), (k, m) in time; return the inputs pushed."""
+    for i in range(first, last):
+        while pushed < input_t.shape[0] and input_t[pushed] <= t[i]:
+            held_push(held, input_t[pushed], input_force[pushed])
+            pushed += 1
+        joint_step(state, held, t[i], values[i], coupled)
+    return pushed

@@ -1,0 +1,460 @@
+"""Passes of the paper's chain over a set of recordings: for the delay, for least squares, with instruments.
+
+The delay between a command and its force, by scanning: the delay that explains the recordings best.
+
+Every delay costs one pass of least squares with all columns and a fast filter (slow ones let disturbances answer for
+the commands and pull the delay to zero). The criterion is -2 ln L = sum n ln(SSE) over the axes; a parabola through
+its least three values gives the delay between the steps. Residuals are alike over seconds where disturbances are slow,
+so the deviation comes from the long-run variance of the criterion's slope over blocks of time, not from its curvature
+alone.
+
+Learning from recordings as wholes: delay, least squares, then instruments driven by the commands alone.
+
+Least squares takes whatever moves with the motion for an effect of the motion; on real logs slow disturbances answer
+to the speed and inflate the inertia. A second set of regressors, simulated from the commands with the coefficients
+found so far, knows nothing of the disturbance: with these as instruments the bias is gone, and the result hardly
+depends on the filter constant (the refined instrumental variable method; Young, Recursive Estimation and Time-Series
+Analysis, 2011). Each pass is the streaming kernel's own, over all recordings; structure and couplings follow between
+passes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.errors import InputError
+from towtank.identification.data.samples import INPUTS_BEFORE, spread_places
+from towtank.identification.least_squares.chain import PaperChain, Settings, uses_commands
+from towtank.identification.least_squares.solution import (
+    AxisFindings,
+    AxisInformation,
+    AxisSolution,
+    absent,
+    estimate_of,
+    merge_information,
+    select,
+    solve_axis,
+)
+from towtank.identification.model.terms import AXES, Candidates, candidates
+from towtank.identification.posterior.assembly import DelayScan, LogLearning, Sources
+from towtank.identification.posterior.estimate import Estimate, with_shift
+from towtank.identification.posterior.statistics import long_run
+from towtank.recording import Grid, Recording, align, bind_thrusters
+from towtank.vehicle import Vehicle
+
+__all__ = ["DelayCost", "Progress", "estimate_warnings", "learn_paper", "scan_delay"]
+
+_COARSE = 0.02
+_FINE = 0.005
+_LAGS = 8  # blocks over which slopes are taken to be alike
+_Family = tuple[bool, bool]  # linear, quadratic damping free
+_FAMILIES: tuple[_Family, ...] = ((True, True), (True, False), (False, True))
+_ITERATIONS = 2
+_ACTIVE = 0.1  # of the liveliest recording's command, for a recording to count on an axis
+_QUADRATIC_MUST_GAIN = 0.9
+_SCAN_FILTER = 40.0  # 1/s, where velocities are measured;
+_SCAN_DERIVED = 10.0  # 1/s, where they are low-passed: above the corner there is noise alone
+_SCAN_SECONDS = 600.0
+_SCAN_BLUR = 0.0025  # s, of a delay found through low-passed velocities: what 30 simulated sessions showed
+Progress = Callable[[str, float], None]
+_ROUNDS = 12  # at most; each with the couplings of what the last one learned
+_SETTLED = 0.1  # deviations, or a thousandth of its value, that nothing may move any more
+
+
+@dataclass(frozen=True)
+class DelayCost:
+    """-2 ln L of one delay, and its parts (b,) over blocks of time for every axis."""
+
+    value: float
+    blocks: Sequence[Array] = field(default=())
+
+
+def scan_delay(cost: Callable[[float], DelayCost], longest: float) -> DelayScan:
+    """Return the delay in [0, longest] [s] of least cost.
+
+    Args:
+        cost: of the recordings for a delay [s].
+        longest: end of the range scanned [s].
+    """
+    found: dict[float, DelayCost] = {}
+
+    def at(delay: float) -> DelayCost:
+        key = round(float(delay), 6)
+        if key not in found:
+            found[key] = cost(key)
+        return found[key]
+
+    coarse = np.arange(0.0, longest + 0.5 * _COARSE, _COARSE)
+    best = coarse[int(np.argmin([at(d).value for d in coarse]))]
+    fine = np.arange(max(0.0, best - _COARSE), min(longest, best + _COARSE) + 0.5 * _FINE, _FINE)
+    values = np.array([at(d).value for d in fine])
+    i = int(values.argmin())
+    delays = np.array(sorted(found))
+    costs = np.array([found[d].value for d in delays])
+    if len(fine) < 3:
+        return DelayScan(float(fine[i]), float("nan"), delays, costs)
+    centre = min(max(i, 1), len(fine) - 2)
+    low, mid, high = values[centre - 1], values[centre], values[centre + 1]
+    bend = low - 2.0 * mid + high
+    if not bend > 0.0:
+        return DelayScan(float(fine[i]), float("nan"), delays, costs)
+    delay = float(fine[i])
+    if i == centre:
+        delay += 0.5 * _FINE * (low - high) / bend
+    std = _deviation(at(fine[centre - 1]).blocks, at(fine[centre + 1]).blocks, bend / _FINE**2)
+    return DelayScan(delay, std, delays, costs)
+
+
+def _deviation(before: Sequence[Array], after: Sequence[Array], curvature: float) -> float:
+    """Return the deviation [s] of the delay from the slopes' long-run variance and the criterion's curvature."""
+    if not before:
+        return float("nan")
+    variance = 0.0
+    for low, high in zip(before, after, strict=True):
+        slope = (high - low) / (2.0 * _FINE)
+        slope = slope[slope != 0.0]
+        if len(slope) > 4:
+            variance += float(long_run((slope - slope.mean())[:, None], _LAGS)[0, 0])
+    return float(np.sqrt(variance) / curvature)
+
+
+class Passes:
+    """Passes of the chain over a set of recordings."""
+
+    def __init__(
+        self, vehicle: Vehicle, grids: Sequence[Grid], settings: Settings, wanted: Sequence[Candidates]
+    ) -> None:
+        self.vehicle, self.grids, self.settings, self.candidates = vehicle, tuple(grids), settings, tuple(wanted)
+        self.sources = [sources_of(grid) for grid in grids]
+        self.commands = [uses_commands(vehicle, grid) for grid in grids]
+        for grid, commands in zip(grids, self.commands, strict=True):
+            if not commands and not grid.wrench_t.size:
+                raise InputError(
+                    f"{grid.source or 'recording'}: neither thruster commands nor a wrench is recorded, so there is "
+                    "nothing to learn from; map the thrusters' columns (--map) or record X Y Z K M N"
+                )
+        self.duration = 0.0
+        self.rows = 0
+        self.active = self._active()
+
+    def chain(self, index: int, vehicle: Vehicle, settings: Settings, known: Array, free: Array) -> PaperChain:
+        """Return a fresh chain for one recording."""
+        return PaperChain(vehicle, self.sources[index], settings, free, known, commands=self.commands[index])
+
+    def _active(self) -> list[list[int]]:
+        """Return, per axis, the recordings whose commands move it."""
+        spread = []
+        for index, grid in enumerate(self.grids):
+            chain = self.chain(index, self.vehicle, self.settings, *self._structure(None))
+            values = grid.command_values if self.commands[index] else grid.wrench_values
+            wrench = chain.forces(np.array(values)) @ chain.state.shape.T
+            finite = wrench[np.isfinite(wrench).all(axis=1)]
+            spread.append(finite.std(axis=0) if len(finite) else np.zeros(6))
+        table = np.array(spread)
+        least = _ACTIVE * table.max(axis=0)
+        chosen = []
+        for i in range(6):
+            measured = [k for k in range(len(self.grids)) if self.sources[k].velocity[i] != "absent"]
+            lively = [k for k in measured if table[k, i] >= least[i] and table[k, i] > 0.0]
+            chosen.append(lively or measured)
+        return chosen
+
+    def _structure(self, family: _Family | None) -> tuple[Array, Array]:
+        """Return known values and free flags (6, 5) for one family of damping terms; None: as wanted."""
+        known = np.array([candidate.known for candidate in self.candidates])
+        free = np.array([candidate.wanted for candidate in self.candidates], dtype=np.float64)
+        if family is not None:
+            for c, flag in enumerate(family):
+                dropped = (free[:, c] > 0.0) & (not flag)
+                known[dropped, c] = 0.0
+                free[dropped, c] = 0.0
+        return known, free
+
+    def find_delay(self, longest: float, told: Progress) -> DelayScan:
+        """Scan the delay by least squares with a fast filter."""
+        known, free = self._structure(None)
+        free[:, :4] = [[1.0, 1.0, float(bool(axis.restoring)), float(axis.index != 2)] for axis in AXES]
+        derived = any("derived" in sources.velocity for sources in self.sources)
+        fast = replace(self.settings, a=_SCAN_DERIVED if derived else _SCAN_FILTER)
+        cut = [_head(grid, _SCAN_SECONDS) for grid in self.grids]
+        tried = 0
+
+        def cost(delay: float) -> DelayCost:
+            nonlocal tried
+            tried += 1
+            told("delay", 0.05 + 0.35 * min(1.0, tried / 30.0))
+            informations = self._informations(self.vehicle, replace(fast, delay=delay), known, free, grids=cut)
+            total = 0.0
+            blocks: list[Array] = []
+            for axis in AXES:
+                information = informations[axis.index]
+                if information is None:
+                    continue
+                flags = tuple(bool(flag) for flag in free[axis.index])
+                solution = solve_axis(information, flags, known[axis.index])
+                if solution is None:
+                    solution = solve_axis(information, (*flags[:2], False, False, True), known[axis.index])
+                if solution is not None and solution.residual_sum > 0.0:
+                    total += solution.rows * np.log(solution.residual_sum)
+                    blocks.append(solution.rows / solution.residual_sum * solution.block_residuals)
+            return DelayCost(total, blocks)
+
+        scan = scan_delay(cost, longest)
+        return replace(scan, std=float(np.hypot(scan.std, _SCAN_BLUR))) if derived else scan
+
+    def _informations(
+        self,
+        vehicle: Vehicle,
+        settings: Settings,
+        known: Array,
+        free: Array,
+        *,
+        driven: Array | None = None,
+        learn: bool = True,
+        grids: Sequence[Grid] | None = None,
+        errors: Array | None = None,
+    ) -> list[AxisInformation | None]:
+        """Run all recordings once; return the merged information of each axis, None where it is not measured."""
+        chains = []
+        for index, grid in enumerate(grids or self.grids):
+            chain = self.chain(index, vehicle, settings, known, free)
+            chain.state.settings[2] = float(learn)
+            if driven is not None:
+                chain.state.settings[3] = 1.0
+                chain.state.driven[:] = driven
+            chain.run(grid)
+            chains.append(chain)
+        self.duration = sum(chain.duration for chain in chains)
+        self.rows = sum(chain.rows for chain in chains)
+        out: list[AxisInformation | None] = []
+        for i in range(6):
+            used = [chains[k] for k in self.active[i]]
+            out.append(merge_information([chain.information(i) for chain in used]) if used else None)
+            if errors is not None:
+                errors[i] = sum(float(chain.state.instrument[i, 3]) for chain in used)
+        return out
+
+    def least_squares(self, model: Vehicle | None = None) -> Estimate:
+        """Learn by least squares with the couplings of `model`; where omitted they are learned along the way."""
+        known, free = self._structure(None)
+        informations = self._informations(model or self.vehicle, self.settings, known, free, learn=model is None)
+        return self._assemble([self._by_least_squares(c, informations[c.axis.index]) for c in self.candidates])
+
+    def _by_least_squares(self, candidate: Candidates, information: AxisInformation | None) -> AxisFindings:
+        if information is None:
+            return absent(candidate, _not_measured(candidate))
+        return select(
+            candidate,
+            lambda flags, known: solve_axis(information, flags, known),
+            lambda solution: solution.residual_sum,
+            commanded=information.commanded_share,
+        )
+
+    def with_instruments(self, model: Vehicle) -> Estimate:
+        """Learn with command-driven instruments, every family of damping terms with its own."""
+        families: dict[_Family, list[AxisInformation | None]] = {}
+        errors: dict[_Family, Array] = {}
+        for family in _FAMILIES:
+            known, free = self._structure(family)
+            driven = self._driven(self._informations(model, self.settings, known, free, learn=False), known, free)
+            misfit = np.zeros(6)
+            informations: list[AxisInformation | None] = []
+            for _ in range(_ITERATIONS):
+                misfit = np.zeros(6)
+                informations = self._informations(
+                    model, self.settings, known, free, driven=driven, learn=False, errors=misfit
+                )
+                driven = self._driven(informations, known, free, instruments=True)
+            families[family], errors[family] = informations, misfit
+        return self._assemble([self._by_instruments(candidate, families, errors) for candidate in self.candidates])
+
+    def _driven(
+        self, informations: Sequence[AxisInformation | None], known: Array, free: Array, *, instruments: bool = False
+    ) -> Array:
+        """Return the coefficients (6, 5) that drive the instruments; mass 0 where an axis has none."""
+        out = np.zeros((6, 5))
+        for i, information in enumerate(informations):
+            flags = tuple(bool(flag) for flag in free[i])
+            if information is None or not flags[4]:
+                continue
+            solution = solve_axis(information, flags, known[i], instruments=instruments)
+            if solution is None:
+                flags = (*flags[:2], False, False, True)
+                solution = solve_axis(information, flags, known[i], instruments=instruments)
+            if solution is None or not solution.values[4] > 0.0:
+                continue
+            values = solution.values.copy()
+            values[:2] = np.minimum(values[:2], 0.0)
+            if not values[:2].any():
+                values[0] = -values[4]
+            out[i] = values
+        return out
+
+    def _by_instruments(
+        self,
+        candidate: Candidates,
+        families: dict[_Family, list[AxisInformation | None]],
+        errors: dict[_Family, Array],
+    ) -> AxisFindings:
+        i = candidate.axis.index
+        first = families[_FAMILIES[0]][i]
+        if first is None:
+            return absent(candidate, _not_measured(candidate))
+
+        def family(flags: Sequence[bool]) -> _Family:
+            both = (bool(flags[0]), bool(flags[1]))
+            return both if both in families else _FAMILIES[0]
+
+        def solve(flags: tuple[bool, ...], known: Array) -> AxisSolution | None:
+            information = families[family(flags)][i]
+            return None if information is None else solve_axis(information, flags, known, instruments=flags[4])
+
+        def cost(solution: AxisSolution) -> float:
+            misfit = float(errors[family(solution.free)][i])
+            return misfit / _QUADRATIC_MUST_GAIN if solution.free[1] and not solution.free[0] else misfit
+
+        return select(candidate, solve, cost, commanded=first.commanded_share)
+
+    def _assemble(self, findings: Sequence[AxisFindings]) -> Estimate:
+        return estimate_of(self.vehicle, findings, self.duration, self.rows)
+
+
+def _not_measured(candidate: Candidates) -> str:
+    axis = candidate.axis
+    return f"{axis.name} speed {axis.velocity} is not measured in these recordings"
+
+
+def sources_of(grid: Grid) -> Sources:
+    """Return where the velocities and the attitude of a grid come from."""
+    return Sources.of(grid.pose, grid.velocity, grid.acceleration)
+
+
+def spread_grids(grids: Sequence[Grid]) -> tuple[Grid, ...]:
+    """Return stretches of the grids, see `spread_places`; the grids themselves where they are not long."""
+    places = spread_places([grid.t for grid in grids])
+    return tuple(grids) if places is None else tuple(_rows(grids[k], a, b) for k, a, b in places)
+
+
+def _head(grid: Grid, seconds: float) -> Grid:
+    """Return the first `seconds` of a grid."""
+    n = int(np.searchsorted(grid.t, grid.t[0] + seconds))
+    return grid if n >= len(grid) else _rows(grid, 0, n)
+
+
+def _rows(grid: Grid, first: int, last: int) -> Grid:
+    """Return the rows [first, last) of a grid, with the inputs that matter to them."""
+    places = {name: slice(first, last) for name in ("t", "pose", "velocity", "acceleration", "fresh", "voltage")}
+    for kind in ("command", "wrench"):
+        stamps = getattr(grid, f"{kind}_t")
+        begin, end = np.searchsorted(stamps, (grid.t[first] - INPUTS_BEFORE, grid.t[last - 1]), "right")
+        places |= dict.fromkeys((f"{kind}_t", f"{kind}_values"), slice(max(0, int(begin) - 1), int(end)))
+    return replace(grid, **{name: getattr(grid, name)[place] for name, place in places.items()})
+
+
+def learn_paper(
+    vehicle: Vehicle,
+    recordings: Sequence[Recording],
+    *,
+    free: Collection[str] | None = None,
+    delay: float | None = None,
+    longest_delay: float = 0.4,
+    a: float = 3.0,
+    lowpass: float = 4.0,
+    instruments: bool = True,
+    sparing: bool = False,
+    progress: Progress | None = None,
+) -> LogLearning:
+    """Learn a vehicle's coefficients from one or several recordings by the paper's method.
+
+    Args:
+        free: names of the coefficients to learn, see `Learner`.
+        delay: from command (or recorded wrench) to force [s]; found by scanning up to `longest_delay` where omitted.
+        a, lowpass: see `Learner`.
+        instruments: remove the bias of least squares with command-driven instruments.
+        sparing: of long recordings learn from stretches, evenly spread.
+        progress: called with a text and the share done, 0 .. 1.
+
+    Raises:
+        InputError: no recording, no motion, no commands, thrusters that the vehicle lacks, an unknown name.
+    """
+    if not recordings:
+        raise InputError("no recording given, expected at least one")
+    if not 0.0 <= longest_delay < 10.0:
+        raise InputError(f"longest_delay: found {longest_delay}, expected seconds between 0 and 10")
+    told = progress or (lambda text, share: None)
+    told("aligning", 0.0)
+    names = [thruster.name for thruster in vehicle.thrusters]
+    grids = tuple(align(bind_thrusters(recording, names)) for recording in recordings)
+    used = spread_grids(grids) if sparing else grids
+    passes = Passes(vehicle, used, Settings(a=a, lowpass=lowpass, delay=delay or 0.0), candidates(vehicle, free))
+    scan = None
+    if delay is None:
+        told("delay", 0.05)
+        scan = passes.find_delay(longest_delay, told)
+        passes = Passes(vehicle, used, replace(passes.settings, delay=scan.delay), passes.candidates)
+    told("least squares", 0.4)
+    estimate = passes.least_squares()
+    for _ in range(_ROUNDS):
+        last = estimate
+        estimate = passes.least_squares(last.model(vehicle))
+        if _settled(last, estimate):
+            break
+    for round_ in range(_ROUNDS if instruments else 0):
+        told("instruments", 0.5 + 0.4 * round_ / _ROUNDS)
+        last = estimate
+        estimate = passes.with_instruments(last.model(vehicle))
+        if _settled(last, estimate):
+            break
+    if instruments and scan is not None and np.isfinite(scan.std):
+        told("deviations", 0.95)
+        late = Passes(vehicle, used, replace(passes.settings, delay=scan.delay + scan.std), passes.candidates)
+        estimate = with_shift(estimate, late.with_instruments(estimate.model(vehicle)))
+    told("done", 1.0)
+    found = passes.settings.delay
+    model = estimate.model(vehicle, "learned by towtank, method paper")
+    if any(passes.commands):
+        model = model.model_copy(update={"command_delay": found})
+    warnings = _warnings(vehicle, estimate, scan, longest_delay, grids)
+    return LogLearning(vehicle, estimate, model, found, scan, grids, tuple(map(sources_of, grids)), warnings)
+
+
+def _settled(last: Estimate, new: Estimate) -> bool:
+    """Whether nothing moved any more from one round to the next."""
+    if last.identified != new.identified:
+        return False
+    known = np.array(new.identified, dtype=np.bool_)
+    step = np.abs(new.values - last.values)[known]
+    return bool(np.all(step <= np.maximum(_SETTLED * new.std[known], 1e-3 * np.abs(new.values[known]))))
+
+
+def _warnings(
+    vehicle: Vehicle, estimate: Estimate, scan: DelayScan | None, longest: float, grids: Sequence[Grid]
+) -> tuple[str, ...]:
+    out: list[str] = []
+    if scan is not None and scan.at_limit:
+        out.append(f"the delay reached the end of the range scanned ({longest:g} s); it may be longer")
+    for grid in grids:
+        if grid.repairs:
+            out.append(f"{grid.source or 'recording'}: {grid.repairs.summary}")
+    return (*out, *estimate_warnings(vehicle, estimate))
+
+
+def estimate_warnings(vehicle: Vehicle, estimate: Estimate) -> tuple[str, ...]:
+    """Return what is odd about an estimate: nothing identified, an inertia less than the rigid body's own."""
+    out: list[str] = []
+    if not any(estimate.identified):
+        out.append("nothing could be identified in these recordings; `towtank inspect` says what each axis lacks")
+    lowest = vehicle.rigid_body_matrix
+    for axis in AXES:
+        name = axis.added_mass
+        if name in estimate and estimate[name].identified and estimate[name].value > 2.0 * estimate[name].std:
+            total = float(lowest[axis.index, axis.index]) - estimate[name].value
+            out.append(
+                f"{axis.sum_name} is {total:.3g} {axis.unit}, less than the rigid body's own "
+                f"{lowest[axis.index, axis.index]:.3g}: check the vehicle's mass and the thrusters' force scale"
+            )
+    return tuple(out)

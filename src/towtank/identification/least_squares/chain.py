@@ -1,0 +1,197 @@
+"""One stretch of samples through the paper's chain: which sources feed it, and the loop over a grid or a stream."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.errors import InputError
+from towtank.identification.data.samples import with_absent_zero
+from towtank.identification.data.zero_order_hold import HeldInput, new_held_input
+from towtank.identification.least_squares.recursion import paper_events, paper_step
+from towtank.identification.least_squares.rls import Scheme, directional_information, require_scheme
+from towtank.identification.least_squares.solution import AxisInformation
+from towtank.identification.least_squares.state import (
+    BOUNDED_GAIN,
+    DIRECTIONAL,
+    EXPONENTIAL,
+    PaperState,
+    new_paper_state,
+)
+from towtank.identification.least_squares.velocity import (
+    ABSENT,
+    ATTITUDE_ACCELEROMETER,
+    ATTITUDE_GYRO,
+    ATTITUDE_MEASURED,
+    DERIVED,
+    MEASURED,
+    Motion,
+    new_motion,
+)
+from towtank.identification.posterior.assembly import Sources
+from towtank.recording import Grid
+from towtank.recording.channel import in_one_block
+from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
+
+__all__ = ["PaperChain", "Settings", "uses_commands"]
+
+_VELOCITY = {"absent": ABSENT, "measured": MEASURED, "derived": DERIVED}
+_ATTITUDE = {"measured": ATTITUDE_MEASURED, "accelerometer": ATTITUDE_ACCELEROMETER, "gyro": ATTITUDE_GYRO}
+_SCHEME = {"exponential": EXPONENTIAL, "directional": DIRECTIONAL, "bounded-gain": BOUNDED_GAIN}
+_LOWPASSED = 0.003  # relative error left by low-passing the motion before squaring it
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of the paper's chain; the defaults suit a vehicle of 5 to 500 kg.
+
+    Attributes:
+        a: filter constant of both sides [1/s]. Small values average measurement noise away, large ones slow
+            disturbances.
+        lowpass: corner of the low-pass where velocity is derived from the pose [Hz].
+        delay: from the command to the thruster [s].
+        gap: longest step between samples that is integrated over [s].
+        forgetting: factor per sample, 1 never forgets.
+        scheme: what is forgotten, see `RecursiveLeastSquares`.
+        gain: step of the normalised gradient estimator that runs beside, 0 for none.
+        smooth: inputs are samples of a smooth function, not held commands.
+
+    Raises:
+        InputError: a setting is out of range.
+    """
+
+    a: float = 3.0
+    lowpass: float = 4.0
+    delay: float = 0.0
+    gap: float = 0.5
+    forgetting: float = 1.0
+    gain: float = 0.0
+    smooth: bool = False
+    scheme: Scheme = "directional"
+
+    def __post_init__(self) -> None:
+        for name in ("a", "lowpass", "gap"):
+            value = getattr(self, name)
+            if not 0.0 < value < np.inf:
+                raise InputError(f"{name}: found {value}, expected a positive number")
+        if not 0.0 <= self.delay < np.inf:
+            raise InputError(f"delay: found {self.delay}, expected a number of seconds, 0 or more")
+        if not 0.0 < self.forgetting <= 1.0:
+            raise InputError(f"forgetting: found {self.forgetting}, expected a factor in (0, 1]")
+        require_scheme(self.scheme)
+
+
+def uses_commands(vehicle: Vehicle, grid: Grid) -> bool:
+    """Whether the wrench comes from the thrusters' commands; else it was recorded itself."""
+    commands = grid.command_values
+    return bool(vehicle.thrusters) and commands.shape[1] == len(vehicle.thrusters) and commands.size > 0
+
+
+class PaperChain:
+    """The state of `least_squares.recursion` for one vehicle, one set of sources, and inputs of one kind."""
+
+    def __init__(
+        self, vehicle: Vehicle, sources: Sources, settings: Settings, free: Array, known: Array, *, commands: bool
+    ) -> None:
+        if commands:
+            shape = configuration_matrix(vehicle)
+            lag = np.array([thruster.time_constant for thruster in vehicle.thrusters])
+        else:
+            shape, lag = np.eye(6), np.zeros(6)
+        self.vehicle = vehicle
+        self.sources = sources
+        self.settings = settings
+        self.commands = commands
+        self.state: PaperState = new_paper_state(
+            vehicle.parameters,
+            free,
+            known,
+            shape,
+            a=settings.a,
+            forgetting=settings.forgetting,
+            gain=settings.gain,
+            smooth=settings.smooth,
+            scheme=_SCHEME[settings.scheme],
+        )
+        self.motion: Motion = new_motion(
+            np.array([_VELOCITY[kind] for kind in sources.velocity]),
+            _ATTITUDE[sources.attitude],
+            2.0 * np.pi * settings.lowpass,
+            settings.gap,
+        )
+        self.held: HeldInput = new_held_input(shape.shape[1], lag, settings.delay)
+        self._no_command = np.full(shape.shape[1], np.nan)
+
+    def restart(self) -> None:
+        """Begin a new stretch whose times owe nothing to the last one's; what was learned stays."""
+        self.motion.last[0] = np.nan
+        self.motion.seen[:] = np.nan
+        self.held.clock[0] = np.nan
+        self.held.counters[:] = 0.0
+        self.state.pending[:] = 0.0
+
+    def forces(self, commands: Array, voltage: Array | None = None) -> Array:
+        """Steady force of each held input (..., m) of commands (..., n), or the wrench itself (..., 6).
+
+        A component of the wrench that was never recorded is taken as zero.
+        """
+        if not self.commands:
+            return with_absent_zero(commands)
+        if voltage is not None and not np.isfinite(voltage).any():
+            voltage = None
+        return np.ascontiguousarray(thruster_forces(self.vehicle, commands, voltage))
+
+    def step(self, t: float, pose: Array, velocity: Array, acceleration: Array, forces: Array | None) -> float:
+        """Take one sample; return the length [s] of the interval learned from, 0 where none was."""
+        asked = self._no_command if forces is None else forces
+        return paper_step(self.state, self.motion, self.held, t, pose, velocity, acceleration, asked)
+
+    def run(self, grid: Grid) -> int:
+        """Take a whole grid, sample by sample; return how many intervals were learned from."""
+        if self.commands:
+            stamps, values = grid.command_t, grid.command_values
+            voltage = np.interp(stamps, grid.t, grid.voltage) if np.isfinite(grid.voltage).any() else None
+        else:
+            stamps, values, voltage = grid.wrench_t, grid.wrench_values, None
+        return paper_events(
+            self.state,
+            self.motion,
+            self.held,
+            grid.t,
+            in_one_block(grid.pose),
+            in_one_block(grid.velocity),
+            in_one_block(grid.acceleration),
+            stamps,
+            self.forces(np.array(values), voltage),
+        )
+
+    def information(self, axis: int) -> AxisInformation:
+        """What has been gathered on one axis (a view by copy)."""
+        filled = int(self.state.clock[0]) + 1
+        triangle, blocks, rows = self.state.triangle[axis], self.state.blocks[axis], float(self.state.clock[6])
+        if self.settings.forgetting < 1.0 and self.settings.scheme == "directional":
+            triangle, blocks, rows = directional_information(self.state, axis)
+        elif self.settings.forgetting < 1.0 and self.settings.scheme == "bounded-gain":
+            rows = float(self.state.counted[axis, 1])
+        return AxisInformation(
+            triangle=np.triu(triangle.reshape(6, 6)),
+            blocks=blocks[:filled].reshape(filled, 6, 6).copy(),
+            block_length=float(self.state.clock[2]),
+            rows=rows,
+            a=self.settings.a,
+            commanded=float(self.state.energy[axis, 0]),
+            forced=float(self.state.energy[axis, 1]),
+            systematic=_LOWPASSED if "derived" in self.sources.velocity else 0.0,
+        )
+
+    @property
+    def duration(self) -> float:
+        """Time learned from [s]."""
+        return float(self.state.clock[4])
+
+    @property
+    def rows(self) -> int:
+        """Samples learned from."""
+        return int(self.state.clock[5])

@@ -1,0 +1,1 @@
+"""The coefficients that can be free, what is supposed of them beforehand, and the motion linearised by them."""

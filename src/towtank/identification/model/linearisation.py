@@ -1,0 +1,287 @@
+"""One step of the vehicle and of its linearisation, by state, disturbance, current and every free coefficient.
+
+The error state is [position (3, NED), attitude (3, body: q_true = q exp(e/2)), velocity (6, relative to the water)].
+With x the state and everything taken at the middle of the step,
+
+    d p_dot  = R dv - R [v]x e + d v_c
+    d e_dot  = -[omega]x e + d omega
+    d nu_dot = M^-1 { (L + 2 Q |nu| - d(C(nu) nu)/d nu) d nu + [W - B; S(b)] ([k]x e) + d d - sum Phi_j d c_j }
+
+C(nu) nu is bilinear, so its derivative is C(dnu) nu + C(nu) dnu in Kirchhoff's form; Phi is the regressor of (8),
+Phi c = tau along the motion, whence the last term. The step's matrix is F = I + A h + A^2 h^2 / 2.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from towtank.core.arrays import Array, kernel
+from towtank.core.inertia import bilinear_coriolis_into
+from towtank.core.layout import I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT
+from towtank.core.rk4 import N_STATES, stage_into, step_into
+from towtank.identification.model.parameters import (
+    CONSTANT,
+    IN_DELAY,
+    IN_GAIN,
+    IN_LAG,
+    LINEAR,
+    LOG,
+    MASS,
+    MOMENT,
+    NEGATIVE_LOG,
+    QUADRATIC,
+    WEIGHT,
+    Codes,
+)
+
+__all__ = ["N_FIXED", "N_MOVING", "linearise_into", "step_and_linearise", "transition_scratch", "turn_by"]
+
+N_MOVING = 12
+N_FIXED = 21  # moving 12, disturbance 6, current 3; the free coefficients follow
+_DIST, _CURRENT = 12, 18
+
+
+@kernel
+def turn_by(x: Array, ex: float, ey: float, ez: float) -> None:
+    """Turn the attitude of the state x (13,) by the rotation vector e [rad], body: q <- q exp(e/2), normalised."""
+    angle = math.sqrt(ex * ex + ey * ey + ez * ez)
+    s = 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
+    c = math.cos(0.5 * angle)
+    a, b, d = s * ex, s * ey, s * ez
+    qw, qx, qy, qz = x[3], x[4], x[5], x[6]
+    w = qw * c - qx * a - qy * b - qz * d
+    i = qw * a + qx * c + qy * d - qz * b
+    j = qw * b - qx * d + qy * c + qz * a
+    k = qw * d + qx * b - qy * a + qz * c
+    norm = 1.0 / math.sqrt(w * w + i * i + j * j + k * k)
+    x[3], x[4], x[5], x[6] = w * norm, i * norm, j * norm, k * norm
+
+
+@kernel
+def _by_mass(p: Array, A: Array, column: int, w: Array) -> None:
+    """Write M^-1 w into the velocity rows of one column of `A`."""
+    for i in range(6):
+        s = 0.0
+        for j in range(6):
+            s += p[I_MASS_INVERSE + 6 * i + j] * w[j]
+        A[6 + i, column] = s
+
+
+@kernel
+def _add_momentum(w: Array, row: int, speed: float, rate: float, nu: Array, factor: float) -> None:
+    """Add to `w` (6,) `factor` times the inertial wrench of a momentum h_row = speed with derivative `rate`."""
+    u, v, ww, p, q, r = nu[0], nu[1], nu[2], nu[3], nu[4], nu[5]
+    s = factor * speed
+    w[row] += factor * rate
+    if row == 0:
+        w[1] += r * s
+        w[2] -= q * s
+        w[4] += ww * s
+        w[5] -= v * s
+    elif row == 1:
+        w[0] -= r * s
+        w[2] += p * s
+        w[3] -= ww * s
+        w[5] += u * s
+    elif row == 2:
+        w[0] += q * s
+        w[1] -= p * s
+        w[3] += v * s
+        w[4] -= u * s
+    elif row == 3:
+        w[4] += r * s
+        w[5] -= q * s
+    elif row == 4:
+        w[3] -= r * s
+        w[5] += p * s
+    else:
+        w[3] += q * s
+        w[4] -= p * s
+
+
+@kernel
+def linearise_into(
+    p: Array,
+    x: Array,
+    rate: Array,
+    codes: Codes,
+    theta: Array,
+    shape: Array,
+    pushed: Array,
+    A: Array,
+    w: Array,
+) -> None:
+    """Write A (12, 21 + n), the derivative of the error's rate, at the state x (13,) with derivative `rate` (13,).
+
+    Args:
+        p: kernel parameters (154,), theta (n,) already put in.
+        shape: wrench of each unit input (6, m).
+        pushed: (3, m) of each input over the step: mean force, d mean / d delay, d mean / d ln lag.
+        w: scratch (2, 6).
+    """
+    n = theta.shape[0]
+    A[:, :] = 0.0
+    qw, qx, qy, qz = x[3], x[4], x[5], x[6]
+    u, v, ww, pp, q, r = x[7], x[8], x[9], x[10], x[11], x[12]
+    nu = x[7:13]
+    nu_dot = rate[7:13]
+    r00, r01, r02 = 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy - qw * qz), 2.0 * (qx * qz + qw * qy)
+    r10, r11, r12 = 2.0 * (qx * qy + qw * qz), 1.0 - 2.0 * (qx * qx + qz * qz), 2.0 * (qy * qz - qw * qx)
+    k0, k1, k2 = 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
+    for i in range(3):
+        a = r00 if i == 0 else (r10 if i == 1 else k0)
+        b = r01 if i == 0 else (r11 if i == 1 else k1)
+        c = r02 if i == 0 else (r12 if i == 1 else k2)
+        A[i, 6], A[i, 7], A[i, 8] = a, b, c
+        # -R [v]x: row (a b c) times -[v]x
+        A[i, 3] = -(b * ww - c * v)
+        A[i, 4] = -(c * u - a * ww)
+        A[i, 5] = -(a * v - b * u)
+        A[i, _CURRENT + i] = 1.0
+        A[3 + i, 9 + i] = 1.0
+    A[3, 4], A[3, 5] = r, -q
+    A[4, 3], A[4, 5] = -r, pp
+    A[5, 3], A[5, 4] = q, -pp
+
+    # Attitude: dk = k x e, the wrench of gravity [W - B; b x] dk.
+    weight = p[I_WEIGHT]
+    b0, b1, b2 = p[I_MOMENT], p[I_MOMENT + 1], p[I_MOMENT + 2]
+    for j in range(3):
+        d0 = -k2 if j == 1 else (k1 if j == 2 else 0.0)
+        d1 = k2 if j == 0 else (-k0 if j == 2 else 0.0)
+        d2 = -k1 if j == 0 else (k0 if j == 1 else 0.0)
+        w[0, 0], w[0, 1], w[0, 2] = weight * d0, weight * d1, weight * d2
+        w[0, 3], w[0, 4], w[0, 5] = b1 * d2 - b2 * d1, b2 * d0 - b0 * d2, b0 * d1 - b1 * d0
+        _by_mass(p, A, 3 + j, w[0])
+
+    # Velocity.
+    mass = p[I_MASS:I_MASS_INVERSE].reshape(6, 6)
+    unit = w[1]
+    for j in range(6):
+        for i in range(6):
+            unit[i] = 0.0
+        unit[j] = 1.0
+        bilinear_coriolis_into(mass, unit, nu, w[0])
+        for i in range(6):
+            A[6 + i, _DIST + i] = -w[0, i]  # kept for a moment
+        bilinear_coriolis_into(mass, nu, unit, w[0])
+        size = 2.0 * math.fabs(nu[j])
+        for i in range(6):
+            c = p[I_LINEAR + 6 * i + j] + p[I_QUADRATIC + 6 * i + j] * size
+            w[0, i] = c - w[0, i] + A[6 + i, _DIST + i]
+        _by_mass(p, A, 6 + j, w[0])
+    for i in range(6):
+        for j in range(6):
+            A[6 + i, _DIST + j] = p[I_MASS_INVERSE + 6 * i + j]
+
+    # Coefficients.
+    for c in range(n):
+        kind, i, j, transform = codes[c, 0], codes[c, 1], codes[c, 2], codes[c, 3]
+        for m in range(6):
+            w[0, m] = 0.0
+        if kind == MASS:
+            _add_momentum(w[0], i, nu[j], nu_dot[j], nu, -1.0)
+            if j != i:
+                _add_momentum(w[0], j, nu[i], nu_dot[i], nu, -1.0)
+        elif kind == LINEAR:
+            w[0, i] = nu[j]
+        elif kind == QUADRATIC:
+            w[0, i] = math.fabs(nu[j]) * nu[j]
+        elif kind == WEIGHT:
+            w[0, 0], w[0, 1], w[0, 2] = k0, k1, k2
+        elif kind == MOMENT:
+            if i == 0:
+                w[0, 4], w[0, 5] = -k2, k1
+            elif i == 1:
+                w[0, 3], w[0, 5] = k2, -k0
+            else:
+                w[0, 3], w[0, 4] = -k1, k0
+        elif kind == CONSTANT:
+            w[0, i] = 1.0
+        elif kind == IN_GAIN:
+            for m in range(6):
+                w[0, m] = shape[m, i] * pushed[0, i]
+        elif kind in (IN_DELAY, IN_LAG):
+            row = 1 if kind == IN_DELAY else 2
+            for m in range(6):
+                for a_ in range(shape.shape[1]):
+                    w[0, m] += shape[m, a_] * pushed[row, a_]
+        slope = 1.0
+        if transform == LOG and kind != IN_LAG:
+            slope = math.exp(theta[c])
+        elif transform == NEGATIVE_LOG:
+            slope = -math.exp(theta[c])
+        for m in range(6):
+            w[0, m] *= slope
+        _by_mass(p, A, N_FIXED + c, w[0])
+
+
+@kernel
+def step_and_linearise(
+    p: Array,
+    x: Array,
+    tau: Array,
+    current: Array,
+    h: float,
+    fade: float,
+    codes: Codes,
+    theta: Array,
+    shape: Array,
+    pushed: Array,
+    coupled: bool,
+    F: Array,
+    A: Array,
+    work: Array,
+    scratch: Array,
+) -> None:
+    """Advance the state x (13,) by h [s] in place and write the step's matrix F (12, 21 + n).
+
+    Args:
+        tau: mean wrench over the step (6,), disturbance included. current: (3,) NED.
+        fade: 1/T of the disturbance [1/s].
+        A: scratch (12, 21 + n). work: scratch (5, 13, 1). scratch: (12, 6) at least.
+        Others as `linearise_into`.
+    """
+    parameters = p.reshape(p.shape[0], 1)
+    lane = x.reshape(N_STATES, 1)
+    middle, rate = work[3], work[4]
+    wrench = scratch[:3].reshape(3, 6, 1)
+    for j in range(6):
+        wrench[0, j, 0] = tau[j]
+        wrench[1, j, 0] = tau[j]
+        wrench[2, j, 0] = tau[j]
+    for i in range(N_STATES):
+        middle[i, 0] = x[i]
+    if coupled:
+        step_into(parameters, lane, wrench, current, h, work[:3], True)
+    else:
+        step_into(parameters, lane, wrench, current, h, work[:3], False)
+    for i in range(N_STATES):
+        middle[i, 0] = 0.5 * (middle[i, 0] + x[i])
+    stage_into(parameters, middle, wrench[0], current, rate, True)
+    linearise_into(p, middle[:, 0], rate[:, 0], codes, theta, shape, pushed, A, scratch[4:6])
+    columns = A.shape[1]
+    half = 0.5 * h * h
+    for i in range(N_MOVING):
+        for j in range(columns):
+            F[i, j] = h * A[i, j]
+        for j in range(_DIST, _CURRENT):
+            F[i, j] -= half * fade * A[i, j]
+        for k in range(3, N_MOVING):
+            a = half * A[i, k]
+            if a != 0.0:
+                for j in range(3, columns):
+                    F[i, j] += a * A[k, j]
+        F[i, i] += 1.0
+
+
+def transition_scratch(n: int) -> tuple[Array, Array, Array, Array]:
+    """Return F, A, work and scratch for `step_and_linearise` with n free coefficients."""
+    return (
+        np.zeros((N_MOVING, N_FIXED + n)),
+        np.zeros((N_MOVING, N_FIXED + n)),
+        np.zeros((5, N_STATES, 1)),
+        np.zeros((12, 6)),
+    )

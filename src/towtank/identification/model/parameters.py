@@ -1,0 +1,238 @@
+"""The free coefficients as unconstrained numbers theta, and back into the kernel's vector of a vehicle.
+
+Total inertias on the diagonal are written exp(theta) and damping on the diagonal -exp(theta): whatever an estimator
+does to theta, inertia stays positive and damping dissipates. Everything else (off-diagonal elements, restoring terms,
+constant forces, the delay) is theta itself. Lag and thruster gains, positive again, are exp(theta).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from towtank.core.arrays import Array, kernel
+from towtank.core.layout import I_CONSTANT, I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT
+from towtank.errors import InputError, nearest
+from towtank.vehicle import COEFFICIENTS, Vehicle, index
+
+__all__ = [
+    "CONSTANT",
+    "DELAY",
+    "GAIN_PREFIX",
+    "IN_DELAY",
+    "IN_GAIN",
+    "IN_LAG",
+    "LAG",
+    "LINEAR",
+    "LOG",
+    "MASS",
+    "MOMENT",
+    "NEGATIVE_LOG",
+    "PLAIN",
+    "QUADRATIC",
+    "WEIGHT",
+    "Codes",
+    "FreeParameters",
+    "free_parameters",
+    "invert_mass",
+    "put_parameters",
+]
+
+DELAY, LAG, GAIN_PREFIX = "delay", "lag", "gain_"
+MASS, LINEAR, QUADRATIC, WEIGHT, MOMENT, CONSTANT, IN_DELAY, IN_LAG, IN_GAIN = range(9)
+PLAIN, LOG, NEGATIVE_LOG = range(3)
+_KINDS = {"mass": MASS, "linear": LINEAR, "quadratic": QUADRATIC, "weight": WEIGHT, "moment": MOMENT}
+_KINDS["constant"] = CONSTANT
+Codes = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class FreeParameters:
+    """Which coefficients are free, and where each goes.
+
+    Attributes:
+        names: SNAME names, `delay`, `lag`, `gain_<thruster>`.
+        codes: (n, 4) kind, row, column, transform of each, as the kernels read them.
+        rigid: (n,) what a coefficient's inertia has beside it: M_RB of that element for inertias, 0 for others.
+    """
+
+    names: tuple[str, ...]
+    codes: Codes
+    rigid: Array
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def theta(self, vehicle: Vehicle, *, delay: float, lag: float) -> Array:
+        """Return theta (n,) of a vehicle's coefficients; damping that is 0 becomes a trace of it."""
+        out = np.empty(len(self))
+        for k, name in enumerate(self.names):
+            kind = self.codes[k, 0]
+            if kind == IN_DELAY:
+                value = delay
+            elif kind == IN_LAG:
+                value = max(lag, 1e-3)
+            elif kind == IN_GAIN:
+                value = 1.0
+            else:
+                value = vehicle.coefficient(name)
+            out[k] = self._theta(k, value)
+        return out
+
+    def _theta(self, k: int, value: float) -> float:
+        transform = self.codes[k, 3]
+        if self.codes[k, 0] == MASS:
+            value = float(self.rigid[k]) - value
+        if transform == LOG:
+            return math.log(max(value, 1e-9))
+        if transform == NEGATIVE_LOG:
+            return math.log(max(-value, 1e-9))
+        return value
+
+    def thetas(self, values: Array) -> Array:
+        """Return theta (n,) of coefficients (n,)."""
+        return np.array([self._theta(k, float(value)) for k, value in enumerate(values)])
+
+    def values(self, theta: Array) -> Array:
+        """Return the coefficients (n,) of theta (n,): added inertias, not totals."""
+        out = np.array(theta, dtype=np.float64)
+        for k in range(len(self)):
+            transform = self.codes[k, 3]
+            if transform == LOG:
+                out[k] = math.exp(theta[k])
+            elif transform == NEGATIVE_LOG:
+                out[k] = -math.exp(theta[k])
+            if self.codes[k, 0] == MASS:
+                out[k] = self.rigid[k] - out[k]
+        return out
+
+    def slopes(self, theta: Array) -> Array:
+        """Return d coefficient / d theta (n,)."""
+        out = np.ones(len(self))
+        for k in range(len(self)):
+            transform = self.codes[k, 3]
+            if transform == LOG:
+                out[k] = math.exp(theta[k])
+            elif transform == NEGATIVE_LOG:
+                out[k] = -math.exp(theta[k])
+            if self.codes[k, 0] == MASS:
+                out[k] = -out[k]
+        return out
+
+    def subset(self, keep: Sequence[str]) -> FreeParameters:
+        """Return those of the names that are in `keep`, in the same order."""
+        rows = [k for k, name in enumerate(self.names) if name in keep]
+        return replace(self, names=tuple(self.names[k] for k in rows), codes=self.codes[rows], rigid=self.rigid[rows])
+
+    def plainly(self, names: Collection[str]) -> FreeParameters:
+        """Return the same with the coefficients of these names as they are: of either sign."""
+        codes = self.codes.copy()
+        codes[[k for k, name in enumerate(self.names) if name in names], 3] = PLAIN
+        return replace(self, codes=codes)
+
+
+def free_parameters(vehicle: Vehicle, names: Sequence[str]) -> FreeParameters:
+    """Return the description of the free coefficients `names`.
+
+    A coupling has one number: of an added-mass element and its mirror the first one named is kept.
+
+    Raises:
+        InputError: an unknown name.
+    """
+    thrusters = [thruster.name for thruster in vehicle.thrusters]
+    known = (*COEFFICIENTS, DELAY, LAG, *(GAIN_PREFIX + name for name in thrusters))
+    kept: list[str] = []
+    codes: list[tuple[int, int, int, int]] = []
+    rigid: list[float] = []
+    for name in names:
+        if name not in known:
+            raise InputError(f'free: "{name}" is not a coefficient{nearest(name, known)}')
+        code = _code(name, thrusters)
+        if code in codes:
+            continue
+        kept.append(name)
+        codes.append(code)
+        rigid.append(float(vehicle.rigid_body_matrix[code[1], code[2]]) if code[0] == MASS else 0.0)
+    return FreeParameters(tuple(kept), np.array(codes, dtype=np.int64).reshape(len(kept), 4), np.array(rigid))
+
+
+def _code(name: str, thrusters: Sequence[str]) -> tuple[int, int, int, int]:
+    if name == DELAY:
+        return IN_DELAY, 0, 0, PLAIN
+    if name == LAG:
+        return IN_LAG, 0, 0, LOG
+    if name.startswith(GAIN_PREFIX):
+        return IN_GAIN, thrusters.index(name.removeprefix(GAIN_PREFIX)), 0, LOG
+    kind, i, j = index(name)
+    code = _KINDS[kind]
+    if code == MASS and j < i:
+        i, j = j, i
+    diagonal = i == j and code in (MASS, LINEAR, QUADRATIC)
+    transform = PLAIN if not diagonal else LOG if code == MASS else NEGATIVE_LOG
+    return code, i, j, transform
+
+
+@kernel
+def invert_mass(p: Array, work: Array) -> bool:
+    """Write the inverse of the symmetric positive definite mass matrix in `p` (154,) beside it, by Cholesky.
+
+    False, and the inverse unchanged, where the matrix is not positive definite. work: (6, 6).
+    """
+    for i in range(6):
+        for j in range(i + 1):
+            s = p[I_MASS + 6 * i + j]
+            for k in range(j):
+                s -= work[i, k] * work[j, k]
+            if i == j:
+                if not s > 0.0:
+                    return False
+                work[i, i] = math.sqrt(s)
+            else:
+                work[i, j] = s / work[j, j]
+    for c in range(6):
+        for i in range(6):  # forward: L y = e_c, y in the column of the result
+            s = 1.0 if i == c else 0.0
+            for k in range(i):
+                s -= work[i, k] * p[I_MASS_INVERSE + 6 * k + c]
+            p[I_MASS_INVERSE + 6 * i + c] = s / work[i, i]
+        for back in range(6):
+            i = 5 - back
+            s = p[I_MASS_INVERSE + 6 * i + c]
+            for k in range(i + 1, 6):
+                s -= work[k, i] * p[I_MASS_INVERSE + 6 * k + c]
+            p[I_MASS_INVERSE + 6 * i + c] = s / work[i, i]
+    return True
+
+
+@kernel
+def put_parameters(p: Array, codes: Codes, theta: Array, work: Array) -> bool:
+    """Write the coefficients of theta (n,) into `p` (154,); False where the mass matrix is not positive definite."""
+    masses = False
+    for k in range(theta.shape[0]):
+        kind, i, j, transform = codes[k, 0], codes[k, 1], codes[k, 2], codes[k, 3]
+        value = theta[k]
+        if transform == LOG:
+            value = math.exp(value)
+        elif transform == NEGATIVE_LOG:
+            value = -math.exp(value)
+        if kind == MASS:
+            p[I_MASS + 6 * i + j] = value
+            p[I_MASS + 6 * j + i] = value
+            masses = True
+        elif kind == LINEAR:
+            p[I_LINEAR + 6 * i + j] = value
+        elif kind == QUADRATIC:
+            p[I_QUADRATIC + 6 * i + j] = value
+        elif kind == WEIGHT:
+            p[I_WEIGHT] = value
+        elif kind == MOMENT:
+            p[I_MOMENT + i] = value
+        elif kind == CONSTANT:
+            p[I_CONSTANT + i] = value
+    if masses:
+        return invert_mass(p, work)
+    return True

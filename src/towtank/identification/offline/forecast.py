@@ -1,0 +1,156 @@
+"""What a learning will know of each coefficient: the information of a recording, before learning from it.
+
+Two judges: least squares, whose deviations account for coloured residuals and stay true where the disturbance is of any
+kind; and a few passes of the joint filter, whose covariance is the bound where its picture of the disturbance is right.
+The filter is believed where its coefficients and its delay agree with those of least squares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from towtank.identification.data.noise import Levels
+from towtank.identification.data.samples import held_forces, samples_of
+from towtank.identification.kalman.iterated import joint_passes, prior_deviation
+from towtank.identification.kalman.noise_adaptation import start_levels, tuning_for
+from towtank.identification.least_squares.chain import uses_commands
+from towtank.identification.model.parameters import DELAY, PLAIN, free_parameters
+from towtank.identification.model.prior import size_of, start_theta
+from towtank.identification.posterior.assembly import LogLearning
+from towtank.identification.posterior.estimate import Estimate
+from towtank.identification.posterior.identifiability import excitation, excitation_words
+from towtank.identification.posterior.statistics import deviations, relative, told_by_data
+from towtank.identification.posterior.wording import phrase, role
+from towtank.recording import Grid, Recording
+from towtank.vehicle import Vehicle, configuration_matrix, index, unit
+
+__all__ = ["Outlook", "Prospect", "liveliest", "outlook"]
+
+_MOST_ROWS = 24_000  # of a recording that are looked at,
+_STRETCHES = 6  # cut into so many where there are more
+_PASSES = 3
+_APART = 4.0  # deviations of least squares, up to which both agree,
+_CLOSE = 0.05  # and share of the value that its filters may bias it by,
+_CLOSE_DELAY = 0.01  # s; of the delay
+_MAY_BE_NOTHING = 25.0  # %, above which a term that may as well be 0 is told in its own unit
+
+
+@dataclass(frozen=True)
+class Prospect:
+    """One coefficient: to how many percent it will be known (inf: not), its deviation in its own unit, a sentence."""
+
+    percent: float
+    std: float
+    unit: str
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Outlook:
+    """What a recording will tell.
+
+    Attributes:
+        known: prospects by name. delay, delay_std: [s], the deviation NaN where it cannot be told.
+        agrees: whether the filter is believed. levels: of noise and disturbance, as the filter sees them.
+    """
+
+    known: dict[str, Prospect]
+    delay: float
+    delay_std: float
+    agrees: bool
+    levels: Levels
+
+
+def outlook(
+    vehicle: Vehicle,
+    recordings: Sequence[Recording],
+    first: LogLearning,
+    *,
+    told: Callable[[float], None] | None = None,
+) -> Outlook | None:
+    """Return what recordings will tell of the coefficients that least squares found in them; None where it found none.
+
+    Args:
+        recordings: with thrusters bound to the vehicle's. first: what least squares found in them.
+        told: called with the share done, 0 .. 1.
+    """
+    estimate = first.estimate
+    names = [each.name for each in estimate.coefficients if each.identified]
+    if not names:
+        return None
+    samples = [samples_of(recording, vehicle) for recording in recordings]
+    free = free_parameters(vehicle, [*names, *([DELAY] if any(each.commands for each in samples) else [])])
+    known = vehicle.with_coefficients({name: estimate[name].value for name in names})
+    scale = size_of(vehicle, free)
+    fit = joint_passes(
+        samples,
+        np.array(first.model.parameters),
+        free,
+        start_theta(vehicle, known, free, delay=first.delay, lag=0.05),
+        start_levels(recordings[0], vehicle),
+        tuning_for(vehicle),
+        scale=scale,
+        delay=first.delay,
+        most=_PASSES,
+        told=told,
+    )
+    size = np.where(free.codes[:, 3] == PLAIN, np.maximum(np.abs(fit.theta), 1e-9 * scale), 1.0)
+    information = told_by_data(fit.covariance, np.diag(prior_deviation(free, scale) ** -2.0))
+    std = deviations(relative(information, size)) * size * np.abs(free.slopes(fit.theta))
+    found = dict(zip(free.names, free.values(fit.theta), strict=True))
+    spread = dict(zip(free.names, std, strict=True))
+    delay_std = float("nan") if first.delay_scan is None else first.delay_scan.std
+    agrees = all(
+        abs(found[name] - estimate[name].value)
+        <= _APART * estimate[name].std + _CLOSE * abs(_total(vehicle, name, estimate[name].value))
+        for name in names
+    )
+    delay = first.delay
+    if DELAY in found:
+        agrees = agrees and not abs(found[DELAY] - delay) > _APART * delay_std + _CLOSE_DELAY
+        if agrees:
+            delay, delay_std = max(0.0, float(found[DELAY])), float(spread[DELAY])
+    learned = {name: float(spread[name]) if agrees else estimate[name].std for name in names}
+    return Outlook(_prospects(vehicle, estimate, learned), delay, delay_std, agrees, fit.levels)
+
+
+def _prospects(vehicle: Vehicle, estimate: Estimate, std: dict[str, float]) -> dict[str, Prospect]:
+    """Return the prospects of coefficients with these deviations; an added inertia counts with the rigid body's."""
+    size = np.array([abs(_total(vehicle, name, estimate[name].value)) for name in std])
+    with np.errstate(divide="ignore"):
+        percents = excitation(tuple(std), np.diag((np.array(list(std.values())) / size) ** 2))
+    texts = dict(zip(percents, excitation_words(percents), strict=True))
+    for name, deviation in std.items():
+        if percents[name] > _MAY_BE_NOTHING and role(name).kind in ("restoring", "constant") and np.isfinite(deviation):
+            texts[name] = f"{phrase(name)} will be known to {deviation:.2g} {unit(name)}"
+    return {name: Prospect(percents[name], std[name], unit(name), texts[name]) for name in std}
+
+
+def _total(vehicle: Vehicle, name: str, value: float) -> float:
+    kind, i, j = index(name)
+    return float(vehicle.rigid_body_matrix[i, j]) - value if kind == "mass" else value
+
+
+def liveliest(grid: Grid, vehicle: Vehicle, rows: int = _MOST_ROWS) -> tuple[tuple[float, float], ...]:
+    """Return the stretches (start, end) [s], of so many rows in all, in which the thrusters do the most on each axis;
+    one that spans the grid where it has no more rows than that.
+    """
+    n = len(grid)
+    if n <= rows:
+        return ((float(grid.t[0]), float(grid.t[-1])),)
+    wrench = grid.wrench
+    if uses_commands(vehicle, grid):
+        wrench = held_forces(vehicle, grid.commands, None) @ configuration_matrix(vehicle).T
+    long = rows // _STRETCHES
+    done = np.vstack([np.zeros(6), np.cumsum(np.nan_to_num(wrench) ** 2, axis=0)])
+    inside = done[long:] - done[:-long]
+    taken: list[int] = []
+    for axis in range(6):
+        free = np.all([np.abs(np.arange(len(inside)) - first) >= long for first in taken], axis=0)
+        score = np.where(free, inside[:, axis], -1.0)[: n - long]
+        if score.max() > 0.0:
+            taken.append(int(np.argmax(score)))
+    return tuple((float(grid.t[first]), float(grid.t[first + long])) for first in sorted(taken or [0]))

@@ -1,0 +1,257 @@
+"""The paper's method as a learner: one sample at a time, or a whole recording in one call, with the same result."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from towtank.core.arrays import Array
+from towtank.errors import InputError
+from towtank.identification.data.samples import with_absent_zero
+from towtank.identification.data.zero_order_hold import held_push
+from towtank.identification.learner import Learner, sample_vector
+from towtank.identification.least_squares.chain import PaperChain, Settings, uses_commands
+from towtank.identification.least_squares.rls import Scheme
+from towtank.identification.least_squares.solution import (
+    AxisInformation,
+    AxisSolution,
+    absent,
+    by_gradient,
+    estimate_of,
+    select,
+    solve_axis,
+)
+from towtank.identification.model.terms import AXES, candidates
+from towtank.identification.posterior.assembly import Sources
+from towtank.identification.posterior.estimate import Estimate
+from towtank.recording import Recording, align, bind_thrusters
+from towtank.vehicle import Vehicle, thruster_forces
+
+__all__ = ["PaperLearner"]
+
+
+class PaperLearner(Learner):
+    """The paper's method, streaming: filtered regressors, one axis at a time, recursive least squares.
+
+    Args:
+        vehicle: what is known: rigid body, thrusters, and values for whatever is not learned.
+        method: "paper".
+        free: names of the coefficients to learn; by default every inertia, the damping terms that the vehicle has
+            (both where it has none), righting moments and net weight.
+        estimator: "rls" (square-root recursive least squares) or "gradient" (normalised gradient for the values; the
+            deviations stay those of least squares).
+        delay: from input to force [s]. Where omitted, commands have the vehicle's own and a wrench, which is what
+            acted, none.
+        a: filter constant of both sides [1/s].
+        lowpass: corner [Hz] where velocity has to be derived from the pose; the thrust passes the same filter.
+        forgetting: factor per sample; 1 never forgets.
+        scheme: what is forgotten where `forgetting` is below 1: "directional" (only what the data excites, so that
+            hover changes nothing), "bounded-gain" or "exponential"; see `RecursiveLeastSquares`.
+        inputs: "held" between their time stamps, as digital commands are, or "smooth".
+        gap: longest step between samples that is integrated over [s].
+
+    Samples go to `update` with all that belongs to one instant; times may be irregular. Out-of-order samples and
+    samples that lack a quantity the first ones had are passed over.
+
+    Raises:
+        InputError: an unknown method, name or setting.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        method: str = "paper",
+        *,
+        free: Collection[str] | None = None,
+        estimator: Literal["rls", "gradient"] = "rls",
+        delay: float | None = None,
+        a: float = 3.0,
+        lowpass: float = 4.0,
+        forgetting: float = 1.0,
+        scheme: Scheme = "directional",
+        inputs: Literal["held", "smooth"] = "held",
+        gap: float = 0.5,
+    ) -> None:
+        if method != "paper":
+            raise InputError(f'method: found "{method}", expected "paper"')
+        if estimator not in ("rls", "gradient"):
+            raise InputError(f'estimator: found "{estimator}", expected "rls" or "gradient"')
+        if inputs not in ("held", "smooth"):
+            raise InputError(f'inputs: found "{inputs}", expected "held" or "smooth"')
+        self.vehicle = vehicle
+        self.method = method
+        self.estimator = estimator
+        self.settings = Settings(
+            a=a,
+            lowpass=lowpass,
+            delay=0.0 if delay is None else float(delay),
+            gap=gap,
+            forgetting=forgetting,
+            gain=0.05 if estimator == "gradient" else 0.0,
+            smooth=inputs == "smooth",
+            scheme=scheme,
+        )
+        self._own_delay = delay is None
+        self.candidates = candidates(vehicle, free)
+        self._chain: PaperChain | None = None
+        self._commands: bool | None = None  # inputs are commands; None until the first one
+        self._seen: list[NDArray[np.bool_]] | None = None
+        self._last_input: tuple[float, Array] | None = None
+
+    # -- data in
+
+    def update(
+        self,
+        t: float,
+        *,
+        pose: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+        commands: ArrayLike | None = None,
+        wrench: ArrayLike | None = None,
+        voltage: float | None = None,
+    ) -> bool:
+        """Take the sample of time t [s]; True where something was learned from the interval that it ends.
+
+        Args:
+            pose: x y z [m, NED] phi theta psi [rad] (6,). velocity: u v w p q r (6,), body FRD.
+            acceleration: specific force (3,) [m/s^2], body FRD. NaN, or None for the whole, where not measured.
+            commands: one per thruster, in force from t on; wrench: X Y Z K M N, likewise. None: unchanged.
+            voltage: of the supply, where the thrusters' curves depend on it.
+        """
+        p, v, s = (
+            sample_vector(pose, 6, "pose"),
+            sample_vector(velocity, 6, "velocity"),
+            sample_vector(acceleration, 3, "acceleration"),
+        )
+        forces = self._forces(commands, wrench, voltage)
+        if self._chain is None or self._chain.rows == 0:
+            self._prepare(p, v, s)
+        if self._chain is None:
+            if forces is not None:
+                self._last_input = (float(t), forces)
+            return False
+        return self._chain.step(float(t), p, v, s, forces) > 0.0
+
+    def push(self, t: float, forces: Array, *, commands: bool) -> None:
+        """Take the steady forces (m,) asked for from t [s] on, of the thrusters or (not `commands`) the wrench."""
+        if self._commands is None:
+            self._commands = commands
+        if self._commands != commands:
+            return
+        self._last_input = (t, forces)
+        if self._chain is not None:
+            held_push(self._chain.held, t, forces)
+
+    def run(self, recording: Recording) -> int:
+        """Take a whole recording, aligned to a common grid; return how many intervals were learned from.
+
+        Several recordings may follow each other; each begins a new stretch, and what was learned stays.
+
+        Raises:
+            InputError: there is no motion, or its thrusters are not the vehicle's.
+        """
+        grid = align(bind_thrusters(recording, [thruster.name for thruster in self.vehicle.thrusters]))
+        sources = Sources.of(grid.pose, grid.velocity, grid.acceleration)
+        commands = uses_commands(self.vehicle, grid)
+        chain = self._chain or self._start(sources, commands=commands)
+        if chain.sources != sources or chain.commands != commands:
+            raise InputError(
+                f"{recording.source or 'recording'}: it measures {_told(sources, commands)}, the ones before "
+                f"{_told(chain.sources, chain.commands)}; learn from recordings of one kind at a time"
+            )
+        self.restart()
+        return chain.run(grid)
+
+    def restart(self) -> None:
+        """Begin a new stretch of samples whose times owe nothing to the last one's; what was learned stays."""
+        if self._chain is not None:
+            self._chain.restart()
+
+    # -- results out
+
+    @property
+    def estimate(self) -> Estimate:
+        """What has been learned so far."""
+        chain = self._chain
+        findings = []
+        for candidate in self.candidates:
+            i = candidate.axis.index
+            if chain is None or chain.sources.velocity[i] == "absent":
+                reason = f"{candidate.axis.name} speed {candidate.axis.velocity} is not measured"
+                findings.append(absent(candidate, reason if chain is not None else "no motion has been seen yet"))
+                continue
+            information = chain.information(i)
+
+            def solve(
+                free: tuple[bool, ...], known: Array, information: AxisInformation = information
+            ) -> AxisSolution | None:
+                return solve_axis(information, free, known)
+
+            findings.append(
+                select(
+                    candidate,
+                    solve,
+                    lambda solution: solution.residual_sum,
+                    commanded=information.commanded_share,
+                )
+            )
+        if chain is None:
+            return estimate_of(self.vehicle, findings, 0.0, 0)
+        if self.estimator == "gradient":
+            findings = [by_gradient(f, theta) for f, theta in zip(findings, chain.state.gradient, strict=True)]
+        return estimate_of(self.vehicle, findings, chain.duration, chain.rows)
+
+    def model(self) -> Vehicle:
+        """Return the vehicle with everything identified so far put in."""
+        learned = self.estimate.model(self.vehicle, f"learned by towtank, method {self.method}")
+        commands = self._chain is not None and self._chain.commands
+        if commands:
+            learned = learned.model_copy(update={"command_delay": self.settings.delay})
+        return learned
+
+    # -- inside
+
+    def _forces(self, commands: ArrayLike | None, wrench: ArrayLike | None, voltage: float | None) -> Array | None:
+        """Return the held forces that this sample asks for; the first input decides of which kind they are."""
+        if self._commands is None and (commands is not None or wrench is not None):
+            self._commands = commands is not None
+        if self._commands and commands is not None:
+            c = sample_vector(commands, len(self.vehicle.thrusters), "commands")
+            return np.ascontiguousarray(thruster_forces(self.vehicle, c, voltage))
+        if self._commands is False and wrench is not None:
+            return np.ascontiguousarray(with_absent_zero(sample_vector(wrench, 6, "wrench")[None])[0])
+        return None
+
+    def _prepare(self, pose: Array, velocity: Array, acceleration: Array) -> None:
+        """Choose the sources by all that was seen before the first interval was learned from."""
+        found = [np.isfinite(values) for values in (pose, velocity, acceleration)]
+        self._seen = found if self._seen is None else [a | b for a, b in zip(self._seen, found, strict=True)]
+        if not (self._seen[0].any() or self._seen[1].any()):
+            return
+        sources = Sources.of(*(np.where(flags, 0.0, np.nan)[None] for flags in self._seen))
+        commands = bool(self.vehicle.thrusters) if self._commands is None else self._commands
+        chain = self._chain
+        if chain is not None and chain.sources == sources and chain.commands == commands:
+            return
+        chain = self._start(sources, commands=commands)
+        if self._last_input is not None and len(self._last_input[1]) == chain.held.force.shape[0]:
+            held_push(chain.held, *self._last_input)
+
+    def _start(self, sources: Sources, *, commands: bool) -> PaperChain:
+        free = np.array([candidate.wanted for candidate in self.candidates], dtype=np.float64)
+        known = np.array([candidate.known for candidate in self.candidates])
+        if self._own_delay and commands:
+            self.settings = replace(self.settings, delay=self.vehicle.command_delay)
+        self._chain = PaperChain(self.vehicle, sources, self.settings, free, known, commands=commands)
+        return self._chain
+
+
+def _told(sources: Sources, commands: bool) -> str:
+    names = [axis.velocity for axis in AXES]
+    parts = [f"{n} {kind}" for n, kind in zip(names, sources.velocity, strict=True)]
+    return f"{', '.join(parts)}, attitude by {sources.attitude}, {'commands' if commands else 'wrenches'}"

@@ -1,0 +1,337 @@
+"""The second looks of a stream: when the next is due, what it begins with, and what it leaves for the one after.
+
+A look of the streaming filter as a job: everything that it needs, so that it can run beside the stream.
+
+When the streaming filter looks back: at times that grow, and soon after a coefficient became known late.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+from towtank.core.arrays import Array
+from towtank.identification.data.noise import Levels
+from towtank.identification.data.samples import Buffer, Samples
+from towtank.identification.kalman.alternatives import Pair, Prior, choose_damping, damping_in_question
+from towtank.identification.kalman.iterated import fit_of
+from towtank.identification.kalman.noise_adaptation import tuning_for
+from towtank.identification.kalman.state import JointState, Tuning
+from towtank.identification.model.parameters import DELAY, FreeParameters, free_parameters
+from towtank.identification.model.prior import prior_information
+from towtank.identification.online.least_squares import PaperLearner
+from towtank.identification.online.reestimation import (
+    Look,
+    axes_seen,
+    bank_of_delays,
+    begun_later,
+    look,
+    look_levels,
+    look_starts,
+    names_now,
+)
+from towtank.vehicle import Vehicle
+
+__all__ = ["LookJob", "Looks", "Schedule"]
+
+_PASSES = 4  # over what was seen, that a choice of damping terms may cost each time
+_EARLY = 8.0  # s of motion until which looks are frequent
+STILL = 30.0  # s of motion until which the water may be taken as still
+_OFTEN = 0.25  # s between two looks at least
+_FIRST = 0.5  # s of motion
+_GROWS_EARLY, _GROWS = 0.25, 1.0  # share of the motion so far to the next look, until `_EARLY` and later
+_GROWS_AGAIN, _GROWS_LEAST = 0.6, 0.06  # likewise, once a coefficient has called for a look; of all that was seen
+_LAST = 120.0  # s of samples kept,
+_MOST_ROWS = 40_000
+_BOTH_STARTS, _STARTS_GROW = 30.0, 2.0  # s: until then looks at doubling times start from least squares too,
+_BANK_UNTIL = 5.0  # s: and until then from a bank of delays
+_MOST_LEFT_OUT = 1.0  # s
+_DAMPING = 7.0  # s of motion from which looks choose between damping terms
+_STIRRED = 2  # looks that find the water plainly stirred, after which none asks again
+
+
+@dataclass(frozen=True, eq=False)
+class LookJob:
+    """What to look at and from where, see `look`.
+
+    pairs: damping terms to choose between. asked: somebody named the coefficients.
+    rows, inputs: how much of the buffer it has seen.
+    """
+
+    stretches: Sequence[Samples]
+    vehicle: Vehicle
+    free: FreeParameters
+    own: Array | None
+    starts: Sequence[Array]
+    levels: Levels
+    tuning: Tuning
+    delay: float
+    prior: Prior
+    reserve: Array
+    still: bool
+    may_begin_later: bool
+    pairs: Sequence[Pair]
+    asked: bool
+    rows: int
+    inputs: int
+
+    def run(self) -> Look | None:
+        """Look, and once more with other damping terms where these are what is there; None where every pass fails."""
+        seen = self._look(self.vehicle, self.free, self.own, self.starts, self.levels)
+        if seen is None or not self.pairs:
+            return seen
+        choice = choose_damping(
+            self.stretches,
+            self.vehicle,
+            fit_of(self.free, seen.state, seen.levels, 1),
+            self.pairs,
+            tuning=self.tuning,
+            delay=self.delay,
+            prior=self.prior,
+            shown=self.levels.noise,
+            asked=self.asked,
+            most=_PASSES,
+        )
+        if choice is None:
+            return seen
+        free = choice.fit.free
+        if free.names != self.free.names:
+            without = self.vehicle.with_coefficients(dict.fromkeys(choice.left_out, 0.0))
+            seen = self._look(without, free, choice.fit.theta, [], choice.fit.levels) or seen
+        return replace(seen, damping=choice.left_out) if seen.free is free else seen
+
+    def _look(
+        self, vehicle: Vehicle, free: FreeParameters, own: Array | None, starts: Sequence[Array], levels: Levels
+    ) -> Look | None:
+        return look(
+            self.stretches,
+            vehicle,
+            free,
+            own,
+            starts,
+            levels,
+            self.tuning,
+            delay=self.delay,
+            prior=self.prior(free),
+            reserve=self.reserve if free is self.free else None,
+            still=self.still,
+            may_begin_later=self.may_begin_later,
+        )
+
+
+class Beside:
+    """One job at a time, in a thread of its own: the kernels release the interpreter."""
+
+    def __init__(self) -> None:
+        self._pool: ThreadPoolExecutor | None = None
+        self._job: LookJob | None = None
+        self._future: Future[Look | None] | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether a job is running, or done and not yet fetched."""
+        return self._future is not None
+
+    def begin(self, job: LookJob) -> None:
+        """Start a job."""
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(1, thread_name_prefix="towtank-look")
+        self._job, self._future = job, self._pool.submit(job.run)
+
+    def fetch(self, *, wait: bool) -> tuple[LookJob, Look | None] | None:
+        """Return the job and what it saw once it is done; None before, unless told to wait."""
+        if self._job is None or self._future is None or not (wait or self._future.done()):
+            return None
+        done = self._job, self._future.result()
+        self._job = self._future = None
+        return done
+
+    def __getstate__(self) -> dict[str, None]:
+        return {"_pool": None, "_job": None, "_future": None}
+
+
+@dataclass
+class Schedule:
+    """Times [s] of motion seen: of the next look, the last, the next from other starts; since when all axes move."""
+
+    next: float = _FIRST
+    last: float = 0.0
+    starts: float = _FIRST
+    began: float = 0.0
+
+    def looked(self, seen: float) -> None:
+        """Set the next look after one at `seen`."""
+        span = seen - self.began
+        early = _GROWS_EARLY if self.began == 0.0 else _GROWS_AGAIN
+        self.last = seen
+        self.next = seen + max(_OFTEN, span * (early if span < _EARLY else _GROWS), seen * _GROWS_LEAST)
+
+    def call(self, seen: float, *, at_once: bool = False) -> None:
+        """Look now, and often for a while: an axis that was still has begun to tell something."""
+        if at_once or seen > self.last + max(_OFTEN, self.last * _GROWS_LEAST):
+            self.next = min(self.next, seen)
+            self.began = self.last
+
+    def behind(self, seen: float) -> bool:
+        """Whether a look is due, or the last one saw far less than has been seen by now."""
+        return seen >= min(self.next, max(_FIRST, (1.0 + _GROWS_EARLY) * self.last))
+
+    def other_starts(self, seen: float) -> bool:
+        """Whether this look begins elsewhere too."""
+        due = self.starts <= seen < _BOTH_STARTS
+        if due:
+            self.starts = seen * _STARTS_GROW
+        return due
+
+    def bank(self, seen: float) -> bool:
+        """Whether it begins from a bank of delays too."""
+        return seen < _BANK_UNTIL
+
+    def over(self, rows: int) -> bool:
+        """Whether there are no more looks, with so many rows kept."""
+        return self.next > _LAST or rows > _MOST_ROWS
+
+
+class Looks:
+    """All looks of one stream.
+
+    Args:
+        vehicle: what is known. asked: names to learn, None for all that can be.
+        delay: of the inputs [s] where it is given. prior: a vehicle whose coefficients bear deviations.
+        levels: that the first look tries.
+        paper: the least squares that runs beside the stream.
+        background: looks run in a thread of their own.
+        current: of the water, estimated along.
+
+    Attributes:
+        schedule: when. levels: that the next look tries. stirred: looks so far that found the water stirred.
+        last_one: whether there are no more. left_out: seconds at the beginning that looks do not go over.
+        damping: damping terms that were chosen, and why others are left out: "" for the former.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        asked: tuple[str, ...] | None,
+        *,
+        delay: float | None,
+        prior: Vehicle | None,
+        levels: Levels,
+        paper: PaperLearner | None,
+        background: bool,
+        current: bool,
+    ) -> None:
+        self.schedule, self.levels, self.stirred, self.last_one = Schedule(), levels, 0, False
+        self.left_out = 0.0
+        self.damping: dict[str, str] = {}
+        self.tuning = replace(tuning_for(vehicle), current=current)
+        self._vehicle, self._asked, self._prior, self._paper = vehicle, asked, prior, paper
+        self._delay = delay
+        self._beside = Beside() if background else None
+
+    @property
+    def busy(self) -> bool:
+        """Whether one runs beside."""
+        return self._beside is not None and self._beside.busy
+
+    def due(
+        self, seen: float, buffer: Buffer, known: tuple[FreeParameters, JointState] | None, delay: float
+    ) -> LookJob | None:
+        """Return the look that is due after `seen` seconds and has to be waited for; begin one that has not.
+
+        Args:
+            buffer: what was seen. known: the filter by now. delay: of the inputs [s] where it is not free.
+        """
+        if self.busy or self.last_one or seen < self.schedule.next:
+            return None
+        job = self._job(seen, buffer, known, delay)
+        self.schedule.looked(seen)
+        self.last_one = self.schedule.over(buffer.rows)
+        if job is not None and self._beside is not None:
+            self._beside.begin(job)
+            return None
+        return job
+
+    def one_more(
+        self, seen: float, buffer: Buffer, known: tuple[FreeParameters, JointState] | None, delay: float
+    ) -> LookJob | None:
+        """Return a look where looks beside have been left behind by the stream. Arguments as `due`."""
+        if self._beside is None or not self.schedule.behind(seen):
+            return None
+        job = self._job(seen, buffer, known, delay)
+        if job is not None:
+            self.schedule.looked(seen)
+        return job
+
+    def fetch(self, *, wait: bool = False) -> tuple[LookJob, Look | None] | None:
+        """Return a look that ran beside, once it is done; None before, unless told to wait."""
+        return self._beside.fetch(wait=wait) if self._beside is not None else None
+
+    def took(self, seen: Look) -> None:
+        """Go on from what a look saw."""
+        self.levels = seen.next
+        self.stirred += seen.stirred
+        self.left_out += seen.left_out
+        if seen.damping is not None:
+            both = [name for pair in self._pairs(seen.free.names) for name in pair]
+            self.damping = {name: seen.damping.get(name, "") for name in both}
+
+    def end(self) -> None:
+        """Let go of what still runs beside: it is of no use any more."""
+        self._beside = None
+
+    def without(self, vehicle: Vehicle) -> Vehicle:
+        """Return a vehicle with the damping terms that are left out taken as 0."""
+        left_out = {name: 0.0 for name, why in self.damping.items() if why}
+        return vehicle.with_coefficients(left_out) if left_out else vehicle
+
+    def _pairs(self, names: Sequence[str]) -> list[Pair]:
+        """Return the damping terms to choose between: of axes of which the vehicle's file has none.
+
+        On real water the filter's likelihood is no sure judge between two, and a stream has no other.
+        """
+        pairs = damping_in_question(self._vehicle, names, asked=self._asked is not None)
+        return [pair for pair in pairs if not any(self._vehicle.coefficient(name) for name in pair)]
+
+    def _known_before(self, free: FreeParameters) -> tuple[Array, Array] | None:
+        return None if self._prior is None else prior_information(self._prior, free)
+
+    def _job(
+        self, seen: float, buffer: Buffer, known: tuple[FreeParameters, JointState] | None, delay: float
+    ) -> LookJob | None:
+        """Return a look over everything once more from each start; None where there is nothing to learn yet."""
+        stretches = buffer.stretches
+        found = None if self._paper is None else self._paper.estimate
+        find_delay = self._delay is None and buffer.commands
+        names = names_now(self._vehicle, self._asked, found, axes_seen(stretches), with_delay=find_delay)
+        names = [name for name in names if not self.damping.get(name)]
+        names += [name for name, why in self.damping.items() if not why and name not in names]
+        if not any(each.input_t.size for each in stretches) or not names:
+            return None
+        stretches = begun_later(stretches, self.left_out)
+        free = free_parameters(self._vehicle, names)
+        own, cold = look_starts(self._vehicle, known, free, found, delay)
+        elsewhere = self.schedule.other_starts(seen)
+        starts = [cold] if own is None or elsewhere else []
+        if elsewhere and DELAY in free.names and self.schedule.bank(seen):
+            starts += bank_of_delays(free, cold if own is None else own)
+        longest = max(stretches, key=lambda each: each.t.size)
+        return LookJob(
+            stretches,
+            self.without(self._vehicle),
+            free,
+            own,
+            starts,
+            look_levels(longest, self.levels, first=own is None),
+            self.tuning,
+            delay=delay,
+            prior=self._known_before,
+            reserve=cold,
+            still=seen < STILL and self.stirred < _STIRRED,
+            may_begin_later=elsewhere and self.left_out < _MOST_LEFT_OUT,
+            pairs=self._pairs(names) if seen >= _DAMPING else (),
+            asked=self._asked is not None,
+            rows=buffer.rows,
+            inputs=buffer.inputs,
+        )

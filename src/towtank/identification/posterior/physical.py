@@ -1,0 +1,373 @@
+"""Physical consistency of what was learned: the likeliest physical model, and what pulled it out of bounds.
+
+Where the coefficients x0 with covariance C break a bound (negative added mass, inertia that is not positive, drag that
+feeds energy in), the likeliest x within all bounds minimises (x - x0)^T C^-1 (x - x0): the correlated coefficients move
+along, as they would had the bound been known. The bounds are found by cutting planes. Every bound that was broken is
+reported with how far and which way, for such a pull is a sign of something else that is wrong.
+
+What no vehicle does, as linear bounds on its coefficients.
+
+Added mass and -L must be positive semidefinite, total inertia positive definite, and quadratic damping must take energy
+out, -nu^T Q |nu|nu >= 0. Each of these is v^T A(x) v >= 0 (for Q: a cubic of nu) for all directions, with A affine in
+the coefficients x: one direction is one linear bound, and the worst directions are added as they are found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Literal
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.errors import InputError
+from towtank.identification.posterior.statistics import conditional_covariance, nearest_point, square_root
+from towtank.identification.posterior.wording import coupling, diagonal, follows, unreachable
+from towtank.vehicle import Vehicle
+from towtank.vehicle.matrices import damping_matrices
+from towtank.vehicle.names import HYDRODYNAMIC
+
+__all__ = ["Consistency", "Violation", "consistent", "families"]
+
+Kind = Literal["added", "inertia", "linear", "quadratic"]
+_INSIDE = 1e-7  # of the scaled matrix, that bounds on couplings stay inside
+_OUTSIDE = 1e-10  # of the scaled matrix, that counts as a violation
+_LEAST_INERTIA = 1e-3  # of the rigid body's own
+_DIRECTIONS = 2048
+_ANGLES = 64
+_ROUNDS = 100
+_HALVINGS = 30
+_GONE = 1e-10  # of the variance, that is left of a coefficient held by a bound
+_TAKES_PART = 0.05  # of the largest part in a direction
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """One matrix A(x) = base + sum x_k basis_k whose quadratic form (cubic for Q) may not be negative.
+
+    Attributes:
+        rows: axes that are checked: their diagonal is free, or known and sound.
+        base: (d, d) of these rows. basis: (n, d, d).
+    """
+
+    kind: Kind
+    rows: tuple[int, ...]
+    base: Array
+    basis: Array
+
+    @property
+    def coupled(self) -> bool:
+        """Whether anything stands off the diagonal."""
+        off = ~np.eye(len(self.rows), dtype=np.bool_)
+        return bool(np.any(self.base[off]) or np.any(self.basis[:, off]))
+
+    def at(self, x: Array) -> Array:
+        """Return A (d, d) of coefficients (n,)."""
+        return np.asarray(self.base + np.tensordot(x, self.basis, axes=1))
+
+    def diagonal_bounds(self) -> tuple[Array, Array]:
+        """Return G (m, n) and h (m,) of A_ii >= 0 for the rows with something free on the diagonal."""
+        G = np.einsum("kii->ik", self.basis)
+        free = np.any(G != 0.0, axis=1)
+        return G[free], -np.diag(self.base)[free]
+
+    def worst_bounds(self, x: Array) -> tuple[Array, Array]:
+        """Return G (m, n) and h (m,) of the directions in which A(x) is most negative; m = 0 where it is sound."""
+        n = x.size
+        if not self.coupled:
+            return np.empty((0, n)), np.empty(0)
+        A = self.at(x)
+        if self.kind == "quadratic":
+            nu = self._feeding(A)
+            weight = np.einsum("mi,mj->mij", nu, nu * np.abs(nu))
+            inside = np.zeros(len(nu))
+        else:
+            nu, inside = self._negative(A)
+            weight = np.einsum("mi,mj->mij", nu, nu)
+        return np.einsum("mij,kij->mk", weight, self.basis), inside - np.einsum("mij,ij->m", weight, self.base)
+
+    def sound(self, x: Array) -> bool:
+        """Whether A(x) keeps its bounds, but for rounding."""
+        G, h = self.diagonal_bounds()
+        size = np.abs(G) @ np.abs(x) + np.abs(h)
+        return bool(np.all(G @ x - h >= -_OUTSIDE * size)) and not self.worst_bounds(x)[1].size
+
+    def _scale(self, A: Array) -> Array:
+        scale = np.maximum(np.abs(np.diag(A)), np.abs(np.diag(self.base)))
+        scale = np.maximum(scale, 1e-6 * scale.max(initial=0.0))
+        return np.where(scale > 0.0, scale, 1.0)
+
+    def _negative(self, A: Array) -> tuple[Array, Array]:
+        root = np.sqrt(self._scale(A))
+        values, vectors = np.linalg.eigh(0.5 * (A + A.T) / np.outer(root, root))
+        bad = values < -_OUTSIDE
+        return (vectors[:, bad] / root[:, None]).T, np.full(int(bad.sum()), _INSIDE)
+
+    def _feeding(self, A: Array) -> Array:
+        nu = _directions(len(self.rows)) / np.cbrt(self._scale(A))
+        power = np.einsum("mi,ij,mj->m", nu, A, nu * np.abs(nu))
+        worst = np.argsort(power, kind="stable")[:8]
+        return np.asarray(nu[worst[power[worst] < -_OUTSIDE]])
+
+
+@cache
+def _directions(d: int) -> Array:
+    """Return directions (m, d): in every plane of two axes closely, elsewhere at random, always the same ones."""
+    found = [np.random.default_rng(0).standard_normal((_DIRECTIONS, d))]
+    angle = np.pi * np.arange(_ANGLES) / _ANGLES
+    for i in range(d):
+        for j in range(i):
+            plane = np.zeros((_ANGLES, d))
+            plane[:, i], plane[:, j] = np.cos(angle), np.sin(angle)
+            found.append(plane)
+    out = np.vstack(found)
+    return np.asarray(out / np.linalg.norm(out, axis=1, keepdims=True))
+
+
+def families(vehicle: Vehicle, names: Sequence[str]) -> tuple[Family, ...]:
+    """Return the matrices that depend on the coefficients `names` (n,); any that are no hydrodynamic ones do nothing.
+
+    A row of a matrix is left out where its diagonal is neither free nor known, or is unsound in the vehicle itself.
+    """
+    used = [name for name in names if name in HYDRODYNAMIC]
+    zero = _matrices(vehicle, dict.fromkeys(used, 0.0))
+    basis = {kind: np.zeros((len(names), 6, 6)) for kind in zero}
+    for k, name in enumerate(names):
+        if name in used:
+            for kind, matrix in _matrices(vehicle, {**dict.fromkeys(used, 0.0), name: 1.0}).items():
+                basis[kind][k] = matrix - zero[kind]
+    found = []
+    for kind, base in zero.items():
+        free = np.einsum("kii->ik", basis[kind]).any(axis=1)
+        rows = [i for i in range(6) if free[i] or base[i, i] > 0.0]
+        family = Family(kind, tuple(rows), base[np.ix_(rows, rows)], basis[kind][:, rows][:, :, rows])
+        if family.basis.any():
+            found.append(family)
+    return tuple(found)
+
+
+def _matrices(vehicle: Vehicle, changes: dict[str, float]) -> dict[Kind, Array]:
+    changed = vehicle.with_coefficients(changes)
+    linear, quadratic = damping_matrices({name: each.value for name, each in changed.hydrodynamics.items()})
+    least = _LEAST_INERTIA * np.diag(np.diag(vehicle.rigid_body_matrix))
+    added = changed.added_mass_matrix
+    return {
+        "added": added,
+        "inertia": vehicle.rigid_body_matrix + added - least,
+        "linear": -linear,
+        "quadratic": -quadratic,
+    }
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A bound that the estimate broke.
+
+    Attributes:
+        names: coefficients in it. deviations: by how many standard deviations it is broken, inf where these are 0.
+        text: one line for a person.
+    """
+
+    names: tuple[str, ...]
+    deviations: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """The likeliest physical coefficients.
+
+    Attributes:
+        values: (n,). covariance: (n, n), what is left of it where the bounds that press are exact; NaN where it was.
+        held: names that a bound holds, so that they have no deviation of their own.
+        distance: how far the whole estimate had to move, in deviations (Mahalanobis).
+        violations: in the order of the matrices; empty where the estimate was physical.
+    """
+
+    values: Array
+    covariance: Array
+    held: tuple[str, ...]
+    distance: float
+    violations: tuple[Violation, ...]
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """The violations as lines."""
+        return tuple(violation.text for violation in self.violations)
+
+
+def consistent(vehicle: Vehicle, names: Sequence[str], values: Array, covariance: Array) -> Consistency:
+    """Return the likeliest physical values.
+
+    Args:
+        vehicle: the rigid body, and the coefficients that are not among the names.
+        names: SNAME coefficients (n,); other parameters may be among them and only move along.
+        values: (n,) as in a vehicle's file: added masses, not total ones.
+        covariance: (n, n); may be singular. A coefficient whose variance is NaN does not move.
+
+    Raises:
+        InputError: shapes that do not fit together, or a value that is not finite.
+    """
+    x0, C = np.array(values, dtype=np.float64), np.array(covariance, dtype=np.float64)
+    n = len(names)
+    if x0.shape != (n,) or C.shape != (n, n):
+        raise InputError(f"physical: {n} names, found arrays of shapes {x0.shape} and {C.shape}")
+    if not np.isfinite(x0).all():
+        raise InputError(f"physical: {names[int(np.argmin(np.isfinite(x0)))]} is not a finite number")
+    unknown = ~np.isfinite(np.diag(C))
+    C[unknown] = 0.0
+    C[:, unknown] = 0.0
+    C = np.nan_to_num(0.5 * (C + C.T))
+    found = families(vehicle, names)
+    projection = _Projection(x0, square_root(C), found)
+    projection.run()
+    x, pressing = projection.x, projection.pressing()
+    left = conditional_covariance(C, pressing)
+    before, after = np.diag(C), np.diag(left)
+    held = (before > 0.0) & (after <= _GONE * before)
+    left[held] = 0.0
+    left[:, held] = 0.0
+    report = _Report(tuple(names), x0, x, C, np.sqrt(np.maximum(before, 0.0)))
+    violations = report.violations(found, projection.dropped)
+    left[unknown] = np.nan
+    left[:, unknown] = np.nan
+    held_names = tuple(name for name, flag in zip(names, held, strict=True) if flag)
+    return Consistency(x, left, held_names, projection.distance, violations)
+
+
+class _Projection:
+    """The cutting planes so far, and the nearest point within them."""
+
+    def __init__(self, x0: Array, root: Array, found: Sequence[Family]) -> None:
+        self.x0, self.x, self.root = x0, x0.copy(), root
+        self.found = list(found)
+        self.dropped: list[Family] = []
+        self.bounds = {id(family): family.diagonal_bounds() for family in found}
+        self.multipliers = np.empty(0)
+
+    def run(self) -> None:
+        self._solve()
+        for _ in range(_ROUNDS):
+            new = [(family, *family.worst_bounds(self.x)) for family in self.found]
+            if not any(h.size for _, _, h in new):
+                break
+            for family, G, h in new:
+                old = self.bounds[id(family)]
+                self.bounds[id(family)] = np.vstack([old[0], G]), np.concatenate([old[1], h])
+            self._solve()
+        G, h = self._stacked(self.found)
+        for k in np.flatnonzero((self.multipliers > 0.0) | (G @ self.x < h)):
+            hit = np.flatnonzero(G[k])
+            if hit.size == 1:  # a bound on one coefficient is met exactly, without rounding
+                self.x[hit[0]] = h[k] / G[k, hit[0]] + 0.0
+        for family in self.found:
+            self._shrink_couplings(family)
+
+    def _shrink_couplings(self, family: Family) -> None:
+        """Bring the couplings inside where the cutting planes, ever smaller, stopped short of it."""
+        off = family.basis.any(axis=(1, 2)) & ~np.einsum("kii->ik", family.basis).any(axis=0)
+        off &= (self.root != 0.0).any(axis=1)
+        whole, low, high = self.x, 0.0, 1.0
+        if family.sound(whole) or not family.sound(np.where(off, 0.0, whole)):
+            return
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if family.sound(np.where(off, middle * whole, whole)) else (low, middle)
+        self.x = np.where(off, low * whole, whole)
+
+    def _solve(self) -> None:
+        while self.found:
+            G, h = self._stacked(self.found)
+            nearest = nearest_point(self.x0, self.root, G, h)
+            if nearest.reachable:
+                self.x, self.multipliers = nearest.x, nearest.multipliers
+                return
+            lost = [f for f in self.found if not nearest_point(self.x0, self.root, *self.bounds[id(f)]).reachable]
+            lost = lost or self.found[-1:]
+            self.dropped += lost
+            self.found = [family for family in self.found if family not in lost]
+        self.x, self.multipliers = self.x0.copy(), np.empty(0)
+
+    def _stacked(self, found: Sequence[Family]) -> tuple[Array, Array]:
+        if not found:
+            return np.empty((0, self.x0.size)), np.empty(0)
+        pairs = [self.bounds[id(family)] for family in found]
+        return np.vstack([G for G, _ in pairs]), np.concatenate([h for _, h in pairs])
+
+    def pressing(self) -> Array:
+        """Return the rows (m, n) of the bounds that press."""
+        return self._stacked(self.found)[0][self.multipliers > 0.0]
+
+    @property
+    def distance(self) -> float:
+        """|y| of x = x0 + S y."""
+        G, _ = self._stacked(self.found)
+        return float(np.linalg.norm(self.root.T @ (G.T @ self.multipliers))) if self.multipliers.size else 0.0
+
+
+@dataclass(frozen=True)
+class _Report:
+    """What was broken at x0 (n,), and where x (n,) went."""
+
+    names: tuple[str, ...]
+    x0: Array
+    x: Array
+    C: Array
+    std: Array
+
+    def violations(self, found: Sequence[Family], dropped: Sequence[Family]) -> tuple[Violation, ...]:
+        out: list[Violation] = []
+        for family in found:
+            said = {name for violation in out for name in violation.names}
+            lost = family in dropped or not family.sound(self.x)
+            new = self._diagonals(family, lost) or self._couplings(family, lost)
+            if lost and not new:  # broken only by what the others asked for
+                names = tuple(self.names[k] for k in np.flatnonzero(family.basis.any(axis=(1, 2))))
+                new = [Violation(names, 0.0, unreachable(names))]
+            if family.kind == "inertia":  # negative added mass has said so already
+                new = [violation for violation in new if said.isdisjoint(violation.names)]
+            out += new
+        said = {name for violation in out for name in violation.names}
+        return (*out, *self._followers(found, said))
+
+    def _diagonals(self, family: Family, lost: bool) -> list[Violation]:
+        out = []
+        for place, row in enumerate(family.rows):
+            g = family.basis[:, place, place]
+            lack = -float(family.at(self.x0)[place, place])
+            if not g.any() or lack <= 0.0:
+                continue
+            k, away = int(np.flatnonzero(g)[0]), self._deviations(lack, g)
+            name, value, std = self.names[k], float(self.x0[k]), float(self.std[k])
+            told = diagonal(family.kind, row, name, value, std, away, float(self.x[k]))
+            out.append(Violation((name,), away, unreachable([name]) if lost else told))
+        return out
+
+    def _couplings(self, family: Family, lost: bool) -> list[Violation]:
+        G, h = family.worst_bounds(self.x0)
+        if not h.size:
+            return []
+        away = self._deviations(float(h[0] - G[0] @ self.x0), G[0])
+        part = np.abs(G[0]) * self.std
+        involved = np.flatnonzero((G[0] != 0.0) & (part >= _TAKES_PART * part.max()))
+        names = tuple(self.names[k] for k in involved)
+        told = coupling(family.kind, names, self.x0[involved], self.x[involved], away)
+        return [Violation(names, away, unreachable(names) if lost else told)]
+
+    def _followers(self, found: Sequence[Family], said: set[str]) -> list[Violation]:
+        """Those that were within their bound and end on it because others move."""
+        bounded = np.zeros(len(self.names), dtype=np.bool_)
+        for family in found:
+            if family.kind != "inertia":
+                bounded |= np.einsum("kii->ik", family.basis).any(axis=0)
+        out = []
+        for k in np.flatnonzero(bounded & (self.x == 0.0) & (self.x0 != 0.0)):
+            if (name := self.names[k]) not in said:
+                out.append(Violation((name,), 0.0, follows(name, float(self.x0[k]), float(self.std[k]))))
+        return out
+
+    def _deviations(self, lack: float, g: Array) -> float:
+        std = max(float(g @ self.C @ g), 0.0) ** 0.5
+        return lack / std if std > 0.0 else float("inf")

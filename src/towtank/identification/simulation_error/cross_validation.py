@@ -1,0 +1,314 @@
+"""Recordings that models run over freely, and how near they come where they have not been.
+
+What a fit claims about the data that it was fitted to says little. So the recordings are cut into windows, the windows
+are dealt into folds one after the other, and the windows of each fold are run over with coefficients fitted to all the
+others, from initial states of their own: nothing else is fitted there.
+
+How much nearer one model's free runs come than another's over the same windows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from towtank.core.arrays import Array
+from towtank.errors import InputError
+from towtank.identification.data.samples import Samples, cuts
+from towtank.identification.model.parameters import FreeParameters
+from towtank.identification.model.prior import size_of
+from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
+from towtank.identification.simulation_error.trajectory import STEP
+from towtank.vehicle import Vehicle
+
+__all__ = ["FreeRuns", "Gain", "columns_of", "fits", "gain"]
+
+_FAILED, _FLOOR = 10.0, 0.1
+_RUN, _POSED = 5.0, 60.0  # s: length of a run; and where a pose is run over, which remembers how it began
+_SHORTEST, _ROWS = 2.5, 40  # s, and rows, of a window
+_WINDOWS = 8  # usual number of windows, where the recordings are short
+_FEWEST = 4  # windows, without which nothing is compared
+_FOLDS = 4
+_MOST_ROWS = 12_000  # or steps, that models run over; of more, windows spread evenly are looked at
+_UPRIGHT = 0.1  # rad, deviation of an attitude that is not measured, where a run begins
+_BEGIN = 2  # rows that it is put into
+_SURE = 1e9  # 1/deviation^2 of what is held in a free run
+_ITERATIONS, _AGAIN, _STATES = 30, 20, 8
+_CLAIMED = 1e-6  # deviation, of a coefficient's size, that no recording can promise
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Share of the square error that one model saves beside another: mean over the windows, and its deviation."""
+
+    mean: float
+    std: float
+
+    def beyond(self, deviations: float, least: float) -> bool:
+        """Whether it is no accident, and worth something."""
+        return bool(self.mean > max(deviations * self.std, least))
+
+
+def gain(new: Array, old: Array, columns: Sequence[int]) -> Gain:
+    """Compare errors (w, 15) of two models over the same windows in some columns, all of them alike.
+
+    Of each window the logarithm of the ratio counts, with a tenth of the usual error put beside both: no window alone
+    decides, and none in which nothing happens. A run that went nowhere (inf) counts as ten times as bad as usual; where
+    all did, the gain is infinite.
+    """
+    new, old = np.array(new[:, list(columns)]), np.array(old[:, list(columns)])
+    if not np.isfinite(new).any():
+        return Gain(-np.inf, 0.0)
+    if not np.isfinite(old).any():
+        return Gain(np.inf, 0.0)
+    usual = np.full(len(columns), np.nan)
+    for j in range(len(columns)):
+        both = np.concatenate([new[:, j], old[:, j]])
+        if (fine := both[np.isfinite(both)]).size:
+            for errors in (new[:, j], old[:, j]):
+                errors[np.isposinf(errors)] = _FAILED * float(np.mean(fine))
+        else:
+            new[:, j] = old[:, j] = np.nan  # measured nowhere
+        if (known := old[~np.isnan(old[:, j]), j]).size:
+            usual[j] = float(np.mean(known))
+    told = np.flatnonzero(np.nan_to_num(usual) > 0.0)
+    least = _FLOOR * usual[told]
+    share = np.log(old[:, told] + least) - np.log(new[:, told] + least)
+    rows = share[~np.isnan(share).all(axis=1)]
+    if not rows.size:
+        return Gain(-np.inf, 0.0)
+    each = np.nansum(rows, axis=1) / np.sum(~np.isnan(rows), axis=1)
+    mean = float(each.mean())
+    std = float(each.std(ddof=1) / np.sqrt(each.size)) if each.size > 1 else np.inf
+    return Gain(1.0 - float(np.exp(-mean)), std * float(np.exp(-mean)))
+
+
+def fits(errors: Array, spread: Array, columns: Sequence[int]) -> float:
+    """Return the mean of 100 (1 - error / deviation) [%] over those columns that are speeds; NaN where none is."""
+    out = []
+    for j in columns:
+        known = errors[~np.isnan(errors[:, j]), j]
+        if 6 <= j < 12 and known.size and spread[j] > 0.0:
+            out.append(100.0 * (1.0 - np.sqrt(np.mean(known) / spread[j])))
+    return float(np.mean(out)) if out else float("nan")
+
+
+def columns_of(names: Sequence[str]) -> tuple[int, ...]:
+    """Return the columns that tell of the axes whose coefficients are free: pose and speed of each."""
+    axes = set()
+    for name in names:
+        if name[0] in "XYZKMN" and name[1:2] == "_":
+            axes.add("XYZKMN".index(name[0]))
+        elif name.startswith("BG_"):
+            axes |= {3, 4}
+        elif name == "W_minus_B":
+            axes.add(2)
+    return (*sorted(axes), *(6 + i for i in sorted(axes)))
+
+
+@dataclass(frozen=True, eq=False)
+class FreeRuns:
+    """Recordings, and windows of them.
+
+    Attributes:
+        samples: of each recording, or of stretches of it where there is too much. noise: (15,).
+        attitude: of each, roll and pitch (n, 2) that a run may begin with where none is measured, NaN where not known.
+        segment: length of a run [s]. windows: (number of the samples, first row, row after the last).
+        thinned: whether there was too much.
+    """
+
+    vehicle: Vehicle
+    samples: tuple[Samples, ...]
+    attitude: tuple[Array, ...]
+    noise: Array
+    segment: float
+    windows: tuple[tuple[int, int, int], ...]
+    thinned: bool
+
+    @classmethod
+    def over(
+        cls,
+        vehicle: Vehicle,
+        samples: Sequence[Samples],
+        noise: Array,
+        names: Sequence[str],
+        attitude: Sequence[Array] | None = None,
+    ) -> FreeRuns:
+        """Prepare recordings for coefficients of these names; what tells nothing of their axes is left out."""
+        measured = np.any([each.measured for each in samples], axis=0)
+        left = _telling(columns_of(names), measured)
+        rows_of = [np.flatnonzero(np.isfinite(each.values[:, list(left)]).any(axis=1)) for each in samples]
+        tilting = set(columns_of(names)) - {5, 11}  # yaw alone does not ask which way is up
+        absent = [np.full((len(each), 2), np.nan) for each in samples]
+        angles = list(attitude) if attitude is not None and tilting else absent
+        segment = _POSED if 0 in left else _RUN
+        stamps = [each.t[rows] for each, rows in zip(samples, rows_of, strict=True)]
+        cost = sum(max(t.size, round(float(t[-1] - t[0]) / STEP)) for t in stamps if t.size)
+        pieces = [(k, rows) for k, rows in enumerate(rows_of)]
+        if cost > _MOST_ROWS:
+            parts = [(k, rows_of[k][a:b]) for k, t in enumerate(stamps) for a, b in cuts(t, segment)]
+            some = np.linspace(0, len(parts) - 1, max(1, len(parts) * _MOST_ROWS // cost)).astype(np.int64)
+            pieces = [parts[i] for i in np.unique(some)]
+        angles = [angles[k][rows] for k, rows in pieces]
+        kept = [_only(samples[k], left, rows) for k, rows in pieces]
+        if cost > _MOST_ROWS:
+            kept = [each.stretch(0, len(each)) for each in kept]
+        total = sum(each.duration for each in kept)
+        step = total / max(sum(len(each) for each in kept), 1)
+        length = float(np.clip(total / _WINDOWS, max(_SHORTEST, _ROWS * step), max(segment, _ROWS * step)))
+        windows = tuple((k, a, b) for k, each in enumerate(kept) for a, b in cuts(each.t, length))
+        noise = np.array(noise)
+        if not measured[3:5].any():
+            noise[3:5] = _UPRIGHT
+        return cls(vehicle, tuple(kept), tuple(angles), noise, segment, windows, cost > _MOST_ROWS)
+
+    @property
+    def duration(self) -> float:
+        """Of all that is run over [s]."""
+        return sum(each.duration for each in self.samples)
+
+    @property
+    def comparable(self) -> bool:
+        """Whether there are windows enough to compare models over."""
+        return len(self.windows) >= _FEWEST
+
+    def fit(
+        self,
+        kernel: Array,
+        free: FreeParameters,
+        theta: Array,
+        *,
+        delay: float,
+        prior: tuple[Array, Array] | None = None,
+        without: Sequence[int] = (),
+    ) -> OutputErrorFit | None:
+        """Fit free runs to everything but the windows `without`; None where that cannot be done.
+
+        Nor where the runs hang on a coefficient by a hair, as those of a vehicle that swings or tumbles may: then the
+        derivatives say nothing of the coefficient, and the deviation that follows from them is absurdly small.
+        """
+        samples = self._rest(without)
+        most = _AGAIN if without else _ITERATIONS
+        found = self._fitted(samples, kernel, free, theta, delay, prior, most)
+        if found is None or not (np.isfinite(found.theta).all() and np.isfinite(found.cost)):
+            return None
+        if not np.isfinite(found.covariance).all():
+            return None
+        claimed = np.sqrt(np.maximum(np.diag(found.covariance), 0.0)) / size_of(self.vehicle, free)
+        return found if (claimed > _CLAIMED).all() else None
+
+    def errors(
+        self, kernel: Array, free: FreeParameters, theta: Array, *, delay: float, windows: Sequence[int] | None = None
+    ) -> Array:
+        """Return the mean squares (w, 15) of what free runs over each window miss [of the noise]; inf where one fails.
+
+        NaN stands for what is not measured there.
+        """
+        chosen = range(len(self.windows)) if windows is None else windows
+        out = np.full((len(chosen), 15), np.inf)
+        held = (np.array(theta), _SURE * np.eye(len(free)))
+        for row, w in enumerate(chosen):
+            k, a, b = self.windows[w]
+            fit = self._fitted([self._piece(k, a, b)], kernel, free, theta, delay, held, _STATES)
+            if fit is not None and np.isfinite(fit.cost):
+                out[row] = (fit.residual_std / self.noise) ** 2
+        return out
+
+    def unseen(
+        self,
+        kernel: Array,
+        free: FreeParameters,
+        theta: Array,
+        *,
+        delay: float,
+        prior: tuple[Array, Array] | None = None,
+    ) -> Array:
+        """Return `errors` (w, 15), each window run over with coefficients fitted to the other folds, from theta."""
+        out = np.full((len(self.windows), 15), np.inf)
+        for fold in np.array_split(np.arange(len(self.windows)), min(_FOLDS, len(self.windows))):
+            fit = self.fit(kernel, free, theta, delay=delay, prior=prior, without=fold.tolist())
+            if fit is not None:
+                out[fold] = self.errors(kernel, free, fit.theta, delay=delay, windows=fold.tolist())
+        return out
+
+    def spread(self) -> Array:
+        """Return the variance (15,) of each column over all windows [of the noise]."""
+        rows = np.concatenate([self.samples[k].values[a:b] for k, a, b in self.windows])
+        out = np.full(15, np.nan)
+        for j in range(15):
+            known = rows[np.isfinite(rows[:, j]), j]
+            if known.size:
+                out[j] = np.var(known) / self.noise[j] ** 2
+        return out
+
+    def _rest(self, without: Sequence[int]) -> list[Samples]:
+        out = []
+        for k, each in enumerate(self.samples):
+            left = np.ones(len(each), dtype=np.bool_)
+            for w in without:
+                at, a, b = self.windows[w]
+                if at == k:
+                    left[a:b] = False
+            edges = np.flatnonzero(np.diff(np.concatenate([[False], left, [False]]).astype(np.int64)))
+            for first, last in edges.reshape(-1, 2):
+                out += [self._piece(k, first + a, first + b) for a, b in cuts(each.t[first:last], self.segment)]
+        return out
+
+    def _piece(self, k: int, first: int, last: int) -> Samples:
+        """Return a stretch of a recording, with the attitude that it begins with where it measures none."""
+        piece, angles = self.samples[k].stretch(first, last), self.attitude[k][first : first + _BEGIN]
+        if not np.isfinite(angles).all():
+            return piece
+        values = np.array(piece.values)
+        values[: len(angles), 3:5] = angles
+        return replace(piece, values=values)
+
+    def _fitted(
+        self,
+        samples: Sequence[Samples],
+        kernel: Array,
+        free: FreeParameters,
+        theta: Array,
+        delay: float,
+        prior: tuple[Array, Array] | None,
+        iterations: int,
+    ) -> OutputErrorFit | None:
+        try:
+            return fit_output_error(
+                samples,
+                kernel,
+                free,
+                theta,
+                self.noise,
+                prior=prior,
+                delay=delay,
+                iterations=iterations,
+            )
+        except (InputError, np.linalg.LinAlgError):
+            return None
+
+
+def _telling(columns: Sequence[int], measured: Array) -> tuple[int, ...]:
+    """Return the columns to run over: what else is measured is not modelled, and would spoil what is.
+
+    The attitude stays. Positions, which add up every error of the speeds, are for axes without a measured speed. They
+    hang on the whole pose, and specific force, which hangs on everything, is not run over where there is anything else.
+    """
+    axes = [j - 6 for j in columns if j >= 6]
+    chosen = {6 + i for i in axes if measured[6 + i]} | {3, 4, 5}
+    if any(i < 3 and not measured[6 + i] for i in axes):
+        chosen |= {0, 1, 2}
+    if any(i >= 3 and not measured[6 + i] for i in axes):
+        chosen |= {9, 10, 11}
+    telling = tuple(sorted(j for j in chosen if measured[j]))
+    return telling or tuple(int(j) for j in np.flatnonzero(measured))
+
+
+def _only(samples: Samples, columns: Sequence[int], rows: NDArray[np.intp]) -> Samples:
+    values = np.full((rows.size, samples.values.shape[1]), np.nan)
+    for j in columns:
+        values[:, j] = samples.values[rows, j]
+    return replace(samples, t=samples.t[rows], values=values)

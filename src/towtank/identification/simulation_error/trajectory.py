@@ -1,0 +1,475 @@
+"""One free run of the vehicle with its sensitivities, and the normal equations of its residuals.
+
+From an initial state the vehicle is left to its inputs; nothing measured corrects it on the way. With S the derivative
+of the error state (`towtank.identification.model.linearisation`) by the initial errors and the free coefficients,
+
+    S' = A S + [0 B],   S(0) = [I 0],   S_{k+1} = S_k + h D + h^2/2 A D,   D = A S_k + [0 B]
+
+A and B at the middle of the step, or of two short ones under the same wrench.
+
+Each measured number adds w J J^T to the normal equations of its segment and w J r to
+the score of its block of time, w = weight(r / scale) / (noise scale)^2. Nothing is kept per sample but the residual.
+
+The inputs of a free run: held commands of a recording given in time, and the wrench that comes of them.
+
+What a free run works on: a recording cut into segments, the sums it leaves behind, and its scratch.
+
+The arrowhead of a free run's normal equations: initial states of many segments, coefficients shared by all.
+
+With H = [X C; C^T T], X block diagonal, the states are eliminated segment by segment (Schur's complement):
+T - C^T X^-1 C is the information on the coefficients, and no matrix is larger than one segment's.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from towtank.core.arrays import Array, inlined_kernel, kernel
+from towtank.core.layout import N_PARAMETERS
+from towtank.core.rk4 import N_STATES, is_coupled, stage_into, step_into
+from towtank.identification.data.zero_order_hold import HeldInput, held_means_into, held_push
+from towtank.identification.model.linearisation import N_FIXED, N_MOVING, linearise_into
+from towtank.identification.model.parameters import IN_DELAY, IN_GAIN, IN_LAG, Codes, put_parameters
+from towtank.identification.simulation_error.residuals import absorb_pose, absorb_specific_force, absorb_velocity
+
+__all__ = [
+    "STEP",
+    "Arrowhead",
+    "FreeRun",
+    "Indices",
+    "NormalEquations",
+    "Step",
+    "Workspace",
+    "free_run",
+    "inverse_information",
+    "new_equations",
+    "new_workspace",
+]
+
+_WIDTH = 8  # columns are padded to whole vectors
+Indices = NDArray[np.int64]
+STEP = 0.02  # s, longest step of the integration
+_FASTEST = 1e3  # m/s, rad/s: beyond this a run has diverged
+_LOOSE = np.repeat([10.0, 1.0, 1.0, 1.0], 3)  # m, rad, m/s, rad/s: a state that is known no better than this
+_TURN = 1.0  # rad, of a step
+_RIDGE = 1e-13  # of a unit diagonal
+_SMALLEST = 1e-12  # share of an information's largest eigenvalue, each row scaled, that is not rounding
+
+
+@kernel
+def due(input_t: Array, input_force: Array, held: HeldInput, given: int, end: float) -> int:
+    """Push the inputs that act before `end`; return how many have been given by now."""
+    early = min(held.delay[0], 0.0)
+    while given < input_t.shape[0] and input_t[given] + early <= end:
+        held_push(held, input_t[given], input_force[given])
+        given += 1
+    return given
+
+
+@kernel
+def forward_to(input_t: Array, input_force: Array, held: HeldInput, given: int, end: float, pushed: Array) -> int:
+    """Take the inputs forward to `end`, one at a time so that their ring never overflows."""
+    early = min(held.delay[0], 0.0)
+    while given < input_t.shape[0] and input_t[given] + early <= end:
+        held_push(held, input_t[given], input_force[given])
+        held_means_into(held, min(input_t[given] + held.delay[0], end), pushed)
+        given += 1
+    held_means_into(held, end, pushed)
+    pushed[1:] = 0.0
+    return given
+
+
+@kernel
+def next_change(input_t: Array, held: HeldInput, given: int) -> float:
+    """Return when the next input begins to act [s]; infinite after the last."""
+    ring, following = held.times.shape[0], int(held.counters[1]) + 1
+    if following < int(held.counters[0]):
+        return float(held.times[following % ring])
+    return float(input_t[given] + held.delay[0]) if given < input_t.shape[0] else math.inf
+
+
+@kernel
+def wrench_into(shape: Array, pushed: Array, gain: Array, wrench: Array) -> bool:
+    """Write the wrench of the pushed inputs three times into `wrench` (3, 6); whether it is the one that was there.
+
+    Their derivatives, in the other rows of `pushed`, are made those of the thrusts; a gain's own is by the input.
+    """
+    for i in range(6):
+        wrench[0, i] = 0.0
+    for a in range(gain.shape[0]):
+        pushed[1, a] *= gain[a]
+        pushed[2, a] *= gain[a]
+        force = gain[a] * pushed[0, a]
+        if force != 0.0:
+            for i in range(6):
+                wrench[0, i] += shape[i, a] * force
+    same = True
+    for i in range(6):
+        same = same and wrench[0, i] == wrench[1, i]
+        wrench[1, i] = wrench[0, i]
+        wrench[2, i] = wrench[0, i]
+    return same
+
+
+@kernel
+def force_now(held: HeldInput, t: float, pushed: Array) -> None:
+    """Write the force just after t: a thruster without lag has answered already; derivatives are not needed twice."""
+    ring = held.times.shape[0]
+    active, given = int(held.counters[1]), int(held.counters[0])
+    while active + 1 < given and held.times[(active + 1) % ring] <= t:
+        active += 1
+    for a in range(held.force.shape[0]):
+        if held.lag[a] > 0.0:
+            target = held.values[active % ring, a]
+            pushed[0, a] = held.force[a]
+            pushed[1, a] = (held.force[a] - target) / held.lag[a]
+            pushed[2, a] = held.lag[a] * held.slope[a]
+        else:
+            pushed[0, a] = held.values[active % ring, a]
+            pushed[1, a] = 0.0
+            pushed[2, a] = 0.0
+
+
+class FreeRun(NamedTuple):
+    """One recording, cut into segments that each start from a state of their own."""
+
+    t: Array  # (n,) [s]
+    values: Array  # (n, 15) as `Samples`
+    q: Array  # (n, 4) measured attitude, NaN where not all three angles are
+    noise: Array  # (15,) standard deviations
+    input_t: Array  # (k,) [s]
+    input_force: Array  # (k, m)
+    shape: Array  # (6, m)
+    lag: Array  # (m,) [s], where it is not free
+    first: Indices  # (s,) first row of each segment
+    last: Indices  # (s,) one past its last row
+    block: Indices  # (n,) block of time of each row
+
+
+class NormalEquations(NamedTuple):
+    """What a run adds up: columns are the initial states that are estimated, then the coefficients, then padding."""
+
+    normal: Array  # (s, c, c) sum of w J J^T of each segment
+    scores: Array  # (b, c) sum of w J r of each block of time
+    residuals: Array  # (n, 15) in standard deviations of the noise, NaN where nothing was measured
+    reach: Array  # (12, c) sum over the segments of the sizes of the sensitivities at their ends
+
+
+class Workspace(NamedTuple):
+    """Scratch of a run; the arrays of one lane are views of those beside them."""
+
+    S: Array  # (12, c) sensitivities
+    D: Array  # (12, c) their rate
+    E: Array  # (12, c)
+    A: Array  # (12, 21 + n)
+    J: Array  # (3, c)
+    p: Array  # (154,)
+    p_lane: Array  # (154, 1)
+    x: Array  # (13,) state
+    x_lane: Array  # (13, 1)
+    middle: Array  # (13,) state at the middle of a step
+    middle_lane: Array  # (13, 1)
+    rate: Array  # (13,) derivative of the state
+    rate_lane: Array  # (13, 1)
+    wrench: Array  # (3, 6)
+    wrench_lane: Array  # (3, 6, 1)
+    pushed: Array  # (3, m)
+    gain: Array  # (m,)
+    work: Array  # (3, 13, 1)
+    scratch: Array  # (6, 6)
+    current: Array  # (3,)
+
+
+def new_equations(segments: int, blocks: int, rows: int, columns: int) -> NormalEquations:
+    """Return the empty sums of a run with `columns` estimated initial states and coefficients."""
+    c = _padded(columns)
+    return NormalEquations(
+        normal=np.zeros((segments, c, c)),
+        scores=np.zeros((blocks, c)),
+        residuals=np.full((rows, 15), np.nan),
+        reach=np.zeros((N_MOVING, c)),
+    )
+
+
+def new_workspace(columns: int, n: int, m: int) -> Workspace:
+    """Return scratch for `columns` sensitivities, n of them of coefficients, and m inputs."""
+    c = _padded(columns)
+    p, wrench = np.zeros(N_PARAMETERS), np.zeros((3, 6))
+    x, middle, rate = np.zeros(N_STATES), np.zeros(N_STATES), np.zeros(N_STATES)
+    return Workspace(
+        S=np.zeros((N_MOVING, c)),
+        D=np.zeros((N_MOVING, c)),
+        E=np.zeros((N_MOVING, c)),
+        A=np.zeros((N_MOVING, N_FIXED + n)),
+        J=np.zeros((3, c)),
+        p=p,
+        p_lane=p.reshape(-1, 1),
+        x=x,
+        x_lane=x.reshape(-1, 1),
+        middle=middle,
+        middle_lane=middle.reshape(-1, 1),
+        rate=rate,
+        rate_lane=rate.reshape(-1, 1),
+        wrench=wrench,
+        wrench_lane=wrench.reshape(3, 6, 1),
+        pushed=np.zeros((3, m)),
+        gain=np.ones(m),
+        work=np.zeros((3, N_STATES, 1)),
+        scratch=np.zeros((6, 6)),
+        current=np.zeros(3),
+    )
+
+
+def _padded(columns: int) -> int:
+    return -(-columns // _WIDTH) * _WIDTH
+
+
+@kernel
+def free_run(
+    run: FreeRun,
+    vehicle: Array,
+    codes: Codes,
+    theta: Array,
+    held: HeldInput,
+    states: Array,
+    estimated: Indices,
+    moving: Indices,
+    scale: Array,
+    gated: bool,
+    out: NormalEquations,
+    space: Workspace,
+) -> bool:
+    """Run all segments and add up their normal equations; False where the coefficients or the motion are impossible.
+
+    Args:
+        vehicle: kernel parameters (154,); theta (n,) is put into a copy.
+        held: an empty input with the nominal lags and delay; changed.
+        states: initial states (s, 13).
+        estimated: which of the 12 initial errors are estimated; they are the first columns.
+        moving: which of the 12 error states answer to any column.
+        scale: of the residuals of each column (15,), in standard deviations of the noise.
+        gated: whether far residuals are left out altogether.
+    """
+    out.normal[:] = 0.0
+    out.scores[:] = 0.0
+    out.reach[:] = 0.0
+    S, D, E, A, J = space.S, space.D, space.E, space.A, space.J
+    p, x, middle, rate = space.p, space.x, space.middle, space.rate
+    p_lane, x_lane, middle_lane, rate_lane = space.p_lane, space.x_lane, space.middle_lane, space.rate_lane
+    wrench, wrench_lane = space.wrench, space.wrench_lane
+    pushed, gain, work, scratch, current = space.pushed, space.gain, space.work, space.scratch, space.current
+    t, values, q, noise, shape, block = run.t, run.values, run.q, run.noise, run.shape, run.block
+    input_t, input_force = run.input_t, run.input_force
+    p[:] = vehicle
+    if not put_parameters(p, codes, theta, scratch):
+        return False
+    gain[:] = 1.0
+    steered = False  # whether coefficients of the inputs are free
+    for c in range(theta.shape[0]):
+        steered = steered or codes[c, 0] == IN_DELAY or codes[c, 0] == IN_LAG or codes[c, 0] == IN_GAIN
+        if codes[c, 0] == IN_DELAY:
+            held.delay[0] = theta[c]
+        elif codes[c, 0] == IN_LAG:
+            held.lag[:] = math.exp(theta[c])
+        elif codes[c, 0] == IN_GAIN:
+            gain[codes[c, 1]] = math.exp(theta[c])
+    coupled, lagless, clock = is_coupled(p_lane), not (held.lag > 0.0).any(), held.clock
+    k = estimated.shape[0]
+    pushed[:] = 0.0
+    given = 0
+    if input_t.shape[0] > 0:
+        held_push(held, input_t[0], input_force[0])
+        given = 1
+    for s in range(run.first.shape[0]):
+        for j in range(N_STATES):
+            x[j] = states[s, j]
+        S[:] = 0.0
+        for c in range(k):
+            S[estimated[c], c] = 1.0
+        H = out.normal[s]
+        for row in range(run.first[s], run.last[s]):
+            if row == run.first[s]:
+                given = forward_to(input_t, input_force, held, given, t[row], pushed)
+                steps, h, half_way, resting, change = 0, 0.0, False, False, -math.inf
+            else:
+                span = t[row] - t[row - 1]
+                steps = max(1, math.ceil(span / STEP - 1e-6))
+                h = span / steps
+            for step in range(steps):
+                end = t[row] if step == steps - 1 else t[row - 1] + h * (step + 1)
+                if resting and end <= change:
+                    clock[0] = end
+                    steady = not steered
+                else:
+                    resting = lagless and end <= change
+                    given = due(input_t, input_force, held, given, end)
+                    held_means_into(held, end, pushed)
+                    change = next_change(input_t, held, given)
+                    steady = wrench_into(shape, pushed, gain, wrench) and not steered
+                for j in range(N_STATES):
+                    middle[j] = x[j]
+                if coupled:
+                    step_into(p_lane, x_lane, wrench_lane, current, h, work, True)
+                else:
+                    step_into(p_lane, x_lane, wrench_lane, current, h, work, False)
+                if half_way and steady:
+                    half_way = False  # the second step of a pair
+                    _advance(S, D, E, h, 1.5 * h * h, moving)
+                else:
+                    half_way = steady and 2.0 * h < 1.01 * STEP
+                    share = 0.0 if half_way else 0.5
+                    for j in range(N_STATES):
+                        middle[j] = share * middle[j] + (1.0 - share) * x[j]
+                    stage_into(p_lane, middle_lane, wrench_lane[0], current, rate_lane, coupled)
+                    linearise_into(p, middle, rate, codes, theta, shape, pushed, A, scratch)
+                    _rates(A, S, D, E, k, theta.shape[0], moving)
+                    _advance(S, D, E, h, 0.5 * h * h, moving)
+            for j in range(7, N_STATES):
+                if not math.fabs(x[j]) < _FASTEST:
+                    return False
+            z, g, residuals = values[row], out.scores[block[row]], out.residuals[row]
+            absorb_pose(z, q[row], x, S, noise, scale, gated, k + theta.shape[0], H, g, residuals, J)
+            absorb_velocity(z, x, S, noise, scale, gated, k + theta.shape[0], H, g, residuals)
+            if math.isfinite(z[12]) or math.isfinite(z[13]) or math.isfinite(z[14]):
+                half_way = resting = False
+                given = due(input_t, input_force, held, given, t[row])
+                force_now(held, t[row], pushed)
+                wrench_into(shape, pushed, gain, wrench)
+                stage_into(p_lane, x_lane, wrench_lane[0], current, rate_lane, coupled)
+                linearise_into(p, x, rate, codes, theta, shape, pushed, A, scratch)
+                absorb_specific_force(z, x, rate, A, S, k, noise, scale, gated, k + theta.shape[0], H, g, residuals, J)
+        for i in range(N_MOVING):
+            for j in range(S.shape[1]):
+                out.reach[i, j] += math.fabs(S[i, j])
+    return True
+
+
+@inlined_kernel
+def _rates(A: Array, S: Array, D: Array, E: Array, states: int, n: int, moving: Indices) -> None:
+    """Write the first and the second derivative of the sensitivities S (12, c) into D and E."""
+    _times(A, S, moving, D)
+    for i in moving:
+        for c in range(n):
+            D[i, states + c] += A[i, N_FIXED + c]
+    _times(A, D, moving, E)
+
+
+@inlined_kernel
+def _advance(S: Array, D: Array, E: Array, h: float, half: float, moving: Indices) -> None:
+    """Add h D + half E to the sensitivities S (12, c)."""
+    for i in moving:
+        for j in range(S.shape[1]):
+            S[i, j] += h * D[i, j] + half * E[i, j]
+
+
+@inlined_kernel
+def _times(A: Array, S: Array, moving: Indices, out: Array) -> None:
+    """Write A S (12, c) into `out`, in the rows that move."""
+    for i in moving:
+        for j in range(S.shape[1]):
+            out[i, j] = 0.0
+        for k in moving:
+            f = A[i, k]
+            if f != 0.0:
+                for j in range(S.shape[1]):
+                    out[i, j] += f * S[k, j]
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A step in the coefficients (n,) and the initial errors (s, 12), and by how much it should lower the cost."""
+
+    theta: Array
+    states: Array
+    decrease: float
+
+
+@dataclass(frozen=True, eq=False)
+class Arrowhead:
+    """Normal equations of all segments.
+
+    Attributes:
+        X: (s, k, k) initial states. C: (s, k, n) between them and the coefficients. T: (n, n) coefficients, the prior
+            included.
+        gx: (s, k), g: (n,) right-hand sides.
+        estimated: (k,) which of the 12 initial errors.
+    """
+
+    X: Array
+    C: Array
+    T: Array
+    gx: Array
+    g: Array
+    estimated: Indices
+
+    def _eliminated(self, damping: float) -> tuple[Array, Array]:
+        """Return X^-1 C (s, k, n) and X^-1 gx (s, k)."""
+        k = self.X.shape[1]
+        X = self.X.copy()
+        places = np.arange(k)
+        X[:, places, places] = X[:, places, places] * (1.0 + damping) + _LOOSE[self.estimated] ** -2.0
+        scale = 1.0 / np.sqrt(X[:, places, places])
+        X *= scale[:, :, None] * scale[:, None, :]
+        X[:, places, places] += _RIDGE  # a segment that diverges may leave nothing but rounding errors
+        known = np.concatenate([self.C, self.gx[:, :, None]], axis=2)
+        solved = scale[:, :, None] * np.linalg.solve(X, scale[:, :, None] * known)
+        return solved[:, :, :-1], solved[:, :, -1]
+
+    def step(self, damping: float, least: Array, most: Array) -> Step:
+        """Return the damped step within bounds: what would leave them stays on them, the others make the best of it.
+
+        Args:
+            damping: Levenberg's and Marquardt's, relative to the diagonal.
+            least, most: bounds of the step of each coefficient (n,).
+        """
+        C, x = self._eliminated(damping)
+        T = self.T - np.einsum("ski,skj->ij", self.C, C)
+        g = self.g - np.einsum("ski,sk->i", self.C, x)
+        told = np.diag(T) > _SMALLEST * np.diag(self.T)
+        scale = _scale(T)
+        theta, moving = np.zeros(len(g)), told.copy()
+        while moving.any():
+            fixed = np.where(moving, 0.0, theta)
+            scaled = T * np.outer(scale, scale)
+            scaled[~moving, :] = scaled[:, ~moving] = 0.0
+            scaled[np.diag_indices_from(scaled)] += damping + _SMALLEST
+            free = scale * np.linalg.lstsq(scaled, np.where(moving, scale * (g - T @ fixed), 0.0), rcond=None)[0]
+            theta = np.where(moving, np.clip(free, least, most), theta)
+            beyond = moving & (theta != free)
+            if not beyond.any():
+                break
+            moving &= ~beyond
+        x = x - C @ theta
+        states = np.zeros((len(self.X), 12))
+        states[:, self.estimated] = x
+        shorter = 1.0 / max(np.abs(states[:, 3:6]).max(initial=0.0) / _TURN, 1.0)
+        slope = float(self.g @ theta + np.sum(self.gx * x))
+        bend = theta @ self.T @ theta + np.einsum("sk,skl,sl->", x, self.X, x)
+        bend += 2.0 * np.einsum("sk,skn,n->", x, self.C, theta)
+        return Step(shorter * theta, shorter * states, slope - 0.5 * float(bend))
+
+    def information(self) -> tuple[Array, Array]:
+        """Return the information (n, n) on the coefficients, the states being unknown, and X^-1 C (s, k, n)."""
+        C, _ = self._eliminated(0.0)
+        T = self.T - np.einsum("ski,skj->ij", self.C, C)
+        return 0.5 * (T + T.T), C
+
+
+def _scale(T: Array) -> Array:
+    """Return what scales T (n, n) to a unit diagonal; 1 where there is nothing."""
+    diagonal = np.diag(T)
+    return np.asarray(1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)))
+
+
+def inverse_information(information: Array) -> Array:
+    """Return the inverse (n, n): very large, not infinite, in directions of which the run says nothing at all."""
+    scale = _scale(information)
+    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
+    values = np.maximum(values, _SMALLEST * max(float(values[-1]), 1.0))
+    inverse: Array = (vectors / values) @ vectors.T * np.outer(scale, scale)
+    return inverse

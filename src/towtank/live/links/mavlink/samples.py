@@ -1,0 +1,276 @@
+"""From MAVLink messages as they come to samples in standard channels.
+
+The meanings are those of logs (`readers.mavlink_meaning`), a few rows at a time. What a log decides over its whole
+length (which source of a quantity, which outputs drive thrusters, where the filter is aided, whose messages count) is
+decided here from the last seconds, again and again.
+
+When MAVLink messages were sent: the stamps of each sender, on the clock of receipt.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.live.links.mavlink.frames import Frame
+from towtank.live.links.source import Sample
+from towtank.live.pipeline.clock import SourceClock
+from towtank.live.pipeline.frames import BodyVelocity
+from towtank.live.pipeline.quantities import Quantities
+from towtank.readers.ardupilot.aiding import Aiding
+from towtank.readers.ardupilot.thruster_outputs import ThrusterOutputs, command_source, thruster_outputs
+from towtank.readers.common.sources import Source
+from towtank.readers.common.tables import Table, Tables
+from towtank.readers.mavlink.autopilot import DVL
+from towtank.readers.mavlink.format import MessageLayout
+from towtank.readers.mavlink.meaning import (
+    aiding_of_messages,
+    mavlink_sources,
+    pressures_of,
+    pulses_of,
+    sources_of_messages,
+)
+from towtank.readers.mavlink.senders import ANOTHER, Autopilot, Sender, autopilot_of, message_of, named_tables
+from towtank.readers.mavlink.tables import tables_by_instance
+
+__all__ = ["Arrival", "MavlinkSamples"]
+
+_BOOT = "time_boot_ms"
+_FIELDS = {_BOOT: 1e-3, "time_usec": 1e-6, "usec": 1e-6}  # s
+_WRAP = 2.0**32 * 1e-6  # s, where microseconds have 32 bits
+_SAME = 2.0  # s within which a stamp is of the clock that is known
+Arrival = tuple[Frame, float]  # a message and when it came [s]
+_Key = tuple[int, Sender]
+_HISTORY = 6.0  # s
+_MOST_ROWS, _MOST_KEYS = 1500, 200
+_RATE_WINDOW = 3.0  # s
+_OUTPUTS, _STATUS = "SERVO_OUTPUT_RAW", ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
+_PLACE = ("VISO_POS_X", "VISO_POS_Y", "VISO_POS_Z")
+
+
+class MavlinkStamps:
+    """Follows the clocks of all senders: of each the time since it started, and another one where it gives that."""
+
+    def __init__(self) -> None:
+        self._clocks: dict[tuple[Sender, str], SourceClock] = {}
+
+    def of(self, table: Table, sender: Sender, received: Array) -> Array:
+        """Return the stamps (n,) [s] of messages, NaN where there is none.
+
+        Args:
+            table: messages of one type. sender: who sent them.
+            received: when they came (n,) [s].
+        """
+        field = next((each for each in _FIELDS if each in table), None)
+        if field is None:
+            return np.full(received.shape, np.nan)
+        own = _FIELDS[field] * table[field]
+        clock = self._clocks.setdefault((sender, _BOOT), SourceClock())
+        if field != _BOOT:
+            own = _unwrapped(own, received - clock.offset)
+            if not abs(received[-1] - own[-1] - clock.offset) <= _SAME:
+                clock = self._clocks.setdefault((sender, field), SourceClock())
+                own = _unwrapped(_FIELDS[field] * table[field], received - clock.offset)
+        told = zip(own.tolist(), received.tolist(), strict=True)
+        return np.array([clock.ours(each, at) if each > 0.0 else np.nan for each, at in told])
+
+    def restarts(self, sender: Sender | None) -> int:
+        """Return how often a sender's clock has started anew."""
+        return self._clocks[sender, _BOOT].restarts if sender and (sender, _BOOT) in self._clocks else 0
+
+
+def _unwrapped(own: Array, expected: Array) -> Array:
+    """Return stamps that begin anew every 4295 s as if they did not; others as they are."""
+    known = np.isfinite(expected) & (own < _WRAP)
+    return np.where(known, own + _WRAP * np.rint(np.where(known, expected - own, 0.0) / _WRAP), own)
+
+
+class MavlinkSamples:
+    """Keeps the last seconds of messages, decides what they are used for, and turns new ones into samples.
+
+    Args:
+        layouts: of the messages. thrusters: how many the vehicle has.
+    """
+
+    def __init__(self, layouts: Mapping[int, MessageLayout], thrusters: int) -> None:
+        self._layouts, self._thrusters = layouts, thrusters
+        self._history: dict[_Key, deque[tuple[float, bytes]]] = {}
+        self._origin = 0.0
+        self._names: dict[tuple[int, Sender, str], str] = {}
+        self._useful: set[_Key] = set()
+        self._aiding: Aiding | None = None
+        self._parameters: Mapping[str, float] = {}
+        self._outputs = ThrusterOutputs({})
+        self._stamps = MavlinkStamps()
+        self._velocity = BodyVelocity()
+        self._flags: float | None = None
+        self.quantities = Quantities()
+        self.autopilot = Autopilot(None, {})
+        self.decided = False
+        self.hurry = False
+
+    @property
+    def restarts(self) -> int:
+        """How often the autopilot's clock has started anew."""
+        return self._stamps.restarts(self.autopilot.sender)
+
+    def take(self, arrivals: Sequence[Arrival]) -> list[Sample]:
+        """Return the samples in some messages, once it has been decided what is used."""
+        groups: dict[_Key, list[int]] = {}
+        for i, (frame, received) in enumerate(arrivals):
+            key = frame.number, frame.sender
+            if key not in self._history:
+                if len(self._history) >= _MOST_KEYS:
+                    continue
+                self._history[key] = deque(maxlen=_MOST_ROWS)
+                self._origin = self._origin or received
+                self.hurry = self.hurry or self.decided
+            self._history[key].append((received, frame.payload))
+            groups.setdefault(key, []).append(i)
+        if not self.decided:
+            return []
+        found: list[tuple[int, Sample]] = []
+        for (number, sender), rows in groups.items():
+            found += self._samples(self._layouts[number], sender, rows, arrivals)
+        found.sort(key=lambda each: each[0])
+        return [self._in_body(sample) for _, sample in found]
+
+    def _samples(
+        self, layout: MessageLayout, sender: Sender, rows: list[int], arrivals: Sequence[Arrival]
+    ) -> Iterable[tuple[int, Sample]]:
+        own = sender == self.autopilot.sender
+        if own and layout.name in _STATUS:
+            self._watch(layout, arrivals[rows[-1]][0])
+        if not (own and layout.name == _OUTPUTS) and (layout.number, sender) not in self._useful:
+            return
+        number = np.array(rows, dtype=np.float64)  # travels with the rows where instances part them
+        payloads = [arrivals[i][0].payload for i in rows]
+        for instance, table in tables_by_instance(layout, payloads, number):
+            name = self._names.get((layout.number, sender, instance), layout.name)
+            places = table.t.astype(np.intp)
+            received = np.array([arrivals[i][1] for i in places])
+            table = replace(table, name=name, t=received - self._origin)
+            channels = self._channels(table, own=own)
+            if channels:
+                stamps = self._stamps.of(table, sender, received)
+                names = tuple(channels)
+                for k, i in enumerate(places):
+                    values = tuple(float(each[k]) for each in channels.values())
+                    if not np.isnan(values).all():
+                        stamp, at = float(stamps[k]), float(received[k])
+                        yield int(i), Sample("mavlink", layout.name, stamp, at, names, values)
+
+    def _channels(self, table: Table, *, own: bool) -> dict[str, Array]:
+        wanted = self.quantities.of(table.name)
+        sources: list[Source] = []
+        if own and message_of(table.name) == _OUTPUTS:
+            source = command_source(table.name, table.t, pulses_of(table), self._outputs)
+            return {} if source is None else dict(source.channels)
+        for pressure in pressures_of([table], self._parameters) if own and "depth" in wanted else ():
+            if pressure.depth is not None:
+                sources.append(Source(table.name, "depth", table.t, {"z": pressure.depth}))
+        if self._aiding is not None:
+            sources += sources_of_messages(table, self._aiding, measured=not own)
+        return {
+            name: values
+            for source in sources
+            if source.quantity in wanted and not source.refused
+            for name, values in source.channels.items()
+        }
+
+    def _watch(self, layout: MessageLayout, frame: Frame) -> None:
+        """Decide anew at once where the filter's own status changes: what aids it may be lost."""
+        flags = float(layout.rows([frame.payload])["flags"][0])
+        self.hurry = self.hurry or self._flags not in (None, flags)
+        self._flags = flags
+
+    def _in_body(self, sample: Sample) -> Sample:
+        place = None
+        if sample.topic == DVL and any(self._parameters.get(name) for name in _PLACE):
+            place = tuple(self._parameters.get(name, 0.0) for name in _PLACE)
+        return self._velocity.of(sample, place)  # type: ignore[arg-type]
+
+    def decide(self, now: float, parameters: Mapping[str, float], *, settled: bool) -> None:
+        """Look at the last seconds and decide what is used for what.
+
+        Args:
+            now: time [s].
+            parameters: of the autopilot, as far as they are known.
+            settled: whether no more of them are to be expected.
+        """
+        pieces: list[tuple[Sender, str, Table]] = []
+        keys: list[tuple[int, Sender, str]] = []
+        for (number, sender), rows in list(self._history.items()):
+            while rows and rows[0][0] < now - _HISTORY:
+                rows.popleft()
+            if not rows:
+                del self._history[number, sender]
+                continue
+            t = np.array([received for received, _ in rows]) - self._origin
+            for instance, table in tables_by_instance(self._layouts[number], [payload for _, payload in rows], t):
+                if not self.decided:  # the clocks settle before the first sample is handed over
+                    self._stamps.of(table, sender, table.t + self._origin)
+                pieces.append((sender, instance, table))
+                keys.append((number, sender, instance))
+        tables, senders = named_tables(pieces)
+        self._names = dict(zip(keys, tables, strict=True))
+        self._parameters = dict(parameters)
+        whole = Tables("MAVLink", tables, self._parameters)
+        self.autopilot = self._autopilot(tables, senders)
+        known = [each for each in mavlink_sources(whole, senders, self.autopilot) if each.quantity != "commands"]
+        self.quantities.decide(known)
+        self._useful = {key[:2] for key, name in self._names.items() if self.quantities.of(name)}
+        self._aiding = aiding_of_messages(whole, senders, self.autopilot)
+        self._outputs = self._thruster_outputs() if settled else ThrusterOutputs({})
+        self.decided, self.hurry = True, False
+
+    def _autopilot(self, tables: Mapping[str, Table], senders: Mapping[str, Sender]) -> Autopilot:
+        """Return the autopilot: the one that was followed while it is heard, however busy another one is."""
+        found = autopilot_of(tables, senders)
+        if self.autopilot.sender is None or found.others.get(self.autopilot.sender) != ANOTHER:
+            return found
+        rivals = {sender: what for sender, what in found.others.items() if what == ANOTHER}
+        rivals = rivals | {found.sender: ANOTHER} if found.sender is not None else rivals
+        del rivals[self.autopilot.sender]
+        kept = autopilot_of({name: table for name, table in tables.items() if senders[name] not in rivals}, senders)
+        return replace(kept, others={**kept.others, **rivals})
+
+    def _thruster_outputs(self) -> ThrusterOutputs:
+        """Return the outputs by the autopilot's parameters, else the first ones, as many as the vehicle has."""
+        found = thruster_outputs(self._parameters, {})
+        if found.outputs:
+            return found
+        which = "output 1 is" if self._thrusters == 1 else f"outputs 1 to {self._thrusters} are"
+        note = f"no SERVOn_FUNCTION among the parameters: {which} taken for the thrusters in order, none mirrored"
+        return ThrusterOutputs({n: n for n in range(1, self._thrusters + 1)}, note=note)
+
+    def rates(self, now: float) -> dict[str, float]:
+        """Return how often each message came lately [Hz]; those of others by message and sender."""
+        found = {}
+        window = min(_RATE_WINDOW, max(now - self._origin, 0.1))
+        for (number, sender), rows in self._history.items():
+            recent = sum(received > now - window for received, _ in rows)
+            name = self._layouts[number].name
+            if sender != self.autopilot.sender:
+                name += f"@{sender}"
+            if recent > 1:
+                found[name] = recent / window
+        return found
+
+    def said(self) -> list[str]:
+        """Return what is decided, in lines for a person."""
+        if not self.decided:
+            return []
+        others = ", ".join(f"{what} ({sender})" for sender, what in sorted(self.autopilot.others.items()))
+        who = "hears no autopilot" if self.autopilot.sender is None else f"hears autopilot {self.autopilot.sender}"
+        found = [who + (f" and {others}" if others else ""), *self.quantities.said()]
+        numbers = [str(thruster) for thruster in self._outputs.outputs]
+        if numbers and self._outputs.note:
+            found.append(self._outputs.note)
+        if numbers and len(numbers) != self._thrusters:
+            found.append(f"the autopilot drives {len(numbers)} thrusters, the vehicle has {self._thrusters}")
+        return found

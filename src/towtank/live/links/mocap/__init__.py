@@ -1,0 +1,1 @@
+"""Motion capture systems by their own protocols."""

@@ -1,0 +1,1 @@
+"""What an ArduPilot vehicle says, whatever carries it: aiding, DVL, water pressure, outputs to thrusters."""

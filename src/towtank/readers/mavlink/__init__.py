@@ -1,0 +1,1 @@
+"""MAVLink: telemetry logs, and the messages wherever they come from."""

@@ -1,0 +1,1 @@
+"""MCAP files: our own, ROS 2, JSON."""

@@ -1,0 +1,169 @@
+"""Our own recordings in MCAP, read back to the bit; the format is told in `recording.mcap_format`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.errors import InputError
+from towtank.readers.common.raw_messages import Topic
+from towtank.readers.common.tables import Table, Tables
+from towtank.readers.mcap.scan import McapContent
+from towtank.recording.channel import Channel, read_only
+from towtank.recording.columns import MINIMUM_SAMPLES, assemble
+from towtank.recording.grids.timing import sampling_rate
+from towtank.recording.mcap.format import ABOUT, RAW_ENCODING, About, SourceFormat, decode_samples
+from towtank.recording.recording import Recording
+from towtank.recording.repairs import Content, Repairs
+
+__all__ = ["own_recording", "own_tables"]
+
+
+@dataclass(frozen=True)
+class _Source:
+    """One of our sources: times (n,) [s] and values (n, m) as they stand in the file."""
+
+    topic: Topic
+    form: SourceFormat
+    t: Array
+    values: Array
+    damaged: int = 0
+
+    @classmethod
+    def of(cls, topic: Topic, form: SourceFormat) -> _Source:
+        raw = topic.raw
+        assert raw is not None
+        rows = np.flatnonzero(raw.size == form.message_size)
+        if not rows.size:
+            return cls(topic, form, np.empty(0), np.empty((0, len(form.quantities))), len(raw))
+        t, values = decode_samples(raw.matrix(rows))
+        return cls(topic, form, t, values, len(raw) - rows.size)
+
+    @property
+    def as_written(self) -> bool:
+        """Whether the samples can be taken as they are: in order, none twice, no infinity."""
+        t = self.t
+        return bool(np.isfinite(t).all() and (t[1:] > t[:-1]).all() and not np.isinf(self.values).any())
+
+
+def own_recording(path: Path, content: McapContent) -> Recording:
+    """Return the recording that `write_mcap` or `McapLog` wrote.
+
+    Raises:
+        InputError: no sample in it; a clock that restarts; a unit that is not the standard one.
+    """
+    sources, repairs = _sources(path, content)
+    about, notes = _about(content)
+    channels: dict[str, Channel] = {}
+    for source in sorted(sources, key=lambda each: -len(each.t)):
+        mine, mended, remarks = _channels(path, source)
+        repairs += mended
+        notes += remarks
+        for channel in mine:
+            if channel.name in channels:
+                notes.append(f'{source.topic.name}: "{channel.name}" is recorded with more samples elsewhere; left out')
+            else:
+                channels[channel.name] = channel
+    if not any(len(channel) for channel in channels.values()):
+        lost = "; ".join(repairs.lines)
+        raise InputError(f"{path}: no sample in it" + (f" ({lost})" if lost else ""))
+    recorded = [each.name for source in sources for each in source.form.quantities]
+    order = dict.fromkeys([*about.order, *recorded])
+    contents = _contents(content, sources, channels) if about.contents is None else about.contents
+    try:
+        return Recording(
+            {name: channels[name] for name in order if name in channels},
+            about.source,
+            tuple(notes),
+            about.attributes or {},
+            about.repairs + repairs,
+            contents,
+        )
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def own_tables(path: Path, content: McapContent) -> Tables:
+    """Return our sources as tables, for a mapping."""
+    sources, repairs = _sources(path, content)
+    about, notes = _about(content)
+    tables = {
+        source.topic.name: Table(
+            source.topic.name,
+            source.t,
+            {each.name: source.values[:, k] for k, each in enumerate(source.form.quantities)},
+            kind="towtank",
+        )
+        for source in sources
+    }
+    attributes = dict(about.attributes or {})
+    return Tables(str(path), tables, notes=tuple(notes), repairs=about.repairs + repairs, attributes=attributes)
+
+
+def _sources(path: Path, content: McapContent) -> tuple[list[_Source], Repairs]:
+    """Return our sources, and what was damaged in them or around them."""
+    sources = []
+    repairs = content.repairs
+    for topic in content.topics:
+        try:
+            form = SourceFormat.of_metadata(topic.name, topic.metadata)
+        except ValueError as error:
+            raise InputError(f"{path}: {error}") from error
+        if form is None:
+            continue
+        source = _Source.of(topic, form)
+        repairs += Repairs(damaged=source.damaged)
+        sources.append(source)
+    return sources, repairs
+
+
+def _about(content: McapContent) -> tuple[About, list[str]]:
+    """Return what is known of the recording, and the notes so far."""
+    if ABOUT not in content.metadata:
+        return About(), ["the record about the recording is missing"]
+    try:
+        about = About.of_metadata(content.metadata[ABOUT])
+    except ValueError as error:
+        return About(), [str(error)]
+    return about, list(about.notes)
+
+
+def _channels(path: Path, source: _Source) -> tuple[list[Channel], Repairs, list[str]]:
+    """Return the channels of a source, what was mended, and notes."""
+    quantities = source.form.quantities
+    if source.as_written:
+        t = read_only(source.t)
+        columns = np.ascontiguousarray(source.values.T)
+        columns.flags.writeable = False
+        try:
+            return [Channel(each.name, t, columns[k], *each[1:]) for k, each in enumerate(quantities)], Repairs(), []
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+    place = f"{path}: {source.topic.name}"
+    if len(source.t) < MINIMUM_SAMPLES:
+        return [], Repairs(), [f"{source.topic.name}: {len(source.t)} samples, out of order; left out"]
+    numbers = {each.name: source.values[:, k] for k, each in enumerate(quantities)}
+    units = {each.name: (each.unit, each.frame) for each in quantities}
+    piece = assemble(source.t, numbers, place=place, source=str(path), units=units)
+    return list(piece.channels.values()), piece.repairs, [f"{source.topic.name}: {note}" for note in piece.notes]
+
+
+def _contents(content: McapContent, sources: list[_Source], channels: dict[str, Channel]) -> tuple[Content, ...]:
+    """Return a line for each channel of the file, where the recording brought none."""
+    ours = {source.topic.name: source for source in sources}
+    lines = []
+    for topic in content.topics:
+        rate = sampling_rate(np.unique(topic.log_time) / 1e9) if len(topic) > 1 else None
+        if topic.name in ours:
+            source = ours[topic.name]
+            used = tuple(each.name for each in source.form.quantities if each.name in channels)
+            lines.append(Content(topic.name, "towtank", len(topic), rate, used, "" if used else "no sample"))
+        else:
+            raw = topic.encoding == RAW_ENCODING
+            told = topic.name.startswith("/towtank/")
+            reason = "bytes as they were received" if raw else "kept for viewers" if told else "not among the samples"
+            lines.append(Content(topic.name, topic.kind or topic.encoding, len(topic), rate, (), reason))
+    return tuple(lines)

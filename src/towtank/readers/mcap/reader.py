@@ -1,0 +1,104 @@
+"""MCAP: our own recordings, ROS 2 in CDR, MAVLink and other messages in JSON, told apart channel by channel."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from towtank.errors import InputError
+from towtank.readers.common.interpretation import contents_of
+from towtank.readers.common.mapped_tables import mapped_recording
+from towtank.readers.common.raw_messages import Topic
+from towtank.readers.common.tables import Table, Tables
+from towtank.readers.mavlink.autopilot import with_autopilot
+from towtank.readers.mavlink.meaning import mavlink_recording
+from towtank.readers.mcap.json import is_mavlink, json_table, mavlink_tables
+from towtank.readers.mcap.own import own_recording, own_tables
+from towtank.readers.mcap.scan import Heading, McapContent, scan_mcap
+from towtank.readers.ros.tables import RosLog, epoch_of, is_wanted, origin_of, ros_recording, ros_tables
+from towtank.recording.mapping import ColumnMapping, load_mapping
+from towtank.recording.mcap.format import KEY
+from towtank.recording.recording import Recording
+from towtank.recording.repairs import Repairs
+
+__all__ = ["read"]
+
+
+def read(path: Path, mapping: ColumnMapping | str | os.PathLike[str] | None = None) -> Recording:
+    """Read an MCAP file.
+
+    Args:
+        path: the file; truncated and damaged ones are read as far as they go.
+        mapping: "TOPIC.field" columns, of MAVLink "MESSAGE.field"; without it what the messages mean is taken.
+
+    Raises:
+        InputError: the file is not MCAP, or nothing in it can be used.
+    """
+    known = mapping if isinstance(mapping, ColumnMapping) or mapping is None else load_mapping(mapping)
+
+    def wanted(heading: Heading) -> bool:
+        return (
+            KEY in heading.metadata
+            or is_mavlink(heading.name, heading.encoding)
+            or is_wanted(heading.name, heading.kind, known)
+        )
+
+    content = scan_mcap(path, wanted)
+    if not any(len(topic) for topic in content.topics):
+        lost = "; ".join(content.repairs.lines)
+        raise InputError(f"{path}: no message in it" + (f" ({lost})" if lost else ""))
+    if any(KEY in topic.metadata for topic in content.topics):
+        return own_recording(path, content) if known is None else mapped_recording(own_tables(path, content), known)
+    return _foreign(str(path), content, known)
+
+
+def _foreign(source: str, content: McapContent, mapping: ColumnMapping | None) -> Recording:
+    """Return the recording of messages that others wrote."""
+    mavlink = [topic for topic in content.topics if is_mavlink(topic.name, topic.encoding)]
+    plain = [topic for topic in content.topics if topic.encoding == "json" and topic not in mavlink]
+    rest = [topic for topic in content.topics if topic.encoding != "json"]
+    if not mavlink:
+        log = ros_tables(source, rest, content.repairs, origin=origin_of(content.topics))
+        return ros_recording(_with_json(log, plain, origin_of(content.topics)), mapping)
+    origin = origin_of(mavlink)
+    tables, senders, damaged = mavlink_tables(mavlink, origin)
+    known = Tables(
+        source,
+        tables,
+        repairs=content.repairs + Repairs(damaged=damaged),
+        attributes={"clock": "companion computer", **epoch_of(origin)},
+    )
+    if mapping is None:
+        return _beside(mavlink_recording(known, senders), known, [*plain, *rest], origin)
+    return mapped_recording(_all(with_autopilot(known, senders), [*plain, *rest], origin), mapping)
+
+
+def _with_json(log: RosLog, topics: Sequence[Topic], origin: int) -> RosLog:
+    """Return the log with topics of JSON, which a mapping may name."""
+    tables, reasons, repairs = dict(log.tables.tables), dict(log.reasons), log.tables.repairs
+    for topic in topics:
+        table, damaged = json_table(topic, origin)
+        tables[topic.name] = table
+        reasons[topic.name] = "means nothing by its type; its numbers can be mapped"
+        repairs += Repairs(damaged=damaged)
+    return RosLog(replace(log.tables, tables=tables, repairs=repairs), reasons)
+
+
+def _all(known: Tables, topics: Sequence[Topic], origin: int) -> Tables:
+    """Return the tables of MAVLink together with all others."""
+    ros = ros_tables(known.source, [topic for topic in topics if topic.encoding != "json"], Repairs(), origin=origin)
+    others = _with_json(ros, [topic for topic in topics if topic.encoding == "json"], origin).tables
+    return replace(known, tables={**others.tables, **known.tables}, repairs=known.repairs + others.repairs)
+
+
+def _beside(recording: Recording, known: Tables, topics: Sequence[Topic], origin: int) -> Recording:
+    """Return the recording with what else the file holds among its contents."""
+    tables = {
+        topic.name: Table(topic.name, (topic.log_time - origin) / 1e9, {}, topic.kind or topic.encoding)
+        for topic in topics
+        if topic.name not in known.tables
+    }
+    others = contents_of(replace(known, tables=tables), {}, {}, "beside MAVLink messages nothing else is taken")
+    return replace(recording, contents=(*recording.contents, *others))

@@ -1,0 +1,1 @@
+"""Recordings on one common grid of times."""

@@ -1,0 +1,1 @@
+"""Recordings as MCAP files, written whole or while they are made."""

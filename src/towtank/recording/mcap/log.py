@@ -1,0 +1,331 @@
+"""A recording that is written while it is made: appended to, flushed at least every second, readable after `kill -9`.
+
+    with McapLog.open("dive.mcap", epoch=datetime.now(UTC)) as log:
+        log.source("pose", [Quantity("x", "m", "NED"), Quantity("y", "m", "NED")])
+        log.write("pose", 0.02, 1.5, -0.3)       # NaN: not measured
+        log.write_raw("udp:14550", 0.02, packet)
+
+The format is that of `write_mcap`. Samples may come late or out of order; reading sorts them, and counts.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import struct
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from towtank.errors import InputError
+from towtank.recording.event import EVENT_ENCODING, EVENT_SCHEMA, EVENT_TOPIC, Event, event_json
+from towtank.recording.mcap.container import McapFile, Messages
+from towtank.recording.mcap.format import ABOUT, ENCODING, LIBRARY, RAW_ENCODING, About, Quantity, SourceFormat
+from towtank.recording.mcap.resume import Interrupted, interrupted
+
+__all__ = ["McapLog", "Quantity"]
+
+_RECORD = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
+_MESSAGE = 5  # opcode
+_CDR = b"\x00\x01\x00\x00"
+_LONGEST = 1 << 20  # bytes of messages after which a chunk is closed
+_LATEST = 2**63 - 1  # ns
+_PATIENCE = 1 << 25  # bytes that wait for a disk that takes nothing
+
+
+@dataclass
+class _Pending:
+    """Messages of the chunk in progress."""
+
+    records: bytearray = field(default_factory=bytearray)
+    places: dict[int, tuple[list[int], list[int]]] = field(default_factory=dict)
+    count: int = 0
+
+    def add(self, channel: int, log_time: int, data: bytes) -> None:
+        times, offsets = self.places.setdefault(channel, ([], []))
+        times.append(log_time)
+        offsets.append(len(self.records))
+        self.records += _RECORD.pack(_MESSAGE, 22 + len(data), channel, self.count & 0xFFFFFFFF, log_time, log_time)
+        self.records += data
+        self.count += 1
+
+    @property
+    def messages(self) -> dict[int, Messages]:
+        return {
+            channel: Messages(np.array(times, dtype=np.uint64), np.array(offsets, dtype=np.uint64))
+            for channel, (times, offsets) in self.places.items()
+        }
+
+
+class McapLog:
+    """The writer; used by one thread at a time.
+
+    A disk that is full costs samples, never the session: once the sources are announced nothing here raises for it.
+    What cannot be written waits, up to 32 MB, and is counted in `lost` when that is exceeded; `trouble` says what is
+    wrong, "" where nothing is.
+
+    Attributes:
+        path: the file.
+        lost: samples and packets that could not be written.
+        trouble: what the disk said at the last flush.
+    """
+
+    def __init__(
+        self, path: Path, descriptor: int, about: About, interval: float, before: Interrupted | None = None
+    ) -> None:
+        self.path, self.lost, self.trouble = path, 0, ""
+        self._descriptor, self._about, self._interval = descriptor, about, interval
+        self._written = 0 if before is None else before.length  # bytes of the file that are whole
+        if before is None:
+            self._file = McapFile(self._append, LIBRARY)
+            self._file.metadata(ABOUT, about.metadata())
+        else:
+            self._file = McapFile.resumed(self._append, before.length, before.summary)
+        self._sources: dict[str, tuple[int, struct.Struct, int]] = {}
+        self._columns: dict[str, tuple[str, ...]] = {}
+        self._raw: dict[str, int] = {}
+        self._texts: dict[str, int] = {}
+        self._pending = _Pending()
+        self._flushed = time.monotonic()
+        self._syncing: threading.Thread | None = None
+        self._closed = False
+
+    @classmethod
+    def open(
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        source: str = "",
+        epoch: datetime | None = None,
+        attributes: Mapping[str, str] | None = None,
+        interval: float = 1.0,
+    ) -> McapLog:
+        """Create the file.
+
+        Args:
+            path: must not exist: a recording is never overwritten.
+            source: what is recorded.
+            epoch: the instant of t = 0, with its time zone; without it the times of the file count from t = 0.
+            attributes: of the recording.
+            interval: longest time [s] for which a sample waits in memory while others follow.
+
+        Raises:
+            InputError: the file exists or cannot be created.
+        """
+        path = Path(path)
+        known = dict(attributes or {})
+        if epoch is not None:
+            known["epoch"] = epoch.isoformat()
+        base = 0 if epoch is None else max(round(epoch.timestamp() * 1e6) * 1000, 0)
+        try:
+            descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+        except FileExistsError:
+            raise InputError(f"{path}: exists already, and a recording is never overwritten; choose another") from None
+        except OSError as error:
+            raise InputError(f"{path}: cannot be created ({error.strerror})") from error
+        try:
+            log = cls(path, descriptor, About(source=source, attributes=known, base=base), interval)
+        except OSError as error:
+            os.close(descriptor)
+            path.unlink(missing_ok=True)
+            raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+        return log
+
+    @classmethod
+    def resume(cls, path: str | os.PathLike[str], *, interval: float = 1.0) -> McapLog:
+        """Go on with a file that an earlier `McapLog` wrote, whether that was closed or killed.
+
+        A record that was torn, or the file's summary, is cut off; everything else stays as it is, and so do the
+        epoch, the attributes and the sources.
+
+        Raises:
+            InputError: there is no such file, it is no recording of ours, or it cannot be written.
+        """
+        path = Path(path)
+        before = interrupted(path)
+        try:
+            descriptor = os.open(path, os.O_RDWR)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+        try:
+            os.ftruncate(descriptor, before.length)
+            os.lseek(descriptor, before.length, os.SEEK_SET)
+        except OSError as error:
+            os.close(descriptor)
+            raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+        log = cls(path, descriptor, before.about, interval, before)
+        for identity, form in before.sources.items():
+            count = len(form.quantities)
+            layout = struct.Struct(f"<4s{1 + count}d")
+            log._sources[form.topic.lstrip("/")] = identity, layout, count
+            log._columns[form.topic.lstrip("/")] = tuple(each.name for each in form.quantities)
+        log._texts.update(before.texts)
+        log._raw.update({topic.removeprefix("/raw/"): identity for identity, topic in before.raw.items()})
+        return log
+
+    @property
+    def about(self) -> About:
+        """What the file says of the recording."""
+        return self._about
+
+    @property
+    def size(self) -> int:
+        """Bytes written so far."""
+        return self._written
+
+    @property
+    def sources(self) -> dict[str, tuple[str, ...]]:
+        """The sources announced, each with the names of its columns."""
+        return dict(self._columns)
+
+    def source(self, name: str, quantities: Sequence[Quantity]) -> None:
+        """Announce a source: the columns that come together, each with name, unit and frame.
+
+        Raises:
+            InputError: the name is taken, there is no column, or one stands twice.
+            OSError: the disk does not take it.
+        """
+        names = [each.name for each in quantities]
+        if name in self._sources:
+            raise InputError(f'{self.path}: source "{name}" is announced twice')
+        if not names or len(set(names)) < len(names):
+            raise InputError(
+                f'{self.path}: source "{name}": found columns {names}, expected one or more, all different'
+            )
+        form = SourceFormat(f"/{name.lstrip('/')}", tuple(quantities))
+        identity = self._file.channel(form.topic, ENCODING, form.metadata, form.schema)
+        self._sources[name] = identity, struct.Struct(f"<4s{1 + len(names)}d"), len(names)
+        self._columns[name] = tuple(names)
+
+    def write(self, name: str, t: float, *values: float) -> None:
+        """Append one sample at time t [s] of an announced source; NaN where not measured."""
+        identity, layout, count = self._sources[name]
+        if len(values) != count:
+            raise ValueError(f'source "{name}": found {len(values)} values, expected {count}')
+        self._add(identity, t, layout.pack(_CDR, t, *values))
+
+    def write_raw(self, name: str, t: float, data: bytes) -> None:
+        """Append bytes as they were received at time t [s]; a channel of their own is made on first use."""
+        try:
+            if name not in self._raw:
+                self._raw[name] = self._file.channel(f"/raw/{name.lstrip('/')}", RAW_ENCODING, {})
+        except OSError as error:
+            self.trouble = f"{self.path}: {error.strerror or error}"
+            self.lost += 1
+            return
+        self._add(self._raw[name], t, data)
+
+    def write_event(self, event: Event) -> None:
+        """Append an event, as JSON on a topic of its own."""
+        if not self.write_text(EVENT_TOPIC, EVENT_SCHEMA, event.t, event_json(event)):
+            self.lost += 1
+
+    def write_text(self, topic: str, schema: tuple[str, str, bytes], t: float, text: str) -> bool:
+        """Append JSON of time t [s] on a topic of its own, described by a schema (name, encoding, text).
+
+        Return whether there is such a topic: where the disk did not take a new one, nothing is appended.
+        """
+        try:
+            if topic not in self._texts:
+                self._texts[topic] = self._file.channel(topic, EVENT_ENCODING, {}, schema)
+        except OSError as error:
+            self.trouble = f"{self.path}: {error.strerror or error}"
+            return False
+        self._add(self._texts[topic], t, text.encode())
+        return True
+
+    def flush(self) -> bool:
+        """Write what waits and see it to the disk; return whether everything is there now."""
+        if not self._written_out():
+            return False
+        try:
+            os.fsync(self._descriptor)
+        except OSError as error:
+            self.trouble = f"{self.path}: {error.strerror or error}"
+            return False
+        return True
+
+    def flush_if_due(self) -> None:
+        """Flush where the last time was longer than the interval ago; to be called when nothing arrives."""
+        if time.monotonic() - self._flushed >= self._interval:
+            self._flush_beside()
+
+    def _flush_beside(self) -> None:
+        """Write what waits, which outlives this process; a thread sees it to the disk, however busy that is."""
+        if self._written_out() and (self._syncing is None or not self._syncing.is_alive()):
+            self._syncing = threading.Thread(target=self._sync, name="disk", daemon=True)
+            self._syncing.start()
+
+    def _sync(self) -> None:
+        try:
+            os.fsync(self._descriptor)
+        except OSError as error:
+            self.trouble = f"{self.path}: {error.strerror or error}"
+
+    def _written_out(self) -> bool:
+        """Hand what waits to the system; return whether it took everything."""
+        self._flushed = time.monotonic()
+        pending = self._pending
+        try:
+            if pending.count:
+                self._file.chunk(bytes(pending.records), pending.messages)
+                self._pending = _Pending()
+        except OSError as error:
+            self.trouble = f"{self.path}: {error.strerror or error}"
+            if len(pending.records) >= _PATIENCE:
+                self.lost += pending.count
+                self._pending = _Pending()
+            return False
+        self.trouble = ""
+        return True
+
+    def close(self, notes: Sequence[str] = ()) -> None:
+        """Flush, add notes and what was lost, and write the index; a file without it is read all the same."""
+        if self._closed:
+            return
+        self._closed = True
+        if self._syncing is not None:
+            self._syncing.join()
+        self.flush()
+        self.lost += self._pending.count
+        lost = [f"{self.lost} samples could not be written ({self.trouble or 'the disk was full'})"] * bool(self.lost)
+        with contextlib.suppress(OSError):
+            if notes or lost:
+                self._file.metadata(ABOUT, replace(self._about, notes=(*self._about.notes, *notes, *lost)).metadata())
+            self._file.finish()
+            os.fsync(self._descriptor)
+        os.close(self._descriptor)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _add(self, identity: int, t: float, data: bytes) -> None:
+        log_time = min(max(self._about.base + round(t * 1e9), 0), _LATEST)
+        self._pending.add(identity, log_time, data)
+        full = len(self._pending.records) >= (_PATIENCE if self.trouble else _LONGEST)
+        if full or time.monotonic() - self._flushed >= self._interval:
+            self._flush_beside()
+
+    def _append(self, data: bytes) -> None:
+        """Append whole records or nothing: what a full disk cuts short is taken back."""
+        view = memoryview(data)
+        try:
+            while view:
+                view = view[os.write(self._descriptor, view) :]
+        except OSError:
+            os.ftruncate(self._descriptor, self._written)
+            os.lseek(self._descriptor, self._written, os.SEEK_SET)
+            raise
+        self._written += len(data)

@@ -1,0 +1,99 @@
+"""How each coefficient and its band settled over the log."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.digits import measured
+from towtank.identification.posterior.estimate import Learned
+from towtank.report.chart import Band, Chart, Line, Point, chart_svg
+from towtank.report.elements import figure, grid, paragraph, section, unit_text
+from towtank.report.facts import LearnFacts
+
+__all__ = ["convergence_section"]
+
+_WIDTH = 1.959963984540054  # of the 95 % band, in deviations
+_SETTLING = 0.25  # share of the log that may lie outside the picture
+_METHODS = {
+    "joint": "the joint filter's",
+    "output-error": "the joint filter's, beside which the free runs that had the last word may lie",
+    "paper": "that of plain least squares at the delay found; the result lies where instruments took its bias out, "
+    "and its interval holds what the delay leaves open, too",
+}
+
+
+def convergence_section(facts: LearnFacts) -> str:
+    """Return a chart for each coefficient; nothing where its course is not known."""
+    course = facts.convergence
+    if course is None or course.t.size < 2:
+        return ""
+    figures = [_figure(facts, facts.estimate[name], k) for k, name in enumerate(course.names)]
+    cuts = " Vertical lines: from one log to the next." if course.ends else ""
+    cuts += " Vertical lines: the vehicle changed." if _changes(facts) else ""
+    note = (
+        f"Estimate and 95 % band while the log went by, from wide ignorance at the start; the course is "
+        f"{_METHODS.get(facts.method, 'the filter’s')}. The dot at the right is the result in the table with its 95 % "
+        f"interval. A band that still narrows at the end: a longer log would tell more.{cuts}"
+    )
+    legend = (
+        '<div class="legend"><span><i class="estimate"></i>estimate</span><span><i class="band"></i>95 % band</span>'
+    )
+    legend += '<span><i class="result"></i>result</span>'
+    legend += '<span><i class="truth"></i>truth</span>' if facts.truth is not None else ""
+    legend += '<span><i class="before"></i>before</span></div>'
+    return section("convergence", "How the estimates settled", paragraph(note, "note"), legend, grid(figures, "small"))
+
+
+def _changes(facts: LearnFacts) -> list[float]:
+    """Return when the vehicle became another one [s]."""
+    return [event.t for event in facts.events if event.kind in ("change", "thruster")]
+
+
+def _figure(facts: LearnFacts, result: Learned, k: int) -> str:
+    course = facts.convergence
+    if course is None:
+        return ""
+    value, std = course.values[:, k], course.std[:, k]
+    low, high = value - _WIDTH * std, value + _WIDTH * std
+    end = float(course.t[-1])
+    levels = [(facts.vehicle.coefficient(result.name), "before")]
+    truth, steps = None if facts.truth is None else facts.truth.coefficient(result.name), []
+    if truth is not None and facts.truth_before is not None:
+        when, earlier = facts.truth_before
+        first = earlier.coefficient(result.name)
+        x, y = np.array([course.t[0], when, when, end]), np.array([first, first, truth, truth])
+        steps = [Line(x, y, "truth")]
+    elif truth is not None:
+        levels.append((truth, "truth"))
+    spread = _WIDTH * result.std
+    chart = Chart(
+        label=f"{result.name} over time",
+        parts=[
+            Band(course.t, low, high),
+            *steps,
+            Line(course.t, value, "estimate"),
+            Point(end, result.value, result.value - spread, result.value + spread),
+        ],
+        x_name="s",
+        x_range=(0.0, 1.02 * end),
+        y_range=_range(course.t, low, high, result, [] if truth is None else [truth]),
+        levels=levels,
+        cuts=(*course.ends, *_changes(facts)),
+        width=330,
+        height=180,
+    )
+    number, deviation = measured(result.value, result.std)
+    right = f"{number} ± {deviation}".replace("-", "−") + f" {unit_text(result.unit)}"
+    return figure(chart_svg(chart), result.name, right=right)
+
+
+def _range(t: Array, low: Array, high: Array, result: Learned, levels: list[float]) -> tuple[float, float]:
+    """Return what to show: the settled part of the course, the result, and the truth."""
+    late = t >= _SETTLING * float(t[-1])
+    spread = _WIDTH * result.std
+    shown = np.concatenate([low[late], high[late], [result.value - spread, result.value + spread], levels])
+    shown = shown[np.isfinite(shown)]
+    a, b = float(shown.min()), float(shown.max())
+    room = 0.12 * (b - a) or 0.1 * abs(a) or 1.0
+    return a - room, b + room
