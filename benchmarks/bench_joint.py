@@ -30,7 +30,7 @@ from figures import Figure, interleaved, report
 from towtank.identification import Learner
 from towtank.identification.data.samples import samples_of
 from towtank.identification.kalman.iterated import one_pass, prior_deviation
-from towtank.identification.kalman.noise_adaptation import start_levels, tuning_for
+from towtank.identification.kalman.noise_adaptation import filter_settings, initial_noise_levels
 from towtank.identification.model.parameters import DELAY, free_parameters
 from towtank.identification.model.prior import size_of
 from towtank.recording import Recording, write_csv
@@ -80,7 +80,11 @@ def peer(rows: int, size: int) -> None:
 def measured() -> Sequence[Figure]:
     truth, known, recording = session()
     free = free_parameters(known, (*FREE, DELAY))
-    samples, levels, tuning = samples_of(recording, known), start_levels(recording, known), tuning_for(known)
+    samples, levels, tuning = (
+        samples_of(recording, known),
+        initial_noise_levels(recording, known),
+        filter_settings(known),
+    )
     theta = free.theta(truth, delay=0.05, lag=0.05)
     deviation = prior_deviation(free, size_of(known, free))
     learner = Learner(known, free=FREE)

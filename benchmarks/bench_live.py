@@ -145,15 +145,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=600.0, help="at 100 Hz; 0 leaves it out")
     parser.add_argument("--fast-seconds", type=float, default=60.0, help="at 1 kHz; 0 leaves it out")
-    asked, rest = parser.parse_known_args()
+    requested, rest = parser.parse_known_args()
 
     def figures() -> list[Figure]:
         found: list[Figure] = []
         with tempfile.TemporaryDirectory() as name:
-            if asked.seconds:
-                found += slow(asked.seconds, Path(name))
-            if asked.fast_seconds:
-                found += fast(asked.fast_seconds, Path(name))
+            if requested.seconds:
+                found += slow(requested.seconds, Path(name))
+            if requested.fast_seconds:
+                found += fast(requested.fast_seconds, Path(name))
         return found
 
     return report("live sessions", figures, rest)

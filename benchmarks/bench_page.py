@@ -262,14 +262,14 @@ def main() -> int:
     parser.add_argument("--loop-seconds", type=float, default=300.0, help="of viewers that come and go; 0: none")
     parser.add_argument("--serve", type=float, help=argparse.SUPPRESS)
     parser.add_argument("--paged", action="store_true", help=argparse.SUPPRESS)
-    asked, rest = parser.parse_known_args()
-    if asked.serve is not None:
-        serve(asked.serve, asked.paged)
+    requested, rest = parser.parse_known_args()
+    if requested.serve is not None:
+        serve(requested.serve, requested.paged)
         return 0
 
     def figures() -> list[Figure]:
-        found = loop(asked.loop_seconds) if asked.loop_seconds else []
-        return found + (drawn(asked.seconds) if asked.seconds else [])
+        found = loop(requested.loop_seconds) if requested.loop_seconds else []
+        return found + (drawn(requested.seconds) if requested.seconds else [])
 
     return report("live page", figures, rest)
 

@@ -48,11 +48,11 @@ def main() -> None:
     parser.add_argument("port", type=int)
     parser.add_argument("--times", default="-1e9,1e9")
     parser.add_argument("--pace", type=float, default=1.0)
-    asked = parser.parse_args()
-    start, end = (float(text) for text in asked.times.split(","))
-    messages = datagrams(asked.file, start, end)
+    requested = parser.parse_args()
+    start, end = (float(text) for text in requested.times.split(","))
+    messages = datagrams(requested.file, start, end)
     print(len(messages), flush=True)
-    send(messages, asked.port, asked.pace)
+    send(messages, requested.port, requested.pace)
 
 
 if __name__ == "__main__":

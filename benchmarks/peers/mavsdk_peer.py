@@ -44,7 +44,7 @@ def send(name: str, **fields: Any) -> None:
     server.send_message(MavlinkMessage(name, fields_json=json.dumps(fields)))
 
 
-def asked(message: Any, _: Any) -> None:
+def requested(message: Any, _: Any) -> None:
     fields = json.loads(message.fields_json)
     number, interval = int(fields["param1"]), float(fields["param2"])
     known = number in intervals
@@ -54,7 +54,7 @@ def asked(message: Any, _: Any) -> None:
     send("COMMAND_ACK", command=SET_INTERVAL, result=0 if known else 2, **to)
 
 
-server.subscribe_command(SET_INTERVAL, asked)
+server.subscribe_command(SET_INTERVAL, requested)
 try:
     server.load_custom_xml(STATUS)
 except Exception as error:

@@ -40,7 +40,7 @@ def learn_batch(
     start: Vehicle, recording: Recording, free: Collection[str], *, delay_known: bool = True, method: str = "joint"
 ) -> Batch:
     """Learn from a whole recording. `lag` may be among the names where the delay is not known."""
-    options: dict[str, Any] = {"free": asked(free, delay_known, method)}
+    options: dict[str, Any] = {"free": requested(free, delay_known, method)}
     if delay_known:
         options["delay"] = start.command_delay
     if method != "paper":
@@ -61,7 +61,7 @@ def learn_stream(
     method: str = "joint",
 ) -> Stream:
     """Learn sample by sample, as live data come, and read the estimate every `report_every` seconds."""
-    options: dict[str, Any] = {"free": asked(free, delay_known, method)}
+    options: dict[str, Any] = {"free": requested(free, delay_known, method)}
     if delay_known:
         options["delay"] = start.command_delay
     learner = Learner(start, method, **options)
@@ -119,7 +119,7 @@ def samples(recording: Recording, vehicle: Vehicle) -> Samples:
     return Samples(t, columns[0], columns[1], columns[2], columns[3], commanded)
 
 
-def asked(free: Collection[str], delay_known: bool, method: str) -> tuple[str, ...]:
+def requested(free: Collection[str], delay_known: bool, method: str) -> tuple[str, ...]:
     """Return the names to ask for: with an unknown delay the lag too, where the method knows one."""
     return tuple(free) if delay_known or method == "paper" else (*free, "lag")
 

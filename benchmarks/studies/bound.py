@@ -90,7 +90,7 @@ def surge_bound(experiment: Experiment, seed: int | None = None) -> SurgeBound:
     return SurgeBound(t, unknowns, white, covariance)
 
 
-def whitened(X: Array, sigma: float, seen: Flags, coloured: Array | None = None) -> Array:
+def whitened(X: Array, disturbance: float, seen: Flags, coloured: Array | None = None) -> Array:
     """Return L^-1 X (n, k), C = L L^T; the sums of outer products of its first rows are the information.
 
     Args:
@@ -99,9 +99,9 @@ def whitened(X: Array, sigma: float, seen: Flags, coloured: Array | None = None)
     """
     white = np.zeros_like(X)
     if coloured is None:
-        white[seen] = X[seen] / sigma
+        white[seen] = X[seen] / disturbance
     else:
-        C = coloured[np.ix_(seen, seen)] + sigma**2 * np.eye(int(seen.sum()))
+        C = coloured[np.ix_(seen, seen)] + disturbance**2 * np.eye(int(seen.sum()))
         white[seen] = solve_triangular(np.linalg.cholesky(C), X[seen], lower=True)
     return white
 
@@ -137,8 +137,8 @@ def force_covariance(disturbance: OrnsteinUhlenbeck, n: int, dt: float) -> Array
 
 def visible(sensors: Mocap, t: Array, seed: int) -> Flags:
     """Return (n,) which samples are free of marker jumps in the run of this seed, as the sensors draw them."""
-    hidden = intervals(t, sensors.jump_fraction, sensors.jump_s, stream(seed, "mocap", "jumps"))
-    return np.asarray(hidden < 0)
+    outage = intervals(t, sensors.jump_fraction, sensors.jump_s, stream(seed, "mocap", "jumps"))
+    return np.asarray(outage < 0)
 
 
 @cache

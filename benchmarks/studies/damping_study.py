@@ -82,9 +82,9 @@ def learned(case: str, plan: str, mode: str, seed: int) -> Found:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; 0 where everything that must hold holds."""
     options = arguments(__doc__ or "", 10, argv)
-    asked = options.only.split(",") if options.only else [""]
+    requested = options.only.split(",") if options.only else [""]
     cases = [(case, plan, mode) for mode in ("log", "stream") for plan in MANOEUVRES for case in SHARES]
-    cases = [each for each in cases if any(one in " ".join(each) for one in asked)]
+    cases = [each for each in cases if any(one in " ".join(each) for one in requested)]
     seeds = range(options.seed, options.seed + options.runs)
     held: list[Check] = []
     documents = {}

@@ -106,7 +106,7 @@ class Fed:
 
     def state(self) -> SourceState:
         state = self._link.state()
-        return SourceState(state.said, state.asked, state.rates, state.bad, state.late, state.senders, self._ended)
+        return SourceState(state.said, state.requested, state.rates, state.bad, state.late, state.senders, self._ended)
 
     def close(self) -> None:
         self._link.close()
@@ -183,12 +183,12 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--output", type=Path)
-    asked = parser.parse_args()
-    found = perform(asked.runs, asked.seed)
+    requested = parser.parse_args()
+    found = perform(requested.runs, requested.seed)
     for name, value in asdict(found).items():
         print(f"{name:12} {value}")
-    if asked.output:
-        write_text(asked.output, json.dumps(asdict(found), indent=2))
+    if requested.output:
+        write_text(requested.output, json.dumps(asdict(found), indent=2))
     failed = [text for text in found.warnings if "stopped" in text or "failed" in text]
     return 1 if failed or found.slowest_s > LONGEST or found.memory_mib > MOST_MEMORY else 0
 

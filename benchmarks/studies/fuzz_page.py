@@ -88,20 +88,20 @@ def main() -> int:
     parser.add_argument("--frames", type=int, default=10_000)
     parser.add_argument("--requests", type=int, default=2_000)
     parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
-    random = np.random.default_rng(asked.seed)
+    requested = parser.parse_args()
+    random = np.random.default_rng(requested.seed)
     with tempfile.TemporaryDirectory() as folder:
         rig = Rig(Path(folder))
         rig.start()
         port, began = rig.page.address.port, time.monotonic()
         threads = threading.active_count()
         ended = 0
-        for _ in range(asked.frames):
+        for _ in range(requested.frames):
             with greeted(port) as link:
                 link.sendall(frame(random) + b"\x88\x80mask")  # and goodbye, where the frame left room for it
                 ended += closed(link)
         frames = time.monotonic() - began
-        for _ in range(asked.requests):
+        for _ in range(requested.requests):
             with socket.create_connection(("127.0.0.1", port), 10) as link:
                 link.sendall(request(random, port))
                 closed(link, 0.05)
@@ -110,8 +110,8 @@ def main() -> int:
             alive = answer.status == 200
         time.sleep(1.0)
         status = rig.session.status()
-        print(f"{asked.frames} malformed frames in {frames:.0f} s: {ended} sockets closed by the server at once")
-        print(f"{asked.requests} malformed requests; refused in all: {dict(rig.page.refusals.counts)}")
+        print(f"{requested.frames} malformed frames in {frames:.0f} s: {ended} sockets closed by the server at once")
+        print(f"{requested.requests} malformed requests; refused in all: {dict(rig.page.refusals.counts)}")
         print(f"lines told: {len(rig.told)}; viewers left: {rig.page.pump.viewers}; page alive: {alive}")
         print(f"threads before {threads}, after {threading.active_count()}; dropped {status.dropped}")
         learning = status.learnt.instants > instants or rig.session.learning.now.t >= 199.0

@@ -50,7 +50,7 @@ class Outcome:
     kind: str
     size: int
     read: int = 0
-    refused: int = 0
+    rejected: int = 0
     caught: Counter[str] = field(default_factory=Counter)
     escaped: list[str] = field(default_factory=list)
     many_lines: int = 0
@@ -87,7 +87,7 @@ def fuzz(kind: str, logs: dict[str, tuple[str, bytes]], runs: int, seed: int) ->
                 read(path)
                 found.read += 1
             except InputError as error:
-                found.refused += 1
+                found.rejected += 1
                 found.many_lines += "\n" in str(error)
                 if "damaged, cannot be read as" in str(error):
                     found.caught[str(error).partition("cannot be read as")[2][:100]] += 1
@@ -117,7 +117,7 @@ def _table(found: Sequence[Outcome], runs: int) -> Table:
         table.add_column(name, justify="left" if name == "kind" else "right", no_wrap=True)
     for each in found:
         table.add_row(
-            each.kind, f"{each.size}", f"{each.read}", f"{each.refused}", f"{each.caught.total()}",
+            each.kind, f"{each.size}", f"{each.read}", f"{each.rejected}", f"{each.caught.total()}",
             f"{len(each.escaped)}", f"{each.slowest_s:.3f}", f"{each.memory_mib:.0f}", "pass" if each.holds else "FAIL",
         )  # fmt: skip
     return table

@@ -194,12 +194,12 @@ def main() -> int:
     parser.add_argument("--through", type=int, default=5, help="sessions that nobody interrupts")
     parser.add_argument("--seconds", type=float, default=40.0)
     parser.add_argument("--output", type=Path)
-    asked = parser.parse_args()
-    chance = random.Random(asked.seed)
-    moments = [chance.uniform(_MARGIN, asked.seconds - _MARGIN) for _ in range(asked.runs)]
-    feed = messages(asked.seconds)
-    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(asked.workers) as pool:
-        whole = [pool.submit(session, feed, Path(folder) / f"through{k}.mcap", None) for k in range(asked.through)]
+    requested = parser.parse_args()
+    chance = random.Random(requested.seed)
+    moments = [chance.uniform(_MARGIN, requested.seconds - _MARGIN) for _ in range(requested.runs)]
+    feed = messages(requested.seconds)
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(requested.workers) as pool:
+        whole = [pool.submit(session, feed, Path(folder) / f"through{k}.mcap", None) for k in range(requested.through)]
         killed = [
             pool.submit(session, feed, Path(folder) / f"killed{k}.mcap", moment) for k, moment in enumerate(moments)
         ]
@@ -207,7 +207,7 @@ def main() -> int:
     reference = median_of(through)
     spread = show(f"{len(through)} sessions that nobody interrupted, {len(reference)} coefficients", through, reference)
     worst = show(f"{len(runs)} sessions, killed", runs, reference)
-    if asked.output:
+    if requested.output:
         changed = [changes(run, reference) for run in runs]
         document = {
             "reference": reference,
@@ -215,7 +215,7 @@ def main() -> int:
             "runs": [asdict(run) for run in runs],
             "changes": changed,
         }
-        write_text(asked.output, json.dumps(document, indent=2))
+        write_text(requested.output, json.dumps(document, indent=2))
     every = [x for run in runs for x in changes(run, reference).values()]
     alone = [x for run in through for x in changes(run, reference).values()]
     missing = max(run.missing for run in runs)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from towtank.identification.data.zero_order_hold import held_integral_into, held_push, new_held_input
+from towtank.identification.data.zero_order_hold import force_integral_into, hold_force, new_zero_order_hold
 
 FINE = 1e-4  # s
 
@@ -32,14 +32,14 @@ def test_integrals_equal_quadrature_at_irregular_times(delay: int, lag: float) -
     values = rng.normal(size=60)
     ends = np.unique(np.append(0, rng.choice(n, 90, replace=False)))
     force = lagged(n + 1, stamps + delay, values, lag)
-    held = new_held_input(1, np.array([lag]), delay * FINE)
+    held = new_zero_order_hold(1, np.array([lag]), delay * FINE)
     out = np.empty(1)
     found, event = [], 0
     for end in ends:
         while event < 60 and stamps[event] <= end:
-            held_push(held, stamps[event] * FINE, values[event : event + 1])
+            hold_force(held, stamps[event] * FINE, values[event : event + 1])
             event += 1
-        if not held_integral_into(held, end * FINE, out):
+        if not force_integral_into(held, end * FINE, out):
             out[:] = np.nan
         found.append(out[0])
     for k in range(1, len(ends)):
@@ -51,70 +51,70 @@ def test_integrals_equal_quadrature_at_irregular_times(delay: int, lag: float) -
 
 
 def test_several_thrusters_keep_their_own_lags() -> None:
-    held = new_held_input(3, np.array([0.0, 0.1, 0.5]), 0.0)
+    held = new_zero_order_hold(3, np.array([0.0, 0.1, 0.5]), 0.0)
     out = np.empty(3)
-    held_push(held, 0.0, np.zeros(3))
-    held_integral_into(held, 0.0, out)
-    held_push(held, 0.0, np.array([1.0, 2.0, 3.0]))  # at the same time: the last one counts
-    held_integral_into(held, 0.2, out)
+    hold_force(held, 0.0, np.zeros(3))
+    force_integral_into(held, 0.0, out)
+    hold_force(held, 0.0, np.array([1.0, 2.0, 3.0]))  # at the same time: the last one counts
+    force_integral_into(held, 0.2, out)
     exact = [0.2, 2.0 * (0.2 - 0.1 * (1 - np.exp(-2.0))), 3.0 * (0.2 - 0.5 * (1 - np.exp(-0.4)))]
     assert np.allclose(out, exact, rtol=1e-13)
     assert np.allclose(held.force, [1.0, 2.0 * (1 - np.exp(-2.0)), 3.0 * (1 - np.exp(-0.4))], rtol=1e-13)
 
 
 def test_nothing_is_known_before_the_first_command_and_the_first_holds_backwards() -> None:
-    held = new_held_input(1, np.zeros(1), 0.1)
+    held = new_zero_order_hold(1, np.zeros(1), 0.1)
     out = np.empty(1)
-    assert not held_integral_into(held, 0.0, out)
-    held_push(held, 0.0, np.array([5.0]))
-    assert held_integral_into(held, 0.05, out)
+    assert not force_integral_into(held, 0.0, out)
+    hold_force(held, 0.0, np.array([5.0]))
+    assert force_integral_into(held, 0.05, out)
     assert out[0] == pytest.approx(0.25)
 
 
 def test_the_ring_overflows_without_losing_the_present() -> None:
-    held = new_held_input(1, np.zeros(1), 0.0)
+    held = new_zero_order_hold(1, np.zeros(1), 0.0)
     out = np.empty(1)
-    held_push(held, 0.0, np.zeros(1))
-    held_integral_into(held, 0.0, out)
+    hold_force(held, 0.0, np.zeros(1))
+    force_integral_into(held, 0.0, out)
     for k in range(5000):
-        held_push(held, 1e-3 * k, np.array([float(k)]))
-    held_integral_into(held, 4.5, out)
-    held_integral_into(held, 4.6, out)
+        hold_force(held, 1e-3 * k, np.array([float(k)]))
+    force_integral_into(held, 4.5, out)
+    force_integral_into(held, 4.6, out)
     assert out[0] == pytest.approx(np.arange(4500, 4600).sum() * 1e-3, rel=1e-9)
     assert held.times.shape == (1024,)
 
 
 def test_a_command_that_is_not_finite_or_out_of_order_is_passed_over() -> None:
-    held = new_held_input(2, np.zeros(2), 0.0)
+    held = new_zero_order_hold(2, np.zeros(2), 0.0)
     out = np.empty(2)
-    held_push(held, 0.0, np.array([1.0, 1.0]))
-    held_push(held, 1.0, np.array([np.nan, 7.0]))
-    held_push(held, 1.0, np.array([7.0, np.inf]))
-    held_push(held, -1.0, np.array([7.0, 7.0]))
-    held_integral_into(held, 0.0, out)
-    held_integral_into(held, 2.0, out)
+    hold_force(held, 0.0, np.array([1.0, 1.0]))
+    hold_force(held, 1.0, np.array([np.nan, 7.0]))
+    hold_force(held, 1.0, np.array([7.0, np.inf]))
+    hold_force(held, -1.0, np.array([7.0, 7.0]))
+    force_integral_into(held, 0.0, out)
+    force_integral_into(held, 2.0, out)
     assert np.allclose(out, 2.0)
 
 
 @pytest.mark.parametrize("time", [np.nan, np.inf])
 def test_a_command_at_no_time_is_passed_over(time: float) -> None:
-    held = new_held_input(1, np.zeros(1), 0.0)
+    held = new_zero_order_hold(1, np.zeros(1), 0.0)
     out = np.empty(1)
-    held_push(held, time, np.array([1.0]))
-    held_push(held, 0.0, np.array([2.0]))
-    held_integral_into(held, 0.0, out)
-    held_push(held, 1.0, np.array([3.0]))
-    held_integral_into(held, 2.0, out)
+    hold_force(held, time, np.array([1.0]))
+    hold_force(held, 0.0, np.array([2.0]))
+    force_integral_into(held, 0.0, out)
+    hold_force(held, 1.0, np.array([3.0]))
+    force_integral_into(held, 2.0, out)
     assert out[0] == pytest.approx(5.0)
 
 
 def test_the_clock_never_runs_backwards() -> None:
-    held = new_held_input(1, np.zeros(1), 0.0)
+    held = new_zero_order_hold(1, np.zeros(1), 0.0)
     out = np.empty(1)
-    held_push(held, 0.0, np.ones(1))
-    held_integral_into(held, 0.0, out)
+    hold_force(held, 0.0, np.ones(1))
+    force_integral_into(held, 0.0, out)
     total = 0.0
     for end in (1.0, 0.4, 1.5):  # a late sample has nothing to integrate, and takes nothing back
-        held_integral_into(held, end, out)
+        force_integral_into(held, end, out)
         total += out[0]
     assert total == pytest.approx(1.5)

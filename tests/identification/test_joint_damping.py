@@ -13,12 +13,12 @@ from towtank.identification import Learner, learn_recordings
 from towtank.identification.data.samples import Samples, samples_of, spread_over
 from towtank.identification.kalman.alternatives import Choice, choose_damping, damping_in_question
 from towtank.identification.kalman.iterated import JointFit, joint_passes
-from towtank.identification.kalman.noise_adaptation import levels_of, tuning_for
+from towtank.identification.kalman.noise_adaptation import common_noise_levels, filter_settings
 from towtank.identification.model.parameters import free_parameters
 from towtank.identification.model.prior import size_of, start_theta
 from towtank.identification.model.terms import AXES
 from towtank.identification.offline.joint import doubted_inertias, run_rounds
-from towtank.identification.posterior.statistics import told_by_data
+from towtank.identification.posterior.statistics import information_of_data
 from towtank.recording import Recording
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.simulation.tank import tank_session
@@ -37,18 +37,26 @@ def surge(linear: float, quadratic: float, amplitude: float = 30.0) -> Recording
     return simulate(truth, wrench=push, sensors=Mocap(), disturbance=TANK, seed=1)
 
 
-def chosen(log: Recording, *damping: str, asked: bool = False) -> tuple[JointFit, Choice | None]:
+def chosen(log: Recording, *damping: str, requested: bool = False) -> tuple[JointFit, Choice | None]:
     """The choice that follows a fit with these damping terms of surge free, all else known."""
     vehicle = unknown(box(), **{name: value for name, value in TRUTH.items() if name[0] != "X"})
-    samples, tuning = [samples_of(log, vehicle)], tuning_for(vehicle)
+    samples, tuning = [samples_of(log, vehicle)], filter_settings(vehicle)
     free = free_parameters(vehicle, ("X_udot", *damping))
-    levels = levels_of([log], samples, vehicle)
+    levels = common_noise_levels([log], samples, vehicle)
     p = np.array(vehicle.parameters)
     theta = start_theta(vehicle, vehicle, free, delay=0.0, lag=0.05)
-    fit = joint_passes(samples, p, free, theta, levels, tuning, scale=size_of(vehicle, free), cautious=False)
+    fit = joint_passes(samples, p, free, theta, levels, tuning, scale=size_of(vehicle, free), inflate=False)
     shown = levels.noise
     return fit, choose_damping(
-        samples, vehicle, fit, [SURGE], tuning=tuning, delay=0.0, prior=lambda free: None, shown=shown, asked=asked
+        samples,
+        vehicle,
+        fit,
+        [SURGE],
+        tuning=tuning,
+        delay=0.0,
+        prior=lambda free: None,
+        shown=shown,
+        requested=requested,
     )
 
 
@@ -88,20 +96,20 @@ def test_a_run_that_cannot_tell_them_apart_leaves_the_choice_as_it_is(free: str)
 
 
 def test_of_two_that_somebody_asked_for_the_one_that_is_nothing_is_left_out_with_its_figure() -> None:
-    _, choice = chosen(surge(0.0, -30.0), *SURGE, asked=True)
+    _, choice = chosen(surge(0.0, -30.0), *SURGE, requested=True)
     assert choice is not None
     assert set(choice.left_out) == {"X_u"}
     assert "not different from 0" in choice.left_out["X_u"]
-    _, choice = chosen(surge(-6.0, -20.0), *SURGE, asked=True)
+    _, choice = chosen(surge(-6.0, -20.0), *SURGE, requested=True)
     assert choice is None or not choice.left_out
 
 
 def test_only_terms_that_may_be_free_are_in_question() -> None:
     bare = unknown(box())
-    assert damping_in_question(bare, ("X_u", "N_rr"), asked=False) == [SURGE, ("N_r", "N_rr")]
-    assert damping_in_question(unknown(box(), X_uu=-30.0), ("X_uu",), asked=False) == []
-    assert damping_in_question(bare, ("X_uu",), asked=True) == []
-    assert damping_in_question(bare, SURGE, asked=True) == [SURGE]
+    assert damping_in_question(bare, ("X_u", "N_rr"), requested=False) == [SURGE, ("N_r", "N_rr")]
+    assert damping_in_question(unknown(box(), X_uu=-30.0), ("X_uu",), requested=False) == []
+    assert damping_in_question(bare, ("X_uu",), requested=True) == []
+    assert damping_in_question(bare, SURGE, requested=True) == [SURGE]
 
 
 def test_a_log_on_which_both_are_asked_for_and_one_is_there() -> None:
@@ -124,14 +132,14 @@ def test_an_inertia_that_least_squares_doubts_is_learned_where_the_filter_is_sur
         samples,
         free,
         start_theta(vehicle, vehicle, free, delay=0.0, lag=0.05),
-        levels_of([log], samples, vehicle),
-        tuning_for(vehicle),
+        common_noise_levels([log], samples, vehicle),
+        filter_settings(vehicle),
         held={"X_udot": "too little acceleration"},
         doubted=doubted_inertias(("X_uu",), ("X_udot", "N_rdot")),
-        zeroed=["X_udot"],
+        set_to_zero=["X_udot"],
         delay=0.0,
         prior=None,
-        asked=False,
+        requested=False,
         speeds=np.full((6, 2), 0.5),
         told=lambda share: None,
     )
@@ -172,7 +180,7 @@ def test_a_stream_finds_linear_drag_axis_by_axis_and_takes_no_first_motion_for_a
 def test_what_nothing_is_known_of_does_not_drown_the_rest() -> None:
     covariance = np.diag([1e-4, 4e-4, 1e30])
     covariance[0, 1] = covariance[1, 0] = 1e-4
-    information = told_by_data(covariance, np.diag([1.0, 1.0, 0.0]))
+    information = information_of_data(covariance, np.diag([1.0, 1.0, 0.0]))
     expected = np.linalg.inv(covariance[:2, :2]) - np.eye(2)
     np.testing.assert_allclose(information[:2, :2], expected, rtol=1e-9)
     assert abs(information[2, 2]) < 1e-6

@@ -22,9 +22,9 @@ def run_with_false_start(offset: float, seed: int) -> Recording:
     wrench = waves(round(SECONDS / DT), DT, (0, 2.0, 0.8), square=True)
     wrench[: round(REST / DT)] = 0.0
     run = simulate(box(), wrench=wrench, dt=DT, sensors=Mocap(noise_mm=NOISE, jump_fraction=0.0), seed=seed)
-    hidden = (run["x"].t > 0.05) & (run["x"].t < 0.40)
+    outage = (run["x"].t > 0.05) & (run["x"].t < 0.40)
     axes = (run[name] for name in ("x", "y", "z"))
-    return run.replace([replace(each, values=each.values + offset * hidden) for each in axes])
+    return run.replace([replace(each, values=each.values + offset * outage) for each in axes])
 
 
 @pytest.mark.parametrize("seed", range(1, 9))

@@ -9,9 +9,9 @@ from towtank.core.arrays import Array
 from towtank.core.attitude import quaternion_product
 from towtank.core.layout import N_PARAMETERS
 from towtank.identification.data.samples import Samples, samples_of
-from towtank.identification.data.zero_order_hold import held_means_into, held_push, new_held_input
+from towtank.identification.data.zero_order_hold import hold_force, mean_forces_into, new_zero_order_hold
 from towtank.identification.kalman.filter import joint_events, joint_step
-from towtank.identification.kalman.state import C_RESETS, C_ROWS, JointState, Tuning, new_joint_state
+from towtank.identification.kalman.state import C_RESETS, C_ROWS, FilterSettings, JointState, new_joint_state
 from towtank.identification.kalman.update import attitude_error
 from towtank.identification.model.linearisation import N_FIXED, step_and_linearise, transition_scratch
 from towtank.identification.model.parameters import free_parameters
@@ -41,7 +41,7 @@ def filter_for(
     *,
     off: float = 0.2,
     biases: bool = False,
-    tuning: Tuning | None = None,
+    tuning: FilterSettings | None = None,
     shape: Array,
 ) -> JointState:
     free = free_parameters(vehicle, names)
@@ -49,12 +49,21 @@ def filter_for(
     wide = np.array([0.5 if code[3] else 0.3 for code in free.codes])
     start = theta + np.where(free.codes[:, 3] > 0, off, 0.0)
     return new_joint_state(
-        vehicle.parameters, free, start, wide, shape, NOISE, SIGMA, np.zeros(6), tuning or Tuning(), biases=biases
+        vehicle.parameters,
+        free,
+        start,
+        wide,
+        shape,
+        NOISE,
+        SIGMA,
+        np.zeros(6),
+        tuning or FilterSettings(),
+        biases=biases,
     )
 
 
 def follow(state: JointState, samples: Samples, last: int | None = None) -> JointState:
-    held = new_held_input(samples.shape.shape[1], samples.lag, 0.0)
+    held = new_zero_order_hold(samples.shape.shape[1], samples.lag, 0.0)
     end = len(samples) if last is None else last
     joint_events(state, held, samples.t, samples.values, samples.input_t, samples.input_force, True, 0, end, 0)
     return state
@@ -65,14 +74,14 @@ class Reference:
 
     def __init__(self, vehicle: Vehicle, state: JointState, samples: Samples) -> None:
         self.samples, self.n = samples, state.theta.size
-        self.p, self.codes, self.anchor = state.p.copy(), state.codes, state.anchor.copy()
+        self.p, self.codes, self.linearised_at = state.p.copy(), state.codes, state.linearised_at.copy()
         self.theta, self.P, self.x = state.theta.copy(), state.P.copy(), state.x.copy()
         self.force = np.zeros(6)
-        self.held = new_held_input(samples.shape.shape[1], samples.lag, 0.0)
+        self.held = new_zero_order_hold(samples.shape.shape[1], samples.lag, 0.0)
         self.pushed = np.zeros((3, samples.shape.shape[1]))
 
     def predict(self, t: float, h: float) -> None:
-        held_means_into(self.held, t, self.pushed)
+        mean_forces_into(self.held, t, self.pushed)
         F12, A, work, scratch = transition_scratch(self.n)
         fade = np.exp(-h / 2.0)
         mean = (1.0 - fade) * 2.0 / h
@@ -85,7 +94,7 @@ class Reference:
             h,
             0.5,
             self.codes,
-            self.anchor,
+            self.linearised_at,
             self.samples.shape,
             self.pushed,
             True,
@@ -97,7 +106,7 @@ class Reference:
         F = np.eye(N_FIXED + self.n)
         F[:12] = F12
         F[12:18, 12:18] = fade * np.eye(6)
-        self.shift(F[:12, N_FIXED:] @ (self.theta - self.anchor))
+        self.shift(F[:12, N_FIXED:] @ (self.theta - self.linearised_at))
         Q = np.zeros_like(F)
         Q[12:18, 12:18] = np.diag(SIGMA**2 * (1.0 - fade**2))
         Q[6:12, 6:12] = 1e-8 * h * np.eye(6)
@@ -129,10 +138,10 @@ class Reference:
 
 def test_the_filter_is_the_textbooks(vehicle: Vehicle) -> None:
     samples = run_of(vehicle, Mocap(jump_fraction=0.0), 1.5)
-    never = Tuning(gate=1e9, huber=1e9)
+    never = FilterSettings(gate=1e9, huber=1e9)
     state = filter_for(vehicle, shape=samples.shape, tuning=never)
     reference = Reference(vehicle, state, samples)
-    held = new_held_input(samples.shape.shape[1], samples.lag, 0.0)
+    held = new_zero_order_hold(samples.shape.shape[1], samples.lag, 0.0)
     pushed = 0
     for i in range(17):  # until the anchor moves
         pushed = joint_events(
@@ -140,16 +149,16 @@ def test_the_filter_is_the_textbooks(vehicle: Vehicle) -> None:
         )
         while reference.held.counters[0] < held.counters[0]:
             k = int(reference.held.counters[0])
-            held_push(reference.held, samples.input_t[k], samples.input_force[k])
+            hold_force(reference.held, samples.input_t[k], samples.input_force[k])
         if i == 0:
-            held_means_into(reference.held, samples.t[0], reference.pushed)
+            mean_forces_into(reference.held, samples.t[0], reference.pushed)
             reference.x, reference.P = state.x.copy(), state.P.copy()
             reference.force = state.force.copy()
             reference.theta = state.theta.copy()
             continue
         reference.predict(samples.t[i], samples.t[i] - samples.t[i - 1])
         reference.update(samples.values[i])
-        np.testing.assert_array_equal(state.anchor, reference.anchor)
+        np.testing.assert_array_equal(state.linearised_at, reference.linearised_at)
         np.testing.assert_allclose(state.x, reference.x, atol=1e-9)
         np.testing.assert_allclose(state.theta, reference.theta, atol=1e-8)
         scale = np.sqrt(np.outer(np.diag(reference.P), np.diag(reference.P))) + 1e-12
@@ -169,11 +178,11 @@ def test_one_by_one_is_as_all_at_once(vehicle: Vehicle) -> None:
     samples = run_of(vehicle, Ins(), 4.0)
     whole = follow(filter_for(vehicle, shape=samples.shape, biases=True), samples)
     state = filter_for(vehicle, shape=samples.shape, biases=True)
-    held = new_held_input(samples.shape.shape[1], samples.lag, 0.0)
+    held = new_zero_order_hold(samples.shape.shape[1], samples.lag, 0.0)
     k = 0
     for t, z in zip(samples.t, samples.values, strict=True):
         while k < len(samples.input_t) and samples.input_t[k] <= t:
-            held_push(held, samples.input_t[k], samples.input_force[k])
+            hold_force(held, samples.input_t[k], samples.input_force[k])
             k += 1
         joint_step(state, held, t, z, True)
     for a, b in zip(whole[:7], state[:7], strict=True):
@@ -214,7 +223,7 @@ def test_a_hidden_marker_is_refused_and_a_moved_origin_taken_up(vehicle: Vehicle
 def test_rows_out_of_order_and_without_numbers_change_nothing(vehicle: Vehicle) -> None:
     samples = run_of(vehicle, Mocap(), 3.0)
     state = filter_for(vehicle, shape=samples.shape)
-    held = new_held_input(samples.shape.shape[1], samples.lag, 0.0)
+    held = new_zero_order_hold(samples.shape.shape[1], samples.lag, 0.0)
     joint_events(state, held, samples.t, samples.values, samples.input_t, samples.input_force, True, 0, 100, 0)
     before = state.theta.copy(), state.P.copy()
     assert not joint_step(state, held, float(samples.t[50]), samples.values[50], True)
@@ -231,8 +240,8 @@ def test_after_a_long_gap_the_motion_begins_anew_and_coefficients_stay(vehicle: 
     samples = run_of(vehicle, Mocap(), 6.0)
     state = follow(filter_for(vehicle, shape=samples.shape), samples, 300)
     theta = state.theta.copy()
-    held = new_held_input(samples.shape.shape[1], samples.lag, 0.0)
-    held_push(held, samples.t[-1], samples.input_force[-1])
+    held = new_zero_order_hold(samples.shape.shape[1], samples.lag, 0.0)
+    hold_force(held, samples.t[-1], samples.input_force[-1])
     z = samples.values[-1] + 5.0
     assert not joint_step(state, held, float(samples.t[-1] + 60.0), z, True)
     np.testing.assert_allclose(state.theta, theta, atol=1e-12)
@@ -245,4 +254,4 @@ def test_the_kernel_vector_has_the_coefficients(vehicle: Vehicle) -> None:
     assert state.p.size == N_PARAMETERS
     free = free_parameters(vehicle, NAMES)
     k = free.names.index("X_udot")
-    assert state.p[0] == pytest.approx(np.exp(state.anchor[k]))
+    assert state.p[0] == pytest.approx(np.exp(state.linearised_at[k]))

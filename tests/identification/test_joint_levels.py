@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from towtank.identification import learn_recordings
-from towtank.identification.data.noise import Levels
+from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.data.samples import samples_of
 from towtank.identification.kalman.iterated import one_pass
-from towtank.identification.kalman.state import C_SINCE, JointState, Tuning, new_joint_state
+from towtank.identification.kalman.state import C_SINCE, FilterSettings, JointState, new_joint_state
 from towtank.identification.kalman.update import count_speed
 from towtank.identification.model.parameters import free_parameters
 from towtank.simulation import Ins, OrnsteinUhlenbeck, simulate
@@ -25,7 +25,7 @@ def counting(since: float) -> JointState:
     free = free_parameters(box(), ("X_uu",))
     state = new_joint_state(
         np.array(box().parameters), free, np.zeros(1), np.ones(1), np.zeros((6, 0)), np.full(15, NOISE), np.ones(6),
-        np.full(6, WALK), Tuning(), biases=False,
+        np.full(6, WALK), FilterSettings(), biases=False,
     )  # fmt: skip
     state.clock[C_SINCE] = since
     return state
@@ -73,8 +73,10 @@ def test_speeds_of_two_recordings_are_no_neighbours() -> None:
     wrench = waves(300, 0.01, (0, 10.0, 1.2))
     logs = [samples_of(simulate(box(), wrench=wrench, sensors=Ins(), seed=seed), box()) for seed in range(2)]
     free = free_parameters(box(), ("X_uu",))
-    levels = Levels(np.full(15, NOISE), np.ones(6), np.full(6, WALK))
-    state, _ = one_pass(logs, np.array(box().parameters), free, np.array([3.4]), np.array([0.5]), levels, Tuning())
+    levels = NoiseLevels(np.full(15, NOISE), np.ones(6), np.full(6, WALK))
+    state, _ = one_pass(
+        logs, np.array(box().parameters), free, np.array([3.4]), np.array([0.5]), levels, FilterSettings()
+    )
     believed, pairs = state.stats[6, 4], state.stats[6, 7]
     assert believed > 20.0
     assert pairs == believed - 2.0
@@ -89,5 +91,5 @@ def test_a_dvl_s_noise_and_the_disturbance_are_told_apart(seed: int) -> None:
     levels = learn_recordings(unknown(box(), **TRUTH), [log], free=names, delay=0.0).levels
     assert levels is not None
     np.testing.assert_allclose(levels.noise[6:9], Ins().dvl_noise, rtol=0.25)
-    assert 0.2 < np.exp(np.mean(np.log(levels.sigma[:3]))) < 1.0
-    assert np.all(levels.rough[:3] < 0.02)
+    assert 0.2 < np.exp(np.mean(np.log(levels.disturbance[:3]))) < 1.0
+    assert np.all(levels.velocity_walk[:3] < 0.02)

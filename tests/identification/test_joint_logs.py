@@ -167,14 +167,14 @@ def test_gyro_and_depth_tell_nothing_of_axes_that_only_the_water_moves() -> None
     force = OrnsteinUhlenbeck(std=(0.3, 0.3, 0.3, 0.02, 0.02, 0.02), time_constant=2.0)
     run = simulate(vehicle, wrench=wrench, dt=0.02, sensors=Ins(), disturbance=force, seed=1)
     run = run.without("phi", "theta", "psi", "u", "v", "w", "ax", "ay", "az")
-    asked = learn_recordings(unknown(vehicle), [run], free=list(TRUTH)).estimate
+    requested = learn_recordings(unknown(vehicle), [run], free=list(TRUTH)).estimate
     for name in TRUTH:
         if name[0] in "YZKM":
-            assert not asked[name].identified
-            assert "was not commanded" in str(asked[name].reason)
+            assert not requested[name].identified
+            assert "was not commanded" in str(requested[name].reason)
     for name in ("N_rdot", "N_rr"):
-        assert asked[name].identified
-        assert abs(asked[name].value - TRUTH[name]) < 4.0 * asked[name].std
+        assert requested[name].identified
+        assert abs(requested[name].value - TRUTH[name]) < 4.0 * requested[name].std
     found = learn_recordings(unknown(vehicle), [run]).estimate
     for name in ("X_udot", "Y_vdot", "Z_wdot"):
         assert not found[name].identified

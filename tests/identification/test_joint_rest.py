@@ -6,7 +6,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification import Learner
-from towtank.identification.kalman.state import JointState, Tuning, new_joint_state
+from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state
 from towtank.identification.kalman.update import scalar_update
 from towtank.identification.model.linearisation import N_FIXED
 from towtank.identification.model.parameters import free_parameters
@@ -20,17 +20,17 @@ LEARNED, HELD, AGAIN = 140.0, 400.0, 60.0  # s
 FORCE = OrnsteinUhlenbeck(std=(0.3, 0.3, 0.3, 0.02, 0.02, 0.02), time_constant=2.0)
 
 
-def state_with(P: Array, rests: tuple[int, ...]) -> JointState:
+def state_with(P: Array, is_considered: tuple[int, ...]) -> JointState:
     vehicle = box()
     free = free_parameters(vehicle, NAMES)
     theta = free.theta(vehicle, delay=0.0, lag=0.0)
     state = new_joint_state(
         np.array(vehicle.parameters), free, theta, np.ones(len(free)), np.eye(6), np.full(15, 0.1), np.ones(6),
-        np.zeros(6), Tuning(), biases=False,
+        np.zeros(6), FilterSettings(), biases=False,
     )  # fmt: skip
     state.P[:] = P
-    for k in rests:
-        state.awake[N_FIXED + k] = 0.0
+    for k in is_considered:
+        state.active[N_FIXED + k] = 0.0
     return state
 
 
@@ -39,15 +39,15 @@ def test_the_covariance_of_one_that_rests_is_josephs_with_its_gain_left_out() ->
     size = N_FIXED + len(NAMES)
     root = random.standard_normal((size, size))
     P = root @ root.T / size
-    rests = (1, 3)
-    state = state_with(P, rests)
+    is_considered = (1, 3)
+    state = state_with(P, is_considered)
     row = random.standard_normal(size)
     state.h[:] = row
     scalar_update(state, 0, 0.2)
     R = 0.1**2
     S = row @ P @ row + R
     gain = P @ row / S
-    gain[[N_FIXED + k for k in rests]] = 0.0
+    gain[[N_FIXED + k for k in is_considered]] = 0.0
     keep = np.eye(size) - np.outer(gain, row)
     np.testing.assert_allclose(state.P, keep @ P @ keep.T + R * np.outer(gain, gain), atol=1e-12)
     np.testing.assert_allclose(state.dx, 0.2 * gain, atol=1e-12)
@@ -64,7 +64,7 @@ def test_what_was_gained_is_the_fall_of_the_logarithm_of_the_variance() -> None:
     state.h[:] = 1e-3 * random.standard_normal(size)
     scalar_update(state, 0, 0.0)
     fell = np.log(before / np.diag(state.P)[N_FIXED:])
-    np.testing.assert_allclose(state.gained, fell, rtol=1e-3)
+    np.testing.assert_allclose(state.information_rate, fell, rtol=1e-3)
 
 
 def test_a_vehicle_that_is_held_in_place_learns_nothing_wrong_and_goes_on_when_it_moves() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from towtank.errors import InputError
 from towtank.identification import Learner
-from towtank.identification.kalman.noise_adaptation import refused_share
+from towtank.identification.kalman.noise_adaptation import rejected_share
 from towtank.identification.online.joint import JointLearner
 from towtank.recording import Recording
 from towtank.simulation import Ins, simulate
@@ -45,14 +45,14 @@ def test_gyros_are_believed_where_the_thrusters_answer_late(lag: float) -> None:
     learner.run(_yaw(lag))
     state = learner._stream.state
     assert state is not None
-    assert refused_share(state)[11] < 0.1
+    assert rejected_share(state)[11] < 0.1
     found = {each.name: each.value for each in learner.estimate.coefficients}
     off = 0.03 if lag == 0.0 else 0.35
     assert found["N_rr"] == pytest.approx(TRUTH.coefficient("N_rr"), rel=off)
     assert _total(found) == pytest.approx(
         float(TRUTH.rigid_body_matrix[5, 5]) - TRUTH.coefficient("N_rdot"), rel=2.0 * off
     )
-    assert (state.rough[5] > 0.02) == (lag > 0.0)  # what the model lacks is called roughness, not noise
+    assert (state.velocity_walk[5] > 0.02) == (lag > 0.0)  # what the model lacks is called roughness, not noise
 
 
 def test_a_filter_that_lost_itself_goes_on_from_what_it_knew() -> None:

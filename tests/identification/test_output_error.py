@@ -11,7 +11,7 @@ from tests.identification.runs import TRUTH, box
 
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import Samples, samples_of
-from towtank.identification.data.zero_order_hold import new_held_input
+from towtank.identification.data.zero_order_hold import new_zero_order_hold
 from towtank.identification.model.parameters import FreeParameters, free_parameters
 from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
 from towtank.identification.simulation_error.problem import free_run_of
@@ -93,7 +93,7 @@ class Plain:
         state[[0, 7]] += x[:2]
         out = new_equations(1, int(self.run.block.max()) + 1, self.run.t.size, 12 + len(self.free))
         space = new_workspace(12 + len(self.free), len(self.free), self.run.shape.shape[1])
-        held, every = new_held_input(self.run.lag.size, self.run.lag, 0.0), np.arange(12)
+        held, every = new_zero_order_hold(self.run.lag.size, self.run.lag, 0.0), np.arange(12)
         assert free_run(
             self.run, self.vehicle.parameters, self.free.codes, x[2:], held, state[None, :], every, every,
             np.ones(15), False, out, space,
@@ -225,13 +225,13 @@ def test_hidden_markers_have_no_say() -> None:
     vehicle, often = box(), Mocap(jump_fraction=0.05)
     for seed in (1, 3, 5):
         samples = samples_of(simulate(vehicle, wrench=push(1000, 0), dt=DT, sensors=often, seed=seed), vehicle)
-        hidden = intervals(samples.t, often.jump_fraction, often.jump_s, stream(seed, "mocap", "jumps")) >= 0
+        outage = intervals(samples.t, often.jump_fraction, often.jump_s, stream(seed, "mocap", "jumps")) >= 0
         fit, _ = fitted(samples, vehicle, SURGE, noise=np.full(15, 1e-3))
         seen = samples.values.copy()
-        seen[hidden, :3] = np.nan
+        seen[outage, :3] = np.nan
         best, _ = fitted(replace(samples, values=seen), vehicle, SURGE, noise=np.full(15, 1e-3))
         assert_found(fit, best.theta, within=1.0, deviation=0.01)
-        assert 0.4 * hidden.mean() <= fit.rejected < hidden.mean() + 0.01
+        assert 0.4 * outage.mean() <= fit.rejected < outage.mean() + 0.01
 
 
 def test_intervals_hold_the_truth_and_a_random_force_widens_them() -> None:

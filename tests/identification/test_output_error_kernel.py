@@ -14,7 +14,7 @@ import pytest
 from towtank.core.arrays import Array
 from towtank.core.attitude import quaternion_product, quaternions_from_eulers
 from towtank.identification.data.samples import Samples, samples_of
-from towtank.identification.data.zero_order_hold import new_held_input
+from towtank.identification.data.zero_order_hold import new_zero_order_hold
 from towtank.identification.model.parameters import FreeParameters, free_parameters
 from towtank.identification.simulation_error.problem import free_run_of
 from towtank.identification.simulation_error.residuals import GATE, GONE, HUBER, robust_cost, weight_of
@@ -28,7 +28,7 @@ from towtank.identification.simulation_error.trajectory import (
 from towtank.simulation import simulate
 from towtank.vehicle import Vehicle, configuration_matrix, load_vehicle
 
-PLAIN = bool(numba.config.DISABLE_JIT)
+UNTRANSFORMED = bool(numba.config.DISABLE_JIT)
 COEFFICIENTS = (
     *("X_udot", "Y_vdot", "N_rdot", "K_pdot", "Y_rdot", "X_qdot"),
     *("X_u", "Y_vv", "N_rr", "N_v", "M_ww", "W_minus_B", "BG_x", "BG_y", "BG_z", "X_0", "N_0"),
@@ -59,7 +59,7 @@ class Case:
         self.theta = self.free.theta(self.vehicle, delay=delay, lag=lag)
         self.gains = any(name.startswith("gain") for name in names)
         self.delay = delay
-        n = 12 if PLAIN else 120
+        n = 12 if UNTRANSFORMED else 120
         t = dt * np.arange(n, dtype=np.float64)
         t[n // 3 : n // 2] += 0.3 * dt  # not regular
         shape = configuration_matrix(self.vehicle)
@@ -90,7 +90,7 @@ class Case:
         states = np.array([_moved(x, e) for x, e in zip(self.states, move[: 12 * s].reshape(s, 12), strict=True)])
         n, m = len(self.free), run.shape.shape[1]
         out = new_equations(s, run.t.size, run.t.size, 12 + n)
-        held = new_held_input(m, run.lag, self.delay)
+        held = new_zero_order_hold(m, run.lag, self.delay)
         everything = np.arange(12)
         theta, scale, space = self.theta + move[12 * s :], np.full(15, 1e6), new_workspace(12 + n, n, m)
         p = self.vehicle.parameters
@@ -134,7 +134,7 @@ def _scores(case: Case) -> tuple[Array, Array]:
 
 @pytest.mark.parametrize("name", COLUMNS)
 def test_sensitivities_to_states_and_coefficients(name: str) -> None:
-    case = Case(COEFFICIENTS[::2] if PLAIN else COEFFICIENTS)
+    case = Case(COEFFICIENTS[::2] if UNTRANSFORMED else COEFFICIENTS)
     case.measure(*COLUMNS[name], np.random.default_rng(1))
     found, expected = _scores(case)
     np.testing.assert_allclose(found, expected, atol=0.02)
@@ -157,7 +157,7 @@ def test_sensitivities_of_single_angles(angle: int) -> None:
     np.testing.assert_allclose(found, expected, atol=0.02)
 
 
-@pytest.mark.skipif(PLAIN, reason="runs of plain Python are too short to tell")
+@pytest.mark.skipif(UNTRANSFORMED, reason="runs of plain Python are too short to tell")
 def test_sensitivities_are_of_second_order_in_the_step() -> None:
     worst = []
     for dt in (0.01, 0.005):
@@ -173,7 +173,7 @@ def test_the_motion_is_the_simulators(delay: float, lag: float) -> None:
     vehicle = _vehicle()
     slow = tuple(thruster.model_copy(update={"time_constant": lag}) for thruster in vehicle.thrusters)
     vehicle = vehicle.model_copy(update={"thrusters": slow, "command_delay": delay})
-    n = 50 if PLAIN else 500
+    n = 50 if UNTRANSFORMED else 500
     commands = np.repeat(np.random.default_rng(0).uniform(-40.0, 40.0, (n // 10, len(slow))), 10, axis=0)
     commands[:10] = 0.0
     samples = samples_of(simulate(vehicle, commands=commands, dt=0.01), vehicle)
@@ -183,7 +183,7 @@ def test_the_motion_is_the_simulators(delay: float, lag: float) -> None:
     start = np.zeros((1, 13))
     start[0, 3] = 1.0
     held, theta, all_ = (
-        new_held_input(run.lag.size, run.lag, delay),
+        new_zero_order_hold(run.lag.size, run.lag, delay),
         free.theta(vehicle, delay=0.0, lag=0.0),
         np.arange(12),
     )

@@ -10,11 +10,11 @@ from towtank.app.tables.learning import delay_deviation, disturbance_document
 from towtank.app.tables.repairs import contents_document, learning_warnings
 from towtank.app.terminal.output import Teller
 from towtank.identification import LogLearning, learn_paper
-from towtank.identification.data.noise import Levels, NoiseLevel, noise_levels
+from towtank.identification.data.noise import NoiseLevel, NoiseLevels, noise_levels
 from towtank.identification.least_squares.chain import uses_commands
 from towtank.identification.model.terms import AXES
 from towtank.identification.offline.first_look import DRIVEN, first_look
-from towtank.identification.offline.forecast import Outlook, Prospect, liveliest, outlook
+from towtank.identification.offline.forecast import Forecast, PredictedAccuracy, best_excited, forecast
 from towtank.identification.posterior.assembly import Sources
 from towtank.recording import Grid, Recording, align, bind_thrusters
 from towtank.recording.facts import ChannelFacts, channel_facts
@@ -41,7 +41,7 @@ class AxisVerdict:
     reason: str | None
     explained: float | None
     coefficients: Mapping[str, str | None]
-    prospects: Mapping[str, Prospect]
+    predicted_accuracies: Mapping[str, PredictedAccuracy]
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Inspection:
     delay_from: str | None
     axes: dict[str, AxisVerdict]
     warnings: list[str]
-    outlook: Outlook | None = None
+    forecast: Forecast | None = None
     windows: tuple[tuple[float, float], ...] = ()
 
     @property
@@ -75,9 +75,9 @@ class Inspection:
         return Sources.of(self.grid.pose, self.grid.velocity, self.grid.acceleration)
 
     @property
-    def levels(self) -> Levels | None:
+    def levels(self) -> NoiseLevels | None:
         """Levels of noise and disturbance, where the filter that found them is believed."""
-        return self.outlook.levels if self.outlook is not None and self.outlook.agrees else None
+        return self.forecast.levels if self.forecast is not None and self.forecast.agrees else None
 
     @property
     def repairs(self) -> Repairs:
@@ -136,10 +136,10 @@ def inspect_recording(log: str, recording: Recording, vehicle: Vehicle | None, t
         }
         origin = None if look.delay is None else "correlation"
         return Inspection(log, recording, grid, facts, noise, look.delay, look.delay_std, origin, axes, [])
-    windows = liveliest(grid, vehicle)
+    windows = best_excited(grid, vehicle)
     parts = [recording] if len(windows) == 1 else [recording.window(*window) for window in windows]
     learning = learn_paper(vehicle, parts, progress=lambda text, share: tell(text, 0.6 * share))
-    ahead = outlook(vehicle, parts, learning, told=lambda share: tell("joint filter", 0.6 + 0.4 * share))
+    ahead = forecast(vehicle, parts, learning, progress=lambda share: tell("joint filter", 0.6 + 0.4 * share))
     axes = {axis.name: _by_learning(axis, kind, learning, ahead) for axis, kind in _axes(sources)}
     warnings = learning_warnings(learning, parts, repairs=False)
     delay, std = (learning.delay, delay_deviation(learning)) if ahead is None else (ahead.delay, ahead.delay_std)
@@ -148,14 +148,14 @@ def inspect_recording(log: str, recording: Recording, vehicle: Vehicle | None, t
 
 def _excitation(found: Inspection) -> dict[str, Any]:
     """Return what a learning will know, and from which stretches of the log that is told."""
-    ahead = found.outlook
+    ahead = found.forecast
     if ahead is None:
         return {}
     return {
         "windows": found.windows,
         "whole": len(found.windows) == 1,
         "by": "joint filter" if ahead.agrees else "least squares",
-        "coefficients": {name: asdict(prospect) for name, prospect in ahead.known.items()},
+        "coefficients": {name: asdict(predicted_accuracy) for name, predicted_accuracy in ahead.known.items()},
     }
 
 
@@ -175,7 +175,7 @@ def _by_explained(velocity: str, source: str, share: float) -> AxisVerdict:
     return AxisVerdict(velocity, source, True, None, share, {}, {})
 
 
-def _by_learning(axis: Any, source: str, learning: LogLearning, ahead: Outlook | None) -> AxisVerdict:
+def _by_learning(axis: Any, source: str, learning: LogLearning, ahead: Forecast | None) -> AxisVerdict:
     estimate = learning.estimate
     names = [name for name in (axis.added_mass, *axis.columns) if name and name in estimate]
     reasons = {name: estimate[name].reason for name in names}

@@ -21,7 +21,12 @@ from towtank.core.attitude import eulers_from_quaternions, quaternion_from_euler
 from towtank.core.rk4 import simulate_run
 from towtank.errors import InputError
 from towtank.identification.data.samples import with_absent_zero
-from towtank.identification.data.zero_order_hold import HeldInput, held_integral_into, held_push, new_held_input
+from towtank.identification.data.zero_order_hold import (
+    ZeroOrderHold,
+    force_integral_into,
+    hold_force,
+    new_zero_order_hold,
+)
 from towtank.identification.least_squares.chain import uses_commands
 from towtank.identification.least_squares.velocity import (
     ABSENT,
@@ -128,7 +133,7 @@ def _heading(q: Array) -> float:
 
 
 @kernel
-def _means(held: HeldInput, shape: Array, t: Array, stamps: Array, forces: Array) -> Array:
+def _means(held: ZeroOrderHold, shape: Array, t: Array, stamps: Array, forces: Array) -> Array:
     """Return the mean wrench (n - 1, 6) over each interval of t (n,) of forces (k, m) held from stamps (k,) on."""
     n, m = t.shape[0], forces.shape[1]
     out = np.zeros((n - 1, 6))
@@ -136,9 +141,9 @@ def _means(held: HeldInput, shape: Array, t: Array, stamps: Array, forces: Array
     event = 0
     for i in range(n):
         while event < stamps.shape[0] and stamps[event] <= t[i]:
-            held_push(held, stamps[event], forces[event])
+            hold_force(held, stamps[event], forces[event])
             event += 1
-        held_integral_into(held, t[i], total)
+        force_integral_into(held, t[i], total)
         if i > 0:
             for a in range(6):
                 for j in range(m):
@@ -177,7 +182,7 @@ def mean_wrenches(vehicle: Vehicle, grid: Grid, delay: float | None = None) -> A
     if not stamps.size:
         raise InputError(f"{grid.source or 'recording'}: no row has a command for every thruster")
     return _means(
-        new_held_input(shape.shape[1], lag, delay),
+        new_zero_order_hold(shape.shape[1], lag, delay),
         np.ascontiguousarray(shape),
         grid.t,
         stamps,

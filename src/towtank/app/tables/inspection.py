@@ -34,7 +34,7 @@ def show_inspection(found: Inspection, output: Output) -> None:
     output.heading("Delay from command to motion")
     output.line(_delay(found))
     _show_axes(found, output)
-    _show_outlook(found, output)
+    _show_forecast(found, output)
     _show_disturbance(found, output)
     if found.warnings:
         output.heading("Warnings")
@@ -112,7 +112,7 @@ def _delay(found: Inspection) -> str:
 
 
 def _show_disturbance(found: Inspection, output: Output) -> None:
-    if found.outlook is None:
+    if found.forecast is None:
         return
     output.heading("Disturbance (standard deviation of the force that nothing explains)")
     if found.levels is None:
@@ -142,15 +142,19 @@ def _show_axes(found: Inspection, output: Output) -> None:
             output.item(f"not {', '.join(dict.fromkeys(names))}: {reason}")
 
 
-def _show_outlook(found: Inspection, output: Output) -> None:
-    ahead = found.outlook
+def _show_forecast(found: Inspection, output: Output) -> None:
+    ahead = found.forecast
     if ahead is None:
         return
     output.heading("How well they will be known (standard deviation after learning)")
     told: set[str] = set()
     for verdict in found.axes.values():
-        lines = [prospect.text for name, prospect in verdict.prospects.items() if name not in told]
-        told.update(verdict.prospects)
+        lines = [
+            predicted_accuracy.text
+            for name, predicted_accuracy in verdict.predicted_accuracies.items()
+            if name not in told
+        ]
+        told.update(verdict.predicted_accuracies)
         if lines:
             output.item(", ".join([lines[0], *(line.replace(" will be known to", " to") for line in lines[1:])]))
     if len(found.windows) > 1:

@@ -17,7 +17,7 @@ from towtank.app.tables.fits import show_own_fits
 from towtank.app.terminal.output import Output
 from towtank.digits import measured, short
 from towtank.identification import Estimate
-from towtank.identification.data.noise import Levels
+from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.assembly import LogLearning, Sources
 from towtank.intervals import interval, interval_text
@@ -47,7 +47,7 @@ _METHODS = {
 }
 
 
-def noise_document(levels: Levels | None, grids: Sequence[Grid]) -> dict[str, Any]:
+def noise_document(levels: NoiseLevels | None, grids: Sequence[Grid]) -> dict[str, Any]:
     """Return the noise of each channel that was measured: standard deviation of a sample, and its unit."""
     if levels is None:
         return {}
@@ -58,19 +58,19 @@ def noise_document(levels: Levels | None, grids: Sequence[Grid]) -> dict[str, An
     }
 
 
-def disturbance_document(levels: Levels | None, sources: Sequence[Sources]) -> dict[str, Any]:
+def disturbance_document(levels: NoiseLevels | None, sources: Sequence[Sources]) -> dict[str, Any]:
     """Return the disturbance force of each axis whose speed is known: its standard deviation and its unit."""
     if levels is None:
         return {}
     return {
         axis.wrench: {"std": float(level), "unit": STANDARD[axis.wrench].unit}
-        for axis, level, told in zip(AXES, levels.sigma, _moving(sources), strict=True)
+        for axis, level, told in zip(AXES, levels.disturbance, _moving(sources), strict=True)
         if told
     }
 
 
 def show_levels(
-    levels: Levels | None, grids: Sequence[Grid], sources: Sequence[Sources], output: Output, *, whose: str = ""
+    levels: NoiseLevels | None, grids: Sequence[Grid], sources: Sequence[Sources], output: Output, *, whose: str = ""
 ) -> None:
     """Print the levels of all axes side by side; nothing where there are none.
 
@@ -90,9 +90,9 @@ def show_levels(
     output.show(table)
 
 
-def disturbance_cells(levels: Levels, sources: Sequence[Sources]) -> list[str]:
+def disturbance_cells(levels: NoiseLevels, sources: Sequence[Sources]) -> list[str]:
     """Return the disturbance of each axis as text, "-" where its speed is not known."""
-    return [_brief(level) if told else "-" for level, told in zip(levels.sigma, _moving(sources), strict=True)]
+    return [_brief(level) if told else "-" for level, told in zip(levels.disturbance, _moving(sources), strict=True)]
 
 
 def _moving(sources: Sequence[Sources]) -> list[bool]:

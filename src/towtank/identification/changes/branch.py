@@ -14,22 +14,31 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.identification.changes.evidence import Window, window_between
 from towtank.identification.data.samples import Buffer, Samples
-from towtank.identification.data.zero_order_hold import HeldInput, held_push
+from towtank.identification.data.zero_order_hold import ZeroOrderHold, hold_force
 from towtank.identification.kalman.filter import joint_events
 from towtank.identification.kalman.state import C_RESETS, O_FOLLOW, O_REST, JointState
 from towtank.identification.kalman.update import inject
 from towtank.identification.model.linearisation import N_FIXED, transition_scratch
-from towtank.identification.model.parameters import PLAIN, FreeParameters
+from towtank.identification.model.parameters import UNTRANSFORMED, FreeParameters
 
-__all__ = ["Fork", "Recent", "copied", "informed", "split_later", "split_off", "with_coordinates", "without_change_of"]
+__all__ = [
+    "Branch",
+    "Recent",
+    "copied",
+    "informed",
+    "split_later",
+    "split_off",
+    "with_coordinates",
+    "without_change_of",
+]
 
-_Record = TypeVar("_Record", JointState, HeldInput)
+_Record = TypeVar("_Record", JointState, ZeroOrderHold)
 _UNKNOWN = 0.3  # deviation of a logarithm of which little is known
 _HELD = 1e-4  # deviation of what a hypothesis leaves alone, as a share of the step that it might have made
 
 
 @dataclass(eq=False)
-class Fork:
+class Branch:
     """A filter that runs beside the first one since it was split off, free to follow a change at that moment.
 
     Attributes:
@@ -45,11 +54,11 @@ class Fork:
     free: FreeParameters
     steps: Array
     state: JointState
-    held: HeldInput
+    held: ZeroOrderHold
     theta0: Array
     P0: Array
     first: JointState
-    inputs: HeldInput
+    inputs: ZeroOrderHold
     until: float
     resets: float
     said: Window | None = None
@@ -60,7 +69,7 @@ class Fork:
         state, held = self.state, self.held
         pushed = joint_events(state, held, rows.t, rows.values, rows.input_t, rows.input_force, True, 0, len(rows), 0)
         for k in range(pushed, rows.input_t.size):
-            held_push(held, rows.input_t[k], rows.input_force[k])
+            hold_force(held, rows.input_t[k], rows.input_force[k])
 
     @property
     def sound(self) -> bool:
@@ -76,7 +85,7 @@ class Fork:
     def partly_unknown(self) -> bool:
         """Whether little was known of a coefficient when it was split off."""
         std = np.sqrt(np.maximum(np.diag(self.P0), 0.0))
-        return bool(np.any((self.free.codes[:, 3] != PLAIN) & (std > _UNKNOWN)))
+        return bool(np.any((self.free.codes[:, 3] != UNTRANSFORMED) & (std > _UNKNOWN)))
 
     def read(self) -> None:
         """Keep what the samples so far say."""
@@ -92,8 +101,14 @@ class Fork:
 
 
 def split_off(
-    t: float, state: JointState, held: HeldInput, free: FreeParameters, wide: FreeParameters, steps: Array, until: float
-) -> Fork:
+    t: float,
+    state: JointState,
+    held: ZeroOrderHold,
+    free: FreeParameters,
+    wide: FreeParameters,
+    steps: Array,
+    until: float,
+) -> Branch:
     """Return a filter that goes on from here with the coordinates `wide`, `free` first, widened by `steps` (n,).
 
     It stays linear about the anchor of `state`, so that a wide prior cannot lead it astray.
@@ -104,18 +119,18 @@ def split_off(
     theta0, P0 = split.theta.copy(), split.P[block, block].copy()
     split.P[block, block] += np.diag(steps**2)
     split.options[O_FOLLOW] = split.options[O_REST] = 0.0
-    split.taught[:] = 0.0
+    split.information_time[:] = 0.0
     resets = float(state.clock[C_RESETS])
-    return Fork(t, wide, steps, split, copied(held), theta0, P0, copied(state), copied(held), until, resets)
+    return Branch(t, wide, steps, split, copied(held), theta0, P0, copied(state), copied(held), until, resets)
 
 
-def split_later(fork: Fork, free: FreeParameters, rows: Samples, when: Sequence[float]) -> list[Fork]:
-    """Return filters that were split off where `fork` was or later: at the times `when` [s], in order.
+def split_later(branch: Branch, free: FreeParameters, rows: Samples, when: Sequence[float]) -> list[Branch]:
+    """Return filters that were split off where `branch` was or later: at the times `when` [s], in order.
 
     Args:
         free: coordinates of the filter that it was split off. rows: what came since; the filters have taken it all.
     """
-    state, held = copied(fork.first), copied(fork.inputs)
+    state, held = copied(branch.first), copied(branch.inputs)
     state.options[O_FOLLOW] = 0.0
     out = []
     pushed = done = 0
@@ -125,7 +140,7 @@ def split_later(fork: Fork, free: FreeParameters, rows: Samples, when: Sequence[
             state, held, rows.t, rows.values, rows.input_t, rows.input_force, True, done, last, pushed
         )
         done = max(done, last)
-        later = split_off(t, state, held, free, fork.free, fork.steps, fork.until)
+        later = split_off(t, state, held, free, branch.free, branch.steps, branch.until)
         later.take(rows.part(done, pushed))
         if later.sound:
             out.append(later)
@@ -147,7 +162,7 @@ def with_coordinates(state: JointState, free: FreeParameters, source: Sequence[i
     P = np.zeros((size, size))
     P[np.ix_(into, into)] = state.P[np.ix_(out_of, out_of)]
     given = [(i, k) for i, k in enumerate(source) if k >= 0]
-    vectors = {name: np.zeros(n) for name in ("theta", "anchor", "walk", "taught", "gained")}
+    vectors = {name: np.zeros(n) for name in ("theta", "linearised_at", "walk", "information_time", "information_rate")}
     for name, vector in vectors.items():
         for i, k in given:
             vector[i] = getattr(state, name)[k]
@@ -165,7 +180,7 @@ def with_coordinates(state: JointState, free: FreeParameters, source: Sequence[i
         "W": np.zeros((12, size)),
         "g": np.zeros(size),
         "dx": dx,
-        "awake": np.ones(size),
+        "active": np.ones(size),
         "h": np.zeros(size),
         **vectors,
     }
@@ -191,19 +206,19 @@ def informed(state: JointState, rows: Array, covariance: Array, residual: Array)
     inject(state)
 
 
-def without_change_of(fork: Fork, steps: Array) -> JointState:
+def without_change_of(branch: Branch, steps: Array) -> JointState:
     """Return the fork's filter as it would be, had it been widened by `steps` (n,) only: fewer of its own."""
-    state = copied(fork.state)
-    left = np.flatnonzero(steps < fork.steps)
+    state = copied(branch.state)
+    left = np.flatnonzero(steps < branch.steps)
     if left.size == 0:
         return state
-    root = np.zeros((len(fork.free), left.size))
-    root[left, np.arange(left.size)] = np.sqrt(fork.steps[left] ** 2 - steps[left] ** 2)
-    narrow = fork.P0 + np.diag(np.maximum(steps, np.where(fork.steps > 0.0, _HELD * fork.steps, 1e-9)) ** 2)
+    root = np.zeros((len(branch.free), left.size))
+    root[left, np.arange(left.size)] = np.sqrt(branch.steps[left] ** 2 - steps[left] ** 2)
+    narrow = branch.P0 + np.diag(np.maximum(steps, np.where(branch.steps > 0.0, _HELD * branch.steps, 1e-9)) ** 2)
     rows = np.asarray(np.linalg.solve(0.5 * (narrow + narrow.T), root).T, dtype=np.float64)
-    doubt = np.eye(left.size)
-    doubt += rows @ root
-    informed(state, rows, doubt, rows @ (fork.theta0 - state.theta))
+    overdispersion = np.eye(left.size)
+    overdispersion += rows @ root
+    informed(state, rows, overdispersion, rows @ (branch.theta0 - state.theta))
     return state
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.changes.branch import (
-    Fork,
+    Branch,
     Recent,
     copied,
     informed,
@@ -30,14 +30,14 @@ from towtank.identification.changes.branch import (
     with_coordinates,
     without_change_of,
 )
-from towtank.identification.changes.events import Story
-from towtank.identification.changes.evidence import Doubt
+from towtank.identification.changes.events import ChangeLog
+from towtank.identification.changes.evidence import Overdispersion
 from towtank.identification.changes.hypotheses import (
     Change,
+    ConfigurationMatch,
     Hypothesis,
     Known,
     Recognised,
-    Referee,
     Verdict,
     hypotheses,
     judged,
@@ -46,13 +46,13 @@ from towtank.identification.changes.hypotheses import (
     steps_of,
 )
 from towtank.identification.data.samples import Buffer, Samples
-from towtank.identification.data.zero_order_hold import HeldInput
+from towtank.identification.data.zero_order_hold import ZeroOrderHold
 from towtank.identification.kalman.state import O_FOLLOW, JointState
 from towtank.identification.model.parameters import GAIN_PREFIX, FreeParameters, free_parameters
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle
 
-__all__ = ["Follow"]
+__all__ = ["ChangeTracker"]
 
 _EVERY, _LIVES = 0.5, 3.0  # s: a filter is split off so often, and lives for so long;
 _OLD_ONE, _LIVES_LONG = 4, 8.0  # every so many-th lives longer, for what shows slowly
@@ -69,7 +69,7 @@ _TAKEN, _DROPPED = 0.98, 0.3  # probability at which a known configuration is ta
 _WATCHED = 15.0  # s of motion from which on changes are watched for
 
 
-class Watch:
+class ChangeDetector:
     """The filters that watch.
 
     Args:
@@ -82,53 +82,57 @@ class Watch:
             a mere guess, cannot tell. What is seen again after that look is believed.
     """
 
-    def __init__(self, vehicle: Vehicle, buffer: Buffer, known: Mapping[str, Vehicle], doubt: Doubt) -> None:
+    def __init__(
+        self, vehicle: Vehicle, buffer: Buffer, known: Mapping[str, Vehicle], overdispersion: Overdispersion
+    ) -> None:
         self.vehicle, self.known = vehicle, dict(known)
         self._rows = buffer
-        self.doubt = doubt
+        self.overdispersion = overdispersion
         self._recent = Recent(_LIVES_LONG + _EVERY)
-        self._forks: list[Fork] = []
+        self._branches: list[Branch] = []
         self._batch: Samples | None = None  # rows that filters catch up with, one after the other
-        self._waiting: list[Fork] = []
+        self._waiting: list[Branch] = []
         self._last = -np.inf
-        self._ways: tuple[Hypothesis, ...] = ()
+        self._hypotheses: tuple[Hypothesis, ...] = ()
         self._steps = np.empty(0)
         self._wide: FreeParameters | None = None
         self._next_split = self._next_look = -np.inf
         self._count = 0
-        self._suspect: tuple[Fork, int, float] | None = None
-        self._referee: Referee | None = None
+        self._suspect: tuple[Branch, int, float] | None = None
+        self._matching: ConfigurationMatch | None = None
         self.may_look = False
-        self.asked = -np.inf
+        self.requested = -np.inf
         self.likely: dict[str, float] = {}  # configurations, with their probabilities, since the last change
 
-    def restart(self, *, referee: bool = False) -> None:
+    def restart(self, *, matching: bool = False) -> None:
         """Forget all filters: the first one has begun anew. The referee stays where that is wanted."""
-        self._forks.clear()
+        self._branches.clear()
         self._rows.clear()
         self._recent.clear()
         self._waiting.clear()
         self._batch = self._suspect = None
         self._next_split = self._next_look = -np.inf
-        if not referee:
-            self._referee = None
+        if not matching:
+            self._matching = None
 
     def take_input(self, t: float, force: Array) -> None:
         """Take the forces (m,) asked for from t [s] on."""
-        if self._forks or self._referee is not None:
+        if self._branches or self._matching is not None:
             self._rows.add_input(t, force)
 
     def take_row(self, t: float, z: Array) -> None:
         """Take the row z (15,) of time t [s]."""
-        if self._forks or self._referee is not None:
+        if self._branches or self._matching is not None:
             self._rows.add_row(t, z)
 
-    def look(self, t: float, state: JointState, held: HeldInput, free: FreeParameters) -> Change | Recognised | None:
+    def look(
+        self, t: float, state: JointState, held: ZeroOrderHold, free: FreeParameters
+    ) -> Change | Recognised | None:
         """Do what is due at t [s], a little with every row: let filters catch up, ask them, split off the next one."""
         span, self._last = t - self._last, t
         if self._waiting:
             share = min(1.0, max(span / _LOOKS, 0.0))
-            for _ in range(max(1, math.ceil(2.0 * share * len(self._forks)))):
+            for _ in range(max(1, math.ceil(2.0 * share * len(self._branches)))):
                 if self._waiting:
                     self._serve(self._waiting.pop())
             if self._waiting:
@@ -136,11 +140,11 @@ class Watch:
             found = self._ask(t, free)
             if found is not None:
                 return found
-            return self._compare(t, state, held) if self._referee is not None else None
+            return self._compare(t, state, held) if self._matching is not None else None
         if t >= self._next_look:
             self._next_look = t + _LOOKS
             self._batch = self._recent.add(self._rows)
-            self._waiting = [fork for fork in self._all if fork.sound]
+            self._waiting = [branch for branch in self._all if branch.sound]
             if t >= self._next_split:
                 self._split(t, state, held, free)
         return None
@@ -148,156 +152,163 @@ class Watch:
     # -- inside
 
     @property
-    def _all(self) -> list[Fork]:
-        return self._forks if self._referee is None else [*self._forks, self._referee.fork]
+    def _all(self) -> list[Branch]:
+        return self._branches if self._matching is None else [*self._branches, self._matching.branch]
 
-    def _serve(self, fork: Fork) -> None:
+    def _serve(self, branch: Branch) -> None:
         """Let a filter take the rows of the batch, and read what it says."""
         if self._batch is not None:
-            fork.take(self._batch)
-            fork.read()
+            branch.take(self._batch)
+            branch.read()
 
     def _catch_up(self) -> None:
         """Let every filter take all that there is."""
         while self._waiting:
             self._serve(self._waiting.pop())
         self._batch = self._recent.add(self._rows)
-        for fork in self._all:
-            self._serve(fork)
-        self._forks = [fork for fork in self._forks if fork.sound]
+        for branch in self._all:
+            self._serve(branch)
+        self._branches = [branch for branch in self._branches if branch.sound]
 
-    def _split(self, t: float, state: JointState, held: HeldInput, free: FreeParameters) -> None:
+    def _split(self, t: float, state: JointState, held: ZeroOrderHold, free: FreeParameters) -> None:
         if self._wide is None or self._wide.names[: len(free)] != free.names:
             more = [GAIN_PREFIX + each.name for each in self.vehicle.thrusters] if self._rows.commands else []
             self._wide = free_parameters(self.vehicle, [*free.names, *more])
             self._steps = steps_of(self.vehicle, self._wide)
-            self._ways = hypotheses(self._wide, self._steps)
+            self._hypotheses = hypotheses(self._wide, self._steps)
         self._count += 1
         lives = _LIVES_LONG if self._count % _OLD_ONE == 0 else _LIVES
         doubted = None if self._suspect is None else self._suspect[0]
-        for fork in self._forks:
-            short = fork.until - fork.t < _LIVES_LONG
-            if self._suspect is None and fork.until <= t and short and fork.sound and fork.said is not None:
-                self.doubt.learn(fork.said, fork.steps)
-        self._forks = [fork for fork in self._forks if fork.sound and (fork.until > t or fork is doubted)]
-        self._forks.append(split_off(t, state, held, free, self._wide, self._steps, t + lives))
+        for branch in self._branches:
+            short = branch.until - branch.t < _LIVES_LONG
+            if self._suspect is None and branch.until <= t and short and branch.sound and branch.said is not None:
+                self.overdispersion.learn(branch.said, branch.steps)
+        self._branches = [
+            branch for branch in self._branches if branch.sound and (branch.until > t or branch is doubted)
+        ]
+        self._branches.append(split_off(t, state, held, free, self._wide, self._steps, t + lives))
         self._next_split = t + _EVERY
 
     def _ask(self, t: float, free: FreeParameters) -> Change | None:
-        if not self.doubt.known:
+        if not self.overdispersion.known:
             return None
-        verdict, fork = self._verdict(t)
-        if verdict is None or fork is None:
+        verdict, branch = self._verdict(t)
+        if verdict is None or branch is None:
             self._suspect = None
             return None
         times, since = (1, t) if self._suspect is None else (self._suspect[1] + 1, self._suspect[2])
-        self._suspect = fork, times, since
-        thrusters = any(way.thruster is not None for way in self._ways)
+        self._suspect = branch, times, since
+        thrusters = any(way.thruster is not None for way in self._hypotheses)
         if times < _AGAIN or (thrusters and t - since < _PERSISTS):
             return None
         self._catch_up()
-        verdict, fork = self._verdict(t)
-        if verdict is None or fork is None:
+        verdict, branch = self._verdict(t)
+        if verdict is None or branch is None:
             return None
-        finer = self._finely(fork, free, t)
-        verdict = judged([each.window().tempered(self.doubt.factor) for each in finer], self._ways)
+        finer = self._finely(branch, free, t)
+        verdict = judged([each.window().tempered(self.overdispersion.factor) for each in finer], self._hypotheses)
         if verdict.clear < _CLEAR and t - since < _WAITS:
             return None
-        fork = finer[verdict.window]
-        if self.may_look and fork.partly_unknown and not t - self.asked < _BELIEVED:
-            self.asked = t
+        branch = finer[verdict.window]
+        if self.may_look and branch.partly_unknown and not t - self.requested < _BELIEVED:
+            self.requested = t
             self.restart()
             return None
-        return self._change(t, fork, verdict, free)
+        return self._change(t, branch, verdict, free)
 
-    def _verdict(self, t: float) -> tuple[Verdict | None, Fork | None]:
+    def _verdict(self, t: float) -> tuple[Verdict | None, Branch | None]:
         """Return what the filters say at t [s], and which fits best; None where nothing is sure."""
-        doubt = self.doubt.factor
-        sure = _SURE * math.sqrt(doubt)  # where windows err more, they err wildly more often, too
-        asked = [
-            (fork, fork.said)
-            for fork in self._forks
-            if t - fork.t >= _YOUNG and fork.said is not None and fork.sound and fork.most > sure * doubt
+        overdispersion = self.overdispersion.factor
+        sure = _SURE * math.sqrt(overdispersion)  # where windows err more, they err wildly more often, too
+        requested = [
+            (branch, branch.said)
+            for branch in self._branches
+            if t - branch.t >= _YOUNG
+            and branch.said is not None
+            and branch.sound
+            and branch.most > sure * overdispersion
         ]
-        if not asked:
+        if not requested:
             return None, None
-        verdict = judged([window.tempered(doubt) for _, window in asked], self._ways)
-        return (verdict, asked[verdict.window][0]) if verdict.evidence > sure else (None, None)
+        verdict = judged([window.tempered(overdispersion) for _, window in requested], self._hypotheses)
+        return (verdict, requested[verdict.window][0]) if verdict.evidence > sure else (None, None)
 
-    def _finely(self, best: Fork, free: FreeParameters, t: float) -> list[Fork]:
+    def _finely(self, best: Branch, free: FreeParameters, t: float) -> list[Branch]:
         """Return filters that were split off about when the best one was, in small steps of time."""
         out = [best]
-        near = [fork for fork in self._forks if best.t - _EARLIER - 0.05 <= fork.t <= best.t + _LATER]
-        for fork, following in zip(near, [*near[1:], None], strict=True):
-            end = fork.t + _EVERY if following is None else following.t
-            times = np.arange(fork.t + _FINELY, min(end, t - _AGED) - 0.5 * _FINELY, _FINELY)
-            out += split_later(fork, free, self._recent.since(fork.t), [float(each) for each in times])
+        near = [branch for branch in self._branches if best.t - _EARLIER - 0.05 <= branch.t <= best.t + _LATER]
+        for branch, following in zip(near, [*near[1:], None], strict=True):
+            end = branch.t + _EVERY if following is None else following.t
+            times = np.arange(branch.t + _FINELY, min(end, t - _AGED) - 0.5 * _FINELY, _FINELY)
+            out += split_later(branch, free, self._recent.since(branch.t), [float(each) for each in times])
         return out
 
-    def _change(self, t: float, fork: Fork, verdict: Verdict, free: FreeParameters) -> Change:
-        whole = without_change_of(fork, verdict.steps)
-        keep = [k for k in range(len(fork.free)) if k < len(free) or verdict.steps[k] > 0.0]
-        kept = fork.free.subset([fork.free.names[k] for k in keep])
+    def _change(self, t: float, branch: Branch, verdict: Verdict, free: FreeParameters) -> Change:
+        whole = without_change_of(branch, verdict.steps)
+        keep = [k for k in range(len(branch.free)) if k < len(free) or verdict.steps[k] > 0.0]
+        kept = branch.free.subset([branch.free.names[k] for k in keep])
         state = with_coordinates(whole, kept, keep)
         state.options[O_FOLLOW] = 1.0
-        before = fork.theta0[keep], np.sqrt(np.maximum(np.diag(fork.P0)[keep], 0.0))
+        before = branch.theta0[keep], np.sqrt(np.maximum(np.diag(branch.P0)[keep], 0.0))
         self.restart()
         self.likely = {}
         if self.known:
             known = [
-                known_as(name, model, self.vehicle, fork.free, fork.theta0, fork.P0)
+                known_as(name, model, self.vehicle, branch.free, branch.theta0, branch.P0)
                 for name, model in self.known.items()
             ]
-            self._referee = Referee(fork, self._ways, kept, verdict.steps, t + _REFEREE, known=known)
-        return Change(fork.t, t, verdict, kept, state, copied(fork.held), before)
+            self._matching = ConfigurationMatch(
+                branch, self._hypotheses, kept, verdict.steps, t + _REFEREE, known=known
+            )
+        return Change(branch.t, t, verdict, kept, state, copied(branch.held), before)
 
-    def _compare(self, t: float, state: JointState, held: HeldInput) -> Recognised | None:
-        referee = self._referee
-        assert referee is not None
-        if not referee.fork.sound or referee.fork.said is None:
+    def _compare(self, t: float, state: JointState, held: ZeroOrderHold) -> Recognised | None:
+        matching = self._matching
+        assert matching is not None
+        if not matching.branch.sound or matching.branch.said is None:
             return None
-        window = referee.fork.said.tempered(self.doubt.factor)
-        verdict = judged([window], referee.ways)
-        shares = likeness(window, referee.known, verdict.changed)
-        self.likely = {one.name: float(share) for one, share in zip(referee.known, shares, strict=False)}
+        window = matching.branch.said.tempered(self.overdispersion.factor)
+        verdict = judged([window], matching.hypotheses)
+        shares = likeness(window, matching.known, verdict.changed)
+        self.likely = {one.name: float(share) for one, share in zip(matching.known, shares, strict=False)}
         best = int(np.argmax(shares[:-1]))
-        name, share = referee.known[best].name, float(shares[best])
-        if t > referee.until:
-            self._referee = None
-        if referee.taken is None and share > _TAKEN:
-            referee.taken = name
-            return self._take(t, referee, referee.known[best], share, state, held)
-        if referee.taken is not None and self.likely[referee.taken] < _DROPPED:
-            gone, referee.taken = referee.taken, None
-            return self._give_up(t, referee, gone)
+        name, share = matching.known[best].name, float(shares[best])
+        if t > matching.until:
+            self._matching = None
+        if matching.taken is None and share > _TAKEN:
+            matching.taken = name
+            return self._take(t, matching, matching.known[best], share, state, held)
+        if matching.taken is not None and self.likely[matching.taken] < _DROPPED:
+            gone, matching.taken = matching.taken, None
+            return self._give_up(t, matching, gone)
         return None
 
     def _take(
-        self, t: float, referee: Referee, known: Known, share: float, state: JointState, held: HeldInput
+        self, t: float, matching: ConfigurationMatch, known: Known, share: float, state: JointState, held: ZeroOrderHold
     ) -> Recognised:
         """Tell the filter what is known of the configuration."""
         self._catch_up()
-        at = [referee.fork.free.names.index(name) for name in referee.keeps.names]
+        at = [matching.branch.free.names.index(name) for name in matching.keeps.names]
         told = copied(state)
         covariance = known.covariance[np.ix_(at, at)]
         covariance = covariance + np.diag(1e-12 + 1e-6 * np.diag(covariance))
         informed(told, np.eye(len(at)), covariance, known.theta[at] - told.theta)
-        self.restart(referee=True)
-        return Recognised(t, known.name, share, True, referee.keeps, told, held)
+        self.restart(matching=True)
+        return Recognised(t, known.name, share, True, matching.keeps, told, held)
 
-    def _give_up(self, t: float, referee: Referee, name: str) -> Recognised:
+    def _give_up(self, t: float, matching: ConfigurationMatch, name: str) -> Recognised:
         """Go on from what the samples alone say."""
         self._catch_up()
-        whole = without_change_of(referee.fork, referee.steps)
-        at = [referee.fork.free.names.index(each) for each in referee.keeps.names]
-        state = with_coordinates(whole, referee.keeps, at)
+        whole = without_change_of(matching.branch, matching.steps)
+        at = [matching.branch.free.names.index(each) for each in matching.keeps.names]
+        state = with_coordinates(whole, matching.keeps, at)
         state.options[O_FOLLOW] = 1.0
-        held = copied(referee.fork.held)
-        self.restart(referee=True)
-        return Recognised(t, name, self.likely[name], False, referee.keeps, state, held)
+        held = copied(matching.branch.held)
+        self.restart(matching=True)
+        return Recognised(t, name, self.likely[name], False, matching.keeps, state, held)
 
 
-class Follow:
+class ChangeTracker:
     """What watches, once the inputs are known.
 
     Args:
@@ -306,9 +317,9 @@ class Follow:
 
     def __init__(self, vehicle: Vehicle, known: Mapping[str, Vehicle] | None) -> None:
         self._vehicle, self._known = vehicle, known
-        self.watch: Watch | None = None
-        self.story = Story(vehicle)
-        self._doubt = Doubt()
+        self.watch: ChangeDetector | None = None
+        self.change_log = ChangeLog(vehicle)
+        self._overdispersion = Overdispersion()
 
     @property
     def watching(self) -> bool:
@@ -316,14 +327,14 @@ class Follow:
         return self._known is not None
 
     @property
-    def asked(self) -> float:
+    def requested(self) -> float:
         """When a look was asked for, since what was seen may be no change [s]."""
-        return -np.inf if self.watch is None else self.watch.asked
+        return -np.inf if self.watch is None else self.watch.requested
 
     @property
     def events(self) -> tuple[Event, ...]:
         """What happened, in the order of noticing."""
-        return self.story.events
+        return self.change_log.events
 
     @property
     def likely(self) -> dict[str, float]:
@@ -331,25 +342,25 @@ class Follow:
         return {} if self.watch is None else dict(self.watch.likely)
 
     @property
-    def doubt(self) -> tuple[float, ...]:
+    def overdispersion(self) -> tuple[float, ...]:
         """What was learned of how much windows err."""
-        return self._doubt.numbers
+        return self._overdispersion.numbers
 
-    def restore(self, events: Sequence[Event], doubt: Sequence[float]) -> None:
-        """Go on with what `events` and `doubt` of another one were."""
-        self.story.restore(tuple(events))
-        self._doubt.restore(doubt)
+    def restore(self, events: Sequence[Event], overdispersion: Sequence[float]) -> None:
+        """Go on with what `events` and `overdispersion` of another one were."""
+        self.change_log.restore(tuple(events))
+        self._overdispersion.restore(overdispersion)
 
     def restart(self) -> None:
         """Begin anew: the filter is another one, or its motion is."""
-        self.story.settle()
+        self.change_log.settle()
         if self.watch is not None:
             self.watch.restart()
 
     def mended(self, t: float) -> None:
         """Begin anew, since the filter had to be mended at t [s]."""
         self.restart()
-        self.story.mended(t)
+        self.change_log.mended(t)
 
     def take_input(self, t: float, force: Array) -> None:
         """Take the forces (m,) asked for from t [s] on."""
@@ -361,7 +372,7 @@ class Follow:
         t: float,
         z: Array,
         seen: float,
-        filter_: tuple[FreeParameters, JointState, HeldInput],
+        filter_: tuple[FreeParameters, JointState, ZeroOrderHold],
         like: Buffer,
         *,
         may_look: bool,
@@ -370,19 +381,19 @@ class Follow:
 
         Args:
             seen: motion so far [s]. filter_: its coordinates, itself, its inputs. like: a buffer of such inputs.
-            may_look: see `Watch`.
+            may_look: see `ChangeDetector`.
         """
         if self._known is None:
             return None
         if self.watch is None:
-            self.watch = Watch(self._vehicle, like.fresh(), self._known, self._doubt)
+            self.watch = ChangeDetector(self._vehicle, like.fresh(), self._known, self._overdispersion)
         self.watch.take_row(t, z)
         self.watch.may_look = may_look
         if seen < _WATCHED:
             return None
         free, state, held = filter_
-        self.story.tell(t, free, state)
+        self.change_log.tell(t, free, state)
         found = self.watch.look(t, state, held, free)
         if found is not None:
-            self.story.add(found, found.state)
+            self.change_log.add(found, found.state)
         return found

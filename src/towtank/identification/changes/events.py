@@ -19,15 +19,15 @@ from towtank.identification.model.parameters import (
     LINEAR,
     MASS,
     MOMENT,
-    PLAIN,
     QUADRATIC,
+    UNTRANSFORMED,
     WEIGHT,
     FreeParameters,
 )
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle
 
-__all__ = ["Story", "change_words"]
+__all__ = ["ChangeLog", "change_words"]
 
 _AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 _SHOWN, _SURELY = 4, 2.0  # coefficients at most; deviations
@@ -82,10 +82,10 @@ def change_details(
 def _one(vehicle: Vehicle, free: FreeParameters, k: int, old: float, new: float, std: float) -> str:
     kind, i, _, transform = (int(code) for code in free.codes[k])
     name = free.names[k]
-    if kind == MASS and transform != PLAIN:
+    if kind == MASS and transform != UNTRANSFORMED:
         unit = "kg" if i < 3 else "kg m²"
         return f"{_AXES[i]} inertia {_signed(math.exp(new) - math.exp(old), math.exp(new) * std)} {unit}"
-    if kind in (LINEAR, QUADRATIC) and transform != PLAIN:
+    if kind in (LINEAR, QUADRATIC) and transform != UNTRANSFORMED:
         which = "linear drag" if kind == LINEAR else "drag"
         ratio = math.exp(new - old)
         return f"{_AXES[i]} {which} {_signed(100.0 * (ratio - 1.0), 100.0 * ratio * std)} %"
@@ -107,7 +107,7 @@ def _signed(value: float, std: float) -> str:
     return f"{'−' if value < 0.0 else '+'}{text} ± {std:.{min(digits, 6)}f}"
 
 
-class Story:
+class ChangeLog:
     """Events in the order in which they were noticed.
 
     A change that is noticed again while its numbers settle is the same one, seen better.

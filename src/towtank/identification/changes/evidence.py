@@ -29,7 +29,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 
-__all__ = ["Doubt", "Window", "window_between"]
+__all__ = ["Overdispersion", "Window", "window_between"]
 
 _LEAST = 1e-12  # of the widened covariance, so that what is held at first has an inverse
 _FADES = 1.0 / 120.0  # of what was learned, with every window
@@ -74,9 +74,14 @@ class Window:
         spread = self.information + self.information @ self.P0 @ self.information
         return 0.5 * float(np.trace((wide - narrow) @ spread))
 
-    def tempered(self, doubt: float) -> Window:
-        """Return the window as it counts when it, and what was known before, err `doubt` times as much (variance)."""
-        return replace(self, P0=self.P0 * doubt, information=self.information / doubt, score=self.score / doubt)
+    def tempered(self, overdispersion: float) -> Window:
+        """Return the window as it counts when it, and what was known before, err `overdispersion` times as much (variance)."""
+        return replace(
+            self,
+            P0=self.P0 * overdispersion,
+            information=self.information / overdispersion,
+            score=self.score / overdispersion,
+        )
 
     def _responses(self, steps: Array) -> tuple[Array, Array]:
         """Return C (I + Lambda C)^-1 (n, n) for C = P0 + diag(steps^2) and for C = P0."""
@@ -115,7 +120,7 @@ def window_between(theta0: Array, P0: Array, steps: Array, theta: Array, P: Arra
     return Window(theta0, P0, np.asarray(back.T @ told @ back), np.asarray(back.T @ score))
 
 
-class Doubt:
+class Overdispersion:
     """A running ratio of what windows showed and what was to be expected."""
 
     def __init__(self) -> None:

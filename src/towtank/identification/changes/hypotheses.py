@@ -20,9 +20,9 @@ import numpy as np
 from scipy.special import logsumexp
 
 from towtank.core.arrays import Array
-from towtank.identification.changes.branch import Fork
+from towtank.identification.changes.branch import Branch
 from towtank.identification.changes.evidence import Window
-from towtank.identification.data.zero_order_hold import HeldInput
+from towtank.identification.data.zero_order_hold import ZeroOrderHold
 from towtank.identification.kalman.state import JointState
 from towtank.identification.model.parameters import (
     CONSTANT,
@@ -33,8 +33,8 @@ from towtank.identification.model.parameters import (
     LINEAR,
     MASS,
     MOMENT,
-    PLAIN,
     QUADRATIC,
+    UNTRANSFORMED,
     WEIGHT,
     FreeParameters,
 )
@@ -44,10 +44,10 @@ from towtank.vehicle import COEFFICIENTS, Vehicle
 __all__ = [
     "BODY_PARTS",
     "Change",
+    "ConfigurationMatch",
     "Hypothesis",
     "Known",
     "Recognised",
-    "Referee",
     "Verdict",
     "hypotheses",
     "judged",
@@ -93,7 +93,7 @@ def steps_of(vehicle: Vehicle, free: FreeParameters) -> Array:
     out = np.zeros(len(free))
     for k in range(len(free)):
         kind, transform = int(free.codes[k, 0]), free.codes[k, 3]
-        if transform == PLAIN:
+        if transform == UNTRANSFORMED:
             out[k] = _SHARE.get(kind, 0.0) * size[k]
         else:
             out[k] = _STEP.get(kind, 0.0)
@@ -141,7 +141,7 @@ class Verdict:
     changed: float
 
 
-def judged(windows: Sequence[Window], ways: Sequence[Hypothesis]) -> Verdict:
+def judged(windows: Sequence[Window], hypotheses: Sequence[Hypothesis]) -> Verdict:
     """Weigh every way of a change at the beginning of every window by its evidence.
 
     What came before a window began is the same under all of them, so that windows compare as they are.
@@ -149,48 +149,48 @@ def judged(windows: Sequence[Window], ways: Sequence[Hypothesis]) -> Verdict:
     none = np.array([window.evidence(window.P0) for window in windows])
     scores = np.array(
         [
-            [way.weight + window.evidence(window.P0 + np.diag(way.steps**2)) - least for way in ways]
+            [way.weight + window.evidence(window.P0 + np.diag(way.steps**2)) - least for way in hypotheses]
             for window, least in zip(windows, none, strict=True)
         ]
     )
     each = np.asarray(logsumexp(scores, axis=1))
-    thrusters = np.array([way.thruster is not None for way in ways])
+    thrusters = np.array([way.thruster is not None for way in hypotheses])
     body = float(logsumexp(scores[:, ~thrusters])) if not thrusters.all() else -np.inf
     gain = {int(k): float(logsumexp(scores[:, k])) for k in np.flatnonzero(thrusters)}
     best = max(gain, key=lambda k: gain[k]) if gain else None
     if best is not None and gain[best] <= body:
         best = None
-    blamed = ~thrusters if best is None else np.arange(len(ways)) == best
+    blamed = ~thrusters if best is None else np.arange(len(hypotheses)) == best
     blame = float(logsumexp(scores[:, blamed]))
     clear = blame - (float(logsumexp(scores[:, ~blamed])) if not blamed.all() else -np.inf)
     fits = int(np.argmax(logsumexp(scores[:, blamed], axis=1)))
-    parts = _parts(ways, scores[fits], ~thrusters)
+    parts = _parts(hypotheses, scores[fits], ~thrusters)
     return Verdict(
         evidence=float(each.max()),
         window=fits,
         parts=parts,
-        thruster=None if best is None else ways[best].thruster,
+        thruster=None if best is None else hypotheses[best].thruster,
         clear=clear,
-        steps=ways[best].steps if best is not None else _union(ways, parts, windows[fits].score.size),
+        steps=hypotheses[best].steps if best is not None else _union(hypotheses, parts, windows[fits].score.size),
         changed=float(each[fits] + none[fits]),
     )
 
 
-def _parts(ways: Sequence[Hypothesis], scores: Array, body: Array) -> dict[str, float]:
+def _parts(hypotheses: Sequence[Hypothesis], scores: Array, body: Array) -> dict[str, float]:
     """Return the probability of each part of the body, given that the body changed."""
     out: dict[str, float] = {}
     if body.any():
         among = float(logsumexp(scores[body]))
         for k in (int(each) for each in np.flatnonzero(body)):
-            for part in ways[k].parts:
+            for part in hypotheses[k].parts:
                 out[part] = out.get(part, 0.0) + float(np.exp(scores[k] - among))
     return out
 
 
-def _union(ways: Sequence[Hypothesis], parts: dict[str, float], size: int) -> Array:
+def _union(hypotheses: Sequence[Hypothesis], parts: dict[str, float], size: int) -> Array:
     """Return the deviations of every part that may well have changed, and a share of those of all others."""
     steps = np.zeros(size)
-    for way in ways:
+    for way in hypotheses:
         if way.thruster is None:
             touched = all(parts[part] > _TOUCHED for part in way.parts)
             steps = np.maximum(steps, way.steps if touched else _ALONG * way.steps)
@@ -225,7 +225,7 @@ def known_as(name: str, model: Vehicle, vehicle: Vehicle, free: FreeParameters, 
             continue
         value = abs(model.coefficient(coefficient))
         given = model.deviation(coefficient)
-        plain = free.codes[k, 3] == PLAIN
+        plain = free.codes[k, 3] == UNTRANSFORMED
         if value == 0.0 and given is None and not plain:
             continue  # it has none in the file
         scale = max(value, 0.1 * size[k]) if plain else slopes[k]
@@ -263,7 +263,7 @@ class Change:
     verdict: Verdict
     free: FreeParameters
     state: JointState
-    held: HeldInput
+    held: ZeroOrderHold
     before: tuple[Array, Array]
 
 
@@ -282,15 +282,15 @@ class Recognised:
     taken: bool
     free: FreeParameters
     state: JointState
-    held: HeldInput
+    held: ZeroOrderHold
 
 
 @dataclass(eq=False)
-class Referee:
+class ConfigurationMatch:
     """A split filter that goes on beside a change, to compare it with what is known."""
 
-    fork: Fork
-    ways: tuple[Hypothesis, ...]
+    branch: Branch
+    hypotheses: tuple[Hypothesis, ...]
     keeps: FreeParameters
     steps: Array
     until: float

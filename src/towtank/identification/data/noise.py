@@ -32,7 +32,7 @@ from towtank.recording.standard import EULER, MOTION, QUATERNION
 if TYPE_CHECKING:
     pass
 
-__all__ = ["Levels", "NoiseLevel", "fresh_samples", "noise_level", "noise_levels", "quantum_of"]
+__all__ = ["NoiseLevel", "NoiseLevels", "fresh_samples", "noise_level", "noise_levels", "quantum_of"]
 
 _FEWEST = 12
 _HELD = 0.2  # share of repeats from which they are looked into
@@ -357,7 +357,7 @@ def _outliers(t: Array, x: Array, std: float, gap: float) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class Levels:
+class NoiseLevels:
     """Noise of the measured columns (15,), levels of the disturbance (6,) [N, N m], and what is rough in the motion.
 
     rough: random walk (6,) of each speed [m/s^2 sqrt(s), rad/s^2 sqrt(s)] that no force of the model accounts for,
@@ -365,5 +365,5 @@ class Levels:
     """
 
     noise: Array
-    sigma: Array
-    rough: Array = field(default_factory=lambda: np.zeros(6))
+    disturbance: Array
+    velocity_walk: Array = field(default_factory=lambda: np.zeros(6))

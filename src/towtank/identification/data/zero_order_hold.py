@@ -20,12 +20,12 @@ import numpy as np
 
 from towtank.core.arrays import Array, kernel
 
-__all__ = ["HeldInput", "held_integral_into", "held_means_into", "held_push", "new_held_input"]
+__all__ = ["ZeroOrderHold", "force_integral_into", "hold_force", "mean_forces_into", "new_zero_order_hold"]
 
 _RING = 1024
 
 
-class HeldInput(NamedTuple):
+class ZeroOrderHold(NamedTuple):
     """Ring of held values and the lag's state; arrays are changed in place."""
 
     times: Array  # (ring,) time stamp of each command, the delay added
@@ -38,9 +38,9 @@ class HeldInput(NamedTuple):
     delay: Array  # (1,) command delay [s]
 
 
-def new_held_input(m: int, lag: Array, delay: float) -> HeldInput:
+def new_zero_order_hold(m: int, lag: Array, delay: float) -> ZeroOrderHold:
     """Return an empty input of m forces with time constants `lag` (m,) [s] behind a delay [s]."""
-    return HeldInput(
+    return ZeroOrderHold(
         times=np.full(_RING, np.nan),
         values=np.zeros((_RING, m)),
         counters=np.zeros(2),
@@ -53,7 +53,7 @@ def new_held_input(m: int, lag: Array, delay: float) -> HeldInput:
 
 
 @kernel
-def held_push(held: HeldInput, t: float, value: Array) -> None:
+def hold_force(held: ZeroOrderHold, t: float, value: Array) -> None:
     """Add the steady force `value` (m,) asked for at time t [s]; not finite or out of order is passed over."""
     ring = held.times.shape[0]
     pushed = int(held.counters[0])
@@ -77,7 +77,7 @@ def held_push(held: HeldInput, t: float, value: Array) -> None:
 
 
 @kernel
-def held_integral_into(held: HeldInput, end: float, out: Array) -> bool:
+def force_integral_into(held: ZeroOrderHold, end: float, out: Array) -> bool:
     """Write int force dt (m,) from the clock to `end` into `out` and advance the clock; it never goes back.
 
     Before the first command the first command is taken as held. False where no command has come yet: nothing is known.
@@ -123,17 +123,17 @@ def held_integral_into(held: HeldInput, end: float, out: Array) -> bool:
 
 
 @kernel
-def held_means_into(held: HeldInput, end: float, out: Array) -> bool:
+def mean_forces_into(held: ZeroOrderHold, end: float, out: Array) -> bool:
     """Write over the time from the clock to `end`: mean force, d mean / d delay, d mean / d ln T, into `out` (3, m).
 
-    The clock advances, as with `held_integral_into`; False where no command has come yet.
+    The clock advances, as with `force_integral_into`; False where no command has come yet.
     """
     m = held.force.shape[0]
     h = end - held.clock[0]
     for j in range(m):
         out[1, j] = held.force[j]
         out[2, j] = held.slope[j]
-    known = held_integral_into(held, end, out[0])
+    known = force_integral_into(held, end, out[0])
     if not h > 0.0:  # the clock had not been started
         for j in range(m):
             out[0, j] = held.force[j]

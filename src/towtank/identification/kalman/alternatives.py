@@ -21,10 +21,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.data.noise import Levels
+from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.data.samples import Samples
-from towtank.identification.kalman.iterated import JointFit, joint_passes, merit, one_pass
-from towtank.identification.kalman.state import JointState, Tuning
+from towtank.identification.kalman.iterated import JointFit, joint_passes, log_posterior, one_pass
+from towtank.identification.kalman.state import FilterSettings, JointState
 from towtank.identification.model.parameters import FreeParameters, free_parameters
 from towtank.identification.model.prior import size_of
 from towtank.identification.model.terms import C_LINEAR, C_QUADRATIC, candidates
@@ -102,7 +102,7 @@ class _Told:
         return f"{linear} and {quadratic} cannot be told apart in this run (correlation {r:+.3f}); {stays}, {apart}"
 
 
-def damping_in_question(vehicle: Vehicle, free: Sequence[str], *, asked: bool) -> list[Pair]:
+def damping_in_question(vehicle: Vehicle, free: Sequence[str], *, requested: bool) -> list[Pair]:
     """Return the damping terms of each axis where both may be free and one at least is, linear first.
 
     Args:
@@ -110,9 +110,9 @@ def damping_in_question(vehicle: Vehicle, free: Sequence[str], *, asked: bool) -
     """
     pairs = []
     for each in candidates(vehicle):
-        pair, wanted = (each.axis.linear, each.axis.quadratic), each.wanted[C_LINEAR] and each.wanted[C_QUADRATIC]
+        pair, wanted = (each.axis.linear, each.axis.quadratic), each.to_learn[C_LINEAR] and each.to_learn[C_QUADRATIC]
         among = [name in free for name in pair]
-        if all(among) if asked else wanted and any(among):
+        if all(among) if requested else wanted and any(among):
             pairs.append(pair)
     return pairs
 
@@ -123,11 +123,11 @@ def choose_damping(
     fit: JointFit,
     pairs: Sequence[Pair],
     *,
-    tuning: Tuning,
+    settings: FilterSettings,
     delay: float,
     prior: Prior,
     shown: Array,
-    asked: bool,
+    requested: bool,
     most: int = _PASSES,
 ) -> Choice | None:
     """Return the fit with the damping terms that the recordings speak for; None where `fit` has them.
@@ -142,7 +142,7 @@ def choose_damping(
     kernel, names = np.array(vehicle.parameters), fit.free.names
     questioned = [name for pair in pairs for name in pair]
 
-    def fitted(free: FreeParameters, theta: Array, levels: Levels) -> JointFit:
+    def fitted(free: FreeParameters, theta: Array, levels: NoiseLevels) -> JointFit:
         scale = size_of(vehicle, free)
         scale = np.where([name in questioned for name in free.names], _ROOM * scale, scale)
         return joint_passes(
@@ -151,19 +151,19 @@ def choose_damping(
             free,
             theta,
             levels,
-            tuning,
+            settings,
             scale=scale,
             delay=delay,
             prior=prior(free),
             shown=shown,
             most=most,
             begin=False,
-            cautious=False,
+            inflate=False,
         )
 
     both = free_parameters(vehicle, (*names, *(name for name in questioned if name not in names)))
-    plain = both.plainly(questioned)
-    now = dict(zip(names, fit.free.plainly(questioned).thetas(fit.free.values(fit.theta)), strict=True))
+    plain = both.untransformed(questioned)
+    now = dict(zip(names, fit.free.untransformed(questioned).thetas(fit.free.values(fit.theta)), strict=True))
     seen = fitted(plain, np.array([now.get(name, 0.0) for name in plain.names]), fit.levels)
     if not (np.isfinite(seen.theta).all() and np.isfinite(seen.likely).all()):
         return None
@@ -174,7 +174,7 @@ def choose_damping(
         rows = [plain.names.index(name) for name in pair]
         told = _Told(pair, seen.theta[rows], seen.likely[np.ix_(rows, rows)])
         before = tuple(k for k in (0, 1) if pair[k] in names)
-        kept = _kept(told, before, asked=asked)
+        kept = _kept(told, before, requested=requested)
         for k in (0, 1):
             if k not in kept:
                 left_out[pair[k]], values[pair[1 - k]] = told.without(1 - k), told.alone(1 - k)[0]
@@ -186,10 +186,10 @@ def choose_damping(
     again = fitted(free, free.thetas(np.array([values[name] for name in free.names])), seen.levels)
     more = sum(sum(name in free.names for name in pair) - sum(name in names for name in pair) for pair in pairs)
     least = _WORTH * more if more > 0 else _LOSS * more
-    return Choice(again, left_out) if merit(again, tuning) > merit(fit, tuning) + least else None
+    return Choice(again, left_out) if log_posterior(again, settings) > log_posterior(fit, settings) + least else None
 
 
-def _kept(told: _Told, before: tuple[int, ...], *, asked: bool) -> tuple[int, ...]:
+def _kept(told: _Told, before: tuple[int, ...], *, requested: bool) -> tuple[int, ...]:
     """Return the columns, of (linear, quadratic), that stay; those that were free `before` where nothing is sure."""
     strength = told.strength
     if (strength >= _BOTH).all():
@@ -197,10 +197,10 @@ def _kept(told: _Told, before: tuple[int, ...], *, asked: bool) -> tuple[int, ..
     stays = int(np.abs(strength[1]) > np.abs(strength[0]))
     if told.alone(stays)[1] < _BOTH:
         return before
-    if asked:
+    if requested:
         return (stays,) if strength[1 - stays] < _NOTHING and strength[stays] >= _BOTH else before
-    gained = strength[stays] ** 2 - strength[1 - stays] ** 2
-    return (stays,) if len(before) == 2 or gained > _PLAINLY else before
+    information_rate = strength[stays] ** 2 - strength[1 - stays] ** 2
+    return (stays,) if len(before) == 2 or information_rate > _PLAINLY else before
 
 
 def current_shows(samples: Sequence[Samples]) -> bool:
@@ -219,7 +219,7 @@ def suspected_current(
     p: Array,
     fit: JointFit,
     deviation: Array,
-    tuning: Tuning,
+    settings: FilterSettings,
     *,
     delay: float,
     prior: tuple[Array, Array] | None,
@@ -232,7 +232,7 @@ def suspected_current(
         return None
     found = []
     for flows in (False, True):
-        way = replace(tuning, follow=False, current=flows)
+        way = replace(settings, follow=False, current=flows)
         state, _ = one_pass(samples, p, fit.free, fit.theta, deviation, fit.levels, way, delay=delay, prior=prior)
         found.append(state)
     gain = float(found[1].clock[2] - found[0].clock[2])

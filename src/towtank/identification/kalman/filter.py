@@ -16,7 +16,7 @@ import math
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import quaternion_from_euler
-from towtank.identification.data.zero_order_hold import HeldInput, held_means_into, held_push
+from towtank.identification.data.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
 from towtank.identification.kalman.state import (
     C_DURATION,
     C_ROWS,
@@ -38,7 +38,7 @@ from towtank.identification.kalman.state import (
 )
 from towtank.identification.kalman.update import GRAVITY, update_row
 from towtank.identification.model.linearisation import N_FIXED, N_MOVING, step_and_linearise, turn_by
-from towtank.identification.model.parameters import IN_DELAY, IN_GAIN, IN_LAG, MASS, PLAIN, put_parameters
+from towtank.identification.model.parameters import IN_DELAY, IN_GAIN, IN_LAG, MASS, UNTRANSFORMED, put_parameters
 
 __all__ = ["begin_motion", "joint_events", "joint_step"]
 
@@ -61,19 +61,19 @@ def input_wrench(state: JointState) -> None:
     for c in range(state.theta.shape[0]):
         if state.codes[c, 0] == IN_GAIN:
             j = state.codes[c, 1]
-            more = math.exp(state.anchor[c]) - 1.0
+            more = math.exp(state.linearised_at[c]) - 1.0
             for i in range(6):
                 state.tau[i] += more * state.shape[i, j] * state.pushed[0, j]
 
 
 @kernel
-def _off_anchor(state: JointState) -> None:
+def _off_linearisation(state: JointState) -> None:
     """Add to the motion what the coefficients' way from their anchor does over the step, to first order."""
     x, F = state.x, state.F
     n = state.theta.shape[0]
     ex = ey = ez = 0.0
     for c in range(n):
-        away = state.theta[c] - state.anchor[c]
+        away = state.theta[c] - state.linearised_at[c]
         if away != 0.0:
             column = N_FIXED + c
             for i in range(3):
@@ -129,8 +129,8 @@ def _covariance(state: JointState, h: float) -> None:
 def _noise(state: JointState, h: float, fade: float) -> None:
     P = state.P
     for i in range(6):
-        P[_DIST + i, _DIST + i] += state.sigma[i] ** 2 * (1.0 - fade * fade)
-        P[6 + i, 6 + i] += state.rough[i] ** 2 * h
+        P[_DIST + i, _DIST + i] += state.disturbance[i] ** 2 * (1.0 - fade * fade)
+        P[6 + i, 6 + i] += state.velocity_walk[i] ** 2 * h
     for i in range(3):
         P[18 + i, 18 + i] += state.options[O_CURRENT_WALK] * h
     n = state.theta.shape[0]
@@ -151,14 +151,14 @@ def _follow_level(state: JointState, h: float) -> None:
         state.level[i, 0] += h
         state.level[i, 1] += h * state.force[i] ** 2
         state.level[i, 2] += h * variance
-        left = 1.0 - variance / max(state.sigma[i] ** 2, _TINY)
+        left = 1.0 - variance / max(state.disturbance[i] ** 2, _TINY)
         if 0.0 < left < 1.0:  # what is old of it by tau has a variance of 1 - exp(-2 tau / T)
             state.level[i, 3] += h / max(-0.5 * state.options[O_TIME_CONSTANT] * math.log(left), h)
         if adapt > 0.0:
             floor = state.options[O_FLOOR_FORCE] if i < 3 else state.options[O_FLOOR_MOMENT]
-            now = state.sigma[i] ** 2
+            now = state.disturbance[i] ** 2
             now += (power - now) * min(1.0, h / adapt)
-            state.sigma[i] = max(math.sqrt(now), floor)
+            state.disturbance[i] = max(math.sqrt(now), floor)
 
 
 @kernel
@@ -171,16 +171,18 @@ def _rest(state: JointState, h: float) -> None:
     share = state.options[O_REST]
     fade = math.exp(-h / REST_MEMORY)
     for c in range(state.theta.shape[0]):
-        taught = state.taught[c]
-        state.gained[c] *= fade
-        rests = taught > REST_MEMORY and state.gained[c] * taught < share * REST_MEMORY
-        state.awake[N_FIXED + c] = 0.0 if rests else 1.0
-        if not rests:
-            state.taught[c] = taught + h
+        information_time = state.information_time[c]
+        state.information_rate[c] *= fade
+        is_considered = (
+            information_time > REST_MEMORY and state.information_rate[c] * information_time < share * REST_MEMORY
+        )
+        state.active[N_FIXED + c] = 0.0 if is_considered else 1.0
+        if not is_considered:
+            state.information_time[c] = information_time + h
 
 
 @kernel
-def predict(state: JointState, held: HeldInput, t: float, coupled: bool) -> bool:
+def predict(state: JointState, held: ZeroOrderHold, t: float, coupled: bool) -> bool:
     """Advance the filter to the time t [s]; False where the inputs are not known yet."""
     span = t - state.clock[C_TIME]
     steps = max(1, math.ceil(span / state.options[O_STEP] - 1e-9))
@@ -191,7 +193,7 @@ def predict(state: JointState, held: HeldInput, t: float, coupled: bool) -> bool
     total = state.scratch[11]
     for k in range(steps):
         end = t if k == steps - 1 else state.clock[C_TIME] + h
-        if not held_means_into(held, end, state.pushed):
+        if not mean_forces_into(held, end, state.pushed):
             return False
         input_wrench(state)
         for i in range(6):
@@ -204,7 +206,7 @@ def predict(state: JointState, held: HeldInput, t: float, coupled: bool) -> bool
             h,
             1.0 / T,
             state.codes,
-            state.anchor,
+            state.linearised_at,
             state.shape,
             state.pushed,
             coupled,
@@ -213,7 +215,7 @@ def predict(state: JointState, held: HeldInput, t: float, coupled: bool) -> bool
             state.work,
             state.scratch,
         )
-        _off_anchor(state)
+        _off_linearisation(state)
         _covariance(state, h)
         for i in range(6):
             state.force[i] *= fade
@@ -225,10 +227,10 @@ def predict(state: JointState, held: HeldInput, t: float, coupled: bool) -> bool
 
 
 @kernel
-def wants_anchor(state: JointState) -> bool:
+def wants_relinearisation(state: JointState) -> bool:
     """Whether a coefficient that is known well enough has left its anchor."""
     for k in range(state.theta.shape[0]):
-        if math.fabs(state.theta[k] - state.anchor[k]) > _FAR and _known(state, k):
+        if math.fabs(state.theta[k] - state.linearised_at[k]) > _FAR and _known(state, k):
             return True
     return False
 
@@ -236,7 +238,7 @@ def wants_anchor(state: JointState) -> bool:
 @kernel
 def _known(state: JointState, k: int) -> bool:
     variance = state.P[N_FIXED + k, N_FIXED + k]
-    return bool(state.codes[k, 3] != PLAIN and variance < _KNOWN * _KNOWN)
+    return bool(state.codes[k, 3] != UNTRANSFORMED and variance < _KNOWN * _KNOWN)
 
 
 @kernel
@@ -265,36 +267,36 @@ def _bend(state: JointState, k: int, away: float) -> float:
 
 
 @kernel
-def move_anchor(state: JointState, held: HeldInput) -> None:
+def relinearise(state: JointState, held: ZeroOrderHold) -> None:
     """Linearise about the present coefficients, where they are known, from here on.
 
     Couplings of the mass matrix are shrunk where it would not be positive definite.
     """
     n = state.theta.shape[0]
     for k in range(n):
-        away = state.theta[k] - state.anchor[k]
+        away = state.theta[k] - state.linearised_at[k]
         if state.codes[k, 0] == IN_DELAY:
             continue  # commands on their way have their due times already
-        if state.codes[k, 3] == PLAIN:
-            state.anchor[k] += away
+        if state.codes[k, 3] == UNTRANSFORMED:
+            state.linearised_at[k] += away
             continue
         if not _known(state, k):
             continue
-        state.anchor[k] += _bend(state, k, min(max(away, -20.0), 20.0))
-        state.theta[k] = state.anchor[k]
+        state.linearised_at[k] += _bend(state, k, min(max(away, -20.0), 20.0))
+        state.theta[k] = state.linearised_at[k]
         if state.codes[k, 0] == IN_LAG:
             for j in range(held.lag.shape[0]):
-                held.lag[j] = math.exp(state.anchor[k])
+                held.lag[j] = math.exp(state.linearised_at[k])
     for _ in range(200):
-        if put_parameters(state.p, state.codes, state.anchor, state.small):
+        if put_parameters(state.p, state.codes, state.linearised_at, state.small):
             return
         for k in range(n):
             if state.codes[k, 0] == MASS and state.codes[k, 1] != state.codes[k, 2]:
-                state.anchor[k] *= 0.9
+                state.linearised_at[k] *= 0.9
 
 
 @kernel
-def begin_motion(state: JointState, held: HeldInput, t: float, z: Array) -> None:
+def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> None:
     """Begin the motion at the row z (15,) of time t [s]; coefficients, biases and current stay as they are."""
     x, P = state.x, state.P
     size = P.shape[0]
@@ -326,23 +328,23 @@ def begin_motion(state: JointState, held: HeldInput, t: float, z: Array) -> None
         P[9 + i, 9 + i] = _START[3] ** 2
     for i in range(6):
         state.force[i] = 0.0
-        P[12 + i, 12 + i] = state.sigma[i] ** 2
+        P[12 + i, 12 + i] = state.disturbance[i] ** 2
     for j in range(size):
         state.dx[j] = 0.0
     for k in range(5):
-        state.heard[k] = t
+        state.last_accepted[k] = t
     for k in range(4):
-        state.hidden[k, 0] = 0.0
+        state.outage[k, 0] = 0.0
     for j in range(6, 12):
         state.stats[j, 13] = 0.0  # a speed of before the pause is no neighbour
-    held_means_into(held, t, state.pushed)
+    mean_forces_into(held, t, state.pushed)
     input_wrench(state)
     state.clock[C_TIME] = t
     state.clock[C_STARTED] = 1.0
 
 
 @kernel
-def joint_step(state: JointState, held: HeldInput, t: float, z: Array, coupled: bool) -> bool:
+def joint_step(state: JointState, held: ZeroOrderHold, t: float, z: Array, coupled: bool) -> bool:
     """Take the row z (15,) of time t [s]; False where it taught nothing: out of order, or no inputs known yet."""
     now = state.clock[C_TIME]
     started = state.clock[C_STARTED] > 0.0
@@ -357,8 +359,8 @@ def joint_step(state: JointState, held: HeldInput, t: float, z: Array, coupled: 
         state.clock[C_STARTED] = 0.0
         return False
     update_row(state, z, coupled)
-    if state.options[O_FOLLOW] > 0.0 and wants_anchor(state):
-        move_anchor(state, held)
+    if state.options[O_FOLLOW] > 0.0 and wants_relinearisation(state):
+        relinearise(state, held)
     state.clock[C_ROWS] += 1.0
     return True
 
@@ -366,7 +368,7 @@ def joint_step(state: JointState, held: HeldInput, t: float, z: Array, coupled: 
 @kernel
 def joint_events(
     state: JointState,
-    held: HeldInput,
+    held: ZeroOrderHold,
     t: Array,
     values: Array,
     input_t: Array,
@@ -379,7 +381,7 @@ def joint_events(
     """Take rows first .. last of t (n,), values (n, 15), with inputs (k,), (k, m) in time; return the inputs pushed."""
     for i in range(first, last):
         while pushed < input_t.shape[0] and input_t[pushed] <= t[i]:
-            held_push(held, input_t[pushed], input_force[pushed])
+            hold_force(held, input_t[pushed], input_force[pushed])
             pushed += 1
         joint_step(state, held, t[i], values[i], coupled)
     return pushed

@@ -13,27 +13,41 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.data.noise import Levels
+from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.data.samples import Samples
-from towtank.identification.data.zero_order_hold import HeldInput, new_held_input
+from towtank.identification.data.zero_order_hold import ZeroOrderHold, new_zero_order_hold
 from towtank.identification.kalman.filter import joint_events
-from towtank.identification.kalman.noise_adaptation import alike, between, caution, followed, level_merit, refused_share
-from towtank.identification.kalman.state import C_DURATION, C_LIKELIHOOD, C_ROWS, JointState, Tuning, new_joint_state
+from towtank.identification.kalman.noise_adaptation import (
+    adapt_noise,
+    converged,
+    log_prior_of_levels,
+    midpoint,
+    rejected_share,
+    variance_inflation,
+)
+from towtank.identification.kalman.state import (
+    C_DURATION,
+    C_LIKELIHOOD,
+    C_ROWS,
+    FilterSettings,
+    JointState,
+    new_joint_state,
+)
 from towtank.identification.model.linearisation import N_FIXED
-from towtank.identification.model.parameters import DELAY, IN_DELAY, IN_LAG, LAG, MASS, PLAIN, FreeParameters
+from towtank.identification.model.parameters import DELAY, IN_DELAY, IN_LAG, LAG, MASS, UNTRANSFORMED, FreeParameters
 
 __all__ = [
     "JointFit",
-    "bounded",
-    "cautiously",
     "fit_of",
     "held_of",
+    "informed_or_start",
     "joint_passes",
-    "merit",
+    "limit_step",
+    "log_posterior",
     "one_pass",
     "prior_deviation",
-    "told_of",
     "uses_biases",
+    "with_inflated_variance",
 ]
 
 _CHUNK = 4096  # rows between two reports of progress
@@ -57,23 +71,24 @@ class JointFit:
         levels: as the data show them. likelihood: of the last pass's innovations. passes: how many were run.
         duration, rows: learned from. refused: share of each column's samples that lay beyond the gate (15,).
         whiteness: mean of innovation^2 / S per column (15,), 1 where noise and model are right.
-        looks: independent looks at the disturbance of each axis (6,). state: of the filter at the end of the pass.
+        effective_samples: of the disturbance of each axis (6,). state: of the filter at the end of the pass.
 
-    The deviations are those at a disturbance above its estimate, see `caution`: how little is known of it is in them.
+    The deviations are those at a disturbance above its estimate, see `variance_inflation`: how little is
+    known of it is in them.
     """
 
     free: FreeParameters
     theta: Array
     covariance: Array
     likely: Array
-    levels: Levels
+    levels: NoiseLevels
     likelihood: float
     passes: int
     duration: float
     rows: int
-    refused: Array
-    whiteness: Array
-    looks: Array
+    rejected: Array
+    nis: Array
+    effective_samples: Array
     state: JointState
 
     @property
@@ -95,19 +110,19 @@ def prior_deviation(free: FreeParameters, scale: Array) -> Array:
         kind, transform = free.codes[k, 0], free.codes[k, 3]
         if kind == IN_DELAY:
             out[k] = _DELAY_WIDE
-        elif transform == PLAIN:
+        elif transform == UNTRANSFORMED:
             out[k] = scale[k]
         else:
             out[k] = _WIDE
     return out
 
 
-def told_of(free: FreeParameters, theta: Array, std: Array, start: Array) -> Array:
+def informed_or_start(free: FreeParameters, theta: Array, std: Array, start: Array) -> Array:
     """Return theta (n,), but the start (n,) where nothing was told: what is not known must not drift by passes."""
-    return np.asarray(np.where((free.codes[:, 3] != PLAIN) & (std > _UNTOLD * _WIDE), start, theta))
+    return np.asarray(np.where((free.codes[:, 3] != UNTRANSFORMED) & (std > _UNTOLD * _WIDE), start, theta))
 
 
-def held_of(samples: Samples, free: FreeParameters, theta: Array, delay: float) -> HeldInput:
+def held_of(samples: Samples, free: FreeParameters, theta: Array, delay: float) -> ZeroOrderHold:
     """Return the inputs of a recording with the delay and lag of theta."""
     lag = samples.lag
     for k in range(len(free)):
@@ -115,7 +130,7 @@ def held_of(samples: Samples, free: FreeParameters, theta: Array, delay: float) 
             delay = max(0.0, float(theta[k]))
         elif free.codes[k, 0] == IN_LAG:
             lag = np.full(samples.lag.size, np.exp(theta[k]))
-    return new_held_input(samples.shape.shape[1], lag, delay)
+    return new_zero_order_hold(samples.shape.shape[1], lag, delay)
 
 
 def one_pass(
@@ -124,13 +139,13 @@ def one_pass(
     free: FreeParameters,
     theta: Array,
     deviation: Array,
-    levels: Levels,
-    tuning: Tuning,
+    levels: NoiseLevels,
+    settings: FilterSettings,
     *,
     delay: float = 0.0,
     prior: tuple[Array, Array] | None = None,
-    told: Progress | None = None,
-) -> tuple[JointState, HeldInput]:
+    progress: Progress | None = None,
+) -> tuple[JointState, ZeroOrderHold]:
     """Run the filter once over all recordings; return its state and the inputs' at the end.
 
     Args:
@@ -158,11 +173,11 @@ def one_pass(
                 covariance,
                 each.shape,
                 levels.noise,
-                levels.sigma,
-                levels.rough,
-                tuning,
+                levels.disturbance,
+                levels.velocity_walk,
+                settings,
                 biases=biases,
-                anchor=theta,
+                linearised_at=theta,
             )
         else:
             state = state._replace(shape=each.shape, pushed=np.zeros((3, each.shape.shape[1])))
@@ -174,8 +189,8 @@ def one_pass(
             pushed = joint_events(
                 state, held, each.t, each.values, each.input_t, each.input_force, True, first, last, pushed
             )
-            if told is not None:
-                told((done + last) / total)
+            if progress is not None:
+                progress((done + last) / total)
         done += len(each)
     assert state is not None
     return state, held
@@ -186,8 +201,8 @@ def joint_passes(
     p: Array,
     free: FreeParameters,
     theta: Array,
-    levels: Levels,
-    tuning: Tuning,
+    levels: NoiseLevels,
+    settings: FilterSettings,
     *,
     scale: Array,
     delay: float = 0.0,
@@ -195,8 +210,8 @@ def joint_passes(
     most: int = _PASSES,
     shown: Array | None = None,
     begin: bool = True,
-    cautious: bool = True,
-    told: Progress | None = None,
+    inflate: bool = True,
+    progress: Progress | None = None,
 ) -> JointFit:
     """Run passes from theta (n,) until nothing moves any more.
 
@@ -210,52 +225,56 @@ def joint_passes(
     shown = levels.noise if shown is None else shown
     deviation = prior_deviation(free, scale)
     best: JointFit | None = None
-    anchor = np.array(theta, dtype=np.float64)
+    linearised_at = np.array(theta, dtype=np.float64)
     worse = 0
     for k in range(most):
-        share = (lambda s, k=k: told((k + s) / most)) if told is not None else None
-        way = replace(tuning, follow=begin and k == 0)
-        state, _ = one_pass(samples, p, free, anchor, deviation, levels, way, delay=delay, prior=prior, told=share)
+        share = (lambda s, k=k: progress((k + s) / most)) if progress is not None else None
+        way = replace(settings, follow=begin and k == 0)
+        state, _ = one_pass(
+            samples, p, free, linearised_at, deviation, levels, way, delay=delay, prior=prior, progress=share
+        )
         fit = fit_of(free, state, levels, k + 1)
         sound = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.std).all() and np.isfinite(fit.likelihood))
-        if not sound or (best is not None and k > begin and merit(fit, tuning) < merit(best, tuning) - _WORSE):
+        if not sound or (
+            best is not None and k > begin and log_posterior(fit, settings) < log_posterior(best, settings) - _WORSE
+        ):
             worse += 1
-            if sound and best is not None and _settled(fit, best.theta, best.std) and alike(levels, best.levels):
+            if sound and best is not None and _settled(fit, best.theta, best.std) and converged(levels, best.levels):
                 break
             if best is None:
                 deviation = 0.3 * deviation
             elif worse > _TRIES:
                 break
             else:
-                anchor = bounded(free, best.theta, best.theta)
-                levels = between(levels, best.levels)
+                linearised_at = limit_step(free, best.theta, best.theta)
+                levels = midpoint(levels, best.levels)
             continue
-        following = followed(state, levels, tuning, shown, neighbours=True)
-        still = (k > 0 or not begin) and _settled(fit, anchor, fit.std)
+        following = adapt_noise(state, levels, settings, shown, neighbours=True)
+        still = (k > 0 or not begin) and _settled(fit, linearised_at, fit.std)
         best = fit
-        if still and alike(following, levels):
+        if still and converged(following, levels):
             break
-        following_anchor = bounded(free, fit.theta, anchor, linear=k > 0 or not begin)
-        anchor, levels = told_of(free, following_anchor, fit.std, np.asarray(theta)), following
+        next_point = limit_step(free, fit.theta, linearised_at, linear=k > 0 or not begin)
+        linearised_at, levels = informed_or_start(free, next_point, fit.std, np.asarray(theta)), following
     if best is None:
-        return replace(fit, theta=anchor)
-    return cautiously(samples, p, best, tuning, deviation, delay=delay, prior=prior) if cautious else best
+        return replace(fit, theta=linearised_at)
+    return with_inflated_variance(samples, p, best, settings, deviation, delay=delay, prior=prior) if inflate else best
 
 
-def cautiously(
+def with_inflated_variance(
     samples: Sequence[Samples],
     p: Array,
     fit: JointFit,
-    tuning: Tuning,
+    settings: FilterSettings,
     deviation: Array,
     *,
     delay: float = 0.0,
     prior: tuple[Array, Array] | None = None,
 ) -> JointFit:
     """Return the fit with deviations at a disturbance above its estimate: one pass more. Arguments as `one_pass`."""
-    levels = replace(fit.levels, sigma=fit.levels.sigma * caution(fit.looks))
-    about = bounded(fit.free, fit.theta, fit.theta)
-    way = replace(tuning, follow=False)
+    levels = replace(fit.levels, disturbance=fit.levels.disturbance * variance_inflation(fit.effective_samples))
+    about = limit_step(fit.free, fit.theta, fit.theta)
+    way = replace(settings, follow=False)
     state, _ = one_pass(samples, p, fit.free, about, deviation, levels, way, delay=delay, prior=prior)
     last = fit_of(fit.free, state, fit.levels, fit.passes + 1)
     sound = bool(np.isfinite(last.std).all() and (last.std > 0.0).all())
@@ -267,13 +286,13 @@ def _settled(fit: JointFit, theta: Array, std: Array) -> bool:
     return bool(np.all(np.abs(fit.theta - theta) <= _SETTLED * std + 1e-6))
 
 
-def fit_of(free: FreeParameters, state: JointState, levels: Levels, passes: int) -> JointFit:
+def fit_of(free: FreeParameters, state: JointState, levels: NoiseLevels, passes: int) -> JointFit:
     """Return what a filter has found by the end of a pass with these levels."""
     n = len(free)
     block = state.P[N_FIXED : N_FIXED + n, N_FIXED : N_FIXED + n].copy()
     counted = state.stats[:, 4]
     with np.errstate(invalid="ignore", divide="ignore"):
-        whiteness = np.where(counted > 0.0, state.stats[:, 2] / counted, np.nan)
+        nis = np.where(counted > 0.0, state.stats[:, 2] / counted, np.nan)
     return JointFit(
         free=free,
         theta=state.theta.copy(),
@@ -284,31 +303,31 @@ def fit_of(free: FreeParameters, state: JointState, levels: Levels, passes: int)
         passes=passes,
         duration=float(state.clock[C_DURATION]),
         rows=int(state.clock[C_ROWS]),
-        refused=refused_share(state),
-        whiteness=whiteness,
-        looks=state.level[:, 3].copy(),
+        rejected=rejected_share(state),
+        nis=nis,
+        effective_samples=state.level[:, 3].copy(),
         state=state,
     )
 
 
-def merit(fit: JointFit, tuning: Tuning) -> float:
+def log_posterior(fit: JointFit, settings: FilterSettings) -> float:
     """Return the logarithm of the likelihood of what was found, that of the levels under their prior included."""
-    return fit.likelihood + level_merit(fit.levels, tuning)
+    return fit.likelihood + log_prior_of_levels(fit.levels, settings)
 
 
-def bounded(free: FreeParameters, theta: Array, anchor: Array, *, linear: bool = False) -> Array:
+def limit_step(free: FreeParameters, theta: Array, linearised_at: Array, *, linear: bool = False) -> Array:
     """Return the next point to linearise about: logarithms move by 1 at most, a delay is never negative.
 
     After a `linear` pass the way of a logarithm is bent as in `kalman.filter`: an inertia acts by its inverse.
     """
     out = np.array(theta)
     for k, name in enumerate(free.names):
-        if free.codes[k, 3] != PLAIN:
-            way = float(theta[k] - anchor[k])
+        if free.codes[k, 3] != UNTRANSFORMED:
+            way = float(theta[k] - linearised_at[k])
             inertia = free.codes[k, 0] == MASS
             if linear and (way < 0.0) == inertia:
                 way = float(np.copysign(np.log1p(abs(way)), way))
-            out[k] = anchor[k] + np.clip(way, -1.0, 1.0)
+            out[k] = linearised_at[k] + np.clip(way, -1.0, 1.0)
         if name == DELAY:
             out[k] = max(0.0, out[k])
         if name == LAG:

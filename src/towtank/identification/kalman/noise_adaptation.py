@@ -15,28 +15,28 @@ from collections.abc import Sequence
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.data.noise import Levels, noise_level, noise_levels
+from towtank.identification.data.noise import NoiseLevels, noise_level, noise_levels
 from towtank.identification.data.samples import N_MEASURED, Samples
-from towtank.identification.kalman.state import C_DURATION, JointState, Tuning
+from towtank.identification.kalman.state import C_DURATION, FilterSettings, JointState
 from towtank.identification.model.prior import usual_disturbance
 from towtank.recording import Recording
 from towtank.recording.standard import EULER, MOTION, QUATERNION
 from towtank.vehicle import Vehicle
 
 __all__ = [
-    "alike",
+    "adapt_noise",
     "astray",
     "at_odds",
-    "between",
-    "caution",
-    "followed",
-    "level_merit",
-    "levels_of",
-    "refused_share",
-    "rows_noise",
-    "rows_rough",
-    "start_levels",
-    "tuning_for",
+    "common_noise_levels",
+    "converged",
+    "filter_settings",
+    "initial_noise_levels",
+    "log_prior_of_levels",
+    "midpoint",
+    "noise_of_rows",
+    "rejected_share",
+    "variance_inflation",
+    "velocity_walk_of_rows",
 ]
 
 _NOISE_SHOWN = 1.5  # times what the samples show, at most
@@ -57,7 +57,9 @@ _TYPICAL = np.array([2e-3] * 3 + [2e-3] * 3 + [1e-2] * 3 + [3e-3] * 3 + [5e-2] *
 _LEAST = np.array([1e-5] * 3 + [1e-5] * 3 + [1e-4] * 3 + [1e-5] * 3 + [1e-3] * 3)
 
 
-def followed(state: JointState, levels: Levels, tuning: Tuning, shown: Array, *, neighbours: bool = False) -> Levels:
+def adapt_noise(
+    state: JointState, levels: NoiseLevels, settings: FilterSettings, shown: Array, *, neighbours: bool = False
+) -> NoiseLevels:
     """Return the levels that the pass's own innovations and disturbances speak for.
 
     Args:
@@ -71,44 +73,46 @@ def followed(state: JointState, levels: Levels, tuning: Tuning, shown: Array, *,
         if told > 50.0:
             square = total / told
             noise[j] = np.sqrt(np.clip(square, noise[j] ** 2 / 4.0, noise[j] ** 2 * 4.0))
-    refused = refused_share(state) * (state.clock[C_DURATION] > _LONG)
+    rejected = rejected_share(state) * (state.clock[C_DURATION] > _LONG)
     for j in range(N_MEASURED):
         if j < 6 and state.stats[6 + j, 4] > 0.0:  # a pose beside its speed: forces cannot part the two, clocks can
-            noise[j] *= _SWING if refused[j] > _REFUSED else 1.0
+            noise[j] *= _SWING if rejected[j] > _REFUSED else 1.0
         else:
             noise[j] = min(noise[j], _NOISE_SHOWN * shown[j])
             if neighbours and 6 <= j < 12:
                 noise[j] = max(noise[j], _NOISE_AT_LEAST * shown[j])
-    sigma, rough = levels.sigma.copy(), _rough(state, levels, steady=neighbours)
-    hidden = neighbours & (np.nan_to_num(rough) < _SMOOTHER * np.nan_to_num(levels.rough))
-    floors = np.array([tuning.floor_force] * 3 + [tuning.floor_moment] * 3)
-    usual = np.array(tuning.usual)
+    disturbance, velocity_walk = levels.disturbance.copy(), _rough(state, levels, steady=neighbours)
+    outage = neighbours & (np.nan_to_num(velocity_walk) < _SMOOTHER * np.nan_to_num(levels.velocity_walk))
+    floors = np.array([settings.floor_force] * 3 + [settings.floor_moment] * 3)
+    usual = np.array(settings.usual)
     for i in range(6):
-        if refused[i] > _REFUSED and not state.stats[6 + i, 4] > 0.0:
-            sigma[i] *= _SWING
+        if rejected[i] > _REFUSED and not state.stats[6 + i, 4] > 0.0:
+            disturbance[i] *= _SWING
             continue
-        time, square, variance, looks = state.level[i]
-        expected = sigma[i] ** 2 * time - variance  # what d_hat^2 should have added up to
-        if time > 0.0 and expected > 1e-3 * sigma[i] ** 2 * time:
+        time, square, variance, effective_samples = state.level[i]
+        expected = disturbance[i] ** 2 * time - variance  # what d_hat^2 should have added up to
+        if time > 0.0 and expected > 1e-3 * disturbance[i] ** 2 * time:
             ratio = float(np.clip(square / expected, 1.0 / _SWING, _SWING))
-            sigma[i] *= min(np.sqrt(ratio), ratio)  # down at twice the pace: a level too high hides what would lower it
+            disturbance[i] *= min(
+                np.sqrt(ratio), ratio
+            )  # down at twice the pace: a level too high hides what would lower it
         if usual[i] > 0.0:
-            weight = looks / (looks + _USUAL_FOR)
-            sigma[i] = sigma[i] ** weight * usual[i] ** (1.0 - weight)
-        if hidden[i]:
-            sigma[i] = max(sigma[i], levels.sigma[i])
-    return Levels(noise, np.maximum(sigma, floors), rough)
+            weight = effective_samples / (effective_samples + _USUAL_FOR)
+            disturbance[i] = disturbance[i] ** weight * usual[i] ** (1.0 - weight)
+        if outage[i]:
+            disturbance[i] = max(disturbance[i], levels.disturbance[i])
+    return NoiseLevels(noise, np.maximum(disturbance, floors), velocity_walk)
 
 
-def refused_share(state: JointState) -> Array:
+def rejected_share(state: JointState) -> Array:
     """Return the share (15,) of each column's samples that lay beyond the gate."""
-    asked = state.stats[:, 3] + state.stats[:, 4]
-    return np.asarray(state.stats[:, 3] / np.maximum(asked, 1.0))
+    requested = state.stats[:, 3] + state.stats[:, 4]
+    return np.asarray(state.stats[:, 3] / np.maximum(requested, 1.0))
 
 
 def astray(state: JointState) -> bool:
     """Whether the pass has refused much of a sensor."""
-    return bool(np.any(refused_share(state) > _ASTRAY))
+    return bool(np.any(rejected_share(state) > _ASTRAY))
 
 
 def at_odds(state: JointState) -> bool:
@@ -117,48 +121,55 @@ def at_odds(state: JointState) -> bool:
     return bool(np.any(state.stats[:, 2] > _AT_ODDS * np.maximum(believed, 50.0)))
 
 
-def _rough(state: JointState, levels: Levels, *, steady: bool) -> Array:
+def _rough(state: JointState, levels: NoiseLevels, *, steady: bool) -> Array:
     """Return the random walk (6,) of speeds that are measured themselves, by one step of scoring.
 
     A walk adds to a sample's variance what it did since the last one; in the steady state, all that is not forgotten.
     """
-    rough = levels.rough.copy()
+    velocity_walk = levels.velocity_walk.copy()
     for i in range(6):
         believed = state.stats[6 + i, 4]
         score, information = state.stats[6 + i, 9:11] if steady else state.stats[6 + i, 5:7]
-        now = np.nan_to_num(rough[i])
+        now = np.nan_to_num(velocity_walk[i])
         if believed > 50.0 and information > 0.0 and (now > 0.0 or score > _SURELY * np.sqrt(2.0 * information)):
-            rough[i] = np.sqrt(max(now**2 + score / information, 0.0))
-    return np.asarray(rough)
+            velocity_walk[i] = np.sqrt(max(now**2 + score / information, 0.0))
+    return np.asarray(velocity_walk)
 
 
-def between(one: Levels, other: Levels) -> Levels:
+def midpoint(one: NoiseLevels, other: NoiseLevels) -> NoiseLevels:
     """Return the geometric mean of two levels."""
-    return Levels(np.sqrt(one.noise * other.noise), np.sqrt(one.sigma * other.sigma), np.sqrt(one.rough * other.rough))
-
-
-def alike(new: Levels, old: Levels) -> bool:
-    """Whether levels have settled."""
-    return bool(
-        np.all(np.abs(new.sigma - old.sigma) <= _LEVELS_SETTLED * old.sigma)
-        and np.all(np.abs(new.noise - old.noise) <= _LEVELS_SETTLED * old.noise)
-        and np.all(np.abs(np.nan_to_num(new.rough - old.rough)) <= _LEVELS_SETTLED * np.nan_to_num(old.rough))
+    return NoiseLevels(
+        np.sqrt(one.noise * other.noise),
+        np.sqrt(one.disturbance * other.disturbance),
+        np.sqrt(one.velocity_walk * other.velocity_walk),
     )
 
 
-def level_merit(levels: Levels, tuning: Tuning) -> float:
+def converged(new: NoiseLevels, old: NoiseLevels) -> bool:
+    """Whether levels have settled."""
+    return bool(
+        np.all(np.abs(new.disturbance - old.disturbance) <= _LEVELS_SETTLED * old.disturbance)
+        and np.all(np.abs(new.noise - old.noise) <= _LEVELS_SETTLED * old.noise)
+        and np.all(
+            np.abs(np.nan_to_num(new.velocity_walk - old.velocity_walk))
+            <= _LEVELS_SETTLED * np.nan_to_num(old.velocity_walk)
+        )
+    )
+
+
+def log_prior_of_levels(levels: NoiseLevels, settings: FilterSettings) -> float:
     """Return the logarithm of the prior likelihood of the disturbance's level, which is `usual` give or take."""
-    usual = np.array(tuning.usual)
-    away = np.log(levels.sigma[usual > 0.0] / usual[usual > 0.0])
+    usual = np.array(settings.usual)
+    away = np.log(levels.disturbance[usual > 0.0] / usual[usual > 0.0])
     return -_USUAL_FOR * float(np.sum(away**2))
 
 
-def caution(looks: Array) -> Array:
+def variance_inflation(effective_samples: Array) -> Array:
     """Return the factor (6,) by which the usual level pulls down one far above it, after so many looks (6,)."""
-    return np.asarray(_FAR_ABOVE ** (_USUAL_FOR / (looks + _USUAL_FOR)))
+    return np.asarray(_FAR_ABOVE ** (_USUAL_FOR / (effective_samples + _USUAL_FOR)))
 
 
-def start_levels(recording: Recording, vehicle: Vehicle) -> Levels:
+def initial_noise_levels(recording: Recording, vehicle: Vehicle) -> NoiseLevels:
     """Return noise levels from the recording's own samples and a usual level of the disturbance."""
     found = noise_levels(recording)
     if all(name in recording for name in QUATERNION) and not all(name in found for name in EULER):
@@ -168,17 +179,17 @@ def start_levels(recording: Recording, vehicle: Vehicle) -> Levels:
         level = found.get(name)
         if level is not None and np.isfinite(level.std) and level.std > 0.0 and not level.dead:
             noise[j] = max(level.of_each(_rate(recording, name)), level.quantum / math.sqrt(12.0), float(_LEAST[j]))
-    return Levels(noise, usual_disturbance(vehicle))
+    return NoiseLevels(noise, usual_disturbance(vehicle))
 
 
-def levels_of(recordings: Sequence[Recording], samples: Sequence[Samples], vehicle: Vehicle) -> Levels:
+def common_noise_levels(recordings: Sequence[Recording], samples: Sequence[Samples], vehicle: Vehicle) -> NoiseLevels:
     """Return the levels that several recordings start with: their usual noise, the largest roughness."""
-    each = [start_levels(recording, vehicle) for recording in recordings]
-    rough = np.fmax.reduce([rows_rough(one.t, one.values) for one in samples], axis=0)
-    return Levels(np.median([level.noise for level in each], axis=0), each[0].sigma, rough)
+    each = [initial_noise_levels(recording, vehicle) for recording in recordings]
+    velocity_walk = np.fmax.reduce([velocity_walk_of_rows(one.t, one.values) for one in samples], axis=0)
+    return NoiseLevels(np.median([level.noise for level in each], axis=0), each[0].disturbance, velocity_walk)
 
 
-def rows_noise(t: Array, values: Array) -> Array:
+def noise_of_rows(t: Array, values: Array) -> Array:
     """Return the noise (15,) of rows (n,), (n, 15), from the latest of them."""
     noise = _TYPICAL.copy()
     for j, name in enumerate(MOTION):
@@ -196,13 +207,13 @@ def rows_noise(t: Array, values: Array) -> Array:
     return noise
 
 
-def rows_rough(t: Array, values: Array) -> Array:
+def velocity_walk_of_rows(t: Array, values: Array) -> Array:
     """Return what the speeds of rows (n,), (n, 15) do in all, as a random walk (6,) [m/s^2 sqrt(s), rad/s^2 sqrt(s)].
 
     No model leaves more than this unexplained: a filter that starts from here cannot lose the motion. NaN where there
     are too few samples to tell.
     """
-    rough = np.full(6, np.nan)
+    velocity_walk = np.full(6, np.nan)
     for i in range(6):
         known = np.isfinite(values[:, 6 + i])
         if known.sum() < _FEWEST:
@@ -213,8 +224,8 @@ def rows_rough(t: Array, values: Array) -> Array:
         near = stamps[to] - stamps[from_] < 5.0 * _APART
         if near.any():
             steps = (speeds[to] - speeds[from_])[near] ** 2 / (stamps[to] - stamps[from_])[near]
-            rough[i] = math.sqrt(float(np.mean(steps)))
-    return rough
+            velocity_walk[i] = math.sqrt(float(np.mean(steps)))
+    return velocity_walk
 
 
 def _rate(recording: Recording, name: str) -> float:
@@ -223,10 +234,10 @@ def _rate(recording: Recording, name: str) -> float:
     return (len(known) - 1) / max(float(known.t[-1] - known.t[0]), 1e-9) if len(known) > 1 else 1.0
 
 
-def tuning_for(vehicle: Vehicle) -> Tuning:
+def filter_settings(vehicle: Vehicle) -> FilterSettings:
     """Return the filter's settings for a vehicle: floors of the disturbance in proportion to its inertia."""
     usual = usual_disturbance(vehicle)
-    return Tuning(
+    return FilterSettings(
         floor_force=_FLOOR * float(usual[:3].min()),
         floor_moment=_FLOOR * float(usual[3:].min()),
         usual=tuple(float(level) for level in usual),

@@ -16,7 +16,7 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import N_MEASURED
 from towtank.identification.model.linearisation import N_FIXED, transition_scratch
-from towtank.identification.model.parameters import PLAIN, Codes, FreeParameters, put_parameters
+from towtank.identification.model.parameters import UNTRANSFORMED, Codes, FreeParameters, put_parameters
 
 __all__ = [
     "C_DURATION",
@@ -41,14 +41,14 @@ __all__ = [
     "O_STEP",
     "O_TIME_CONSTANT",
     "REST_MEMORY",
+    "FilterSettings",
+    "HealthySnapshot",
     "JointState",
-    "Sound",
-    "Tuning",
     "has_moved",
+    "healthy_snapshot",
     "known_to",
     "mended",
     "new_joint_state",
-    "sound_of",
 ]
 
 (
@@ -77,7 +77,7 @@ _DOUBT = 4.0  # by which the variances of a filter grow that had to be mended
 
 
 @dataclass(frozen=True)
-class Tuning:
+class FilterSettings:
     """What a normal user never touches.
 
     Attributes:
@@ -120,19 +120,21 @@ class JointState(NamedTuple):
     P: Array  # (N, N)
     p: Array  # (154,) kernel parameters, the anchor put in
     codes: Codes  # (n, 4)
-    anchor: Array  # (n,) theta that the motion is linearised about; `p` and the held input have these values
+    linearised_at: Array  # (n,) theta that the motion is linearised about; `p` and the held input have these values
     walk: Array  # (n,) random walk of theta [variance per s]
-    taught: Array  # (n,) time over which theta has learned [s]
-    gained: Array  # (n,) information of late: -d(log variance), fading over REST_MEMORY
-    awake: Array  # (N,) 1, and 0 for a coefficient that rests
+    information_time: Array  # (n,) time over which theta has learned [s]
+    information_rate: Array  # (n,) information of late: -d(log variance), fading over REST_MEMORY
+    active: Array  # (N,) 1, and 0 for a coefficient that rests
     shape: Array  # (6, m) wrench of each input
     noise: Array  # (15,) deviations of the measured columns
-    sigma: Array  # (6,) levels of the disturbance [N, N m]
-    rough: Array  # (6,) random walk of the speeds [m/s^2 sqrt(s), rad/s^2 sqrt(s)]
+    disturbance: Array  # (6,) levels of the disturbance [N, N m]
+    velocity_walk: Array  # (6,) random walk of the speeds [m/s^2 sqrt(s), rad/s^2 sqrt(s)]
     options: Array  # (15,) see O_*
     clock: Array  # (7,) see C_*
-    heard: Array  # (5,) time of the last believed sample of each sensor: position, attitude, velocity, rates, force
-    hidden: Array  # (4, 5) per sensor: samples refused in a row, their mean offset, evidence of its return
+    last_accepted: (
+        Array  # (5,) time of the last believed sample of each sensor: position, attitude, velocity, rates, force
+    )
+    outage: Array  # (4, 5) per sensor: samples refused in a row, their mean offset, evidence of its return
     stats: Array  # (15, 14) per column: tell of noise, sum of their innovation^2 - H P H^T; then sum of it / S,
     # refused, believed, score and information of a random walk of the column; of speeds also: pairs of neighbours, sum
     # of what they say of the noise, score and information in the steady state, last innovation, its gain, whether it is
@@ -159,13 +161,13 @@ def new_joint_state(
     deviation: Array,
     shape: Array,
     noise: Array,
-    sigma: Array,
-    rough: Array,
-    tuning: Tuning,
+    disturbance: Array,
+    velocity_walk: Array,
+    settings: FilterSettings,
     *,
     biases: bool,
     walk: Array | None = None,
-    anchor: Array | None = None,
+    linearised_at: Array | None = None,
 ) -> JointState:
     """Return a filter that has seen nothing.
 
@@ -179,23 +181,23 @@ def new_joint_state(
     size = N_FIXED + n + (6 if biases else 0)
     F, A, work, scratch = transition_scratch(n)
     options = np.zeros(15)
-    options[O_TIME_CONSTANT], options[O_GATE], options[O_HUBER] = tuning.time_constant, tuning.gate, tuning.huber
-    options[O_REACQUIRE], options[O_GAP], options[O_STEP] = tuning.reacquire, tuning.gap, tuning.step
-    options[O_CURRENT_WALK] = tuning.current_walk**2 if tuning.current else 0.0
-    options[O_BIAS_WALK], options[O_ADAPT] = tuning.bias_walk**2, tuning.adapt
-    options[O_FLOOR_FORCE], options[O_FLOOR_MOMENT] = tuning.floor_force, tuning.floor_moment
-    options[O_BIASES], options[O_CURRENT] = float(biases), float(tuning.current)
-    options[O_FOLLOW] = float(tuning.follow)
+    options[O_TIME_CONSTANT], options[O_GATE], options[O_HUBER] = settings.time_constant, settings.gate, settings.huber
+    options[O_REACQUIRE], options[O_GAP], options[O_STEP] = settings.reacquire, settings.gap, settings.step
+    options[O_CURRENT_WALK] = settings.current_walk**2 if settings.current else 0.0
+    options[O_BIAS_WALK], options[O_ADAPT] = settings.bias_walk**2, settings.adapt
+    options[O_FLOOR_FORCE], options[O_FLOOR_MOMENT] = settings.floor_force, settings.floor_moment
+    options[O_BIASES], options[O_CURRENT] = float(biases), float(settings.current)
+    options[O_FOLLOW] = float(settings.follow)
     P = np.zeros((size, size))
     block = np.diag(deviation**2) if deviation.ndim == 1 else deviation
     P[N_FIXED : N_FIXED + n, N_FIXED : N_FIXED + n] = block
     if biases:
         P[N_FIXED + n :, N_FIXED + n :] = np.diag([0.02**2] * 3 + [0.3**2] * 3)
-    if tuning.current:
+    if settings.current:
         P[18:21, 18:21] = 0.2**2 * np.eye(3)
     kernel = np.array(p)
     start = np.array(theta, dtype=np.float64)
-    about = start.copy() if anchor is None else np.array(anchor, dtype=np.float64)
+    about = start.copy() if linearised_at is None else np.array(linearised_at, dtype=np.float64)
     put_parameters(kernel, free.codes, about, np.empty((6, 6)))
     m = shape.shape[1]
     x = np.zeros(13)
@@ -209,19 +211,19 @@ def new_joint_state(
         P=P,
         p=kernel,
         codes=np.ascontiguousarray(free.codes),
-        anchor=about,
+        linearised_at=about,
         walk=np.zeros(n) if walk is None else np.array(walk, dtype=np.float64),
-        taught=np.zeros(n),
-        gained=np.zeros(n),
-        awake=np.ones(size),
+        information_time=np.zeros(n),
+        information_rate=np.zeros(n),
+        active=np.ones(size),
         shape=np.ascontiguousarray(shape),
         noise=np.array(noise, dtype=np.float64),
-        sigma=np.array(sigma, dtype=np.float64),
-        rough=np.fmax(rough, _LEAST_ROUGH),
+        disturbance=np.array(disturbance, dtype=np.float64),
+        velocity_walk=np.fmax(velocity_walk, _LEAST_ROUGH),
         options=options,
         clock=np.zeros(7),
-        heard=np.zeros(5),
-        hidden=np.zeros((4, 5)),
+        last_accepted=np.zeros(5),
+        outage=np.zeros((4, 5)),
         stats=np.zeros((N_MEASURED, 14)),
         level=np.zeros((6, 4)),
         step=np.zeros((N_FIXED + n, 12)),
@@ -241,24 +243,26 @@ def new_joint_state(
 
 
 @dataclass(frozen=True, eq=False)
-class Sound:
+class HealthySnapshot:
     """What a filter knew when it was last found in order: theta (n,), its covariance (n, n), levels."""
 
     theta: Array
     covariance: Array
     noise: Array
-    sigma: Array
-    rough: Array
+    disturbance: Array
+    velocity_walk: Array
 
 
-def sound_of(state: JointState) -> Sound | None:
+def healthy_snapshot(state: JointState) -> HealthySnapshot | None:
     """Return what the filter knows; None where a number is not finite or a variance negative."""
     n = state.theta.size
     finite = np.isfinite(state.theta).all() and np.isfinite(state.P).all() and np.isfinite(state.x).all()
     if not (finite and (np.diag(state.P) >= 0.0).all()):
         return None
     block = state.P[N_FIXED : N_FIXED + n, N_FIXED : N_FIXED + n]
-    return Sound(state.theta.copy(), block.copy(), state.noise.copy(), state.sigma.copy(), state.rough.copy())
+    return HealthySnapshot(
+        state.theta.copy(), block.copy(), state.noise.copy(), state.disturbance.copy(), state.velocity_walk.copy()
+    )
 
 
 def known_to(state: JointState) -> Array:
@@ -267,14 +271,14 @@ def known_to(state: JointState) -> Array:
     return np.asarray(np.sqrt(np.maximum(np.diag(state.P)[N_FIXED : N_FIXED + n], 0.0)))
 
 
-def has_moved(state: JointState, sound: Sound) -> bool:
+def has_moved(state: JointState, sound: HealthySnapshot) -> bool:
     """Whether a coefficient has become known far from where the motion is linearised."""
     std = np.sqrt(np.diag(sound.covariance))
-    known = (state.codes[:, 3] != PLAIN) & (std < _KNOWN)
-    return bool(np.any(known & (np.abs(state.theta - state.anchor) > np.maximum(_MOVED, 2.0 * std))))
+    known = (state.codes[:, 3] != UNTRANSFORMED) & (std < _KNOWN)
+    return bool(np.any(known & (np.abs(state.theta - state.linearised_at) > np.maximum(_MOVED, 2.0 * std))))
 
 
-def mended(state: JointState, sound: Sound, free: FreeParameters, tuning: Tuning) -> JointState:
+def mended(state: JointState, sound: HealthySnapshot, free: FreeParameters, settings: FilterSettings) -> JointState:
     """Return a filter that begins its motion anew with what was known last, and trusts that less."""
     fresh = new_joint_state(
         state.p,
@@ -283,13 +287,13 @@ def mended(state: JointState, sound: Sound, free: FreeParameters, tuning: Tuning
         _DOUBT * sound.covariance,
         state.shape,
         sound.noise,
-        np.sqrt(_DOUBT) * sound.sigma,
-        sound.rough,
-        tuning,
+        np.sqrt(_DOUBT) * sound.disturbance,
+        sound.velocity_walk,
+        settings,
         biases=bool(state.options[O_BIASES]),
     )
     for option in (O_FOLLOW, O_ADAPT, O_REST):
         fresh.options[option] = state.options[option]
     fresh.clock[C_ROWS] = state.clock[C_ROWS]
-    fresh.taught[:] = state.taught
+    fresh.information_time[:] = state.information_time
     return fresh

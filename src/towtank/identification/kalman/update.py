@@ -97,26 +97,26 @@ def scalar_update(state: JointState, column: int, residual: float) -> None:
     else:
         state.clock[C_LIKELIHOOD] -= 0.5 * (math.log(S) + away * away)
     gain = nu / S
-    awake = state.awake
+    active = state.active
     for j in range(size):
-        dx[j] += awake[j] * g[j] * gain
+        dx[j] += active[j] * g[j] * gain
     root = 1.0 / math.sqrt(S)
     for i in range(size):
         g[i] *= root
     for c in range(state.theta.shape[0]):
         i = N_FIXED + c
         if P[i, i] > 0.0:
-            state.gained[c] += g[i] * g[i] / P[i, i]
+            state.information_rate[c] += g[i] * g[i] / P[i, i]
     for i in range(size):
         a = g[i]
-        if a != 0.0 and awake[i] > 0.0:
+        if a != 0.0 and active[i] > 0.0:
             for j in range(size):
                 P[i, j] -= a * g[j]
     for c in range(state.theta.shape[0]):
         i = N_FIXED + c
-        if awake[i] == 0.0:
+        if active[i] == 0.0:
             for j in range(size):
-                if awake[j] > 0.0:
+                if active[j] > 0.0:
                     P[i, j] = P[j, i]
 
 
@@ -298,7 +298,9 @@ def update_specific_force(state: JointState, z: Array, coupled: bool) -> None:
     for i in range(6):
         wrench[i, 0] = state.tau[i] + state.force[i]
     stage_into(state.p.reshape(state.p.shape[0], 1), lane, wrench, state.current, rate, True)
-    linearise_into(state.p, x, rate[:, 0], state.codes, state.anchor, state.shape, state.pushed, A, state.scratch[4:6])
+    linearise_into(
+        state.p, x, rate[:, 0], state.codes, state.linearised_at, state.shape, state.pushed, A, state.scratch[4:6]
+    )
     u, v, w, p, q, r = x[7], x[8], x[9], x[10], x[11], x[12]
     k0, k1, k2 = (
         2.0 * (x[4] * x[6] - x[3] * x[5]),
@@ -315,7 +317,7 @@ def update_specific_force(state: JointState, z: Array, coupled: bool) -> None:
                 h[j] = A[6 + k, j]
             f = rate[7 + k, 0]
             for c in range(n):
-                f += A[6 + k, N_FIXED + c] * (state.theta[c] - state.anchor[c])
+                f += A[6 + k, N_FIXED + c] * (state.theta[c] - state.linearised_at[c])
             if k == 0:
                 f += q * w - r * v - GRAVITY * k0
                 h[8] += q
@@ -354,7 +356,7 @@ def update_specific_force(state: JointState, z: Array, coupled: bool) -> None:
                     return
             else:
                 scalar_update(state, 12 + k, residual)
-    state.heard[4] = state.clock[C_TIME]
+    state.last_accepted[4] = state.clock[C_TIME]
 
 
 @kernel
@@ -366,7 +368,7 @@ def _believed(state: JointState, z: Array, sensor: int, whole: bool) -> bool:
     refused for, by a log likelihood ratio summed as in Page's test.
     """
     gate, cap = state.options[O_GATE], state.options[O_HUBER]
-    hidden = state.hidden[sensor]
+    outage = state.outage[sensor]
     within = True
     stays = sensor < 2  # a camera that has lost its marker stays wrong; speeds only jump
     ratio, cost = 0.0, 0.0
@@ -381,25 +383,25 @@ def _believed(state: JointState, z: Array, sensor: int, whole: bool) -> bool:
                     state.h[j] = 0.0
             if residual * residual > gate * gate * S:
                 within = False
-            ratio += ((residual - hidden[1 + k]) ** 2 - residual * residual) / (2.0 * S)
+            ratio += ((residual - outage[1 + k]) ** 2 - residual * residual) / (2.0 * S)
             cost += math.log(S) + cap * (2.0 * gate - cap)
             state.offset[k] = residual
         else:
-            state.offset[k] = hidden[1 + k]
-    if hidden[0] == 0.0:
-        hidden[4] = 0.0
+            state.offset[k] = outage[1 + k]
+    if outage[0] == 0.0:
+        outage[4] = 0.0
         for k in range(3):
-            hidden[1 + k] = 0.0
+            outage[1 + k] = 0.0
     else:
-        hidden[4] = max(0.0, hidden[4] + ratio)
-    if within and (hidden[0] == 0.0 or hidden[4] > _RETURNED or not stays):
-        hidden[0] = 0.0
+        outage[4] = max(0.0, outage[4] + ratio)
+    if within and (outage[0] == 0.0 or outage[4] > _RETURNED or not stays):
+        outage[0] = 0.0
         return True
-    if ratio < 0.0 or hidden[0] == 0.0:
-        hidden[0] += 1.0
-        share = max(1.0 / hidden[0], _OFFSET_FOLLOWS)
+    if ratio < 0.0 or outage[0] == 0.0:
+        outage[0] += 1.0
+        share = max(1.0 / outage[0], _OFFSET_FOLLOWS)
         for k in range(3):
-            hidden[1 + k] += (state.offset[k] - hidden[1 + k]) * share
+            outage[1 + k] += (state.offset[k] - outage[1 + k]) * share
     state.clock[C_LIKELIHOOD] -= 0.5 * cost
     return False
 
@@ -445,20 +447,20 @@ def update_row(state: JointState, z: Array, coupled: bool) -> None:
         whole = count == 3
         if sensor == 1 and not whole and not is_upright(state):
             continue
-        state.clock[C_SINCE] = now - state.heard[sensor]
+        state.clock[C_SINCE] = now - state.last_accepted[sensor]
         if not _believed(state, z, sensor, whole):
             for k in range(3):
                 if math.isfinite(z[3 * sensor + k]):
                     state.stats[3 * sensor + k, 3] += 1.0
-            quiet = now - state.heard[sensor]
+            quiet = now - state.last_accepted[sensor]
             if quiet > state.options[O_REACQUIRE] * (1.0 if sensor == 0 else 3.0):
                 _start_anew(state, z, sensor, whole)
-                state.hidden[sensor, 0] = 0.0
-                state.heard[sensor] = now
-            elif quiet <= _LONGEST[sensor] or state.hidden[sensor, 0] < _MOST:
+                state.outage[sensor, 0] = 0.0
+                state.last_accepted[sensor] = now
+            elif quiet <= _LONGEST[sensor] or state.outage[sensor, 0] < _MOST:
                 continue
         else:
-            state.heard[sensor] = now
+            state.last_accepted[sensor] = now
         for k in range(3):
             if math.isfinite(z[3 * sensor + k]):
                 residual = residual_of(state, z, sensor, k, whole)

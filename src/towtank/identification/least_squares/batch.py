@@ -126,9 +126,9 @@ class Passes:
     """Passes of the chain over a set of recordings."""
 
     def __init__(
-        self, vehicle: Vehicle, grids: Sequence[Grid], settings: Settings, wanted: Sequence[Candidates]
+        self, vehicle: Vehicle, grids: Sequence[Grid], settings: Settings, to_learn: Sequence[Candidates]
     ) -> None:
-        self.vehicle, self.grids, self.settings, self.candidates = vehicle, tuple(grids), settings, tuple(wanted)
+        self.vehicle, self.grids, self.settings, self.candidates = vehicle, tuple(grids), settings, tuple(to_learn)
         self.sources = [sources_of(grid) for grid in grids]
         self.commands = [uses_commands(vehicle, grid) for grid in grids]
         for grid, commands in zip(grids, self.commands, strict=True):
@@ -159,14 +159,14 @@ class Passes:
         chosen = []
         for i in range(6):
             measured = [k for k in range(len(self.grids)) if self.sources[k].velocity[i] != "absent"]
-            lively = [k for k in measured if table[k, i] >= least[i] and table[k, i] > 0.0]
-            chosen.append(lively or measured)
+            excited = [k for k in measured if table[k, i] >= least[i] and table[k, i] > 0.0]
+            chosen.append(excited or measured)
         return chosen
 
     def _structure(self, family: _Family | None) -> tuple[Array, Array]:
         """Return known values and free flags (6, 5) for one family of damping terms; None: as wanted."""
         known = np.array([candidate.known for candidate in self.candidates])
-        free = np.array([candidate.wanted for candidate in self.candidates], dtype=np.float64)
+        free = np.array([candidate.to_learn for candidate in self.candidates], dtype=np.float64)
         if family is not None:
             for c, flag in enumerate(family):
                 dropped = (free[:, c] > 0.0) & (not flag)

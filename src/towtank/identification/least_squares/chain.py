@@ -9,7 +9,7 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification.data.samples import with_absent_zero
-from towtank.identification.data.zero_order_hold import HeldInput, new_held_input
+from towtank.identification.data.zero_order_hold import ZeroOrderHold, new_zero_order_hold
 from towtank.identification.least_squares.recursion import paper_events, paper_step
 from towtank.identification.least_squares.rls import Scheme, directional_information, require_scheme
 from towtank.identification.least_squares.solution import AxisInformation
@@ -121,7 +121,7 @@ class PaperChain:
             2.0 * np.pi * settings.lowpass,
             settings.gap,
         )
-        self.held: HeldInput = new_held_input(shape.shape[1], lag, settings.delay)
+        self.held: ZeroOrderHold = new_zero_order_hold(shape.shape[1], lag, settings.delay)
         self._no_command = np.full(shape.shape[1], np.nan)
 
     def restart(self) -> None:
@@ -145,8 +145,8 @@ class PaperChain:
 
     def step(self, t: float, pose: Array, velocity: Array, acceleration: Array, forces: Array | None) -> float:
         """Take one sample; return the length [s] of the interval learned from, 0 where none was."""
-        asked = self._no_command if forces is None else forces
-        return paper_step(self.state, self.motion, self.held, t, pose, velocity, acceleration, asked)
+        requested = self._no_command if forces is None else forces
+        return paper_step(self.state, self.motion, self.held, t, pose, velocity, acceleration, requested)
 
     def run(self, grid: Grid) -> int:
         """Take a whole grid, sample by sample; return how many intervals were learned from."""

@@ -26,7 +26,7 @@ from towtank.core.arrays import Array, inlined_kernel, kernel
 from towtank.core.filtered import accumulate_into, cubic_increment, hermite_increment
 from towtank.core.inertia import bilinear_coriolis_into
 from towtank.core.layout import I_CONSTANT, I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT
-from towtank.identification.data.zero_order_hold import HeldInput, held_integral_into, held_push
+from towtank.identification.data.zero_order_hold import ZeroOrderHold, force_integral_into, hold_force
 from towtank.identification.least_squares.rls import absorb_row, forget_blocks
 from towtank.identification.least_squares.state import N_BLOCKS, PaperState, refresh_model
 from towtank.identification.least_squares.velocity import ABSENT, Motion, motion_step
@@ -309,7 +309,7 @@ def _clear_filters(state: PaperState, velocity: Array) -> None:
 def paper_step(
     state: PaperState,
     motion: Motion,
-    held: HeldInput,
+    held: ZeroOrderHold,
     t: float,
     pose: Array,
     velocity: Array,
@@ -329,8 +329,8 @@ def paper_step(
         return 0.0
     m = held.force.shape[0]
     forces = state.work[20 : 20 + (m + 5) // 6].reshape(-1)[:m]
-    known = held_integral_into(held, t, forces)
-    held_push(held, t, command)
+    known = force_integral_into(held, t, forces)
+    hold_force(held, t, command)
     smooth, derived = state.settings[5] > 0.0, motion.settings[1] > 0.0
     if smooth:
         since = t - motion.last[0]
@@ -368,7 +368,7 @@ def paper_step(
 def paper_events(
     state: PaperState,
     motion: Motion,
-    held: HeldInput,
+    held: ZeroOrderHold,
     t: Array,
     pose: Array,
     velocity: Array,
@@ -392,7 +392,7 @@ def paper_events(
             if smooth:
                 now = forces[event]
             else:
-                held_push(held, stamps[event], forces[event])
+                hold_force(held, stamps[event], forces[event])
             event += 1
         if paper_step(state, motion, held, t[i], pose[i], velocity[i], acceleration[i], now) > 0.0:
             used += 1

@@ -264,9 +264,9 @@ class AxisFindings:
 
     axis: Axis
     solution: AxisSolution | None
-    wanted: tuple[bool, ...]
+    to_learn: tuple[bool, ...]
     reasons: tuple[str | None, ...]
-    zeroed: tuple[bool, ...]  # left out of the model: 0, not the vehicle's value
+    set_to_zero: tuple[bool, ...]  # left out of the model: 0, not the vehicle's value
 
 
 def select(candidate: Candidates, solve: Solve, cost: Cost, *, commanded: float = 1.0) -> AxisFindings:
@@ -279,38 +279,38 @@ def select(candidate: Candidates, solve: Solve, cost: Cost, *, commanded: float 
     """
     axis, known = candidate.axis, candidate.known.copy()
     reasons: list[str | None] = [None] * 5
-    zeroed = [False] * 5
-    free = list(candidate.wanted)
+    set_to_zero = [False] * 5
+    free = list(candidate.to_learn)
     if not any(free):
         return AxisFindings(axis, None, (False,) * 5, (None,) * 5, (False,) * 5)
     whole = solve(tuple(free), known)
     if whole is None:
         free = list(_without_idle_columns(tuple(free), known, solve))
         whole = solve(tuple(free), known) if any(free) else None
-    if whole is not None and not candidate.asked and commanded < _COMMANDED and whole.explained < _EXPLAINED:
+    if whole is not None and not candidate.requested and commanded < _COMMANDED and whole.explained < _EXPLAINED:
         whole = None
     if whole is None or (free[C_MASS] and not whole.values[C_MASS] > 0.0 and not _rescued(free, known, solve)):
         return absent(candidate, _unexcited(axis, commanded))
-    if free[C_LINEAR] and free[C_QUADRATIC] and not candidate.asked:
+    if free[C_LINEAR] and free[C_QUADRATIC] and not candidate.requested:
         kept, reason = _damping(axis, whole, free, known, solve, cost)
         for c in (C_LINEAR, C_QUADRATIC):
             if c not in kept:
-                free[c], known[c], reasons[c], zeroed[c] = False, 0.0, reason, True
+                free[c], known[c], reasons[c], set_to_zero[c] = False, 0.0, reason, True
     solution = solve(tuple(free), known)
     while solution is not None and (unfit := _unfit(axis, solution)) is not None:
         c, reasons[c] = unfit
         free[c] = False
         if c == C_CONSTANT:
-            known[c], zeroed[c] = 0.0, True
+            known[c], set_to_zero[c] = 0.0, True
         solution = solve(tuple(free), known) if any(free) else None
     solved = solution.free if solution is not None else (False,) * 5
     for c, other in ((C_LINEAR, C_QUADRATIC), (C_QUADRATIC, C_LINEAR)):
-        if zeroed[c] and not solved[other]:
-            zeroed[c], reasons[c] = False, _neither(axis)
+        if set_to_zero[c] and not solved[other]:
+            set_to_zero[c], reasons[c] = False, _neither(axis)
     for c in range(5):
-        if candidate.wanted[c] and not solved[c] and reasons[c] is None:
+        if candidate.to_learn[c] and not solved[c] and reasons[c] is None:
             reasons[c] = _unexcited(axis, commanded)
-    return AxisFindings(axis, solution, candidate.wanted, tuple(reasons), tuple(zeroed))
+    return AxisFindings(axis, solution, candidate.to_learn, tuple(reasons), tuple(set_to_zero))
 
 
 def by_gradient(findings: AxisFindings, theta: Array) -> AxisFindings:
@@ -438,8 +438,8 @@ def _unexcited(axis: Axis, commanded: float) -> str:
 
 def absent(candidate: Candidates, reason: str) -> AxisFindings:
     """Return the findings of an axis that cannot be learned at all, for one reason."""
-    reasons = tuple(reason if wanted else None for wanted in candidate.wanted)
-    return AxisFindings(candidate.axis, None, candidate.wanted, reasons, (False,) * 5)
+    reasons = tuple(reason if to_learn else None for to_learn in candidate.to_learn)
+    return AxisFindings(candidate.axis, None, candidate.to_learn, reasons, (False,) * 5)
 
 
 def estimate_of(vehicle: Vehicle, findings: Sequence[AxisFindings], duration: float, samples: int) -> Estimate:
@@ -451,7 +451,7 @@ def estimate_of(vehicle: Vehicle, findings: Sequence[AxisFindings], duration: fl
     for found in findings:
         for c in (C_MASS, 0, 1, 2, 3):
             name = _name(found.axis, c)
-            if not name or not found.wanted[c]:
+            if not name or not found.to_learn[c]:
                 continue
             if name not in names:
                 names.append(name)
@@ -461,7 +461,7 @@ def estimate_of(vehicle: Vehicle, findings: Sequence[AxisFindings], duration: fl
                 rows.setdefault(name, []).append((value, float(solution.std[c]), found.axis.index, c))
             else:
                 why.setdefault(name, found.reasons[c])
-                held.setdefault(name, 0.0 if found.zeroed[c] else vehicle.coefficient(name))
+                held.setdefault(name, 0.0 if found.set_to_zero[c] else vehicle.coefficient(name))
     n = len(names)
     values, std = np.zeros(n), np.full(n, np.nan)
     weights: list[Mapping[tuple[int, int], float]] = []

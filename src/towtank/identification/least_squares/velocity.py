@@ -169,16 +169,16 @@ def motion_step(m: Motion, t: float, pose: Array, velocity: Array, acceleration:
     """
     attitude, corner, gap = m.settings[0], m.settings[1], m.settings[2]
     derive = corner > 0.0
-    present, wanted, waiting = 0, 0, False
+    present, to_learn, waiting = 0, 0, False
     for i in range(6):
         if m.source[i] == MEASURED:
-            wanted += 1
+            to_learn += 1
             if math.isfinite(velocity[i]):
                 present += 1
                 m.seen[i] = t
             elif t - m.seen[i] <= gap:
                 waiting = True  # a slow sensor, or one sample lost; after a gap it counts as dead
-    if waiting or (present < wanted and (derive or present == 0)):
+    if waiting or (present < to_learn and (derive or present == 0)):
         return -1.0
     if attitude == ATTITUDE_MEASURED and not (math.isfinite(pose[3]) and math.isfinite(pose[4])):
         return -1.0

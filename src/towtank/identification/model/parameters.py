@@ -32,8 +32,8 @@ __all__ = [
     "MASS",
     "MOMENT",
     "NEGATIVE_LOG",
-    "PLAIN",
     "QUADRATIC",
+    "UNTRANSFORMED",
     "WEIGHT",
     "Codes",
     "FreeParameters",
@@ -44,7 +44,7 @@ __all__ = [
 
 DELAY, LAG, GAIN_PREFIX = "delay", "lag", "gain_"
 MASS, LINEAR, QUADRATIC, WEIGHT, MOMENT, CONSTANT, IN_DELAY, IN_LAG, IN_GAIN = range(9)
-PLAIN, LOG, NEGATIVE_LOG = range(3)
+UNTRANSFORMED, LOG, NEGATIVE_LOG = range(3)
 _KINDS = {"mass": MASS, "linear": LINEAR, "quadratic": QUADRATIC, "weight": WEIGHT, "moment": MOMENT}
 _KINDS["constant"] = CONSTANT
 Codes = NDArray[np.int64]
@@ -128,10 +128,10 @@ class FreeParameters:
         rows = [k for k, name in enumerate(self.names) if name in keep]
         return replace(self, names=tuple(self.names[k] for k in rows), codes=self.codes[rows], rigid=self.rigid[rows])
 
-    def plainly(self, names: Collection[str]) -> FreeParameters:
+    def untransformed(self, names: Collection[str]) -> FreeParameters:
         """Return the same with the coefficients of these names as they are: of either sign."""
         codes = self.codes.copy()
-        codes[[k for k, name in enumerate(self.names) if name in names], 3] = PLAIN
+        codes[[k for k, name in enumerate(self.names) if name in names], 3] = UNTRANSFORMED
         return replace(self, codes=codes)
 
 
@@ -162,7 +162,7 @@ def free_parameters(vehicle: Vehicle, names: Sequence[str]) -> FreeParameters:
 
 def _code(name: str, thrusters: Sequence[str]) -> tuple[int, int, int, int]:
     if name == DELAY:
-        return IN_DELAY, 0, 0, PLAIN
+        return IN_DELAY, 0, 0, UNTRANSFORMED
     if name == LAG:
         return IN_LAG, 0, 0, LOG
     if name.startswith(GAIN_PREFIX):
@@ -172,7 +172,7 @@ def _code(name: str, thrusters: Sequence[str]) -> tuple[int, int, int, int]:
     if code == MASS and j < i:
         i, j = j, i
     diagonal = i == j and code in (MASS, LINEAR, QUADRATIC)
-    transform = PLAIN if not diagonal else LOG if code == MASS else NEGATIVE_LOG
+    transform = UNTRANSFORMED if not diagonal else LOG if code == MASS else NEGATIVE_LOG
     return code, i, j, transform
 
 

@@ -7,7 +7,15 @@ import math
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.model.parameters import LINEAR, LOG, MASS, NEGATIVE_LOG, PLAIN, QUADRATIC, FreeParameters
+from towtank.identification.model.parameters import (
+    LINEAR,
+    LOG,
+    MASS,
+    NEGATIVE_LOG,
+    QUADRATIC,
+    UNTRANSFORMED,
+    FreeParameters,
+)
 from towtank.vehicle import COEFFICIENTS, Vehicle
 
 __all__ = ["prior_information", "size_of", "start_theta", "usual_disturbance"]
@@ -76,7 +84,7 @@ def size_of(vehicle: Vehicle, free: FreeParameters) -> Array:
     weight = 9.81 * float(rigid[0])
     for k in range(len(free)):
         kind, i, j, transform = (int(c) for c in free.codes[k])
-        if transform != PLAIN:
+        if transform != UNTRANSFORMED:
             continue
         if kind == MASS:
             out[k] = 0.3 * math.sqrt(rigid[i] * rigid[j])

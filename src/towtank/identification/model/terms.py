@@ -89,8 +89,8 @@ class Candidates:
     """
 
     axis: Axis
-    wanted: tuple[bool, ...]
-    asked: bool
+    to_learn: tuple[bool, ...]
+    requested: bool
     known: Array
 
 
@@ -126,8 +126,8 @@ def candidates(vehicle: Vehicle, free: Collection[str] | None = None) -> tuple[C
         if free is None:
             terms = known[[C_LINEAR, C_QUADRATIC]] != 0.0
             damping = (True, True) if not terms.any() else (bool(terms[0]), bool(terms[1]))
-            wanted: tuple[bool, ...] = (*damping, bool(axis.restoring), bool(axis.constant), True)
+            to_learn: tuple[bool, ...] = (*damping, bool(axis.restoring), bool(axis.constant), True)
         else:
-            wanted = (*(name in free for name in axis.columns), axis.added_mass in free)
-        found.append(Candidates(axis, wanted, free is not None, known))
+            to_learn = (*(name in free for name in axis.columns), axis.added_mass in free)
+        found.append(Candidates(axis, to_learn, free is not None, known))
     return tuple(found)

@@ -19,7 +19,7 @@ from towtank.core.arrays import Array
 from towtank.identification.data.samples import Samples, samples_of
 from towtank.identification.kalman.filter import joint_events
 from towtank.identification.kalman.iterated import held_of, prior_deviation, uses_biases
-from towtank.identification.kalman.noise_adaptation import levels_of, tuning_for
+from towtank.identification.kalman.noise_adaptation import common_noise_levels, filter_settings
 from towtank.identification.kalman.state import JointState, known_to, new_joint_state
 from towtank.identification.least_squares.chain import PaperChain, Settings, uses_commands
 from towtank.identification.least_squares.solution import (
@@ -29,7 +29,7 @@ from towtank.identification.least_squares.solution import (
     merge_information,
     solve_axis,
 )
-from towtank.identification.model.parameters import DELAY, LAG, PLAIN, FreeParameters, free_parameters
+from towtank.identification.model.parameters import DELAY, LAG, UNTRANSFORMED, FreeParameters, free_parameters
 from towtank.identification.model.prior import size_of, start_theta
 from towtank.identification.model.terms import Candidates, candidates, paper_names
 from towtank.identification.posterior.assembly import LogLearning
@@ -73,7 +73,7 @@ def _by_filter(learning: LogLearning, recordings: Sequence[Recording], names: tu
     samples = [samples_of(recording, learning.model) for recording in recordings]
     found = [DELAY] if learning.delay_scan is not None and any(each.commands for each in samples) else []
     free = free_parameters(learning.model, [*names, *found, *([LAG] if math.isfinite(learning.lag) else [])])
-    state, anchor = _start(learning, recordings, samples, free)
+    state, linearised_at = _start(learning, recordings, samples, free)
     kept = [k for k, name in enumerate(free.names) if name in names]
     every = max(1, sum(len(each) for each in samples) // _READINGS)
     rows: list[tuple[float, Array, Array]] = []
@@ -82,7 +82,7 @@ def _by_filter(learning: LogLearning, recordings: Sequence[Recording], names: tu
         passed = ends[-1] if ends else 0.0
         state = state._replace(shape=each.shape, pushed=np.zeros((3, each.shape.shape[1])))
         state.clock[1] = 0.0
-        held = held_of(each, free, anchor, learning.delay)
+        held = held_of(each, free, linearised_at, learning.delay)
         pushed = 0
         for first in range(0, len(each), every):
             last = min(first + every, len(each))
@@ -106,16 +106,16 @@ def _start(
 ) -> tuple[JointState, Array]:
     """Return the filter before the first sample, and the point (n,) that it is linearised about."""
     lag = learning.lag if math.isfinite(learning.lag) else 0.05
-    anchor = free.theta(learning.model, delay=learning.delay, lag=lag)
+    linearised_at = free.theta(learning.model, delay=learning.delay, lag=lag)
     start = start_theta(learning.vehicle, learning.vehicle, free, delay=learning.delay, lag=lag)
     scale = size_of(learning.vehicle, free)
     deviation = prior_deviation(free, scale)
-    deviation = np.where(free.codes[:, 3] == PLAIN, deviation, _WIDE * deviation / deviation.max())
-    deviation = np.maximum(deviation, _OWES_NOTHING * np.abs(start - anchor))
-    tuning = replace(tuning_for(learning.vehicle), follow=False)
+    deviation = np.where(free.codes[:, 3] == UNTRANSFORMED, deviation, _WIDE * deviation / deviation.max())
+    deviation = np.maximum(deviation, _OWES_NOTHING * np.abs(start - linearised_at))
+    settings = replace(filter_settings(learning.vehicle), follow=False)
     levels = learning.levels
     if levels is None:
-        levels, tuning = levels_of(recordings, samples, learning.vehicle), replace(tuning, adapt=_ADAPT)
+        levels, settings = common_noise_levels(recordings, samples, learning.vehicle), replace(settings, adapt=_ADAPT)
     state = new_joint_state(
         np.array(learning.model.parameters),
         free,
@@ -123,27 +123,27 @@ def _start(
         np.diag(deviation**2),
         samples[0].shape,
         levels.noise,
-        levels.sigma,
-        levels.rough,
-        tuning,
+        levels.disturbance,
+        levels.velocity_walk,
+        settings,
         biases=uses_biases(samples),
-        anchor=anchor,
+        linearised_at=linearised_at,
     )
-    return state, anchor
+    return state, linearised_at
 
 
 def _reading(state: JointState, free: FreeParameters) -> tuple[Array, Array]:
     """Return the coefficients (n,) and their deviations (n,)."""
     std = known_to(state)
     with np.errstate(over="ignore", invalid="ignore"):
-        theta = np.where(free.codes[:, 3] == PLAIN, state.theta, np.clip(state.theta, -50.0, 50.0))
+        theta = np.where(free.codes[:, 3] == UNTRANSFORMED, state.theta, np.clip(state.theta, -50.0, 50.0))
         return free.values(theta), std * np.abs(free.slopes(theta))
 
 
 def _by_least_squares(learning: LogLearning, names: tuple[str, ...]) -> Convergence:
     chosen = candidates(learning.model, names)
     known = np.array([candidate.known for candidate in chosen])
-    free = np.array([candidate.wanted for candidate in chosen], dtype=np.float64)
+    free = np.array([candidate.to_learn for candidate in chosen], dtype=np.float64)
     settings = Settings(delay=learning.delay)
     chains: list[PaperChain] = []
     every = max(1, sum(len(grid) for grid in learning.grids) // _READINGS_PAPER)
@@ -168,12 +168,12 @@ def _finding(candidate: Candidates, chains: Sequence[PaperChain]) -> AxisFinding
     """Return what the chains have gathered of one axis so far, all its terms free."""
     i = candidate.axis.index
     used = [chain.information(i) for chain in chains if chain.sources.velocity[i] != "absent"]
-    if not used or not any(candidate.wanted):
+    if not used or not any(candidate.to_learn):
         return absent(candidate, "")
-    solution = solve_axis(merge_information(used), candidate.wanted, candidate.known)
+    solution = solve_axis(merge_information(used), candidate.to_learn, candidate.known)
     if solution is None:
         return absent(candidate, "")
-    return AxisFindings(candidate.axis, solution, candidate.wanted, (None,) * 5, (False,) * 5)
+    return AxisFindings(candidate.axis, solution, candidate.to_learn, (None,) * 5, (False,) * 5)
 
 
 def _parts(grid: Grid, every: int) -> Iterator[Grid]:

@@ -285,12 +285,12 @@ def mirrored(vehicle: Vehicle, axes: Sequence[int]) -> Vehicle | None:
 
     None where no place of a thruster does that (the moment of a force is perpendicular to it).
     """
-    wanted = configuration_matrix(vehicle)
-    wanted[list(axes)] *= -1.0
+    to_learn = configuration_matrix(vehicle)
+    to_learn[list(axes)] *= -1.0
     thrusters = []
     for k, thruster in enumerate(vehicle.thrusters):
         before = np.array(thruster.direction)
-        force, moment = wanted[:3, k], wanted[3:, k]
+        force, moment = to_learn[:3, k], to_learn[3:, k]
         along = float(np.dot(before, thruster.position))
         place = np.cross(force, moment) + along * force
         thrusters.append(
@@ -302,7 +302,7 @@ def mirrored(vehicle: Vehicle, axes: Sequence[int]) -> Vehicle | None:
             )
         )
     out = vehicle.model_copy(update={"thrusters": tuple(thrusters)})
-    return out if np.allclose(configuration_matrix(out), wanted, atol=1e-9) else None
+    return out if np.allclose(configuration_matrix(out), to_learn, atol=1e-9) else None
 
 
 def _size(samples: Sequence[Samples], axis: int) -> float:

@@ -12,22 +12,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from towtank.identification.data.noise import Levels
+from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.data.samples import held_forces, samples_of
 from towtank.identification.kalman.iterated import joint_passes, prior_deviation
-from towtank.identification.kalman.noise_adaptation import start_levels, tuning_for
+from towtank.identification.kalman.noise_adaptation import filter_settings, initial_noise_levels
 from towtank.identification.least_squares.chain import uses_commands
-from towtank.identification.model.parameters import DELAY, PLAIN, free_parameters
+from towtank.identification.model.parameters import DELAY, UNTRANSFORMED, free_parameters
 from towtank.identification.model.prior import size_of, start_theta
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.identification.posterior.estimate import Estimate
 from towtank.identification.posterior.identifiability import excitation, excitation_words
-from towtank.identification.posterior.statistics import deviations, relative, told_by_data
+from towtank.identification.posterior.statistics import deviations, information_of_data, relative
 from towtank.identification.posterior.wording import phrase, role
 from towtank.recording import Grid, Recording
 from towtank.vehicle import Vehicle, configuration_matrix, index, unit
 
-__all__ = ["Outlook", "Prospect", "liveliest", "outlook"]
+__all__ = ["Forecast", "PredictedAccuracy", "best_excited", "forecast"]
 
 _MOST_ROWS = 24_000  # of a recording that are looked at,
 _STRETCHES = 6  # cut into so many where there are more
@@ -39,7 +39,7 @@ _MAY_BE_NOTHING = 25.0  # %, above which a term that may as well be 0 is told in
 
 
 @dataclass(frozen=True)
-class Prospect:
+class PredictedAccuracy:
     """One coefficient: to how many percent it will be known (inf: not), its deviation in its own unit, a sentence."""
 
     percent: float
@@ -49,7 +49,7 @@ class Prospect:
 
 
 @dataclass(frozen=True, eq=False)
-class Outlook:
+class Forecast:
     """What a recording will tell.
 
     Attributes:
@@ -57,20 +57,20 @@ class Outlook:
         agrees: whether the filter is believed. levels: of noise and disturbance, as the filter sees them.
     """
 
-    known: dict[str, Prospect]
+    known: dict[str, PredictedAccuracy]
     delay: float
     delay_std: float
     agrees: bool
-    levels: Levels
+    levels: NoiseLevels
 
 
-def outlook(
+def forecast(
     vehicle: Vehicle,
     recordings: Sequence[Recording],
     first: LogLearning,
     *,
-    told: Callable[[float], None] | None = None,
-) -> Outlook | None:
+    progress: Callable[[float], None] | None = None,
+) -> Forecast | None:
     """Return what recordings will tell of the coefficients that least squares found in them; None where it found none.
 
     Args:
@@ -90,15 +90,15 @@ def outlook(
         np.array(first.model.parameters),
         free,
         start_theta(vehicle, known, free, delay=first.delay, lag=0.05),
-        start_levels(recordings[0], vehicle),
-        tuning_for(vehicle),
+        initial_noise_levels(recordings[0], vehicle),
+        filter_settings(vehicle),
         scale=scale,
         delay=first.delay,
         most=_PASSES,
-        told=told,
+        progress=progress,
     )
-    size = np.where(free.codes[:, 3] == PLAIN, np.maximum(np.abs(fit.theta), 1e-9 * scale), 1.0)
-    information = told_by_data(fit.covariance, np.diag(prior_deviation(free, scale) ** -2.0))
+    size = np.where(free.codes[:, 3] == UNTRANSFORMED, np.maximum(np.abs(fit.theta), 1e-9 * scale), 1.0)
+    information = information_of_data(fit.covariance, np.diag(prior_deviation(free, scale) ** -2.0))
     std = deviations(relative(information, size)) * size * np.abs(free.slopes(fit.theta))
     found = dict(zip(free.names, free.values(fit.theta), strict=True))
     spread = dict(zip(free.names, std, strict=True))
@@ -114,10 +114,10 @@ def outlook(
         if agrees:
             delay, delay_std = max(0.0, float(found[DELAY])), float(spread[DELAY])
     learned = {name: float(spread[name]) if agrees else estimate[name].std for name in names}
-    return Outlook(_prospects(vehicle, estimate, learned), delay, delay_std, agrees, fit.levels)
+    return Forecast(_predicted_accuracies(vehicle, estimate, learned), delay, delay_std, agrees, fit.levels)
 
 
-def _prospects(vehicle: Vehicle, estimate: Estimate, std: dict[str, float]) -> dict[str, Prospect]:
+def _predicted_accuracies(vehicle: Vehicle, estimate: Estimate, std: dict[str, float]) -> dict[str, PredictedAccuracy]:
     """Return the prospects of coefficients with these deviations; an added inertia counts with the rigid body's."""
     size = np.array([abs(_total(vehicle, name, estimate[name].value)) for name in std])
     with np.errstate(divide="ignore"):
@@ -126,7 +126,7 @@ def _prospects(vehicle: Vehicle, estimate: Estimate, std: dict[str, float]) -> d
     for name, deviation in std.items():
         if percents[name] > _MAY_BE_NOTHING and role(name).kind in ("restoring", "constant") and np.isfinite(deviation):
             texts[name] = f"{phrase(name)} will be known to {deviation:.2g} {unit(name)}"
-    return {name: Prospect(percents[name], std[name], unit(name), texts[name]) for name in std}
+    return {name: PredictedAccuracy(percents[name], std[name], unit(name), texts[name]) for name in std}
 
 
 def _total(vehicle: Vehicle, name: str, value: float) -> float:
@@ -134,7 +134,7 @@ def _total(vehicle: Vehicle, name: str, value: float) -> float:
     return float(vehicle.rigid_body_matrix[i, j]) - value if kind == "mass" else value
 
 
-def liveliest(grid: Grid, vehicle: Vehicle, rows: int = _MOST_ROWS) -> tuple[tuple[float, float], ...]:
+def best_excited(grid: Grid, vehicle: Vehicle, rows: int = _MOST_ROWS) -> tuple[tuple[float, float], ...]:
     """Return the stretches (start, end) [s], of so many rows in all, in which the thrusters do the most on each axis;
     one that spans the grid where it has no more rows than that.
     """

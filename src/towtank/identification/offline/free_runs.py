@@ -48,7 +48,7 @@ class FreeRunOutcome:
     refined: Refined
     base: Vehicle
     reasons: dict[str, str]
-    zeroed: tuple[str, ...]
+    set_to_zero: tuple[str, ...]
     first: Refined
     said: str
     least_squares: bool
@@ -71,7 +71,7 @@ def learn_free_runs(
     find_lag: bool,
     always: bool,
     speeds: Array,
-    told: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> FreeRunOutcome | None:
     """Fit free runs; None where none can be made. Arguments as `refine`.
 
@@ -83,14 +83,14 @@ def learn_free_runs(
     begun = {name for each, _ in (*starts, *instead) for name in each.names}
     names = (*begun, *(righting(free.names, samples) if terms else ()))
     runs = FreeRuns.over(vehicle, samples, noise, names, attitude)
-    silent, prior = told or (lambda share: None), prior_with_terms(vehicle, free, prior)
+    silent, prior = progress or (lambda share: None), prior_with_terms(vehicle, free, prior)
     first = refine(
-        runs, base, free, starts, instead, delay=delay, prior=prior, terms=terms, find_lag=find_lag, told=silent
+        runs, base, free, starts, instead, delay=delay, prior=prior, terms=terms, find_lag=find_lag, progress=silent
     )
     if first is None:
         return None
     proved = tuple(name for name in first.added if name not in begun)  # by windows held out
-    now, reasons, zeroed = first, dict[str, str](), []
+    now, reasons, set_to_zero = first, dict[str, str](), []
     begin, compare = base, terms and not always and not first.white and runs.comparable
 
     def nearer(base: Vehicle, free_: FreeParameters, theta: Array, late: float) -> Gain | None:
@@ -113,14 +113,14 @@ def learn_free_runs(
             if other is not None and other.nearer(runs, tried, columns_of([stays])):
                 tried = other
         base, now = tried.base, tried.found
-        zeroed += [name for name, hold in tried.held.items() if hold == "zero"]
+        set_to_zero += [name for name, hold in tried.held.items() if hold == "zero"]
         reasons.update(tried.reasons)
     said = _sentence(first, always, runs.thinned)
     saved = nearer(*((base, now.free, now.theta, now.delay) if first.better else joint)) if compare else None
     if saved is not None:
         share = f"{100.0 * saved.mean:.0f} +- {100.0 * saved.std:.0f} % less square error"
         said += f"; but free runs with the coefficients of least squares are nearer than either ({share})"
-    return FreeRunOutcome(now, base, reasons, tuple(zeroed), first, said, saved is not None)
+    return FreeRunOutcome(now, base, reasons, tuple(set_to_zero), first, said, saved is not None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.core.attitude import quaternions_from_eulers
-from towtank.identification.data.noise import Levels
+from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.data.samples import Samples, samples_of, spread_over
 from towtank.identification.kalman.alternatives import (
     choose_damping,
@@ -27,9 +27,9 @@ from towtank.identification.kalman.alternatives import (
     damping_in_question,
     suspected_current,
 )
-from towtank.identification.kalman.iterated import JointFit, cautiously, joint_passes, prior_deviation
-from towtank.identification.kalman.noise_adaptation import levels_of, tuning_for
-from towtank.identification.kalman.state import Tuning
+from towtank.identification.kalman.iterated import JointFit, joint_passes, prior_deviation, with_inflated_variance
+from towtank.identification.kalman.noise_adaptation import common_noise_levels, filter_settings
+from towtank.identification.kalman.state import FilterSettings
 from towtank.identification.least_squares.batch import Progress, estimate_warnings, learn_paper
 from towtank.identification.least_squares.solution import not_commanded
 from towtank.identification.least_squares.velocity import drifting_attitude
@@ -56,12 +56,12 @@ _ROUNDS = 3  # of holding what is not determined
 _HIDES = 6.0  # time constants of a disturbance that a run can be too short to show
 
 
-def wanted_of(
-    vehicle: Vehicle, asked: tuple[str, ...] | None, first: LogLearning
+def free_names_of(
+    vehicle: Vehicle, requested: tuple[str, ...] | None, first: LogLearning
 ) -> tuple[tuple[str, ...], dict[str, str]]:
     """Return the names to free and, for those that least squares could not find, why."""
-    if asked is not None:
-        return asked, {}
+    if requested is not None:
+        return requested, {}
     estimate = first.estimate
     names = tuple(name for name, ok in zip(estimate.names, estimate.identified, strict=True) if ok)
     held = {
@@ -173,7 +173,7 @@ class Rounds:
     findings: Identifiability
     base: Vehicle
     unidentified: dict[str, str]
-    zeroed: tuple[str, ...]
+    set_to_zero: tuple[str, ...]
     added: tuple[str, ...]
     dropped: tuple[str, ...]
     sure: tuple[str, ...]
@@ -186,17 +186,17 @@ def run_rounds(
     samples: Sequence[Samples],
     free: FreeParameters,
     theta: Array,
-    levels: Levels,
-    tuning: Tuning,
+    levels: NoiseLevels,
+    settings: FilterSettings,
     *,
     held: Mapping[str, str],
     doubted: Sequence[str],
-    zeroed: Sequence[str],
+    set_to_zero: Sequence[str],
     delay: float,
     prior: Vehicle | None,
-    asked: bool,
+    requested: bool,
     speeds: Array,
-    told: Callable[[float], None],
+    progress: Callable[[float], None],
 ) -> Rounds:
     """Fit what is free, choose between damping terms, and hold what is not determined.
 
@@ -217,10 +217,10 @@ def run_rounds(
         holding: Vehicle,
         chosen: FreeParameters,
         theta: Array,
-        levels: Levels,
+        levels: NoiseLevels,
         *,
         begin: bool = False,
-        told: Callable[[float], None] | None = None,
+        progress: Callable[[float], None] | None = None,
     ) -> JointFit:
         return joint_passes(
             of,
@@ -228,21 +228,21 @@ def run_rounds(
             chosen,
             theta,
             levels,
-            tuning,
+            settings,
             scale=size_of(vehicle, chosen),
             delay=delay,
             prior=known(chosen),
             shown=shown,
             begin=begin,
-            cautious=False,
-            told=told,
+            inflate=False,
+            progress=progress,
         )
 
     shown = levels.noise  # the filter's may hold what its model lacks
-    unidentified, left_out = dict(held), list(zeroed)
+    unidentified, left_out = dict(held), list(set_to_zero)
     base = vehicle.with_coefficients(dict.fromkeys(left_out, 0.0))
     few = spread_over(samples)
-    fit = passes(few, base, free, theta, levels, begin=True, told=lambda share: told(0.3 * share))
+    fit = passes(few, base, free, theta, levels, begin=True, progress=lambda share: progress(0.3 * share))
     sure: tuple[str, ...] = ()
     if doubted:
         wide = free_parameters(vehicle, (*free.names, *doubted))
@@ -260,10 +260,10 @@ def run_rounds(
     added: tuple[str, ...] = ()
     dropped: tuple[str, ...] = ()
     before: JointFit | None = None
-    if pairs := damping_in_question(vehicle, free.names, asked=asked):
-        told(0.3)
+    if pairs := damping_in_question(vehicle, free.names, requested=requested):
+        progress(0.3)
         choice = choose_damping(
-            few, base, fit, pairs, tuning=tuning, delay=delay, prior=known, shown=shown, asked=asked
+            few, base, fit, pairs, settings=settings, delay=delay, prior=known, shown=shown, requested=requested
         )
         if choice is not None:
             added = tuple(name for name in choice.fit.free.names if name not in free.names)
@@ -278,7 +278,7 @@ def run_rounds(
     theta, levels = fit.theta, fit.levels
     for _ in range(_ROUNDS):
         scale, information = size_of(vehicle, free), known(free)
-        fit = passes(samples, base, free, theta, levels, told=lambda share: told(0.5 + 0.4 * share))
+        fit = passes(samples, base, free, theta, levels, progress=lambda share: progress(0.5 + 0.4 * share))
         deviation = prior_deviation(free, scale)
         findings = judge(
             free,
@@ -288,19 +288,19 @@ def run_rounds(
             scale,
             prior=None if information is None else information[1],
             speeds=speeds,
-            enough=TOLD if asked else DETERMINED,
+            enough=TOLD if requested else DETERMINED,
         )
         held_now = {name: hold for name, hold in findings.held.items() if name not in (DELAY, LAG)}
-        if asked or not held_now:
+        if requested or not held_now:
             break
         unidentified.update({name: findings.reasons.get(name, "not determined") for name in held_now})
         left_out += [name for name, hold in held_now.items() if hold == "zero"]
         base = vehicle.with_coefficients(dict.fromkeys(left_out, 0.0))
         keep = [k for k, name in enumerate(free.names) if name not in held_now]
         free, theta, levels = free.subset([free.names[k] for k in keep]), fit.theta[keep], fit.levels
-    told(0.9)
+    progress(0.9)
     p = np.array(base.parameters)
-    fit = cautiously(samples, p, fit, tuning, deviation, delay=delay, prior=information)
+    fit = with_inflated_variance(samples, p, fit, settings, deviation, delay=delay, prior=information)
     return Rounds(fit, findings, base, unidentified, tuple(left_out), added, dropped, sure, few, before)
 
 
@@ -317,48 +317,48 @@ def learn_joint(
     progress: Progress | None = None,
 ) -> LogLearning:
     """Learn a vehicle's coefficients from recordings; see `learn_recordings`."""
-    told = progress or (lambda text, share: None)
-    asked = tuple(free) if free is not None else None
+    progress = progress or (lambda text, share: None)
+    requested = tuple(free) if free is not None else None
     paper = set(paper_names())
-    for_paper = [name for name in asked if name in paper] if asked is not None else None
+    for_paper = [name for name in requested if name in paper] if requested is not None else None
     least_squares = partial(
         learn_paper, vehicle, recordings, free=for_paper or None, delay=delay, longest_delay=longest_delay
     )
-    first = least_squares(sparing=True, progress=lambda text, share: told(text, 0.3 * share))
+    first = least_squares(sparing=True, progress=lambda text, share: progress(text, 0.3 * share))
     samples = [samples_of(recording, vehicle) for recording in recordings]
-    wanted, held = wanted_of(vehicle, asked, first)
+    to_learn, held = free_names_of(vehicle, requested, first)
     if delay is None and any(each.commands for each in samples):
-        wanted = (*wanted, DELAY)
-    parameters = free_parameters(vehicle, wanted)
+        to_learn = (*to_learn, DELAY)
+    parameters = free_parameters(vehicle, to_learn)
     known = known_start(vehicle, first)
     lag = float(np.mean(samples[0].lag)) if samples[0].lag.size and samples[0].lag.any() else 0.05
     found_delay = first.delay
-    if LAG in wanted:
+    if LAG in to_learn:
         found_delay = max(0.0, found_delay - lag)
     theta = start_theta(vehicle, known, parameters, delay=found_delay, lag=lag)
-    levels = levels_of(recordings, samples, vehicle)
+    levels = common_noise_levels(recordings, samples, vehicle)
     own_noise = levels.noise  # the filter's may hold what its model lacks
-    tuning = replace(tuning_for(vehicle), current=current)
+    settings = replace(filter_settings(vehicle), current=current)
     found = run_rounds(
         vehicle,
         samples,
         parameters,
         theta,
         levels,
-        tuning,
+        settings,
         held=held,
-        doubted=doubted_inertias(wanted, held) if asked is None else (),
-        zeroed=[name for name in held if first.model.coefficient(name) == 0.0],
+        doubted=doubted_inertias(to_learn, held) if requested is None else (),
+        set_to_zero=[name for name in held if first.model.coefficient(name) == 0.0],
         delay=found_delay,
         prior=prior,
-        asked=asked is not None,
+        requested=requested is not None,
         speeds=speeds_of(first),
-        told=lambda share: told("joint filter", 0.3 + 0.4 * share),
+        progress=lambda share: progress("joint filter", 0.3 + 0.4 * share),
     )
     fit, base, findings, unidentified = found.fit, found.base, found.findings, found.unidentified
-    parameters, zeroed = fit.free, list(found.zeroed)
-    chosen = [name for name in (*wanted, *found.added, *found.sure) if name not in found.dropped]
-    told("free runs", 0.7)
+    parameters, set_to_zero = fit.free, list(found.set_to_zero)
+    chosen = [name for name in (*to_learn, *found.added, *found.sure) if name not in found.dropped]
+    progress("free runs", 0.7)
     method, remarks, water = "joint", [], None
     doubts: tuple[str, ...] = ()
     if current:
@@ -370,7 +370,7 @@ def learn_joint(
             np.array(base.parameters),
             fit,
             prior_deviation(parameters, size_of(vehicle, parameters)),
-            tuning,
+            settings,
             delay=found_delay,
             prior=_prior(prior, parameters),
         )
@@ -387,20 +387,20 @@ def learn_joint(
             base.with_coefficients({name: 0.0 for name in found.added if name in parameters.names}),
             samples,
             parameters,
-            _starts(vehicle, fit, chosen if asked is None else parameters.names, known, found_delay),
+            _starts(vehicle, fit, chosen if requested is None else parameters.names, known, found_delay),
             []
-            if found.before is None or asked is not None
-            else _starts(vehicle, found.before, wanted, known, found_delay),
+            if found.before is None or requested is not None
+            else _starts(vehicle, found.before, to_learn, known, found_delay),
             own_noise,
             [drifting_attitude(g, s, each.t) for g, s, each in zip(first.grids, first.sources, samples, strict=True)],
             (first.model, first.delay),
             delay=found_delay,
             prior=lambda chosen: _prior(prior, chosen),
-            terms=asked is None,
-            find_lag=asked is None and delay is None and _may_lag(samples),
+            terms=requested is None,
+            find_lag=requested is None and delay is None and _may_lag(samples),
             always=refine == "always",
             speeds=speeds_of(first),
-            told=lambda share: told("free runs", 0.7 + 0.25 * share),
+            progress=lambda share: progress("free runs", 0.7 + 0.25 * share),
         )
     )
     if second is not None:
@@ -411,49 +411,51 @@ def learn_joint(
     if second is not None and (second.first.better or refine == "always"):
         method, found_delay, parameters = "output-error", second.refined.delay, second.refined.free
         spread = second.refined.covariance
-        if fit.duration < _HIDES * tuning.time_constant:
+        if fit.duration < _HIDES * settings.time_constant:
             spread = _no_surer(parameters, spread, fit)
         fit = replace(fit, free=parameters, theta=second.refined.theta, covariance=spread, likely=spread)
         unidentified = {name: why for name, why in unidentified.items() if name not in second.refined.added}
         unidentified.update({name: held[name] for name in (*found.added, *found.sure) if name not in parameters.names})
         unidentified.update(second.reasons)
-        wanted = (*wanted, *(name for name in second.refined.added if name not in wanted))
-        zeroed = [name for name in (*zeroed, *found.added, *second.zeroed) if name not in parameters.names]
+        to_learn = (*to_learn, *(name for name in second.refined.added if name not in to_learn))
+        set_to_zero = [
+            name for name in (*set_to_zero, *found.added, *second.set_to_zero) if name not in parameters.names
+        ]
     else:
         unidentified = {**{n: why for n, why in findings.reasons.items() if n not in (DELAY, LAG)}, **unidentified}
     roughly: list[str] = []
-    if asked is not None:
+    if requested is not None:
         moved_by_water = idle(vehicle, samples)
         if method == "joint":
             roughly = [f.name for f in findings.findings if f.rough and f.name in unidentified.keys() - moved_by_water]
         unidentified.update({name: as_fitted(unidentified[name]) for name in roughly})
         unidentified.update({name: why for name, why in moved_by_water.items() if name in parameters.names})
-    told("what is known", 0.95)
+    progress("what is known", 0.95)
     assembled = assemble(
         vehicle,
         parameters,
         fit.theta,
         fit.covariance,
-        [name for name in wanted if name not in (DELAY, LAG)] + [name for name in held if name not in wanted],
+        [name for name in to_learn if name not in (DELAY, LAG)] + [name for name in held if name not in to_learn],
         unidentified,
-        zeroed,
+        set_to_zero,
         first.estimate.axes,
         fit.duration,
         fit.rows,
         roughly,
     )
     learned = _learned(vehicle, first, assembled.estimate, assembled.remarks, parameters, fit, found_delay, method)
-    if asked is not None:
+    if requested is not None:
         doubts = (*doubts, *doubted_by_least_squares(first, assembled.estimate))
     warnings = (*learned.warnings, *doubts)
     return replace(learned, current=water, warnings=warnings, remarks=(*learned.remarks, *remarks))
 
 
 def _starts(
-    vehicle: Vehicle, fit: JointFit, wanted: Sequence[str], least_squares: Vehicle, delay: float
+    vehicle: Vehicle, fit: JointFit, to_learn: Sequence[str], least_squares: Vehicle, delay: float
 ) -> list[Start]:
     """Return where free runs may begin: the joint filter's coefficients, and all that least squares found."""
-    whole = free_parameters(vehicle, wanted)
+    whole = free_parameters(vehicle, to_learn)
     return [(fit.free, fit.theta), (whole, start_theta(least_squares, least_squares, whole, delay=delay, lag=0.05))]
 
 

@@ -18,10 +18,10 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from towtank.errors import InputError
-from towtank.identification.data.noise import Levels
+from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.data.samples import Buffer, Samples
-from towtank.identification.data.zero_order_hold import HeldInput
-from towtank.identification.kalman.state import JointState, sound_of
+from towtank.identification.data.zero_order_hold import ZeroOrderHold
+from towtank.identification.kalman.state import JointState, healthy_snapshot
 from towtank.identification.model.parameters import free_parameters
 from towtank.identification.online.joint import JointLearner
 from towtank.identification.online.schedule import Schedule
@@ -32,7 +32,7 @@ from towtank.vehicle import Vehicle
 __all__ = ["load_learner", "save_learner"]
 
 _VERSION = 6
-_LEVELS = ("noise", "sigma", "rough")
+_LEVELS = ("noise", "disturbance", "velocity_walk")
 _BUFFER = ("t", "values", "input_t", "input_force")
 
 
@@ -50,11 +50,11 @@ def save_learner(learner: JointLearner, path: str | os.PathLike[str]) -> None:
     about: dict[str, Any] = {
         "version": _VERSION,
         "vehicle": learner.vehicle.name,
-        "asked": stream.asked,
+        "asked": stream.requested,
         "current": learner._current,
         "given_delay": stream.given_delay,
         "free": None if stream.free is None else stream.free.names,
-        "looking": stream.looking,
+        "looking": stream.reestimating,
         "last_one": stream.looks.last_one and not busy,
         "stirred": stream.looks.stirred,
         "left_out": stream.looks.left_out,
@@ -62,7 +62,7 @@ def save_learner(learner: JointLearner, path: str | os.PathLike[str]) -> None:
         "seen": stream.seen,
         "mended": stream.mended,
         "watching": stream.changes.watching,
-        "doubt": stream.changes.doubt,
+        "doubt": stream.changes.overdispersion,
         "events": [[each.t, each.kind, each.text, dict(each.details)] for each in stream.changes.events],
         "next_check": stream._next_check,
         "schedule": {**asdict(stream.looks.schedule), **({"next": stream.seen, "starts": stream.seen} if busy else {})},
@@ -147,7 +147,7 @@ def _restored(
     stream.changes.restore(
         [Event(t, kind, text, details) for t, kind, text, details in about["events"]], about["doubt"]
     )
-    stream.looking = bool(about["looking"])
+    stream.reestimating = bool(about["looking"])
     looks = stream.looks
     looks.last_one, looks.stirred = bool(about["last_one"]), int(about["stirred"])
     looks.left_out, looks.damping = float(about["left_out"]), dict(about["damping"])
@@ -155,14 +155,14 @@ def _restored(
     stream.seen, stream.mended = float(about["seen"]), int(about["mended"])
     stream._next_check = float(about["next_check"])
     stream._last_t = -math.inf if about["last_t"] is None else float(about["last_t"])
-    stream.levels = Levels(*(arrays[f"levels.{name}"] for name in _LEVELS))
-    looks.levels = Levels(*(arrays[f"next.{name}"] for name in _LEVELS))
+    stream.levels = NoiseLevels(*(arrays[f"levels.{name}"] for name in _LEVELS))
+    looks.levels = NoiseLevels(*(arrays[f"next.{name}"] for name in _LEVELS))
     if about["buffer"] is not None:
         kept = about["buffer"]
         stream._buffer = Buffer(arrays["buffer.shape"], arrays["buffer.lag"], commands=bool(kept["commands"]))
         t, values, input_t, input_force = (arrays[f"buffer.{name}"] for name in _BUFFER)
         stream._buffer.restore(t, values, input_t, input_force, kept["starts"])
-        if learner._paper is not None and stream.looking:
+        if learner._paper is not None and stream.reestimating:
             for k, each in enumerate(stream._buffer.stretches):
                 if k:
                     learner._paper.restart()
@@ -170,8 +170,8 @@ def _restored(
     if about["free"] is not None:
         stream.free = free_parameters(vehicle, about["free"])
         stream.state = JointState(**{name: arrays[f"state.{name}"] for name in JointState._fields})
-        stream._held = HeldInput(**{name: arrays[f"held.{name}"] for name in HeldInput._fields})
-        stream._sound = sound_of(stream.state)
+        stream._held = ZeroOrderHold(**{name: arrays[f"held.{name}"] for name in ZeroOrderHold._fields})
+        stream._sound = healthy_snapshot(stream.state)
     return learner
 
 

@@ -17,7 +17,7 @@ from towtank.errors import InputError
 from towtank.identification.data.samples import held_forces, samples_of, with_absent_zero
 from towtank.identification.kalman.alternatives import current_of
 from towtank.identification.kalman.iterated import prior_deviation
-from towtank.identification.kalman.noise_adaptation import caution
+from towtank.identification.kalman.noise_adaptation import variance_inflation
 from towtank.identification.kalman.state import C_DURATION, C_ROWS, JointState, known_to
 from towtank.identification.learner import Learner, sample_vector
 from towtank.identification.model.linearisation import N_FIXED
@@ -37,7 +37,7 @@ from towtank.identification.online.least_squares import PaperLearner
 from towtank.identification.online.stream import JointStream
 from towtank.identification.posterior.assembly import Current, assemble, judge
 from towtank.identification.posterior.estimate import AxisReport, Estimate
-from towtank.identification.posterior.statistics import told_by_data
+from towtank.identification.posterior.statistics import information_of_data
 from towtank.identification.posterior.thrusters import learned_gains, with_thrust_scale, with_thrusters
 from towtank.recording import Recording
 from towtank.recording.event import Event
@@ -50,7 +50,7 @@ def reading(
     vehicle: Vehicle,
     free: FreeParameters,
     state: JointState,
-    asked: Sequence[str] | None,
+    requested: Sequence[str] | None,
     prior: Array | None,
     axes: Sequence[AxisReport],
     left_out: Mapping[str, str],
@@ -69,21 +69,23 @@ def reading(
     findings = judge(free, state.theta, covariance, deviation, scale, prior=prior)
     why = {name: reason for name, reason in findings.reasons.items() if not _is_input(name)}
     why |= left_out
-    wanted = [name for name in (asked or (*free.names, *left_out)) if not _is_input(name)]
+    to_learn = [name for name in (requested or (*free.names, *left_out)) if not _is_input(name)]
     duration, rows = float(state.clock[C_DURATION]), int(state.clock[C_ROWS])
-    return assemble(vehicle, free, state.theta, covariance, wanted, why, tuple(left_out), axes, duration, rows).estimate
+    return assemble(
+        vehicle, free, state.theta, covariance, to_learn, why, tuple(left_out), axes, duration, rows
+    ).estimate
 
 
 def _cautious(covariance: Array, deviation: Array, prior: Array | None, grown: Array) -> Array:
     """Return the covariance (n, n) with what the data told, and that alone, less sure by the factors grown (n,)."""
     before = np.diag(deviation**-2.0) + (0.0 if prior is None else prior)
-    told = told_by_data(covariance, before) / np.outer(grown, grown)
+    told = information_of_data(covariance, before) / np.outer(grown, grown)
     return np.asarray(np.linalg.inv(told + before))
 
 
 def _grown(free: FreeParameters, state: JointState) -> Array:
     """Return by how much deviations (n,) grow, since the disturbance's level is not known but estimated as well."""
-    each = caution(state.level[:, 3])
+    each = variance_inflation(state.level[:, 3])
     axes = [int(code[1]) if code[0] in (MASS, LINEAR, QUADRATIC) else -1 for code in free.codes]
     used = [axis for axis in axes if axis >= 0] or list(range(6))
     most = float(each[used].max())
@@ -153,16 +155,16 @@ class JointLearner(Learner):
         if delay is not None and not 0.0 <= delay < np.inf:
             raise InputError(f"delay: found {delay}, expected a number of seconds, 0 or more")
         self.vehicle, self.method, self.prior, self._current = vehicle, method, prior, current
-        self._asked = None if free is None else tuple(free)
-        if self._asked is not None:
-            free_parameters(vehicle, self._asked)  # names are right
-            rows = [name for name in self._asked if name in paper_names()]
+        self._requested = None if free is None else tuple(free)
+        if self._requested is not None:
+            free_parameters(vehicle, self._requested)  # names are right
+            rows = [name for name in self._requested if name in paper_names()]
             self._paper: PaperLearner | None = PaperLearner(vehicle, free=rows, delay=delay, **paper) if rows else None
         else:
             self._paper = PaperLearner(vehicle, delay=delay, **paper)
         self._stream = JointStream(
             vehicle,
-            self._asked,
+            self._requested,
             delay=delay,
             prior=prior,
             paper=self._paper,
@@ -194,7 +196,7 @@ class JointLearner(Learner):
             force = held_forces(self.vehicle, c, voltage)
         elif wrench is not None:
             force = with_absent_zero(sample_vector(wrench, 6, "wrench")[None])[0]
-        if self._stream.looking and self._paper is not None:
+        if self._stream.reestimating and self._paper is not None:
             self._paper.update(
                 t, pose=p, velocity=v, acceleration=z[12:], commands=commands, wrench=wrench, voltage=voltage
             )
@@ -211,15 +213,15 @@ class JointLearner(Learner):
         before = stream.rows
         self._estimate = None
         pushed = i = 0
-        while i < len(samples) and (stream.looking or stream.changes.watching):
+        while i < len(samples) and (stream.reestimating or stream.changes.watching):
             while pushed < len(samples.input_t) and samples.input_t[pushed] <= samples.t[i]:
                 t, force = float(samples.input_t[pushed]), samples.input_force[pushed]
                 stream.take_input(t, force, commands=samples.commands)
-                if self._paper is not None and stream.looking:
+                if self._paper is not None and stream.reestimating:
                     self._paper.push(t, force, commands=samples.commands)
                 pushed += 1
             z = samples.values[i]
-            if self._paper is not None and stream.looking:
+            if self._paper is not None and stream.reestimating:
                 self._paper.update(float(samples.t[i]), pose=z[:6], velocity=z[6:12], acceleration=z[12:])
             stream.take_row(float(samples.t[i]), z)
             i += 1
@@ -279,7 +281,7 @@ class JointLearner(Learner):
     def disturbance(self) -> Array:
         """Level (6,) [N, N m] of the random force that the motion shows."""
         state = self._stream.state
-        return self._stream.levels.sigma.copy() if state is None else state.sigma.copy()
+        return self._stream.levels.disturbance.copy() if state is None else state.disturbance.copy()
 
     @property
     def events(self) -> tuple[Event, ...]:
@@ -311,8 +313,8 @@ class JointLearner(Learner):
     def _assembled(self) -> Estimate:
         stream = self._stream
         if stream.state is None or stream.free is None:
-            return self._paper.estimate if self._paper is not None else nothing_yet(self.vehicle, self._asked or ())
+            return self._paper.estimate if self._paper is not None else nothing_yet(self.vehicle, self._requested or ())
         prior = None if self.prior is None else prior_information(self.prior, stream.free)[1]
-        axes = self._paper.estimate.axes if self._paper is not None and stream.looking else ()
-        found = reading(self.vehicle, stream.free, stream.state, self._asked, prior, axes, stream.left_out)
+        axes = self._paper.estimate.axes if self._paper is not None and stream.reestimating else ()
+        found = reading(self.vehicle, stream.free, stream.state, self._requested, prior, axes, stream.left_out)
         return with_thrust_scale(found, self.vehicle) if stream.commanded else found

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification.data.samples import with_absent_zero
-from towtank.identification.data.zero_order_hold import held_push
+from towtank.identification.data.zero_order_hold import hold_force
 from towtank.identification.learner import Learner, sample_vector
 from towtank.identification.least_squares.chain import PaperChain, Settings, uses_commands
 from towtank.identification.least_squares.rls import Scheme
@@ -145,7 +145,7 @@ class PaperLearner(Learner):
             return
         self._last_input = (t, forces)
         if self._chain is not None:
-            held_push(self._chain.held, t, forces)
+            hold_force(self._chain.held, t, forces)
 
     def run(self, recording: Recording) -> int:
         """Take a whole recording, aligned to a common grid; return how many intervals were learned from.
@@ -240,10 +240,10 @@ class PaperLearner(Learner):
             return
         chain = self._start(sources, commands=commands)
         if self._last_input is not None and len(self._last_input[1]) == chain.held.force.shape[0]:
-            held_push(chain.held, *self._last_input)
+            hold_force(chain.held, *self._last_input)
 
     def _start(self, sources: Sources, *, commands: bool) -> PaperChain:
-        free = np.array([candidate.wanted for candidate in self.candidates], dtype=np.float64)
+        free = np.array([candidate.to_learn for candidate in self.candidates], dtype=np.float64)
         known = np.array([candidate.known for candidate in self.candidates])
         if self._own_delay and commands:
             self.settings = replace(self.settings, delay=self.vehicle.command_delay)

@@ -19,26 +19,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.data.noise import Levels
+from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.data.samples import Samples
-from towtank.identification.data.zero_order_hold import HeldInput
-from towtank.identification.kalman.iterated import bounded, one_pass, prior_deviation, told_of
+from towtank.identification.data.zero_order_hold import ZeroOrderHold
+from towtank.identification.kalman.iterated import informed_or_start, limit_step, one_pass, prior_deviation
 from towtank.identification.kalman.noise_adaptation import (
-    alike,
+    adapt_noise,
     astray,
     at_odds,
-    followed,
-    level_merit,
-    rows_noise,
-    rows_rough,
+    converged,
+    log_prior_of_levels,
+    noise_of_rows,
+    velocity_walk_of_rows,
 )
 from towtank.identification.kalman.state import (
     C_DURATION,
     C_LIKELIHOOD,
     O_FOLLOW,
     O_TIME_CONSTANT,
+    FilterSettings,
     JointState,
-    Tuning,
     known_to,
 )
 from towtank.identification.model.linearisation import N_FIXED
@@ -49,7 +49,16 @@ from towtank.identification.posterior.estimate import Estimate
 from towtank.identification.simulation_error.cross_validation import FreeRuns, columns_of
 from towtank.vehicle import Vehicle
 
-__all__ = ["Look", "axes_seen", "bank_of_delays", "begun_later", "look", "look_levels", "look_starts", "names_now"]
+__all__ = [
+    "Reestimation",
+    "axes_seen",
+    "bank_of_delays",
+    "begun_later",
+    "look",
+    "names_now",
+    "noise_levels_of_rows",
+    "starting_points",
+]
 
 PLAINLY_WRONG = -100.0  # log likelihood ratio beyond which no free run is asked
 _STILL = 0.1  # of the usual disturbance
@@ -70,31 +79,31 @@ _LAG = 0.05  # s, to begin with
 class Still:
     """Levels in still water, what is usual there, and the axes that it is supposed of."""
 
-    levels: Levels
-    tuning: Tuning
+    levels: NoiseLevels
+    settings: FilterSettings
     axes: tuple[int, ...]
 
-    def kept(self, levels: Levels) -> Levels:
+    def kept(self, levels: NoiseLevels) -> NoiseLevels:
         """Return levels with the disturbance of these axes as it is supposed."""
-        sigma = levels.sigma.copy()
-        sigma[list(self.axes)] = self.levels.sigma[list(self.axes)]
-        return replace(levels, sigma=sigma)
+        disturbance = levels.disturbance.copy()
+        disturbance[list(self.axes)] = self.levels.disturbance[list(self.axes)]
+        return replace(levels, disturbance=disturbance)
 
 
-def still_water(state: JointState, levels: Levels, free: FreeParameters, tuning: Tuning) -> Still | None:
+def still_water(state: JointState, levels: NoiseLevels, free: FreeParameters, settings: FilterSettings) -> Still | None:
     """Return still water about all axes of which something is known; None too early.
 
     A random force that is still what it was at the beginning looks like any constant one.
     """
-    if state.clock[C_DURATION] < _SHOWS * tuning.time_constant:
+    if state.clock[C_DURATION] < _SHOWS * settings.time_constant:
         return None
     axes = [int(code[1]) for code, s in zip(free.codes, known_to(state), strict=True) if code[0] == MASS and s < _FELT]
     if not axes:
         return None
-    sigma, usual = levels.sigma.copy(), np.array(tuning.usual)
-    sigma[axes] = np.minimum(sigma[axes], _STILL * usual[axes])
+    disturbance, usual = levels.disturbance.copy(), np.array(settings.usual)
+    disturbance[axes] = np.minimum(disturbance[axes], _STILL * usual[axes])
     usual[axes] = 0.0
-    return Still(replace(levels, sigma=sigma), replace(tuning, usual=tuple(usual)), tuple(axes))
+    return Still(replace(levels, disturbance=disturbance), replace(settings, usual=tuple(usual)), tuple(axes))
 
 
 def freely_white(
@@ -118,7 +127,7 @@ def freely_white(
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class Reestimation:
     """The filter after the likeliest pass, its inputs, the levels that it shows, those that the next look tries, merit.
 
     The next look tries others where the water is taken as still: it asks again. stirred: it plainly is not.
@@ -128,10 +137,10 @@ class Look:
 
     free: FreeParameters
     state: JointState
-    held: HeldInput
-    levels: Levels
-    next: Levels
-    merit: float
+    held: ZeroOrderHold
+    levels: NoiseLevels
+    next: NoiseLevels
+    log_posterior: float
     stirred: bool = False
     left_out: float = 0.0
     damping: Mapping[str, str] | None = None
@@ -143,15 +152,15 @@ def look(
     free: FreeParameters,
     own: Array | None,
     starts: Sequence[Array],
-    levels: Levels,
-    tuning: Tuning,
+    levels: NoiseLevels,
+    settings: FilterSettings,
     *,
     delay: float,
     prior: tuple[Array, Array] | None,
     reserve: Array | None = None,
     still: bool = False,
     may_begin_later: bool = False,
-) -> Look | None:
+) -> Reestimation | None:
     """Pass over all stretches from each start, from the likeliest once more with the levels it shows; None if all fail.
 
     Args:
@@ -163,11 +172,11 @@ def look(
         may_begin_later: leave the first half second out where a pass from the other starts goes astray with it and not
             without, however sound one from `own` is: it may have raised the disturbance to explain what it saw.
     """
-    p, shown, usual, rounds = np.array(vehicle.parameters), levels.noise, np.array(tuning.usual), _ROUNDS
+    p, shown, usual, rounds = np.array(vehicle.parameters), levels.noise, np.array(settings.usual), _ROUNDS
     deviation = prior_deviation(free, size_of(vehicle, free))
 
-    def passed(theta: Array, levels: Levels, *, follow: bool) -> tuple[JointState, HeldInput] | None:
-        way = replace(tuning, follow=follow)
+    def passed(theta: Array, levels: NoiseLevels, *, follow: bool) -> tuple[JointState, ZeroOrderHold] | None:
+        way = replace(settings, follow=follow)
         state, held = one_pass(stretches, p, free, theta, deviation, levels, way, delay=delay, prior=prior)
         sound = np.isfinite(state.theta).all() and np.isfinite(state.P).all() and (np.diag(state.P) >= 0.0).all()
         return (state, held) if sound else None
@@ -177,17 +186,17 @@ def look(
         found.append(passed(own, levels, follow=False))
         if not starts and reserve is not None and (found[0] is None or astray(found[0][0])):
             starts = [reserve]
-    least = replace(levels, sigma=np.minimum(levels.sigma, np.where(usual > 0.0, usual, np.inf)))
+    least = replace(levels, disturbance=np.minimum(levels.disturbance, np.where(usual > 0.0, usual, np.inf)))
     others = [each for each in (passed(start, least, follow=True) for start in starts) if each is not None]
     if others:  # likelihoods of passes that follow and of linear ones do not compare
         state, held = max(others, key=_likelihood)
-        found.append(passed(bounded(free, state.theta, state.theta), least, follow=False) or (state, held))
+        found.append(passed(limit_step(free, state.theta, state.theta), least, follow=False) or (state, held))
     sound = [each for each in found if each is not None]
     if not sound:
         return None
     if may_begin_later and others and astray(sound[-1][0]) and stretches[0].duration > _LONG_ENOUGH:
         later = begun_later(stretches, _FALSE_START)
-        again = look(later, vehicle, free, None, starts, levels, tuning, delay=delay, prior=prior, still=still)
+        again = look(later, vehicle, free, None, starts, levels, settings, delay=delay, prior=prior, still=still)
         if again is not None and not astray(again.state):
             return replace(again, left_out=_FALSE_START)
     state, held = max(sound, key=_likelihood)
@@ -197,40 +206,42 @@ def look(
     if at_odds(state):
         rounds = max(rounds, _ROUNDS_AT_ODDS)
 
-    def settled(seen: tuple[JointState, HeldInput], levels: Levels, rounds: int, calm: Still | None) -> Look:
-        (state, held), way = seen, tuning if calm is None else calm.tuning
+    def settled(
+        seen: tuple[JointState, ZeroOrderHold], levels: NoiseLevels, rounds: int, calm: Still | None
+    ) -> Reestimation:
+        (state, held), way = seen, settings if calm is None else calm.settings
 
-        def following() -> Levels:
-            found = followed(state, levels, way, shown)
+        def following() -> NoiseLevels:
+            found = adapt_noise(state, levels, way, shown)
             return found if calm is None else calm.kept(found)
 
         for _ in range(rounds):
             shows = following()
-            about = bounded(free, state.theta, state.anchor, linear=state.options[O_FOLLOW] == 0.0)
+            about = limit_step(free, state.theta, state.linearised_at, linear=state.options[O_FOLLOW] == 0.0)
             std = known_to(state)
-            if alike(shows, levels) and np.all(np.abs(about - state.anchor) <= _SETTLED * std):
+            if converged(shows, levels) and np.all(np.abs(about - state.linearised_at) <= _SETTLED * std):
                 break
             again = passed(about, shows, follow=False)
-            if again is None or _merit(again[0], shows, way) < _merit(state, levels, way) - _WORSE:
+            if again is None or _log_posterior(again[0], shows, way) < _log_posterior(state, levels, way) - _WORSE:
                 break
             (state, held), levels = again, shows
         shows = following()
-        return Look(free, state, held, shows, shows, _merit(state, levels, way))
+        return Reestimation(free, state, held, shows, shows, _log_posterior(state, levels, way))
 
     usually = settled((state, held), levels, rounds, None)
-    calm = still_water(usually.state, usually.levels, free, tuning) if still else None
+    calm = still_water(usually.state, usually.levels, free, settings) if still else None
     if calm is None:
         return usually
 
-    def calmly(theta: Array) -> Look | None:
+    def calmly(theta: Array) -> Reestimation | None:
         begun = passed(theta, calm.levels, follow=False)
         return None if begun is None else settled(begun, calm.levels, _ROUNDS_STILL, calm)
 
     linear = usually.state.options[O_FOLLOW] == 0.0
-    other = calmly(bounded(free, usually.state.theta, usually.state.anchor, linear=linear))
-    if other is None or other.merit < usually.merit + PLAINLY_WRONG:
+    other = calmly(limit_step(free, usually.state.theta, usually.state.linearised_at, linear=linear))
+    if other is None or other.log_posterior < usually.log_posterior + PLAINLY_WRONG:
         return replace(usually, stirred=True)
-    if other.merit < usually.merit:
+    if other.log_posterior < usually.log_posterior:
         theta = freely_white(stretches, vehicle, free, other.state, shown, delay=delay, prior=prior)
         other = None if theta is None else calmly(theta)
     return usually if other is None else replace(other, next=usually.levels)
@@ -246,12 +257,12 @@ def begun_later(stretches: Sequence[Samples], seconds: float) -> list[Samples]:
     return [first.part(int(np.searchsorted(first.t, first.t[0] + seconds)), 0), *stretches[1:]]
 
 
-def _likelihood(passed: tuple[JointState, HeldInput]) -> float:
+def _likelihood(passed: tuple[JointState, ZeroOrderHold]) -> float:
     return float(passed[0].clock[C_LIKELIHOOD])
 
 
-def _merit(state: JointState, levels: Levels, tuning: Tuning) -> float:
-    return float(state.clock[C_LIKELIHOOD]) + level_merit(levels, tuning)
+def _log_posterior(state: JointState, levels: NoiseLevels, settings: FilterSettings) -> float:
+    return float(state.clock[C_LIKELIHOOD]) + log_prior_of_levels(levels, settings)
 
 
 def bank_of_delays(free: FreeParameters, theta: Array) -> list[Array]:
@@ -268,15 +279,15 @@ def axes_seen(stretches: Sequence[Samples]) -> list[bool]:
 
 def names_now(
     vehicle: Vehicle,
-    asked: Sequence[str] | None,
+    requested: Sequence[str] | None,
     found: Estimate | None,
     seen: Sequence[bool],
     *,
     with_delay: bool,
 ) -> list[str]:
     """Return what is free: as asked, or of the axes that are seen what least squares has not put aside."""
-    if asked is not None:
-        names = list(asked)
+    if requested is not None:
+        names = list(requested)
     else:
         names = []
         for candidate in candidates(vehicle, None):
@@ -286,7 +297,7 @@ def names_now(
             columns = (*axis.columns, axis.added_mass)
             for c in (4, 0, 1, 2, 3):
                 name = columns[c]
-                if not candidate.wanted[c] or name in names:
+                if not candidate.to_learn[c] or name in names:
                     continue
                 known = found is not None and name in found and found[name].identified
                 put_aside = found is not None and name in found and not known and found[name].value == 0.0
@@ -303,7 +314,7 @@ def _partner_known(found: Estimate | None, columns: tuple[str, ...], c: int) -> 
     return found is not None and partner in found and found[partner].identified
 
 
-def look_starts(
+def starting_points(
     vehicle: Vehicle,
     known: tuple[FreeParameters, JointState] | None,
     free: FreeParameters,
@@ -316,29 +327,29 @@ def look_starts(
         known: coordinates of the filter by now, and the filter. free: coordinates (n,) of the look.
         found: by least squares. delay: [s] where it is not free.
     """
-    rough = vehicle
+    velocity_walk = vehicle
     if found is not None:
         changes = {each.name: each.value for each in found.coefficients if each.identified}
-        rough = vehicle.with_coefficients(changes) if changes else vehicle
-    cold = start_theta(vehicle, rough, free, delay=delay, lag=_LAG)
+        velocity_walk = vehicle.with_coefficients(changes) if changes else vehicle
+    cold = start_theta(vehicle, velocity_walk, free, delay=delay, lag=_LAG)
     if known is None:
         return None, cold
     names, state = known[0].names, known[1]
     theta = dict(zip(names, state.theta, strict=True))
-    anchor = dict(zip(names, state.anchor, strict=True))
+    linearised_at = dict(zip(names, state.linearised_at, strict=True))
     own = np.array([theta.get(name, cold[k]) for k, name in enumerate(free.names)])
-    about = np.array([anchor.get(name, own[k]) for k, name in enumerate(free.names)])
+    about = np.array([linearised_at.get(name, own[k]) for k, name in enumerate(free.names)])
     std = dict(zip(names, np.sqrt(np.diag(state.P)[N_FIXED:]), strict=False))
     known_std = np.array([std.get(name, np.inf) for name in free.names])
-    return told_of(free, bounded(free, own, about, linear=True), known_std, cold), cold
+    return informed_or_start(free, limit_step(free, own, about, linear=True), known_std, cold), cold
 
 
-def look_levels(rows: Samples, levels: Levels, *, first: bool) -> Levels:
+def noise_levels_of_rows(rows: Samples, levels: NoiseLevels, *, first: bool) -> NoiseLevels:
     """Return the levels that a look starts with: noise as the rows show it, the rest as found before."""
-    noise, rough = rows_noise(rows.t, rows.values), levels.rough
+    noise, velocity_walk = noise_of_rows(rows.t, rows.values), levels.velocity_walk
     beside = rows.measured[6:12] if not first else np.zeros(6, dtype=bool)
     noise[:6] = np.where(beside, np.maximum(noise[:6], levels.noise[:6]), noise[:6])
-    unknown = np.isnan(rough)
+    unknown = np.isnan(velocity_walk)
     if unknown.any():
-        rough = np.where(unknown, rows_rough(rows.t, rows.values), rough)
-    return Levels(noise, levels.sigma, rough)
+        velocity_walk = np.where(unknown, velocity_walk_of_rows(rows.t, rows.values), velocity_walk)
+    return NoiseLevels(noise, levels.disturbance, velocity_walk)

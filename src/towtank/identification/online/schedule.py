@@ -12,28 +12,28 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 from towtank.core.arrays import Array
-from towtank.identification.data.noise import Levels
+from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.data.samples import Buffer, Samples
 from towtank.identification.kalman.alternatives import Pair, Prior, choose_damping, damping_in_question
 from towtank.identification.kalman.iterated import fit_of
-from towtank.identification.kalman.noise_adaptation import tuning_for
-from towtank.identification.kalman.state import JointState, Tuning
+from towtank.identification.kalman.noise_adaptation import filter_settings
+from towtank.identification.kalman.state import FilterSettings, JointState
 from towtank.identification.model.parameters import DELAY, FreeParameters, free_parameters
 from towtank.identification.model.prior import prior_information
 from towtank.identification.online.least_squares import PaperLearner
 from towtank.identification.online.reestimation import (
-    Look,
+    Reestimation,
     axes_seen,
     bank_of_delays,
     begun_later,
     look,
-    look_levels,
-    look_starts,
     names_now,
+    noise_levels_of_rows,
+    starting_points,
 )
 from towtank.vehicle import Vehicle
 
-__all__ = ["LookJob", "Looks", "Schedule"]
+__all__ = ["ReestimationJob", "ReestimationSchedule", "Schedule"]
 
 _PASSES = 4  # over what was seen, that a choice of damping terms may cost each time
 _EARLY = 8.0  # s of motion until which looks are frequent
@@ -52,7 +52,7 @@ _STIRRED = 2  # looks that find the water plainly stirred, after which none asks
 
 
 @dataclass(frozen=True, eq=False)
-class LookJob:
+class ReestimationJob:
     """What to look at and from where, see `look`.
 
     pairs: damping terms to choose between. asked: somebody named the coefficients.
@@ -64,19 +64,19 @@ class LookJob:
     free: FreeParameters
     own: Array | None
     starts: Sequence[Array]
-    levels: Levels
-    tuning: Tuning
+    levels: NoiseLevels
+    settings: FilterSettings
     delay: float
     prior: Prior
     reserve: Array
     still: bool
     may_begin_later: bool
     pairs: Sequence[Pair]
-    asked: bool
+    requested: bool
     rows: int
     inputs: int
 
-    def run(self) -> Look | None:
+    def run(self) -> Reestimation | None:
         """Look, and once more with other damping terms where these are what is there; None where every pass fails."""
         seen = self._look(self.vehicle, self.free, self.own, self.starts, self.levels)
         if seen is None or not self.pairs:
@@ -86,11 +86,11 @@ class LookJob:
             self.vehicle,
             fit_of(self.free, seen.state, seen.levels, 1),
             self.pairs,
-            tuning=self.tuning,
+            settings=self.settings,
             delay=self.delay,
             prior=self.prior,
             shown=self.levels.noise,
-            asked=self.asked,
+            requested=self.requested,
             most=_PASSES,
         )
         if choice is None:
@@ -102,8 +102,8 @@ class LookJob:
         return replace(seen, damping=choice.left_out) if seen.free is free else seen
 
     def _look(
-        self, vehicle: Vehicle, free: FreeParameters, own: Array | None, starts: Sequence[Array], levels: Levels
-    ) -> Look | None:
+        self, vehicle: Vehicle, free: FreeParameters, own: Array | None, starts: Sequence[Array], levels: NoiseLevels
+    ) -> Reestimation | None:
         return look(
             self.stretches,
             vehicle,
@@ -111,7 +111,7 @@ class LookJob:
             own,
             starts,
             levels,
-            self.tuning,
+            self.settings,
             delay=self.delay,
             prior=self.prior(free),
             reserve=self.reserve if free is self.free else None,
@@ -125,21 +125,21 @@ class Beside:
 
     def __init__(self) -> None:
         self._pool: ThreadPoolExecutor | None = None
-        self._job: LookJob | None = None
-        self._future: Future[Look | None] | None = None
+        self._job: ReestimationJob | None = None
+        self._future: Future[Reestimation | None] | None = None
 
     @property
     def busy(self) -> bool:
         """Whether a job is running, or done and not yet fetched."""
         return self._future is not None
 
-    def begin(self, job: LookJob) -> None:
+    def begin(self, job: ReestimationJob) -> None:
         """Start a job."""
         if self._pool is None:
             self._pool = ThreadPoolExecutor(1, thread_name_prefix="towtank-look")
         self._job, self._future = job, self._pool.submit(job.run)
 
-    def fetch(self, *, wait: bool) -> tuple[LookJob, Look | None] | None:
+    def fetch(self, *, wait: bool) -> tuple[ReestimationJob, Reestimation | None] | None:
         """Return the job and what it saw once it is done; None before, unless told to wait."""
         if self._job is None or self._future is None or not (wait or self._future.done()):
             return None
@@ -193,7 +193,7 @@ class Schedule:
         return self.next > _LAST or rows > _MOST_ROWS
 
 
-class Looks:
+class ReestimationSchedule:
     """All looks of one stream.
 
     Args:
@@ -213,11 +213,11 @@ class Looks:
     def __init__(
         self,
         vehicle: Vehicle,
-        asked: tuple[str, ...] | None,
+        requested: tuple[str, ...] | None,
         *,
         delay: float | None,
         prior: Vehicle | None,
-        levels: Levels,
+        levels: NoiseLevels,
         paper: PaperLearner | None,
         background: bool,
         current: bool,
@@ -225,8 +225,8 @@ class Looks:
         self.schedule, self.levels, self.stirred, self.last_one = Schedule(), levels, 0, False
         self.left_out = 0.0
         self.damping: dict[str, str] = {}
-        self.tuning = replace(tuning_for(vehicle), current=current)
-        self._vehicle, self._asked, self._prior, self._paper = vehicle, asked, prior, paper
+        self.settings = replace(filter_settings(vehicle), current=current)
+        self._vehicle, self._requested, self._prior, self._paper = vehicle, requested, prior, paper
         self._delay = delay
         self._beside = Beside() if background else None
 
@@ -237,7 +237,7 @@ class Looks:
 
     def due(
         self, seen: float, buffer: Buffer, known: tuple[FreeParameters, JointState] | None, delay: float
-    ) -> LookJob | None:
+    ) -> ReestimationJob | None:
         """Return the look that is due after `seen` seconds and has to be waited for; begin one that has not.
 
         Args:
@@ -255,7 +255,7 @@ class Looks:
 
     def one_more(
         self, seen: float, buffer: Buffer, known: tuple[FreeParameters, JointState] | None, delay: float
-    ) -> LookJob | None:
+    ) -> ReestimationJob | None:
         """Return a look where looks beside have been left behind by the stream. Arguments as `due`."""
         if self._beside is None or not self.schedule.behind(seen):
             return None
@@ -264,11 +264,11 @@ class Looks:
             self.schedule.looked(seen)
         return job
 
-    def fetch(self, *, wait: bool = False) -> tuple[LookJob, Look | None] | None:
+    def fetch(self, *, wait: bool = False) -> tuple[ReestimationJob, Reestimation | None] | None:
         """Return a look that ran beside, once it is done; None before, unless told to wait."""
         return self._beside.fetch(wait=wait) if self._beside is not None else None
 
-    def took(self, seen: Look) -> None:
+    def took(self, seen: Reestimation) -> None:
         """Go on from what a look saw."""
         self.levels = seen.next
         self.stirred += seen.stirred
@@ -291,7 +291,7 @@ class Looks:
 
         On real water the filter's likelihood is no sure judge between two, and a stream has no other.
         """
-        pairs = damping_in_question(self._vehicle, names, asked=self._asked is not None)
+        pairs = damping_in_question(self._vehicle, names, requested=self._requested is not None)
         return [pair for pair in pairs if not any(self._vehicle.coefficient(name) for name in pair)]
 
     def _known_before(self, free: FreeParameters) -> tuple[Array, Array] | None:
@@ -299,39 +299,39 @@ class Looks:
 
     def _job(
         self, seen: float, buffer: Buffer, known: tuple[FreeParameters, JointState] | None, delay: float
-    ) -> LookJob | None:
+    ) -> ReestimationJob | None:
         """Return a look over everything once more from each start; None where there is nothing to learn yet."""
         stretches = buffer.stretches
         found = None if self._paper is None else self._paper.estimate
         find_delay = self._delay is None and buffer.commands
-        names = names_now(self._vehicle, self._asked, found, axes_seen(stretches), with_delay=find_delay)
+        names = names_now(self._vehicle, self._requested, found, axes_seen(stretches), with_delay=find_delay)
         names = [name for name in names if not self.damping.get(name)]
         names += [name for name, why in self.damping.items() if not why and name not in names]
         if not any(each.input_t.size for each in stretches) or not names:
             return None
         stretches = begun_later(stretches, self.left_out)
         free = free_parameters(self._vehicle, names)
-        own, cold = look_starts(self._vehicle, known, free, found, delay)
+        own, cold = starting_points(self._vehicle, known, free, found, delay)
         elsewhere = self.schedule.other_starts(seen)
         starts = [cold] if own is None or elsewhere else []
         if elsewhere and DELAY in free.names and self.schedule.bank(seen):
             starts += bank_of_delays(free, cold if own is None else own)
         longest = max(stretches, key=lambda each: each.t.size)
-        return LookJob(
+        return ReestimationJob(
             stretches,
             self.without(self._vehicle),
             free,
             own,
             starts,
-            look_levels(longest, self.levels, first=own is None),
-            self.tuning,
+            noise_levels_of_rows(longest, self.levels, first=own is None),
+            self.settings,
             delay=delay,
             prior=self._known_before,
             reserve=cold,
             still=seen < STILL and self.stirred < _STIRRED,
             may_begin_later=elsewhere and self.left_out < _MOST_LEFT_OUT,
             pairs=self._pairs(names) if seen >= _DAMPING else (),
-            asked=self._asked is not None,
+            requested=self._requested is not None,
             rows=buffer.rows,
             inputs=buffer.inputs,
         )

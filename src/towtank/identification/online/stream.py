@@ -16,10 +16,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.changes.detector import Follow
-from towtank.identification.data.noise import Levels
+from towtank.identification.changes.detector import ChangeTracker
+from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.data.samples import N_MEASURED, Buffer, Samples
-from towtank.identification.data.zero_order_hold import HeldInput, held_push
+from towtank.identification.data.zero_order_hold import ZeroOrderHold, hold_force
 from towtank.identification.kalman.filter import joint_events, joint_step
 from towtank.identification.kalman.iterated import held_of
 from towtank.identification.kalman.state import (
@@ -28,17 +28,17 @@ from towtank.identification.kalman.state import (
     O_ADAPT,
     O_FOLLOW,
     O_REST,
+    HealthySnapshot,
     JointState,
-    Sound,
     has_moved,
+    healthy_snapshot,
     mended,
-    sound_of,
 )
 from towtank.identification.model.parameters import LAG, FreeParameters
 from towtank.identification.model.prior import usual_disturbance
 from towtank.identification.online.least_squares import PaperLearner
-from towtank.identification.online.reestimation import Look
-from towtank.identification.online.schedule import LookJob, Looks
+from towtank.identification.online.reestimation import Reestimation
+from towtank.identification.online.schedule import ReestimationJob, ReestimationSchedule
 from towtank.vehicle import Vehicle, configuration_matrix
 
 __all__ = ["JointStream"]
@@ -55,7 +55,7 @@ class JointStream:
     Args:
         vehicle: what is known. asked: names to learn, None for all that can be.
         delay: of the inputs [s] where it is given. prior: a vehicle whose coefficients bear deviations.
-        paper: the least squares that runs beside it, fed by the caller while `looking`.
+        paper: the least squares that runs beside it, fed by the caller while `reestimating`.
         background: looks run beside the stream, in a thread; the stream does not wait for them.
         current: of the water, estimated along.
         known: configurations that the vehicle may become, by name; None: changes are not watched for.
@@ -64,7 +64,7 @@ class JointStream:
     def __init__(
         self,
         vehicle: Vehicle,
-        asked: tuple[str, ...] | None,
+        requested: tuple[str, ...] | None,
         *,
         delay: float | None,
         prior: Vehicle | None,
@@ -73,16 +73,16 @@ class JointStream:
         current: bool = False,
         known: Mapping[str, Vehicle] | None = None,
     ) -> None:
-        self.vehicle, self.asked, self.given_delay = vehicle, asked, delay
+        self.vehicle, self.requested, self.given_delay = vehicle, requested, delay
         self.delay = vehicle.command_delay if delay is None else delay
-        self.looking = True
+        self.reestimating = True
         self.seen = 0.0  # s of rows
         self.free: FreeParameters | None = None
         self.state: JointState | None = None
-        self.levels = Levels(np.full(N_MEASURED, 1e-3), usual_disturbance(vehicle), np.full(6, np.nan))
-        self.looks = Looks(
+        self.levels = NoiseLevels(np.full(N_MEASURED, 1e-3), usual_disturbance(vehicle), np.full(6, np.nan))
+        self.looks = ReestimationSchedule(
             vehicle,
-            asked,
+            requested,
             delay=delay,
             prior=prior,
             levels=self.levels,
@@ -93,10 +93,10 @@ class JointStream:
         self.mended = 0
         self._buffer: Buffer | None = None
         self._early: list[tuple[float, Array]] = []
-        self._held: HeldInput | None = None
+        self._held: ZeroOrderHold | None = None
         self._next_check, self._last_t = 0.0, -np.inf
-        self._sound: Sound | None = None
-        self.changes = Follow(vehicle, known)
+        self._sound: HealthySnapshot | None = None
+        self.changes = ChangeTracker(vehicle, known)
 
     # -- data in
 
@@ -111,10 +111,10 @@ class JointStream:
             for row in self._early:
                 self._buffer.add_row(*row)
             self._early.clear()
-        if self.looking:
+        if self.reestimating:
             self._buffer.add_input(t, force)
         if self._held is not None:
-            held_push(self._held, t, force)
+            hold_force(self._held, t, force)
             self.changes.take_input(t, force)
 
     def take_row(self, t: float, z: Array) -> bool:
@@ -127,7 +127,7 @@ class JointStream:
         if self._buffer is None:
             self._early = [*self._early[-500:], (t, z)]
             return False
-        if self.looking:
+        if self.reestimating:
             self._buffer.add_row(t, z)
         learned = False
         if self.state is not None and self._held is not None:
@@ -135,10 +135,10 @@ class JointStream:
             if self.changes.watching:
                 self._look_for_change(t, z)
             if self.seen >= self._next_check:
-                self._next_check = self.seen + (_CHECKED_EARLY if self.looking else _CHECKED)
+                self._next_check = self.seen + (_CHECKED_EARLY if self.reestimating else _CHECKED)
                 self._check()
-        if self.looking:
-            self._look_back()
+        if self.reestimating:
+            self._reestimate()
         return learned
 
     def take_rows(self, samples: Samples, first: int, pushed: int) -> None:
@@ -169,7 +169,7 @@ class JointStream:
             self._buffer.break_off()
         if self.state is not None and self.free is not None:
             self.state.clock[C_STARTED] = 0.0
-            self._held = self._fresh_held(self.free, self.state.anchor)
+            self._held = self._fresh_held(self.free, self.state.linearised_at)
         self.changes.restart()
 
     # -- what is known
@@ -209,7 +209,7 @@ class JointStream:
 
     def settle(self) -> None:
         """Wait for a look that runs beside; look once more where the stream has left looks behind."""
-        if not self.looking or self._buffer is None:
+        if not self.reestimating or self._buffer is None:
             return
         self._fetch(wait=True)
         job = self.looks.one_more(self.seen, self._buffer, self._known, self.delay)
@@ -221,7 +221,7 @@ class JointStream:
         if done is not None:
             self._adopt(*done)
 
-    def _look_back(self) -> None:
+    def _reestimate(self) -> None:
         """Fetch a look that is done, begin the next one when it is due, and end with the last."""
         assert self._buffer is not None
         self._fetch()
@@ -231,7 +231,7 @@ class JointStream:
         if self.looks.last_one and not self.busy:
             self._go_on_alone()
 
-    def _adopt(self, job: LookJob, seen: Look | None) -> None:
+    def _adopt(self, job: ReestimationJob, seen: Reestimation | None) -> None:
         """Go on with the likeliest, and catch up with what came while the look ran beside."""
         assert self._buffer is not None
         if seen is None:
@@ -241,23 +241,23 @@ class JointStream:
         self.looks.took(seen)
         self.state.options[O_ADAPT] = _ADAPT
         self.state.options[O_FOLLOW] = 0.0
-        self.state.sigma[:] = self.levels.sigma
+        self.state.disturbance[:] = self.levels.disturbance
         self.changes.restart()
         for new, each in self._buffer.since(job.rows, job.inputs):
             if new:
                 self.state.clock[C_STARTED] = 0.0
-                self._held = self._fresh_held(self.free, self.state.anchor)
+                self._held = self._fresh_held(self.free, self.state.linearised_at)
             state, held = self.state, self._held
             pushed = joint_events(
                 state, held, each.t, each.values, each.input_t, each.input_force, True, 0, len(each), 0
             )
             for k in range(pushed, each.input_t.size):
-                held_push(held, each.input_t[k], each.input_force[k])
-        self._sound = sound_of(self.state)
+                hold_force(held, each.input_t[k], each.input_force[k])
+        self._sound = healthy_snapshot(self.state)
 
     def _go_on_alone(self) -> None:
         assert self._buffer is not None
-        self.looking = False
+        self.reestimating = False
         if self.state is not None:
             self.state.options[O_FOLLOW], self.state.options[O_REST] = 1.0, _REST
         self._buffer = self._buffer.fresh()
@@ -267,19 +267,19 @@ class JointStream:
         """Mend a filter that has lost itself; look soon where a coefficient has left its point of linearisation."""
         if self.state is None or self.free is None:
             return
-        found = sound_of(self.state)
+        found = healthy_snapshot(self.state)
         if found is None:
             self._mend(self.state, self.free)
             return
         self._sound = found
-        if self.looking and has_moved(self.state, found):
+        if self.reestimating and has_moved(self.state, found):
             self.looks.schedule.call(self.seen)
 
     def _mend(self, state: JointState, free: FreeParameters) -> None:
         assert self._sound is not None  # every look leaves one
         self.mended += 1
-        self.state = mended(state, self._sound, free, self.looks.tuning)
-        self._held = self._fresh_held(free, self.state.anchor)
+        self.state = mended(state, self._sound, free, self.looks.settings)
+        self._held = self._fresh_held(free, self.state.linearised_at)
         self.changes.mended(self._last_t)
 
     def _look_for_change(self, t: float, z: Array) -> None:
@@ -289,18 +289,18 @@ class JointStream:
         assert self._held is not None
         assert self.free is not None
         known = self.free, self.state, self._held
-        found = self.changes.take_row(t, z, self.seen, known, self._buffer, may_look=self.looking)
+        found = self.changes.take_row(t, z, self.seen, known, self._buffer, may_look=self.reestimating)
         if found is None:
-            if self.changes.asked == t:
+            if self.changes.requested == t:
                 self.looks.schedule.call(self.seen, at_once=True)
             return
         self.free, self.state, self._held = found.free, found.state, found.held
         self.state.options[O_REST] = _REST
-        self._sound = sound_of(self.state) or self._sound
-        if self.looking:
+        self._sound = healthy_snapshot(self.state) or self._sound
+        if self.reestimating:
             self._go_on_alone()
 
-    def _fresh_held(self, free: FreeParameters, theta: Array) -> HeldInput:
+    def _fresh_held(self, free: FreeParameters, theta: Array) -> ZeroOrderHold:
         assert self._buffer is not None
         empty = self._buffer.fresh()
         empty.add_row(0.0, np.full(N_MEASURED, np.nan))

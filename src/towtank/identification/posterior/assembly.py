@@ -12,13 +12,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.data.noise import Levels
-from towtank.identification.model.parameters import IN_DELAY, PLAIN, FreeParameters
+from towtank.identification.data.noise import NoiseLevels
+from towtank.identification.model.parameters import IN_DELAY, UNTRANSFORMED, FreeParameters
 from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.estimate import AxisReport, Estimate, SumOfInertias
 from towtank.identification.posterior.identifiability import DETERMINED, Identifiability, identifiability
 from towtank.identification.posterior.physical import consistent
-from towtank.identification.posterior.statistics import told_by_data
+from towtank.identification.posterior.statistics import information_of_data
 from towtank.recording import Grid
 from towtank.vehicle import COEFFICIENTS, Vehicle
 
@@ -52,8 +52,8 @@ def judge(
         speeds: (6, 2), yielding, enough: see `identifiability`.
     """
     before = np.diag(deviation**-2.0) if prior is None else np.diag(deviation**-2.0) + prior
-    information = told_by_data(covariance, before)
-    log = [bool(free.codes[k, 3] != PLAIN) for k in range(len(free))]
+    information = information_of_data(covariance, before)
+    log = [bool(free.codes[k, 3] != UNTRANSFORMED) for k in range(len(free))]
     size = np.maximum(np.abs(theta), 0.0)
     for k in range(len(free)):
         if free.codes[k, 0] == IN_DELAY:
@@ -78,19 +78,19 @@ def assemble(
     free: FreeParameters,
     theta: Array,
     covariance: Array,
-    wanted: Sequence[str],
+    to_learn: Sequence[str],
     unidentified: Mapping[str, str],
-    zeroed: Sequence[str],
+    set_to_zero: Sequence[str],
     axes: Sequence[AxisReport],
     duration: float,
     samples: int,
     roughly: Collection[str] = (),
 ) -> Assembled:
-    """Return the estimate of `wanted` names.
+    """Return the estimate of `to_learn` names.
 
     Args:
-        covariance: of theta (n, n). unidentified: why a name is not; it keeps the vehicle's value, or 0 if in `zeroed`,
-            or what was fitted beside the others if in `roughly`.
+        covariance: of theta (n, n). unidentified: why a name is not; it keeps the vehicle's value, or 0 if in
+            `set_to_zero`, or what was fitted beside the others if in `roughly`.
     """
     rows = [k for k, name in enumerate(free.names) if name in COEFFICIENTS]
     names_free = [free.names[k] for k in rows]
@@ -99,13 +99,13 @@ def assemble(
     block = covariance[np.ix_(rows, rows)] * np.outer(slopes, slopes)
     known = [name not in unidentified for name in names_free]
     physical = consistent(vehicle, names_free, values_free, block)
-    names = [name for name in wanted if name in COEFFICIENTS]
+    names = [name for name in to_learn if name in COEFFICIENTS]
     names += [name for name in names_free if name not in names]
     n = len(names)
     values, spread = np.zeros(n), np.full((n, n), np.nan)
     at = [names.index(name) for name in names_free]
     for i, name in enumerate(names):
-        values[i] = 0.0 if name in zeroed else vehicle.coefficient(name)
+        values[i] = 0.0 if name in set_to_zero else vehicle.coefficient(name)
     for a, i in enumerate(at):
         if known[a] or names_free[a] in roughly:
             values[i] = physical.values[a]
@@ -210,7 +210,7 @@ class LogLearning:
     delay_std: float = math.nan
     lag: float = math.nan
     lag_std: float = math.nan
-    levels: Levels | None = None
+    levels: NoiseLevels | None = None
     current: Current | None = None
     gains: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()

@@ -183,7 +183,7 @@ class _Judge:
     )  # state, hold, partner, reason
     relatives: dict[int, tuple[str | None, str]] = field(default_factory=dict)  # partner and reason of one kept
     stands_for: set[int] = field(default_factory=set)  # of two damping terms, the one that is kept
-    anchored: list[tuple[int, int]] = field(default_factory=list)
+    relinearised: list[tuple[int, int]] = field(default_factory=list)
     combinations: list[Combination] = field(default_factory=list)
 
     def verdict(self) -> Identifiability:
@@ -196,9 +196,9 @@ class _Judge:
                 self._give_up_one()
         left = np.full(n, np.nan)
         left[self.free] = self._now()
-        for i, anchor in self.anchored:
+        for i, linearised_at in self.relinearised:
             if i in self.free and not whole[i] < self.enough:
-                names = (self.names[i], self.names[anchor])
+                names = (self.names[i], self.names[linearised_at])
                 self.combinations.append(Combination(names, (1.0, -1.0), float(left[i]), words.ratio_known(*names)))
         return Identifiability(
             tuple(self._finding(i, float(whole[i]), float(single[i]), float(left[i])) for i in range(n)),
@@ -246,12 +246,15 @@ class _Judge:
             if common < self.enough:
                 continue
             gains = [i for i in group if self.roles[i].kind == "gain"]
-            anchor = min(gains or inertias, key=lambda i: (self.A[i, i] <= 0.0, i))
-            self.anchored += [(i, anchor) for i in group if i != anchor]
+            linearised_at = min(gains or inertias, key=lambda i: (self.A[i, i] <= 0.0, i))
+            self.relinearised += [(i, linearised_at) for i in group if i != linearised_at]
             for i in group:
-                self.relatives[i] = (self.names[anchor], words.ratio(self.names[i], self.names[anchor], axis, common))
-            reason = words.anchor(self.names[anchor], axis, common, bool(gains))
-            self._drop(anchor, "merged", "value", None, reason)
+                self.relatives[i] = (
+                    self.names[linearised_at],
+                    words.ratio(self.names[i], self.names[linearised_at], axis, common),
+                )
+            reason = words.linearised_at(self.names[linearised_at], axis, common, bool(gains))
+            self._drop(linearised_at, "merged", "value", None, reason)
             return True
         return False
 

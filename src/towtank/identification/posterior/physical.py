@@ -358,12 +358,12 @@ class _Report:
 
     def _followers(self, found: Sequence[Family], said: set[str]) -> list[Violation]:
         """Those that were within their bound and end on it because others move."""
-        bounded = np.zeros(len(self.names), dtype=np.bool_)
+        limit_step = np.zeros(len(self.names), dtype=np.bool_)
         for family in found:
             if family.kind != "inertia":
-                bounded |= np.einsum("kii->ik", family.basis).any(axis=0)
+                limit_step |= np.einsum("kii->ik", family.basis).any(axis=0)
         out = []
-        for k in np.flatnonzero(bounded & (self.x == 0.0) & (self.x0 != 0.0)):
+        for k in np.flatnonzero(limit_step & (self.x == 0.0) & (self.x0 != 0.0)):
             if (name := self.names[k]) not in said:
                 out.append(Violation((name,), 0.0, follows(name, float(self.x0[k]), float(self.std[k]))))
         return out

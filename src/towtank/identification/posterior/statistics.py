@@ -27,12 +27,12 @@ __all__ = [
     "conditional_covariance",
     "correlations",
     "deviations",
+    "information_of_data",
     "long_run",
     "nearest_point",
     "pair",
     "relative",
     "square_root",
-    "told_by_data",
     "weakest",
 ]
 
@@ -55,7 +55,7 @@ def relative(information: Array, size: Array, prior: Array | None = None) -> Arr
     return np.asarray(scaled)
 
 
-def told_by_data(covariance: Array, before: Array) -> Array:
+def information_of_data(covariance: Array, before: Array) -> Array:
     """Return the information (n, n) that a covariance holds beyond that known before; what is less than none is none.
 
     It is inverted at a unit diagonal, so that one number of which nothing at all is known does not drown the others.

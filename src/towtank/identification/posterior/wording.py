@@ -21,7 +21,6 @@ __all__ = [
     "Pair",
     "PairTold",
     "Role",
-    "anchor",
     "as_fitted",
     "coupling",
     "determined",
@@ -29,6 +28,7 @@ __all__ = [
     "entangled",
     "follows",
     "from_prior",
+    "linearised_at",
     "needed_factor",
     "pair_told",
     "phrase",
@@ -221,7 +221,7 @@ def ratio(name: str, held: str, axis: int, common: float) -> str:
     return f"{where}: {label(name)} stands in proportion to {label(held)}, which is held"
 
 
-def anchor(name: str, axis: int, common: float, gain: bool) -> str:
+def linearised_at(name: str, axis: int, common: float, gain: bool) -> str:
     """The coefficient held so that the others have a scale."""
     advice = "bench data or a bollard pull of one thruster would fix it"
     if not gain:

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import euler_rates_matrix, quaternion_product, quaternions_from_eulers, rotation_from_euler
 from towtank.identification.data.samples import N_MEASURED, Samples
-from towtank.identification.data.zero_order_hold import new_held_input
-from towtank.identification.model.parameters import IN_LAG, PLAIN, FreeParameters, put_parameters
+from towtank.identification.data.zero_order_hold import new_zero_order_hold
+from towtank.identification.model.parameters import IN_LAG, UNTRANSFORMED, FreeParameters, put_parameters
 from towtank.identification.simulation_error.residuals import jumps, robust_cost
 from towtank.identification.simulation_error.trajectory import (
     Arrowhead,
@@ -75,7 +75,7 @@ class Problem:
     ) -> None:
         self.runs, self.p, self.free, self.prior, self.delay = runs, p, free, prior, delay
         self.lags: NDArray[np.bool_] = free.codes[:, 0] == IN_LAG
-        self.logarithmic: NDArray[np.bool_] = free.codes[:, 3] != PLAIN
+        self.logarithmic: NDArray[np.bool_] = free.codes[:, 3] != UNTRANSFORMED
         self.left_out = 0
         self.estimated: Indices = np.arange(12)
         self.moving: Indices = np.arange(12)
@@ -97,7 +97,7 @@ class Problem:
         """Return the runs from here; None where they are impossible or diverge."""
         sums = self.spare
         for run, start, out, space in zip(self.runs, states, sums, self.space, strict=True):
-            held = new_held_input(run.lag.size, run.lag, self.delay)
+            held = new_zero_order_hold(run.lag.size, run.lag, self.delay)
             if not free_run(
                 run, self.p, self.free.codes, theta, held, start, self.estimated, self.moving, scale, gated, out, space
             ):

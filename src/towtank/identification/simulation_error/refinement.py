@@ -29,7 +29,7 @@ from towtank.identification.model.parameters import (
     GAIN_PREFIX,
     IN_GAIN,
     LAG,
-    PLAIN,
+    UNTRANSFORMED,
     FreeParameters,
     free_parameters,
 )
@@ -183,7 +183,7 @@ def refine(
     prior: Prior,
     terms: bool,
     find_lag: bool,
-    told: Callable[[float], None],
+    progress: Callable[[float], None],
 ) -> Refined | None:
     """Fit free runs to recordings and say whether they are the better judge; None where they cannot be made.
 
@@ -205,7 +205,7 @@ def refine(
     if not runs.comparable:
         found = _without_early_delay(runs, begun[0], prior)
         return _refined(found, free, found.white, found.white, None)
-    told(0.2)
+    progress(0.2)
     columns = columns_of(free.names)
     found, errors = _steady(runs, begun, prior)
     if others and not found.white:
@@ -216,14 +216,14 @@ def refine(
     if terms and not white:
         groups = groups_of_terms(runs.vehicle, free.names, runs.samples, find_lag=find_lag)
         for k, group in enumerate(groups):
-            told(0.3 + 0.6 * k / len(groups))
+            progress(0.3 + 0.6 * k / len(groups))
             longer = _tried(runs, found, [name for name in group if name not in found.free.names], prior)
             if longer is not None:
                 now = _unseen(runs, longer, prior)
                 needed = CHANGE if group[0].startswith(GAIN_PREFIX) else _TERM
                 if gain(now, errors, columns_of(longer.free.names)).beyond(needed, _TERM_WORTH):
                     found, errors = longer, now
-    told(0.9)
+    progress(0.9)
     before = runs.errors(np.array(base.parameters), free, starts[0][1], delay=delay)
     saved = gain(errors, before, columns)
     better, spread = white or saved.beyond(CHANGE, CHANGE_WORTH), runs.spread()
@@ -246,8 +246,8 @@ def _begun(
         (each.free, runs.fit(kernel, each.free, each.theta, delay=delay, prior=prior(each.free))) for each in begun
     ]
     sound = [_Found(free, fit, base, delay) for free, fit in tried if fit is not None]
-    told_of = sorted({j for each in sound for j in columns_of(each.free.names)})
-    return sorted(sound, key=lambda each: _distance(each.fit, told_of))
+    informed_or_start = sorted({j for each in sound for j in columns_of(each.free.names)})
+    return sorted(sound, key=lambda each: _distance(each.fit, informed_or_start))
 
 
 def _steady(runs: FreeRuns, begun: Sequence[_Found], prior: Prior) -> tuple[_Found, Array]:
@@ -320,7 +320,7 @@ def _stands_out(free: FreeParameters, fit: OutputErrorFit, name: str, gains: Seq
         usual = sorted(gains, key=lambda each: theta.get(each, 0.0))[len(gains) // 2]
         if usual in free.names:
             pick[free.names.index(usual)] -= 1.0
-    size = abs(float(pick @ fit.theta)) if free.codes[k, 3] == PLAIN or name in gains else 1.0
+    size = abs(float(pick @ fit.theta)) if free.codes[k, 3] == UNTRANSFORMED or name in gains else 1.0
     return bool(size > _KEPT * max(float(pick @ fit.covariance @ pick), 0.0) ** 0.5)
 
 
@@ -353,7 +353,7 @@ def prior_with_terms(vehicle: Vehicle, first: FreeParameters, prior: Prior) -> P
         for k, name in enumerate(free.names):
             if name in first.names:
                 continue
-            if free.codes[k, 3] == PLAIN and name != DELAY:
+            if free.codes[k, 3] == UNTRANSFORMED and name != DELAY:
                 information[k, k] += (_ROOM * scale[k]) ** -2.0
             elif free.codes[k, 0] == IN_GAIN:
                 information[k, k] += _GAIN**-2.0

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array, inlined_kernel, kernel
 from towtank.core.layout import N_PARAMETERS
 from towtank.core.rk4 import N_STATES, is_coupled, stage_into, step_into
-from towtank.identification.data.zero_order_hold import HeldInput, held_means_into, held_push
+from towtank.identification.data.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
 from towtank.identification.model.linearisation import N_FIXED, N_MOVING, linearise_into
 from towtank.identification.model.parameters import IN_DELAY, IN_GAIN, IN_LAG, Codes, put_parameters
 from towtank.identification.simulation_error.residuals import absorb_pose, absorb_specific_force, absorb_velocity
@@ -62,30 +62,30 @@ _SMALLEST = 1e-12  # share of an information's largest eigenvalue, each row scal
 
 
 @kernel
-def due(input_t: Array, input_force: Array, held: HeldInput, given: int, end: float) -> int:
+def due(input_t: Array, input_force: Array, held: ZeroOrderHold, given: int, end: float) -> int:
     """Push the inputs that act before `end`; return how many have been given by now."""
     early = min(held.delay[0], 0.0)
     while given < input_t.shape[0] and input_t[given] + early <= end:
-        held_push(held, input_t[given], input_force[given])
+        hold_force(held, input_t[given], input_force[given])
         given += 1
     return given
 
 
 @kernel
-def forward_to(input_t: Array, input_force: Array, held: HeldInput, given: int, end: float, pushed: Array) -> int:
+def forward_to(input_t: Array, input_force: Array, held: ZeroOrderHold, given: int, end: float, pushed: Array) -> int:
     """Take the inputs forward to `end`, one at a time so that their ring never overflows."""
     early = min(held.delay[0], 0.0)
     while given < input_t.shape[0] and input_t[given] + early <= end:
-        held_push(held, input_t[given], input_force[given])
-        held_means_into(held, min(input_t[given] + held.delay[0], end), pushed)
+        hold_force(held, input_t[given], input_force[given])
+        mean_forces_into(held, min(input_t[given] + held.delay[0], end), pushed)
         given += 1
-    held_means_into(held, end, pushed)
+    mean_forces_into(held, end, pushed)
     pushed[1:] = 0.0
     return given
 
 
 @kernel
-def next_change(input_t: Array, held: HeldInput, given: int) -> float:
+def next_change(input_t: Array, held: ZeroOrderHold, given: int) -> float:
     """Return when the next input begins to act [s]; infinite after the last."""
     ring, following = held.times.shape[0], int(held.counters[1]) + 1
     if following < int(held.counters[0]):
@@ -117,7 +117,7 @@ def wrench_into(shape: Array, pushed: Array, gain: Array, wrench: Array) -> bool
 
 
 @kernel
-def force_now(held: HeldInput, t: float, pushed: Array) -> None:
+def force_now(held: ZeroOrderHold, t: float, pushed: Array) -> None:
     """Write the force just after t: a thruster without lag has answered already; derivatives are not needed twice."""
     ring = held.times.shape[0]
     active, given = int(held.counters[1]), int(held.counters[0])
@@ -235,7 +235,7 @@ def free_run(
     vehicle: Array,
     codes: Codes,
     theta: Array,
-    held: HeldInput,
+    held: ZeroOrderHold,
     states: Array,
     estimated: Indices,
     moving: Indices,
@@ -283,7 +283,7 @@ def free_run(
     pushed[:] = 0.0
     given = 0
     if input_t.shape[0] > 0:
-        held_push(held, input_t[0], input_force[0])
+        hold_force(held, input_t[0], input_force[0])
         given = 1
     for s in range(run.first.shape[0]):
         for j in range(N_STATES):
@@ -308,7 +308,7 @@ def free_run(
                 else:
                     resting = lagless and end <= change
                     given = due(input_t, input_force, held, given, end)
-                    held_means_into(held, end, pushed)
+                    mean_forces_into(held, end, pushed)
                     change = next_change(input_t, held, given)
                     steady = wrench_into(shape, pushed, gain, wrench) and not steered
                 for j in range(N_STATES):

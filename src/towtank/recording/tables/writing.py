@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 __all__ = ["WRITABLE", "write_recording"]
 
 _WRITERS = {
-    ".csv": ("csv_write", "write_csv"),
-    ".parquet": ("parquet", "write_parquet"),
-    ".mcap": ("mcap_write", "write_mcap"),
+    ".csv": ("tables.csv", "write_csv"),
+    ".parquet": ("tables.parquet", "write_parquet"),
+    ".mcap": ("mcap.write", "write_mcap"),
 }
 WRITABLE: tuple[str, ...] = tuple(_WRITERS)
 
