@@ -7,7 +7,7 @@
     [columns]
     t = "time"
     psi = { from = "yaw_deg", scale = 0.017453292519943295, offset = 0.0 }    # scale * column + offset
-    [marker]                           # what x y z (and u v w) are measured at
+    [marker]                           # what x y z (and u v w, u_w v_w w_w) are measured at
     position = [0.10, 0.0, -0.20]      # m from the body origin, body FRD
     of = ["position", "velocity"]      # what is moved to the body origin; default both
 
