@@ -119,11 +119,11 @@ def mavlink_recording(tables: Tables, senders: Mapping[str, Sender]) -> Recordin
 
 def mavlink_sources(tables: Tables, senders: Mapping[str, Sender], autopilot: Autopilot) -> list[Source]:
     """Return what the messages of a log tell, with what they tell of the filter judged by what aids it."""
-    own, told = _own_and_told(tables, senders, autopilot)
+    own, external = _own_and_external(tables, senders, autopilot)
     sources = depth_sources(pressures_of(own, tables.parameters), tables.parameters)
-    aiding = aiding_of(_evidence(own, told, tables, sources))
+    aiding = aiding_of(_evidence(own, external, tables, sources))
     sources += _commands(own, tables.parameters)
-    for table in told:
+    for table in external:
         sources += sources_of_messages(table, aiding, measured=True)
     for table in own:
         sources += sources_of_messages(table, aiding, measured=False)
@@ -132,12 +132,12 @@ def mavlink_sources(tables: Tables, senders: Mapping[str, Sender], autopilot: Au
 
 def aiding_of_messages(tables: Tables, senders: Mapping[str, Sender], autopilot: Autopilot) -> Aiding:
     """Return where the autopilot's filter is aided, judged by all that the tables hold."""
-    own, told = _own_and_told(tables, senders, autopilot)
+    own, external = _own_and_external(tables, senders, autopilot)
     depths = depth_sources(pressures_of(own, tables.parameters), tables.parameters)
-    return aiding_of(_evidence(own, told, tables, depths))
+    return aiding_of(_evidence(own, external, tables, depths))
 
 
-def _own_and_told(
+def _own_and_external(
     tables: Tables, senders: Mapping[str, Sender], autopilot: Autopilot
 ) -> tuple[list[Table], list[Table]]:
     """Return the autopilot's tables, and those by which others tell it what they measure."""
@@ -146,12 +146,12 @@ def _own_and_told(
         for name, table in tables.tables.items()
         if senders[name] == autopilot.sender and (autopilot.is_ardupilot or message_of(name) != "RAW_IMU")
     ]
-    told = [
+    external = [
         table
         for name, table in tables.tables.items()
         if senders[name] != autopilot.sender and message_of(name) in TO_AUTOPILOT
     ]
-    return own, told
+    return own, external
 
 
 def sources_of_messages(table: Table, aiding: Aiding, *, measured: bool) -> list[Source]:
@@ -264,9 +264,9 @@ def pressures_of(own: Sequence[Table], parameters: Mapping[str, float]) -> list[
     return found
 
 
-def _evidence(own: list[Table], told: list[Table], tables: Tables, sources: list[Source]) -> Evidence:
+def _evidence(own: list[Table], external: list[Table], tables: Tables, sources: list[Source]) -> Evidence:
     reports = next((table for name in _STATUS for table in own if message_of(table.name) == name), None)
-    heard = {message_of(table.name) for table in told if len(table)}
+    received = {message_of(table.name) for table in external if len(table)}
     depth = next((source for source in sources if source.quantity == "depth" and not source.refused), None)
     sent = any(message_of(name) == "GPS_INPUT" for name in tables.tables)
     acoustic = (
@@ -277,8 +277,8 @@ def _evidence(own: list[Table], told: list[Table], tables: Tables, sources: list
     return Evidence(
         t=None if reports is None or "flags" not in reports else times_of(reports),
         flags=None if reports is None or "flags" not in reports else reports["flags"],
-        velocity=tuple(heard & {DVL, "VISION_SPEED_ESTIMATE", "ODOMETRY"}),
-        position=tuple(heard & {"VISION_POSITION_ESTIMATE", "ATT_POS_MOCAP", "ODOMETRY"})
+        velocity=tuple(received & {DVL, "VISION_SPEED_ESTIMATE", "ODOMETRY"}),
+        position=tuple(received & {"VISION_POSITION_ESTIMATE", "ATT_POS_MOCAP", "ODOMETRY"})
         + (("GPS_INPUT",) if acoustic else ()),
         satellites=fixed and not acoustic,
         depth_t=None if depth is None else depth.t,

@@ -1,12 +1,12 @@
-"""What the messages of ROS mean: of each type the quantities that it tells, row by row.
+"""What the messages of ROS mean: of each type the quantities that it gives, row by row.
 
 A function takes a table, or some rows of one, and returns the sources in it; what depends on the whole log, such as a
 reading that never changes, is judged in `ros.doubts`. Every assumption is in a source's note.
 
-Thrusters that have a topic of numbers each, as simulators have them: numbered by their names, in natural order.
+Thrusters that have a topic of numbers each, as simulators have them, are numbered by their names, in natural order:
 
-/rov/thrusters/0/input, /rov/thrusters/1/input, ...                          UUV Simulator
-/model/rov/joint/thruster1_joint/cmd_thrust, .../thruster2_joint/...         Gazebo
+    /rov/thrusters/0/input, /rov/thrusters/1/input, ...                          UUV Simulator
+    /model/rov/joint/thruster1_joint/cmd_thrust, .../thruster2_joint/...         Gazebo
 """
 
 from __future__ import annotations
@@ -99,8 +99,8 @@ def thruster_sources(tables: Mapping[str, Table]) -> list[Source]:
     for table, channel in parts:
         channels[channel] = np.full(t.size, np.nan)
         channels[channel][np.searchsorted(t, table.t)] = table["data"]
-    told = "a topic for each thruster, in the order of their numbers: " + ", ".join((main, *rest))
-    found = [Source(main, "commands", t, channels, 0, note=told)]
+    numbered = "a topic for each thruster, in the order of their numbers: " + ", ".join((main, *rest))
+    found = [Source(main, "commands", t, channels, 0, note=numbered)]
     none = np.empty(0)
     return found + [Source(name, "commands", none, {}, 0, refused=f"joined to {main}") for name in rest]
 

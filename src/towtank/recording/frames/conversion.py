@@ -1,15 +1,12 @@
-"""A Recording in other frames, brought to NED and FRD once, channel by channel at its own times.
-
-Conversion of frames at the boundary: world ENU to NED, body FLU (x forward, y port, z up) to FRD.
+"""From other frames to NED and FRD, once, at the boundary: world ENU, body FLU (x forward, y port, z up).
 
 With R the attitude, source body to source world, the attitude inside towtank is
 
     R(NED <- FRD) = R(NED <- ENU) R R(FLU <- FRD),
 
-where R(NED <- ENU) swaps x and y and reverses z, R(FLU <- FRD) reverses y and z. Where only one of the two
-frames
+where R(NED <- ENU) swaps x and y and reverses z, R(FLU <- FRD) reverses y and z. Where only one of the two frames
 differs, the other factor is the identity: a level vehicle in ENU/FRD or NED/FLU axes is rolled by pi.
-Every function is its own inverse up to the sign of a quaternion.
+Every function is its own inverse up to the sign of a quaternion. A Recording is converted channel by channel.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""A recording on one common grid of times: what regressors and filters work on.
-
-Held inputs: a command acts from its own stamp until the next one comes.
-"""
+"""A recording on one common grid of times, as regressors and filters take it; a command acts until the next one."""
 
 from __future__ import annotations
 
