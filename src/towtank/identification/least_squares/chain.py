@@ -16,16 +16,7 @@ from towtank.identification.least_squares.recursion import paper_events, paper_s
 from towtank.identification.least_squares.rls import Scheme, require_scheme
 from towtank.identification.least_squares.solution import AxisInformation
 from towtank.identification.least_squares.state import PaperState, RecursionSettings, new_paper_state
-from towtank.identification.least_squares.velocity import (
-    ABSENT,
-    ATTITUDE_ACCELEROMETER,
-    ATTITUDE_GYRO,
-    ATTITUDE_MEASURED,
-    DERIVED,
-    MEASURED,
-    Motion,
-    new_motion,
-)
+from towtank.identification.least_squares.velocity import ATTITUDES, VELOCITIES, Motion, new_motion
 from towtank.identification.posterior.assembly import Sources
 from towtank.recording import Grid
 from towtank.recording.channel import in_one_block
@@ -33,8 +24,6 @@ from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
 
 __all__ = ["PaperChain", "Settings", "Tuning", "uses_commands"]
 
-_VELOCITY = {"absent": ABSENT, "measured": MEASURED, "derived": DERIVED}
-_ATTITUDE = {"measured": ATTITUDE_MEASURED, "accelerometer": ATTITUDE_ACCELEROMETER, "gyro": ATTITUDE_GYRO}
 _LOWPASSED = 0.003  # relative error left by low-passing the motion before squaring it
 
 
@@ -134,8 +123,8 @@ class PaperChain:
         coefficients = np.zeros((6, 5)) if driven is None else driven
         self.state: PaperState = new_paper_state(vehicle.parameters, free, known, shape, own, coefficients)
         self.motion: Motion = new_motion(
-            np.array([_VELOCITY[kind] for kind in sources.velocity]),
-            _ATTITUDE[sources.attitude],
+            np.array([VELOCITIES[kind] for kind in sources.velocity]),
+            ATTITUDES[sources.attitude],
             2.0 * np.pi * settings.lowpass,
             settings.gap,
         )

@@ -28,7 +28,7 @@ _SHARE = 0.1  # of what would be forgotten, that a direction must bring to count
 
 
 @kernel
-def _sandwich(blocks: Array, F: Array) -> None:
+def _turn_sums_into(blocks: Array, F: Array) -> None:
     """Change block sums (b, 36) to those of rows z (I - F); F (36,) is destroyed."""
     for i in range(_SIZE):
         F[i] = -F[i]
@@ -62,7 +62,7 @@ def _commit_into(
     forgetting = state.settings.forgetting
     if forget_excited(kept, fresh, _N, forgetting, rows, _SHARE, state.directional.noise, work, change) == 0:
         return rows_left
-    _sandwich(blocks, change)
+    _turn_sums_into(blocks, change)
     for i in range(_SIZE):
         blocks[-1, i] += sums[i]
     left: float = forgetting**rows
@@ -70,7 +70,7 @@ def _commit_into(
 
 
 @inlined_kernel
-def _fold_fixed(state: PaperState, axis: int, z: Array) -> None:
+def _fold_fixed_into(state: PaperState, axis: int, z: Array) -> None:
     """Move the columns of fixed coefficients into the force, and with a fixed inertia that to the left-hand side."""
     for c in range(C_FORCE):
         if state.free[axis, c] <= 0.0:
@@ -85,8 +85,8 @@ def _fold_fixed(state: PaperState, axis: int, z: Array) -> None:
 def _absorb_directional(state: PaperState, axis: int, g: Array, z: Array, block: int) -> None:
     forgetting, own = state.settings.forgetting, state.directional
     fresh, sums, row = own.fresh[axis], own.sums[axis], own.row
-    _fold_fixed(state, axis, g)
-    _fold_fixed(state, axis, z)
+    _fold_fixed_into(state, axis, g)
+    _fold_fixed_into(state, axis, z)
     scale = math.sqrt(forgetting)
     for i in range(N_COLUMNS):
         row[i] = z[i]

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -422,14 +423,23 @@ def absent(candidate: Candidates, reason: str) -> AxisFindings:
     return AxisFindings(candidate.axis, None, candidate.to_learn, reasons, (False,) * 5)
 
 
+class _Part(NamedTuple):
+    """What one axis says of a coefficient."""
+
+    value: float
+    std: float
+    axis: int
+    column: int
+
+
 def estimate_of(vehicle: Vehicle, findings: Sequence[AxisFindings], duration: float, samples: int) -> Estimate:
     """Put the findings of the axes together; BG_z, which roll and pitch both see, is their weighted mean."""
     names: list[str] = []
-    rows: dict[str, list[tuple[float, float, int, int]]] = {}  # name -> value, std, axis, column
+    rows: dict[str, list[_Part]] = {}
     why: dict[str, str | None] = {}
     fixed: dict[str, float] = {}
     for found in findings:
-        for c in (C_MASS, 0, 1, 2, 3):
+        for c in (C_MASS, C_LINEAR, C_QUADRATIC, C_RESTORING, C_CONSTANT):
             name = _name(found.axis, c)
             if not name or not found.to_learn[c]:
                 continue
@@ -438,7 +448,7 @@ def estimate_of(vehicle: Vehicle, findings: Sequence[AxisFindings], duration: fl
             solution = found.solution
             if solution is not None and solution.free[c]:
                 value = _coefficient(vehicle, found.axis, c, float(solution.values[c]))
-                rows.setdefault(name, []).append((value, float(solution.std[c]), found.axis.index, c))
+                rows.setdefault(name, []).append(_Part(value, float(solution.std[c]), found.axis.index, c))
             else:
                 why.setdefault(name, found.reasons[c])
                 fixed.setdefault(name, 0.0 if found.set_to_zero[c] else vehicle.coefficient(name))
@@ -451,10 +461,10 @@ def estimate_of(vehicle: Vehicle, findings: Sequence[AxisFindings], duration: fl
             values[i] = fixed[name]
             weights.append({})
             continue
-        inverse = np.array([1.0 / max(row[1] ** 2, 1e-300) for row in known])
+        inverse = np.array([1.0 / max(part.std**2, 1e-300) for part in known])
         share = inverse / inverse.sum()
-        values[i] = float(share @ [row[0] for row in known])
-        weights.append({(row[2], row[3]): float(w) for row, w in zip(known, share, strict=True)})
+        values[i] = float(share @ [part.value for part in known])
+        weights.append({(part.axis, part.column): float(w) for part, w in zip(known, share, strict=True)})
     covariance = _covariance_of_axes(findings, weights)
     for i in range(n):
         std[i] = np.sqrt(covariance[i, i])

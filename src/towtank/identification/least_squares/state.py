@@ -19,12 +19,9 @@ from towtank.identification.model.terms import C_FORCE, C_LHS, C_LINEAR, C_MASS,
 
 __all__ = [
     "N_BLOCKS",
-    "Clock",
-    "DirectionalBlock",
     "Instruments",
     "PaperState",
     "RecursionSettings",
-    "Scratch",
     "new_paper_state",
     "refresh_model",
 ]

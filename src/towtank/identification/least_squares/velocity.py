@@ -26,11 +26,13 @@ from towtank.recording.channel import in_one_block
 
 __all__ = [
     "ABSENT",
+    "ATTITUDES",
     "ATTITUDE_ACCELEROMETER",
     "ATTITUDE_GYRO",
     "ATTITUDE_MEASURED",
     "DERIVED",
     "MEASURED",
+    "VELOCITIES",
     "Motion",
     "drifting_attitude",
     "gravity_directions",
@@ -40,6 +42,8 @@ __all__ = [
 
 ABSENT, MEASURED, DERIVED = 0.0, 1.0, 2.0
 ATTITUDE_MEASURED, ATTITUDE_ACCELEROMETER, ATTITUDE_GYRO = 0.0, 1.0, 2.0
+VELOCITIES = {"absent": ABSENT, "measured": MEASURED, "derived": DERIVED}  # by the words of `Sources`
+ATTITUDES = {"measured": ATTITUDE_MEASURED, "accelerometer": ATTITUDE_ACCELEROMETER, "gyro": ATTITUDE_GYRO}
 _CUT = 4.5  # jumps beyond this many deviations are cut,
 _CUT_AFTER = 50.0  # samples of a stretch, so that the deviation is known,
 _LEAST_CUT = (0.3, 0.5)  # but no change of velocity smaller than this [m/s, rad/s] within one interval
@@ -116,7 +120,7 @@ def new_motion(source: Array, attitude: float, corner: float, gap: float) -> Mot
 
 
 @inlined_kernel
-def _turn_gravity(k: Array, omega: Array, towards: Array, gain: float, h: float) -> None:
+def _turn_gravity_into(k: Array, omega: Array, towards: Array, gain: float, h: float) -> None:
     """Turn k (3,) by the body rate omega (3,) over h seconds, corrected slowly towards `towards` (3,)."""
     ex = k[1] * towards[2] - k[2] * towards[1]
     ey = k[2] * towards[0] - k[0] * towards[2]
@@ -171,7 +175,7 @@ def _mean_velocity_into(last: LastSample, pose: Array, q: Array, h: float, out: 
 
 
 @inlined_kernel
-def _advance_lowpass(low: Array, value: Array, gain: float, start: bool) -> None:
+def _lowpass_into(low: Array, value: Array, gain: float, start: bool) -> None:
     """Advance two equal first-order low-passes in a row (2, n) towards `value` (n,)."""
     for i in range(value.shape[0]):
         if start:
@@ -249,7 +253,7 @@ def motion_step(m: Motion, t: float, pose: Array, velocity: Array, acceleration:
                     rate[i] = m.nu[1, 3 + i]
             if attitude == ATTITUDE_GYRO:
                 towards[0], towards[1], towards[2] = 0.0, 0.0, 1.0
-            _turn_gravity(k, rate, towards, gain, h)
+            _turn_gravity_into(k, rate, towards, gain, h)
 
     if start:
         m.counts.since_start[0] = 0.0
@@ -311,9 +315,9 @@ def _smooth(m: Motion, pose: Array, q: Array, velocity: Array, k: Array, wrench:
     for i in range(6):
         force[i] = wrench[i] / h
     gain, start = -math.expm1(-m.corner * h), count == 1.0
-    _advance_lowpass(m.low.velocity, mean, gain, start)
-    _advance_lowpass(m.low.gravity, down, gain, start)
-    _advance_lowpass(m.low.wrench, force, gain, start)
+    _lowpass_into(m.low.velocity, mean, gain, start)
+    _lowpass_into(m.low.gravity, down, gain, start)
+    _lowpass_into(m.low.wrench, force, gain, start)
     for i in range(6):
         m.valid[1, i] = 1.0 if m.source[i] != ABSENT else 0.0
         m.nu[1, i] = m.low.velocity[1, i]
@@ -322,19 +326,33 @@ def _smooth(m: Motion, pose: Array, q: Array, velocity: Array, k: Array, wrench:
         m.k[1, i] = m.low.gravity[1, i]
 
 
+@kernel
+def _gravity_directions(motion: Motion, t: Array, pose: Array, velocity: Array, acceleration: Array) -> Array:
+    out = np.full((t.shape[0], 3), np.nan)
+    nothing = np.zeros(6)
+    for i in range(t.shape[0]):
+        if motion_step(motion, t[i], pose[i], velocity[i], acceleration[i], nothing) >= 0.0:
+            for j in range(3):
+                out[i, j] = motion.last.gravity[j]
+    return out
+
+
+def gravity_directions(grid: Grid, sources: Sources) -> Array:
+    """Return the direction of gravity in the body (n, 3) at every sample of a grid; NaN where it is not known."""
+    rates = np.array([MEASURED if i > 2 and sources.velocity[i] == "measured" else ABSENT for i in range(6)])
+    motion = new_motion(rates, ATTITUDES[sources.attitude], 0.0, np.inf)
+    pose, acceleration = in_one_block(grid.pose), in_one_block(grid.acceleration)
+    return _gravity_directions(motion, grid.t, pose, np.array(grid.velocity), acceleration)
+
+
 def drifting_attitude(grid: Grid, sources: Sources, t: Array) -> Array:
     """Return roll and pitch (n, 2) [rad] at times t (n,), NaN where they are measured anyhow or not known."""
     out = np.full((t.size, 2), np.nan)
     if sources.attitude == "measured" or "measured" not in sources.velocity[3:]:
         return out
-    rates = np.array([MEASURED if i > 2 and sources.velocity[i] == "measured" else ABSENT for i in range(6)])
-    kind = ATTITUDE_ACCELEROMETER if sources.attitude == "accelerometer" else ATTITUDE_GYRO
-    motion = new_motion(rates, kind, 0.0, np.inf)
-    k = gravity_directions(
-        motion, grid.t, in_one_block(grid.pose), np.array(grid.velocity), in_one_block(grid.acceleration)
-    )
+    k = gravity_directions(grid, sources)
     known = np.isfinite(k).all(axis=1)
-    if kind == ATTITUDE_GYRO:
+    if sources.attitude == "gyro":
         known &= grid.t <= grid.t[0] + _GYRO_ALONE
     if not known.any():
         return out
@@ -343,16 +361,4 @@ def drifting_attitude(grid: Grid, sources: Sources, t: Array) -> Array:
     fine = np.abs(at[np.clip(np.searchsorted(at, t), 0, at.size - 1)] - t) <= _CLOSE
     out[fine, 0] = np.arctan2(near[fine, 1], near[fine, 2])
     out[fine, 1] = np.arctan2(-near[fine, 0], np.hypot(near[fine, 1], near[fine, 2]))
-    return out
-
-
-@kernel
-def gravity_directions(motion: Motion, t: Array, pose: Array, velocity: Array, acceleration: Array) -> Array:
-    """Return the direction of gravity in the body (n, 3) at every sample; NaN where it is not known."""
-    out = np.full((t.shape[0], 3), np.nan)
-    nothing = np.zeros(6)
-    for i in range(t.shape[0]):
-        if motion_step(motion, t[i], pose[i], velocity[i], acceleration[i], nothing) >= 0.0:
-            for j in range(3):
-                out[i, j] = motion.last.gravity[j]
     return out
