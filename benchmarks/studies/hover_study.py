@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from figure_style import DASHED, DPI, DRAG, INK, MASS, OTHER, dress, finished, line, log_ticks, panels_of
+from figure_style import DASHED, DPI, DRAG, INK, MASS, dress, finished, line, log_ticks, panels_of
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -37,8 +37,8 @@ NOISE = 0.01  # of each regressor's root mean square
 STEP = 1.3
 ZEROS = 80_000
 NEAR = 0.05  # "tracked": within, for good
-SCHEMES = ("directional", "bounded-gain", "exponential")
-COLOURS = dict(zip(SCHEMES, (MASS, OTHER, DRAG), strict=True))
+SCHEMES = ("directional", "exponential")
+COLOURS = dict(zip(SCHEMES, (MASS, DRAG), strict=True))
 TRUTH = np.array([2.0, -3.0, 0.5])
 POSE = ("x", "y", "z", "phi", "theta", "psi")
 WORST = 1e4  # %, what is drawn of a coefficient that is lost

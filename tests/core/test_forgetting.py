@@ -8,14 +8,6 @@ import scipy.linalg
 from hypothesis import given
 from hypothesis import strategies as st
 
-from towtank.core.bounded_gain import (
-    bounded_covariance_run,
-    bounded_covariance_start,
-    bounded_covariance_update,
-    bounded_qr_run,
-    bounded_qr_start,
-    bounded_qr_update,
-)
 from towtank.core.forgetting import (
     block_length,
     commit_scratch,
@@ -158,65 +150,17 @@ def test_eighty_thousand_zeros_change_nothing(forgetting: float) -> None:
     assert np.allclose(qr_covariance(after, 3), qr_covariance(before, 3), rtol=1e-9, atol=0.0)
 
 
-@pytest.mark.parametrize("form", ["qr", "covariance"])
-def test_bounded_gain_never_lets_a_variance_outgrow_its_bound(form: str) -> None:
-    start, run = (
-        (bounded_qr_start, bounded_qr_run) if form == "qr" else (bounded_covariance_start, bounded_covariance_run)
-    )
-    n, bound = 3, 50.0
-    Phi, y = data(n, 2000, 2)
-    state = start(np.zeros(n), 1e4, 0.99, bound)
-    least = np.full(n, 1e4)
-    rng = np.random.default_rng(0)
-
-    def variances() -> np.ndarray:
-        return np.diag(qr_covariance(state, n) if form == "qr" else state[n : n + n * n].reshape(n, n))
-
-    for k in range(0, 2000, 10):
-        run(state, Phi[k : k + 10], y[k : k + 10])
-        least = np.minimum(least, variances())
-    noise = 1e-3 * rng.normal(size=(sized(40_000, 4000), n))
-    run(state, noise, rng.normal(size=len(noise)))
-    assert (variances() <= 1.05 * bound * least).all()
-    assert variances().max() > 2.0 * least.max()
-
-
-def test_bounded_gain_is_the_same_in_both_forms_and_exponential_while_all_is_well() -> None:
-    n = 3
-    Phi, y = data(n, 600, 3)
-    Phi[400:] *= 0.01
-    qr, covariance = (
-        bounded_qr_start(np.zeros(n), 1e4, 0.98, 20.0),
-        bounded_covariance_start(np.zeros(n), 1e4, 0.98, 20.0),
-    )
-    for row, value in zip(Phi, y, strict=True):
-        assert bounded_qr_update(qr, row, value) == bounded_covariance_update(covariance, row, value) == 1
-    assert np.abs(qr_solve(qr, n) - covariance[:n]).max() < 1e-7
-    assert np.allclose(qr_covariance(qr, n), covariance[n : n + n * n].reshape(n, n), rtol=1e-6)
-    endless, plain = bounded_qr_start(np.zeros(n), 1e4, 0.98, 1e12), qr_start(np.zeros(n), 1e4, 0.98)
-    bounded_qr_run(endless, Phi[:400], y[:400])
-    qr_run(plain, Phi[:400], y[:400])
-    assert np.abs(qr_solve(endless, n) - qr_solve(plain, n)).max() < 1e-9
-
-
 def test_wrong_lengths_and_numbers_change_nothing() -> None:
     Phi, y = data(3, 50, 4)
-    makers = {
-        directional_update: directional_start(np.zeros(3), 1e4, 0.9, 0.1, np.zeros(3)),
-        bounded_qr_update: bounded_qr_start(np.zeros(3), 1e4, 0.9, 100.0),
-        bounded_covariance_update: bounded_covariance_start(np.zeros(3), 1e4, 0.9, 100.0),
-    }
-    for update, state in makers.items():
-        for row, value in zip(Phi, y, strict=True):
-            assert update(state, row, value) == 1
-        own = 12 if update is bounded_covariance_update else 16  # what follows is scratch
-        before = (directional_view(state, 3) if update is directional_update else state[:own]).copy()
-        assert update(state, np.ones(2), 1.0) == -1
-        with np.errstate(invalid="ignore"):
-            assert update(state, np.array([1.0, np.nan, 0.0]), 1.0) == 0
-            assert update(state, np.ones(3), np.inf) == 0
-        after = directional_view(state, 3) if update is directional_update else state[:own]
-        assert np.allclose(after, before, rtol=1e-12)
+    state = directional_start(np.zeros(3), 1e4, 0.9, 0.1, np.zeros(3))
+    for row, value in zip(Phi, y, strict=True):
+        assert directional_update(state, row, value) == 1
+    before = directional_view(state, 3)
+    assert directional_update(state, np.ones(2), 1.0) == -1
+    with np.errstate(invalid="ignore"):
+        assert directional_update(state, np.array([1.0, np.nan, 0.0]), 1.0) == 0
+        assert directional_update(state, np.ones(3), np.inf) == 0
+    assert np.allclose(directional_view(state, 3), before, rtol=1e-12)
 
 
 @proof

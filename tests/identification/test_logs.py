@@ -136,7 +136,7 @@ def test_settings_out_of_range_are_refused(settings: dict[str, float]) -> None:
 @pytest.mark.parametrize(
     "settings",
     [
-        {"method": "magic"}, {"estimator": "best"}, {"inputs": "jerky"}, {"a": 0.0}, {"a": np.inf}, {"lowpass": np.nan},
+        {"method": "magic"}, {"scheme": "best"}, {"inputs": "jerky"}, {"a": 0.0}, {"a": np.inf}, {"lowpass": np.nan},
         {"gap": -1.0}, {"forgetting": 0.0}, {"forgetting": 1.5}, {"delay": -0.1}, {"delay": np.nan}, {"delay": np.inf},
     ],
     ids=str,

@@ -126,7 +126,7 @@ def test_a_gap_begins_a_new_stretch() -> None:
     m = new_motion(ALL_MEASURED, ATTITUDE_MEASURED, 25.0, 0.5)
     flat, still = np.zeros(6), np.zeros(6)
     assert [step(m, t, flat, still) > 0 for t in (0.0, 0.1, 0.6, 1.2, 1.3)] == [False, True, True, False, True]
-    assert m.counts[1] == 2
+    assert m.counts.starts[0] == 2
 
 
 def test_a_row_that_lacks_something_is_passed_over_and_the_next_interval_is_longer() -> None:
@@ -167,7 +167,7 @@ def test_marker_jumps_are_cut_and_counted_and_quick_motion_is_not() -> None:
         step(m, t, p)
         if k > 100:
             worst_error = max(worst_error, abs(m.nu[1, 0] - np.cos(t - 0.08) * np.cos(p[5])))
-    assert m.counts[2] == 6
+    assert m.counts.jumps[0] == 6
     assert worst_error < 0.15  # uncut it would be 5 m/s for a sample and 0.6 m/s after the low-passes
 
 

@@ -13,7 +13,7 @@ from towtank.recording import Recording
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle
 
-from .runs import POSE, TRUTH, VELOCITY, box, fly, follow, table, unknown, waves
+from .runs import POSE, TRUTH, VELOCITY, box, fly, follow, table, waves
 
 SENSORS = {"perfect": "perfect", "mocap": Mocap()}
 
@@ -117,10 +117,13 @@ def test_memory_is_bounded_and_blocks_keep_every_row() -> None:
     small.run(log.window(0.0, 10.0))
     learner.run(log)
 
+    def nbytes(part: object) -> int:
+        return sum(map(nbytes, part)) if isinstance(part, tuple) else np.asarray(part).nbytes
+
     def size(one: PaperLearner) -> int:
         chain = one._chain
         assert chain is not None
-        return sum(array.nbytes for part in (chain.state, chain.motion, chain.held) for array in part)
+        return sum(nbytes(part) for part in (chain.state, chain.motion, chain.held))
 
     assert size(learner) == size(small)
     chain = learner._chain
@@ -135,19 +138,6 @@ def test_memory_is_bounded_and_blocks_keep_every_row() -> None:
     assert found.std < 0.02 * 30.0
 
 
-@pytest.mark.parametrize("row", [(0, 30.0, 0.8), (5, 4.0, 1.1)])
-def test_gradient_approaches_least_squares(row: tuple[int, float, float]) -> None:
-    vehicle = box()
-    free = ("X_udot", "X_uu") if row[0] == 0 else ("N_rdot", "N_rr")
-    run = fly(vehicle, waves(20_000, 0.02, row, square=True), dt=0.02)
-    learner = follow(PaperLearner(unknown(vehicle), free=free, estimator="gradient"), run)
-    found = {c.name: c.value for c in learner.estimate.coefficients}
-    rigid = 20.0 if row[0] == 0 else 1.5
-    assert found[free[1]] == pytest.approx(TRUTH[free[1]], rel=0.01)
-    assert rigid - found[free[0]] == pytest.approx(rigid - TRUTH[free[0]], rel=0.01)
-    assert learner.model().coefficient(free[1]) == found[free[1]]
-
-
 def test_recordings_of_one_kind_at_a_time() -> None:
     vehicle = box()
     push = waves(500, 0.01, (0, 30.0, 0.8))
@@ -157,7 +147,7 @@ def test_recordings_of_one_kind_at_a_time() -> None:
         learner.run(simulate(vehicle, wrench=push, sensors=Mocap()))
 
 
-@pytest.mark.parametrize("scheme", ["directional", "bounded-gain", "exponential"])
+@pytest.mark.parametrize("scheme", ["directional", "exponential"])
 def test_forgetting_streams_as_it_runs(scheme: str) -> None:
     vehicle = load_vehicle("vlbv300")
     commands = manoeuvre("all-telegraph", vehicle, duration=15.0).commands

@@ -1,4 +1,4 @@
-"""Forgetting in a subspace: what a block of rows excites is forgotten and replaced, what it leaves alone is kept.
+"""Directional forgetting: what a block of rows excites is forgotten and replaced, what it leaves alone is kept.
 
 Subspace of information forgetting (Lai and Bernstein, SIFt-RLS, arXiv:2404.10844) on blocks of k rows, weighted within
 the block as exponential forgetting weights them. A block B is set beside what that forgetting would take away, and
@@ -13,11 +13,9 @@ Kulhavy (1987) does by R for single rows: along an x that no row of B moves, x^T
 noise of k' rows has singular values up to sqrt(k') + sqrt(n) of its standard deviation. Where every direction is
 excited this is exponential forgetting, exactly; where none is, the block leaves no trace.
 
-Recursive least squares with directional forgetting: what the data leaves alone is kept.
-
-Rows gather in a block of one memory, 1 / (1 - lambda) of them, which then goes through `core.forgetting`. Reading
-takes the block so far as if it were complete, so that an estimate is never older than its last row. R never falls below
-the information of a block that passed, so that the gain is bounded without persistent excitation.
+For recursive least squares rows gather in a block of one memory, 1 / (1 - lambda) of them. Reading takes the block so
+far as if it were complete, so that an estimate is never older than its last row. R never falls below the information of
+a block that passed, so that the gain is bounded without persistent excitation.
 
 State, flat: kept triangle [T z; 0 rho] (n + 1)^2 with R = T^T T, block triangle (n + 1)^2, scratch n + 1, lambda,
 share, rows in a block, rows so far, noise n, scratch of a commit, change of the rows (n + 1)^2.

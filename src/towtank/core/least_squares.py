@@ -1,17 +1,14 @@
-"""Recursive least squares, two forms: square-root information (QR, Givens rotations) and symmetric covariance.
+"""Recursive least squares as square root of the information (QR, Givens rotations).
 
-Both minimise sum_i lambda^(k-i) (y_i - phi_i theta)^2 + (theta - theta0)^T P0^-1 (theta - theta0), the paper's
-(33)-(37) with forgetting. The QR form keeps R with R^T R = P^-1 and never loses definiteness; the covariance form is
-cheaper per estimate and subtracts an outer product of ONE vector, g g^T / s, so that P stays symmetric.
+It minimises sum_i lambda^(k-i) (y_i - phi_i theta)^2 + (theta - theta0)^T P0^-1 (theta - theta0), the paper's (33)-(37)
+with forgetting, and keeps R with R^T R = P^-1, which never loses definiteness.
 
-Forgetting here is exponential: all directions alike, excited or not (`directional` and `bounded_gain` are gentler). It
-pauses while a variance exceeds 1e12 (a direction that has not been excited for long): P stays finite through any rest,
-and what comes after it is learned as if fresh.
+Forgetting here is exponential: all directions alike, excited or not (`core.forgetting` is gentler). It pauses while a
+variance exceeds 1e12 (a direction that has not been excited for long): P stays finite through any rest, and what comes
+after it is learned as if fresh.
 
-State vectors are flat and hold their own scratch, so that a call from Python passes three arguments and allocates
-nothing:
-    QR          [R z; 0 rho] row-major (n + 1)^2, scratch n + 1, forgetting factor lambda; rho^2 = sum of residuals^2
-    covariance  theta n, P row-major n^2, residual sum of squares, scratch n, forgetting factor lambda
+The state is flat and holds its own scratch, so that a call from Python passes three arguments and allocates nothing:
+[R z; 0 rho] row-major (n + 1)^2, scratch n + 1, forgetting factor lambda; rho^2 = sum of residuals^2.
 """
 
 from __future__ import annotations
@@ -22,19 +19,7 @@ import numpy as np
 
 from towtank.core.arrays import Array, inlined_kernel, kernel
 
-__all__ = [
-    "covariance_run",
-    "covariance_start",
-    "covariance_step",
-    "covariance_update",
-    "qr_absorb",
-    "qr_covariance",
-    "qr_run",
-    "qr_solve",
-    "qr_start",
-    "qr_step",
-    "qr_update",
-]
+__all__ = ["qr_absorb", "qr_covariance", "qr_run", "qr_solve", "qr_start", "qr_update"]
 
 _LARGEST = 1e12  # variance beyond which nothing more is forgotten
 
@@ -70,7 +55,7 @@ def qr_absorb(state: Array, row: Array, m: int) -> None:
 
 
 @inlined_kernel
-def qr_step(state: Array, phi: Array, y: float, n: int) -> bool:
+def _qr_step(state: Array, phi: Array, y: float, n: int) -> bool:
     """Absorb one observation of n unknowns; False (and nothing changed) where a number is not finite."""
     size = (n + 1) * (n + 1)
     row = state[size : size + n + 1]
@@ -103,7 +88,7 @@ def qr_update(state: Array, phi: Array, y: float) -> int:
     n = phi.shape[0]
     if (n + 1) * (n + 2) + 1 != state.shape[0]:
         return -1
-    return 1 if qr_step(state, phi, y, n) else 0
+    return 1 if _qr_step(state, phi, y, n) else 0
 
 
 @kernel
@@ -111,7 +96,7 @@ def qr_run(state: Array, Phi: Array, y: Array) -> int:
     """Absorb all rows of Phi (k, n), y (k,) in turn; return how many were used."""
     used = 0
     for k in range(Phi.shape[0]):
-        if qr_step(state, Phi[k], y[k], Phi.shape[1]):
+        if _qr_step(state, Phi[k], y[k], Phi.shape[1]):
             used += 1
     return used
 
@@ -151,69 +136,3 @@ def qr_covariance(state: Array, n: int) -> Array:
             out[i, j] = t
             out[j, i] = t
     return out
-
-
-@kernel
-def covariance_start(theta0: Array, P0: float, forgetting: float) -> Array:
-    """Return the covariance state for a prior theta0 (n,), covariance P0 I, and the forgetting factor in (0, 1]."""
-    n = theta0.shape[0]
-    state = np.zeros(n + n * n + 1 + n + 1)
-    state[-1] = forgetting
-    for i in range(n):
-        state[i] = theta0[i]
-        state[n + i * n + i] = P0
-    return state
-
-
-@inlined_kernel
-def covariance_step(state: Array, phi: Array, y: float, n: int) -> bool:
-    """Absorb one observation of n unknowns; False (and nothing changed) where a number is not finite."""
-    square = n + n * n
-    g = state[square + 1 : square + 1 + n]
-    forgetting = state[square + 1 + n]
-    error = y
-    if forgetting < 1.0:
-        for i in range(n):
-            if state[n + i * (n + 1)] > _LARGEST:
-                forgetting = 1.0
-    s = forgetting
-    for i in range(n):
-        t = 0.0
-        for j in range(n):
-            t += state[n + i * n + j] * phi[j]
-        g[i] = t
-        s += phi[i] * t
-        error -= phi[i] * state[i]
-    if not (math.isfinite(s) and math.isfinite(error)):
-        return False
-    weight = 1.0 / s
-    for i in range(n):
-        state[i] += g[i] * error * weight
-        for j in range(i, n):
-            t = (state[n + i * n + j] - g[i] * g[j] * weight) / forgetting
-            state[n + i * n + j] = t
-            state[n + j * n + i] = t
-    state[square] = forgetting * (state[square] + error * error * weight)
-    return True
-
-
-@kernel
-def covariance_update(state: Array, phi: Array, y: float) -> int:
-    """Absorb one observation y = phi theta.
-
-    Returns 1; 0 (and nothing changed) where a number is not finite; -1 where phi has not the length of the state.
-    """
-    n = phi.shape[0]
-    if n * (n + 2) + 2 != state.shape[0]:
-        return -1
-    return 1 if covariance_step(state, phi, y, n) else 0
-
-
-@kernel
-def covariance_run(state: Array, Phi: Array, y: Array) -> int:
-    """Absorb all rows of Phi (k, n), y (k,) in turn; return how many were used."""
-    used = 0
-    for k in range(Phi.shape[0]):
-        if covariance_step(state, Phi[k], y[k], Phi.shape[1]):
-            used += 1
-    return used

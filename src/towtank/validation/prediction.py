@@ -28,18 +28,9 @@ from towtank.identification.data.zero_order_hold import (
     new_zero_order_hold,
 )
 from towtank.identification.least_squares.chain import uses_commands
-from towtank.identification.least_squares.velocity import (
-    ABSENT,
-    ATTITUDE_ACCELEROMETER,
-    ATTITUDE_GYRO,
-    ATTITUDE_MEASURED,
-    MEASURED,
-    gravity_directions,
-    new_motion,
-)
+from towtank.identification.least_squares.velocity import gravity_directions
 from towtank.identification.posterior.assembly import Sources
 from towtank.recording import Grid
-from towtank.recording.channel import in_one_block
 from towtank.recording.standard import POSE, VELOCITIES
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
 
@@ -47,7 +38,6 @@ __all__ = ["CHANNELS", "Prediction", "predict"]
 
 _WINDOW = 0.2  # s to either side, for a velocity taken from the pose,
 _EDGE = 0.6  # s on the one side there is, at the start and the end of a recording
-_ATTITUDE = {"measured": ATTITUDE_MEASURED, "accelerometer": ATTITUDE_ACCELEROMETER, "gyro": ATTITUDE_GYRO}
 _FORGOTTEN = 3.0  # time constants, after which 5 % of a force is left
 _LONGEST = 0.1  # of a recording, that is spent on that
 CHANNELS = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
@@ -69,11 +59,7 @@ class Starts:
     def of(cls, grid: Grid) -> Starts:
         """Prepare the states of a grid."""
         sources = Sources.of(grid.pose, grid.velocity, grid.acceleration)
-        rates = np.array([MEASURED if i > 2 and sources.velocity[i] == "measured" else ABSENT for i in range(6)])
-        motion = new_motion(rates, _ATTITUDE[sources.attitude], 0.0, np.inf)
-        pose, acceleration = in_one_block(grid.pose), in_one_block(grid.acceleration)
-        velocity = np.array(grid.velocity)
-        return cls(grid, sources, gravity_directions(motion, grid.t, pose, velocity, acceleration))
+        return cls(grid, sources, gravity_directions(grid, sources))
 
     def known(self, row: int) -> bool:
         """Whether everything that the grid measures at all is measured in this row."""

@@ -1,34 +1,32 @@
-"""Passes of the paper's chain over a set of recordings: for the delay, for least squares, with instruments.
+"""The paper's method on recordings as wholes: the delay, least squares, then instruments driven by the commands alone.
 
-The delay between a command and its force, by scanning: the delay that explains the recordings best.
+Each pass is the streaming kernel's own, over all recordings; structure and couplings follow between passes.
 
-Every delay costs one pass of least squares with all columns and a fast filter (slow ones let disturbances answer for
-the commands and pull the delay to zero). The criterion is -2 ln L = sum n ln(SSE) over the axes; a parabola through
-its least three values gives the delay between the steps. Residuals are alike over seconds where disturbances are slow,
-so the deviation comes from the long-run variance of the criterion's slope over blocks of time, not from its curvature
-alone.
-
-Learning from recordings as wholes: delay, least squares, then instruments driven by the commands alone.
+The delay between a command and its force is the one that explains the recordings best. Every delay costs one pass of
+least squares with all columns and a fast filter (slow ones let disturbances answer for the commands and pull the delay
+to zero). The criterion is -2 ln L = sum n ln(SSE) over the axes; a parabola through its least three values gives the
+delay between the steps. Residuals are alike over seconds where disturbances are slow, so the deviation comes from the
+long-run variance of the criterion's slope over blocks of time, not from its curvature alone.
 
 Least squares takes whatever moves with the motion for an effect of the motion; on real logs slow disturbances answer
 to the speed and inflate the inertia. A second set of regressors, simulated from the commands with the coefficients
 found so far, knows nothing of the disturbance: with these as instruments the bias is gone, and the result hardly
 depends on the filter constant (the refined instrumental variable method; Young, Recursive Estimation and Time-Series
-Analysis, 2011). Each pass is the streaming kernel's own, over all recordings; structure and couplings follow between
-passes.
+Analysis, 2011).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Unpack
 
 import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification.data.samples import INPUTS_BEFORE, spread_places
-from towtank.identification.least_squares.chain import PaperChain, Settings, uses_commands
+from towtank.identification.least_squares.chain import PaperChain, Settings, Tuning, uses_commands
 from towtank.identification.least_squares.solution import (
     AxisFindings,
     AxisInformation,
@@ -39,7 +37,7 @@ from towtank.identification.least_squares.solution import (
     select,
     solve_axis,
 )
-from towtank.identification.model.terms import AXES, Candidates, candidates
+from towtank.identification.model.terms import AXES, C_LINEAR, C_MASS, C_QUADRATIC, Candidates, candidates
 from towtank.identification.posterior.assembly import DelayScan, LogLearning, Sources
 from towtank.identification.posterior.estimate import Estimate, with_shift
 from towtank.identification.posterior.statistics import long_run
@@ -48,21 +46,20 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["DelayCost", "Progress", "estimate_warnings", "learn_paper", "scan_delay"]
 
-_COARSE = 0.02
-_FINE = 0.005
+_COARSE, _FINE = 0.02, 0.005  # s, steps of the delay
 _LAGS = 8  # blocks over which slopes are taken to be alike
 _Family = tuple[bool, bool]  # linear, quadratic damping free
 _FAMILIES: tuple[_Family, ...] = ((True, True), (True, False), (False, True))
-_ITERATIONS = 2
-_ACTIVE = 0.1  # of the liveliest recording's command, for a recording to count on an axis
-_QUADRATIC_MUST_GAIN = 0.9
+_ITERATIONS = 2  # passes with instruments, each driven by what the last one found
+_ACTIVE = 0.1  # of the largest spread of commands among the recordings, for a recording to count on an axis
+_QUADRATIC_MUST_GAIN = 0.9  # misfit of quadratic damping alone over that of others, to be taken
 _SCAN_FILTER = 40.0  # 1/s, where velocities are measured;
 _SCAN_DERIVED = 10.0  # 1/s, where they are low-passed: above the corner there is noise alone
-_SCAN_SECONDS = 600.0
+_SCAN_SECONDS = 600.0  # s of each recording that the scan goes over
 _SCAN_BLUR = 0.0025  # s, of a delay found through low-passed velocities: what 30 simulated sessions showed
-Progress = Callable[[str, float], None]
 _ROUNDS = 12  # at most; each with the couplings of what the last one learned
 _SETTLED = 0.1  # deviations, or a thousandth of its value, that nothing may move any more
+Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -122,6 +119,22 @@ def _deviation(before: Sequence[Array], after: Sequence[Array], curvature: float
     return float(np.sqrt(variance) / curvature)
 
 
+@dataclass(frozen=True)
+class Gathered:
+    """What one pass over the recordings gathered.
+
+    Attributes:
+        informations: of each axis, None where it is not measured.
+        misfit: (6,) integral of the instruments' squared distance from the measured velocity.
+        duration: time learned from [s]. rows: samples learned from.
+    """
+
+    informations: Sequence[AxisInformation | None]
+    misfit: Array
+    duration: float
+    rows: int
+
+
 class Passes:
     """Passes of the chain over a set of recordings."""
 
@@ -137,19 +150,20 @@ class Passes:
                     f"{grid.source or 'recording'}: neither thruster commands nor a wrench is recorded, so there is "
                     "nothing to learn from; map the thrusters' columns (--map) or record X Y Z K M N"
                 )
-        self.duration = 0.0
-        self.rows = 0
         self.active = self._active()
 
-    def chain(self, index: int, vehicle: Vehicle, settings: Settings, known: Array, free: Array) -> PaperChain:
+    def _chain(
+        self, index: int, vehicle: Vehicle, settings: Settings, known: Array, free: Array, driven: Array | None = None
+    ) -> PaperChain:
         """Return a fresh chain for one recording."""
-        return PaperChain(vehicle, self.sources[index], settings, free, known, commands=self.commands[index])
+        commands = self.commands[index]
+        return PaperChain(vehicle, self.sources[index], settings, free, known, commands=commands, driven=driven)
 
     def _active(self) -> list[list[int]]:
         """Return, per axis, the recordings whose commands move it."""
         spread = []
         for index, grid in enumerate(self.grids):
-            chain = self.chain(index, self.vehicle, self.settings, *self._structure(None))
+            chain = self._chain(index, self.vehicle, self.settings, *self._structure(None))
             values = grid.command_values if self.commands[index] else grid.wrench_values
             wrench = chain.forces(np.array(values)) @ chain.state.shape.T
             finite = wrench[np.isfinite(wrench).all(axis=1)]
@@ -164,7 +178,7 @@ class Passes:
         return chosen
 
     def _structure(self, family: _Family | None) -> tuple[Array, Array]:
-        """Return known values and free flags (6, 5) for one family of damping terms; None: as wanted."""
+        """Return known values and free flags (6, 5) for one family of damping terms; None: as requested."""
         known = np.array([candidate.known for candidate in self.candidates])
         free = np.array([candidate.to_learn for candidate in self.candidates], dtype=np.float64)
         if family is not None:
@@ -174,7 +188,7 @@ class Passes:
                 free[dropped, c] = 0.0
         return known, free
 
-    def find_delay(self, longest: float, told: Progress) -> DelayScan:
+    def find_delay(self, longest: float, progress: Progress) -> DelayScan:
         """Scan the delay by least squares with a fast filter."""
         known, free = self._structure(None)
         free[:, :4] = [[1.0, 1.0, float(bool(axis.restoring)), float(axis.index != 2)] for axis in AXES]
@@ -186,18 +200,12 @@ class Passes:
         def cost(delay: float) -> DelayCost:
             nonlocal tried
             tried += 1
-            told("delay", 0.05 + 0.35 * min(1.0, tried / 30.0))
-            informations = self._informations(self.vehicle, replace(fast, delay=delay), known, free, grids=cut)
+            progress("delay", 0.05 + 0.35 * min(1.0, tried / 30.0))
+            gathered = self._gather(self.vehicle, replace(fast, delay=delay), known, free, grids=cut)
             total = 0.0
             blocks: list[Array] = []
-            for axis in AXES:
-                information = informations[axis.index]
-                if information is None:
-                    continue
-                flags = tuple(bool(flag) for flag in free[axis.index])
-                solution = solve_axis(information, flags, known[axis.index])
-                if solution is None:
-                    solution = solve_axis(information, (*flags[:2], False, False, True), known[axis.index])
+            for i, information in enumerate(gathered.informations):
+                solution = None if information is None else _solve_or_simpler(information, free[i], known[i])
                 if solution is not None and solution.residual_sum > 0.0:
                     total += solution.rows * np.log(solution.residual_sum)
                     blocks.append(solution.rows / solution.residual_sum * solution.block_residuals)
@@ -206,7 +214,7 @@ class Passes:
         scan = scan_delay(cost, longest)
         return replace(scan, std=float(np.hypot(scan.std, _SCAN_BLUR))) if derived else scan
 
-    def _informations(
+    def _gather(
         self,
         vehicle: Vehicle,
         settings: Settings,
@@ -214,35 +222,29 @@ class Passes:
         free: Array,
         *,
         driven: Array | None = None,
-        learn: bool = True,
         grids: Sequence[Grid] | None = None,
-        errors: Array | None = None,
-    ) -> list[AxisInformation | None]:
-        """Run all recordings once; return the merged information of each axis, None where it is not measured."""
+    ) -> Gathered:
+        """Run all recordings once, with instruments where there is something to drive them."""
         chains = []
         for index, grid in enumerate(grids or self.grids):
-            chain = self.chain(index, vehicle, settings, known, free)
-            chain.state.settings[2] = float(learn)
-            if driven is not None:
-                chain.state.settings[3] = 1.0
-                chain.state.driven[:] = driven
-            chain.run(grid)
-            chains.append(chain)
-        self.duration = sum(chain.duration for chain in chains)
-        self.rows = sum(chain.rows for chain in chains)
-        out: list[AxisInformation | None] = []
+            chains.append(self._chain(index, vehicle, settings, known, free, driven))
+            chains[-1].run(grid)
+        informations: list[AxisInformation | None] = []
+        misfit = np.zeros(6)
         for i in range(6):
             used = [chains[k] for k in self.active[i]]
-            out.append(merge_information([chain.information(i) for chain in used]) if used else None)
-            if errors is not None:
-                errors[i] = sum(float(chain.state.instrument[i, 3]) for chain in used)
-        return out
+            informations.append(merge_information([chain.information(i) for chain in used]) if used else None)
+            misfit[i] = sum(float(chain.state.instruments.squared_error[i]) for chain in used)
+        duration, rows = sum(chain.duration for chain in chains), sum(chain.rows for chain in chains)
+        return Gathered(informations, misfit, duration, rows)
 
     def least_squares(self, model: Vehicle | None = None) -> Estimate:
         """Learn by least squares with the couplings of `model`; where omitted they are learned along the way."""
         known, free = self._structure(None)
-        informations = self._informations(model or self.vehicle, self.settings, known, free, learn=model is None)
-        return self._assemble([self._by_least_squares(c, informations[c.axis.index]) for c in self.candidates])
+        settings = replace(self.settings, learn_model=model is None)
+        gathered = self._gather(model or self.vehicle, settings, known, free)
+        findings = [self._by_least_squares(c, gathered.informations[c.axis.index]) for c in self.candidates]
+        return estimate_of(self.vehicle, findings, gathered.duration, gathered.rows)
 
     def _by_least_squares(self, candidate: Candidates, information: AxisInformation | None) -> AxisFindings:
         if information is None:
@@ -256,71 +258,68 @@ class Passes:
 
     def with_instruments(self, model: Vehicle) -> Estimate:
         """Learn with command-driven instruments, every family of damping terms with its own."""
-        families: dict[_Family, list[AxisInformation | None]] = {}
-        errors: dict[_Family, Array] = {}
+        families: dict[_Family, Gathered] = {}
+        settings = replace(self.settings, learn_model=False)
         for family in _FAMILIES:
             known, free = self._structure(family)
-            driven = self._driven(self._informations(model, self.settings, known, free, learn=False), known, free)
-            misfit = np.zeros(6)
-            informations: list[AxisInformation | None] = []
-            for _ in range(_ITERATIONS):
-                misfit = np.zeros(6)
-                informations = self._informations(
-                    model, self.settings, known, free, driven=driven, learn=False, errors=misfit
-                )
-                driven = self._driven(informations, known, free, instruments=True)
-            families[family], errors[family] = informations, misfit
-        return self._assemble([self._by_instruments(candidate, families, errors) for candidate in self.candidates])
+            gathered = self._gather(model, settings, known, free)
+            for k in range(_ITERATIONS):
+                driven = _driven(gathered.informations, known, free, instruments=k > 0)
+                gathered = self._gather(model, settings, known, free, driven=driven)
+            families[family] = gathered
+        findings = [_by_instruments(candidate, families) for candidate in self.candidates]
+        return estimate_of(self.vehicle, findings, gathered.duration, gathered.rows)
 
-    def _driven(
-        self, informations: Sequence[AxisInformation | None], known: Array, free: Array, *, instruments: bool = False
-    ) -> Array:
-        """Return the coefficients (6, 5) that drive the instruments; mass 0 where an axis has none."""
-        out = np.zeros((6, 5))
-        for i, information in enumerate(informations):
-            flags = tuple(bool(flag) for flag in free[i])
-            if information is None or not flags[4]:
-                continue
-            solution = solve_axis(information, flags, known[i], instruments=instruments)
-            if solution is None:
-                flags = (*flags[:2], False, False, True)
-                solution = solve_axis(information, flags, known[i], instruments=instruments)
-            if solution is None or not solution.values[4] > 0.0:
-                continue
-            values = solution.values.copy()
-            values[:2] = np.minimum(values[:2], 0.0)
-            if not values[:2].any():
-                values[0] = -values[4]
-            out[i] = values
-        return out
 
-    def _by_instruments(
-        self,
-        candidate: Candidates,
-        families: dict[_Family, list[AxisInformation | None]],
-        errors: dict[_Family, Array],
-    ) -> AxisFindings:
-        i = candidate.axis.index
-        first = families[_FAMILIES[0]][i]
-        if first is None:
-            return absent(candidate, _not_measured(candidate))
+def _solve_or_simpler(
+    information: AxisInformation, free: Array, known: Array, *, instruments: bool = False
+) -> AxisSolution | None:
+    """Solve one axis with its free columns, or without restoring and constant where these cannot be told."""
+    flags = tuple(bool(flag) for flag in free)
+    solution = solve_axis(information, flags, known, instruments=instruments)
+    if solution is None:
+        solution = solve_axis(information, (*flags[:2], False, False, True), known, instruments=instruments)
+    return solution
 
-        def family(flags: Sequence[bool]) -> _Family:
-            both = (bool(flags[0]), bool(flags[1]))
-            return both if both in families else _FAMILIES[0]
 
-        def solve(flags: tuple[bool, ...], known: Array) -> AxisSolution | None:
-            information = families[family(flags)][i]
-            return None if information is None else solve_axis(information, flags, known, instruments=flags[4])
+def _driven(
+    informations: Sequence[AxisInformation | None], known: Array, free: Array, *, instruments: bool = False
+) -> Array:
+    """Return the coefficients (6, 5) that drive the instruments; mass 0 where an axis has none."""
+    out = np.zeros((6, 5))
+    for i, information in enumerate(informations):
+        if information is None or not free[i, C_MASS]:
+            continue
+        solution = _solve_or_simpler(information, free[i], known[i], instruments=instruments)
+        if solution is None or not solution.values[C_MASS] > 0.0:
+            continue
+        values = solution.values.copy()
+        values[:2] = np.minimum(values[:2], 0.0)
+        if not values[:2].any():
+            values[C_LINEAR] = -values[C_MASS]
+        out[i] = values
+    return out
 
-        def cost(solution: AxisSolution) -> float:
-            misfit = float(errors[family(solution.free)][i])
-            return misfit / _QUADRATIC_MUST_GAIN if solution.free[1] and not solution.free[0] else misfit
 
-        return select(candidate, solve, cost, commanded=first.commanded_share)
+def _by_instruments(candidate: Candidates, families: dict[_Family, Gathered]) -> AxisFindings:
+    i = candidate.axis.index
+    first = families[_FAMILIES[0]].informations[i]
+    if first is None:
+        return absent(candidate, _not_measured(candidate))
 
-    def _assemble(self, findings: Sequence[AxisFindings]) -> Estimate:
-        return estimate_of(self.vehicle, findings, self.duration, self.rows)
+    def family(flags: Sequence[bool]) -> Gathered:
+        both = (bool(flags[C_LINEAR]), bool(flags[C_QUADRATIC]))
+        return families[both if both in families else _FAMILIES[0]]
+
+    def solve(flags: tuple[bool, ...], known: Array) -> AxisSolution | None:
+        information = family(flags).informations[i]
+        return None if information is None else solve_axis(information, flags, known, instruments=flags[C_MASS])
+
+    def cost(solution: AxisSolution) -> float:
+        misfit = float(family(solution.free).misfit[i])
+        return misfit / _QUADRATIC_MUST_GAIN if solution.free[C_QUADRATIC] and not solution.free[C_LINEAR] else misfit
+
+    return select(candidate, solve, cost, commanded=first.commanded_share)
 
 
 def _not_measured(candidate: Candidates) -> str:
@@ -362,21 +361,20 @@ def learn_paper(
     free: Collection[str] | None = None,
     delay: float | None = None,
     longest_delay: float = 0.4,
-    a: float = 3.0,
-    lowpass: float = 4.0,
     instruments: bool = True,
     sparing: bool = False,
     progress: Progress | None = None,
+    **tuning: Unpack[Tuning],
 ) -> LogLearning:
     """Learn a vehicle's coefficients from one or several recordings by the paper's method.
 
     Args:
         free: names of the coefficients to learn, see `Learner`.
         delay: from command (or recorded wrench) to force [s]; found by scanning up to `longest_delay` where omitted.
-        a, lowpass: see `Learner`.
         instruments: remove the bias of least squares with command-driven instruments.
         sparing: of long recordings learn from stretches, evenly spread.
         progress: called with a text and the share done, 0 .. 1.
+        tuning: a, lowpass and others of `Settings`.
 
     Raises:
         InputError: no recording, no motion, no commands, thrusters that the vehicle lacks, an unknown name.
@@ -385,41 +383,39 @@ def learn_paper(
         raise InputError("no recording given, expected at least one")
     if not 0.0 <= longest_delay < 10.0:
         raise InputError(f"longest_delay: found {longest_delay}, expected seconds between 0 and 10")
-    told = progress or (lambda text, share: None)
-    told("aligning", 0.0)
+    report = progress or (lambda text, share: None)
+    report("aligning", 0.0)
     names = [thruster.name for thruster in vehicle.thrusters]
     grids = tuple(align(bind_thrusters(recording, names)) for recording in recordings)
     used = spread_grids(grids) if sparing else grids
-    passes = Passes(vehicle, used, Settings(a=a, lowpass=lowpass, delay=delay or 0.0), candidates(vehicle, free))
+    passes = Passes(vehicle, used, Settings(delay=delay or 0.0, **tuning), candidates(vehicle, free))
     scan = None
     if delay is None:
-        told("delay", 0.05)
-        scan = passes.find_delay(longest_delay, told)
+        report("delay", 0.05)
+        scan = passes.find_delay(longest_delay, report)
         passes = Passes(vehicle, used, replace(passes.settings, delay=scan.delay), passes.candidates)
-    told("least squares", 0.4)
+    report("least squares", 0.4)
     estimate = passes.least_squares()
     for _ in range(_ROUNDS):
-        last = estimate
-        estimate = passes.least_squares(last.model(vehicle))
+        last, estimate = estimate, passes.least_squares(estimate.model(vehicle))
         if _settled(last, estimate):
             break
     for round_ in range(_ROUNDS if instruments else 0):
-        told("instruments", 0.5 + 0.4 * round_ / _ROUNDS)
-        last = estimate
-        estimate = passes.with_instruments(last.model(vehicle))
+        report("instruments", 0.5 + 0.4 * round_ / _ROUNDS)
+        last, estimate = estimate, passes.with_instruments(estimate.model(vehicle))
         if _settled(last, estimate):
             break
     if instruments and scan is not None and np.isfinite(scan.std):
-        told("deviations", 0.95)
+        report("deviations", 0.95)
         late = Passes(vehicle, used, replace(passes.settings, delay=scan.delay + scan.std), passes.candidates)
         estimate = with_shift(estimate, late.with_instruments(estimate.model(vehicle)))
-    told("done", 1.0)
-    found = passes.settings.delay
+    report("done", 1.0)
     model = estimate.model(vehicle, "learned by towtank, method paper")
     if any(passes.commands):
-        model = model.model_copy(update={"command_delay": found})
+        model = model.model_copy(update={"command_delay": passes.settings.delay})
     warnings = _warnings(vehicle, estimate, scan, longest_delay, grids)
-    return LogLearning(vehicle, estimate, model, found, scan, grids, tuple(map(sources_of, grids)), warnings)
+    sources = tuple(map(sources_of, grids))
+    return LogLearning(vehicle, estimate, model, passes.settings.delay, scan, grids, sources, warnings)
 
 
 def _settled(last: Estimate, new: Estimate) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypedDict
 
 import numpy as np
 
@@ -10,37 +11,30 @@ from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification.data.samples import with_absent_zero
 from towtank.identification.data.zero_order_hold import ZeroOrderHold, new_zero_order_hold
+from towtank.identification.least_squares.forgetting import directional_information
 from towtank.identification.least_squares.recursion import paper_events, paper_step
-from towtank.identification.least_squares.rls import Scheme, directional_information, require_scheme
+from towtank.identification.least_squares.rls import Scheme, require_scheme
 from towtank.identification.least_squares.solution import AxisInformation
-from towtank.identification.least_squares.state import (
-    BOUNDED_GAIN,
-    DIRECTIONAL,
-    EXPONENTIAL,
-    PaperState,
-    new_paper_state,
-)
-from towtank.identification.least_squares.velocity import (
-    ABSENT,
-    ATTITUDE_ACCELEROMETER,
-    ATTITUDE_GYRO,
-    ATTITUDE_MEASURED,
-    DERIVED,
-    MEASURED,
-    Motion,
-    new_motion,
-)
+from towtank.identification.least_squares.state import PaperState, RecursionSettings, new_paper_state
+from towtank.identification.least_squares.velocity import ATTITUDES, VELOCITIES, Motion, new_motion
 from towtank.identification.posterior.assembly import Sources
 from towtank.recording import Grid
 from towtank.recording.channel import in_one_block
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
 
-__all__ = ["PaperChain", "Settings", "uses_commands"]
+__all__ = ["PaperChain", "Settings", "Tuning", "uses_commands"]
 
-_VELOCITY = {"absent": ABSENT, "measured": MEASURED, "derived": DERIVED}
-_ATTITUDE = {"measured": ATTITUDE_MEASURED, "accelerometer": ATTITUDE_ACCELEROMETER, "gyro": ATTITUDE_GYRO}
-_SCHEME = {"exponential": EXPONENTIAL, "directional": DIRECTIONAL, "bounded-gain": BOUNDED_GAIN}
 _LOWPASSED = 0.003  # relative error left by low-passing the motion before squaring it
+
+
+class Tuning(TypedDict, total=False):
+    """Settings of the paper's chain that a caller may give by name; see `Settings`."""
+
+    a: float
+    lowpass: float
+    gap: float
+    forgetting: float
+    scheme: Scheme
 
 
 @dataclass(frozen=True)
@@ -54,9 +48,9 @@ class Settings:
         delay: from the command to the thruster [s].
         gap: longest step between samples that is integrated over [s].
         forgetting: factor per sample, 1 never forgets.
-        scheme: what is forgotten, see `RecursiveLeastSquares`.
-        gain: step of the normalised gradient estimator that runs beside, 0 for none.
         smooth: inputs are samples of a smooth function, not held commands.
+        scheme: what is forgotten, see `RecursiveLeastSquares`.
+        learn_model: couplings and end corrections use what was learned so far, not the vehicle's coefficients alone.
 
     Raises:
         InputError: a setting is out of range.
@@ -67,9 +61,9 @@ class Settings:
     delay: float = 0.0
     gap: float = 0.5
     forgetting: float = 1.0
-    gain: float = 0.0
     smooth: bool = False
     scheme: Scheme = "directional"
+    learn_model: bool = True
 
     def __post_init__(self) -> None:
         for name in ("a", "lowpass", "gap"):
@@ -90,10 +84,24 @@ def uses_commands(vehicle: Vehicle, grid: Grid) -> bool:
 
 
 class PaperChain:
-    """The state of `least_squares.recursion` for one vehicle, one set of sources, and inputs of one kind."""
+    """The recursion for one vehicle, one set of sources, and inputs of one kind.
+
+    Args:
+        free, known: (6, 5) see `PaperState`.
+        commands: inputs are the thrusters' commands, not the wrench.
+        driven: coefficients (6, 5) that drive instruments, see `Instruments`; None for plain least squares.
+    """
 
     def __init__(
-        self, vehicle: Vehicle, sources: Sources, settings: Settings, free: Array, known: Array, *, commands: bool
+        self,
+        vehicle: Vehicle,
+        sources: Sources,
+        settings: Settings,
+        free: Array,
+        known: Array,
+        *,
+        commands: bool,
+        driven: Array | None = None,
     ) -> None:
         if commands:
             shape = configuration_matrix(vehicle)
@@ -104,20 +112,19 @@ class PaperChain:
         self.sources = sources
         self.settings = settings
         self.commands = commands
-        self.state: PaperState = new_paper_state(
-            vehicle.parameters,
-            free,
-            known,
-            shape,
-            a=settings.a,
-            forgetting=settings.forgetting,
-            gain=settings.gain,
+        own = RecursionSettings(
+            a=float(settings.a),
+            forgetting=float(settings.forgetting),
+            directional=settings.scheme == "directional",
+            learn_model=settings.learn_model,
+            instruments=driven is not None,
             smooth=settings.smooth,
-            scheme=_SCHEME[settings.scheme],
         )
+        coefficients = np.zeros((6, 5)) if driven is None else driven
+        self.state: PaperState = new_paper_state(vehicle.parameters, free, known, shape, own, coefficients)
         self.motion: Motion = new_motion(
-            np.array([_VELOCITY[kind] for kind in sources.velocity]),
-            _ATTITUDE[sources.attitude],
+            np.array([VELOCITIES[kind] for kind in sources.velocity]),
+            ATTITUDES[sources.attitude],
             2.0 * np.pi * settings.lowpass,
             settings.gap,
         )
@@ -126,7 +133,7 @@ class PaperChain:
 
     def restart(self) -> None:
         """Begin a new stretch whose times owe nothing to the last one's; what was learned stays."""
-        self.motion.last[0] = np.nan
+        self.motion.last.t[0] = np.nan
         self.motion.seen[:] = np.nan
         self.held.clock[0] = np.nan
         self.held.counters[:] = 0.0
@@ -169,29 +176,28 @@ class PaperChain:
 
     def information(self, axis: int) -> AxisInformation:
         """What has been gathered on one axis (a view by copy)."""
-        filled = int(self.state.clock[0]) + 1
-        triangle, blocks, rows = self.state.triangle[axis], self.state.blocks[axis], float(self.state.clock[6])
+        state, clock = self.state, self.state.clock
+        filled = int(clock.block[0]) + 1
+        triangle, blocks, rows = state.triangle[axis], state.blocks[axis], float(clock.rows_left[0])
         if self.settings.forgetting < 1.0 and self.settings.scheme == "directional":
-            triangle, blocks, rows = directional_information(self.state, axis)
-        elif self.settings.forgetting < 1.0 and self.settings.scheme == "bounded-gain":
-            rows = float(self.state.counted[axis, 1])
+            triangle, blocks, rows = directional_information(state, axis)
         return AxisInformation(
             triangle=np.triu(triangle.reshape(6, 6)),
             blocks=blocks[:filled].reshape(filled, 6, 6).copy(),
-            block_length=float(self.state.clock[2]),
+            block_length=float(clock.block_length[0]),
             rows=rows,
             a=self.settings.a,
-            commanded=float(self.state.energy[axis, 0]),
-            forced=float(self.state.energy[axis, 1]),
+            commanded=float(state.commanded[axis]),
+            forced=float(state.forced[axis]),
             systematic=_LOWPASSED if "derived" in self.sources.velocity else 0.0,
         )
 
     @property
     def duration(self) -> float:
         """Time learned from [s]."""
-        return float(self.state.clock[4])
+        return float(self.state.clock.learned[0])
 
     @property
     def rows(self) -> int:
         """Samples learned from."""
-        return int(self.state.clock[5])
+        return int(self.state.clock.rows[0])

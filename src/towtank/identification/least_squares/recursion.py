@@ -1,18 +1,15 @@
-"""The paper's chain, one sample at a time: motion, exact increments, one filter on both sides, six regressions.
+"""The recursion of the paper's method, one sample at a time: motion, exact increments, one filter on both sides, QR.
 
 The same `paper_step` serves streaming and logs; `paper_events` is its loop. Nothing is allocated that lasts, and
 nothing depends on how the samples arrived. Each axis keeps the square root of its information (QR) over ALL its
 columns, so that which coefficients are free is decided when the estimate is read, and sums of row products over blocks
-of time, from which the covariance that honours coloured residuals is built (`identification.axis_solution`).
+of time, from which the covariance that honours coloured residuals is built (`least_squares.solution`).
 
-Exact increments of the six axis regressions over one sample interval.
-
-Row i holds the integrals over the interval of [nu_i, |nu_i| nu_i, r_i(k), 1, F_i] and the left-hand side
-nu_i(end) - nu_i(start); F_i is the wrench less C(nu) nu, less the off-diagonal inertia, plus off-diagonal damping and
-the restoring terms that are no column of their own, all from the model as known so far. See `identification.axes`.
-
-Functions of the state are integrated by the trapezoid with end correction (`core.filtered.hermite_increment`). The
-slopes at the two ends come from the mean acceleration over the interval, which is measured, and its change within the
+Row i of the regression holds the integrals over one sample interval of [nu_i, |nu_i| nu_i, r_i(k), 1, F_i] and the
+left-hand side nu_i(end) - nu_i(start); F_i is the wrench less C(nu) nu, less the off-diagonal inertia, plus
+off-diagonal damping and the restoring terms that are no column of their own, all from the model as known so far; see
+`model.terms`. Functions of the state are integrated by the trapezoid with end correction (`core.filtered`). The slopes
+at the two ends come from the mean acceleration over the interval, which is measured, and its change within the
 interval, which the model gives; a wrong model costs O(h^3) only.
 """
 
@@ -27,15 +24,25 @@ from towtank.core.filtered import accumulate_into, cubic_increment, hermite_incr
 from towtank.core.inertia import bilinear_coriolis_into
 from towtank.core.layout import I_CONSTANT, I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT
 from towtank.identification.data.zero_order_hold import ZeroOrderHold, force_integral_into, hold_force
-from towtank.identification.least_squares.rls import absorb_row, forget_blocks
-from towtank.identification.least_squares.state import N_BLOCKS, PaperState, refresh_model
+from towtank.identification.least_squares.forgetting import absorb_row, forget_blocks
+from towtank.identification.least_squares.state import N_BLOCKS, Instruments, PaperState, refresh_model
 from towtank.identification.least_squares.velocity import ABSENT, Motion, motion_step
-from towtank.identification.model.terms import C_CONSTANT, C_FORCE, C_LHS, C_LINEAR, C_QUADRATIC, C_RESTORING, N_COLUMNS
+from towtank.identification.model.terms import (
+    C_CONSTANT,
+    C_FORCE,
+    C_LHS,
+    C_LINEAR,
+    C_MASS,
+    C_QUADRATIC,
+    C_RESTORING,
+    N_COLUMNS,
+)
 
-__all__ = ["axis_increments_into", "learn_interval", "paper_events", "paper_step"]
+__all__ = ["axis_increments_into", "paper_events", "paper_step"]
 
 _ROUNDING = 1e-6  # s, so that times that are equal but for rounding give equal blocks
 _REFRESH = 0.25  # s between updates of the model that the couplings and the end corrections use
+_FASTEST = 20.0  # m/s or rad/s, of a simulated instrument
 
 
 @inlined_kernel
@@ -161,28 +168,29 @@ def axis_increments_into(
 
 
 @inlined_kernel
-def _drive_instrument(state: PaperState, axis: int, row: Array, h: float, decay: float) -> None:
+def _drive_instruments(own: Instruments, axis: int, row: Array, h: float, decay: float) -> None:
     """Advance the velocity that the commands alone would give, and its filtered columns."""
     linear, quadratic, rest, constant, mass = (
-        state.driven[axis, 0],
-        state.driven[axis, 1],
-        state.driven[axis, 2],
-        state.driven[axis, 3],
-        state.driven[axis, 4],
+        own.driven[axis, C_LINEAR],
+        own.driven[axis, C_QUADRATIC],
+        own.driven[axis, C_RESTORING],
+        own.driven[axis, C_CONSTANT],
+        own.driven[axis, C_MASS],
     )
     force = (row[C_FORCE] + rest * row[C_RESTORING] + constant * row[C_CONSTANT]) / h
-    x0 = state.instrument[axis, 0]
+    x0 = own.velocity[axis]
     f0 = (force + (linear + quadratic * math.fabs(x0)) * x0) / mass
     xm = x0 + 0.5 * h * f0
     x1 = x0 + h * (force + (linear + quadratic * math.fabs(xm)) * xm) / mass
-    x1 = min(max(x1, -20.0), 20.0)
-    state.instrument[axis, 0] = x1
-    state.instrument[axis, 1] = decay * state.instrument[axis, 1] + 0.5 * h * (x0 + x1)
-    state.instrument[axis, 2] = decay * state.instrument[axis, 2] + 0.5 * h * (math.fabs(x0) * x0 + math.fabs(x1) * x1)
+    x1 = min(max(x1, -_FASTEST), _FASTEST)
+    own.velocity[axis] = x1
+    own.linear[axis] = decay * own.linear[axis] + 0.5 * h * (x0 + x1)
+    own.quadratic[axis] = decay * own.quadratic[axis] + 0.5 * h * (math.fabs(x0) * x0 + math.fabs(x1) * x1)
 
 
 @inlined_kernel
 def _merge_blocks(state: PaperState) -> None:
+    """Add neighbouring blocks of time, which makes room for as many again of twice the length."""
     half = N_BLOCKS // 2
     for axis in range(6):
         for b in range(half):
@@ -191,118 +199,73 @@ def _merge_blocks(state: PaperState) -> None:
         for b in range(half, N_BLOCKS):
             for i in range(N_COLUMNS * N_COLUMNS):
                 state.blocks[axis, b, i] = 0.0
-    state.clock[0] = float(half)
-    state.clock[2] *= 2.0
+    state.clock.block[0] = float(half)
+    state.clock.block_length[0] *= 2.0
 
 
 @kernel
-def learn_interval(state: PaperState, motion: Motion, wrench: Array, h: float) -> None:
-    """Absorb one interval of length h [s] whose ends are in `motion` and whose wrench integral is `wrench` (6,)."""
-    rows, z, g = state.work[:6], state.work[6], state.work[7]
-    axis_increments_into(state.p, motion.nu, motion.k, wrench, state.recent[4], h, state.work[8:20], rows)
-    decay = math.exp(-state.settings[0] * h)
-    forgetting = state.settings[1]
-    block = int(state.clock[0])
+def _learn_interval(state: PaperState, motion: Motion, h: float) -> None:
+    """Absorb one interval of length h [s] whose ends are in `motion` and whose wrench integral is `state.pending`."""
+    settings, clock, instruments = state.settings, state.clock, state.instruments
+    rows, z, g, wrench = state.scratch.rows, state.scratch.z, state.scratch.g, state.pending
+    axis_increments_into(state.p, motion.nu, motion.k, wrench, state.slope, h, state.scratch.increments, rows)
+    decay = math.exp(-settings.a * h)
+    block = int(clock.block[0])
     for axis in range(6):
         if motion.source[axis] == ABSENT:
             continue
         if motion.valid[0, axis] == 0.0 or motion.valid[1, axis] == 0.0:
-            _clear_axis(state, axis, motion.nu[1, axis])
+            _restart_axis(state, axis, motion.nu[1, axis])
             continue
         accumulate_into(state.filtered[axis], rows[axis], decay, N_COLUMNS)
-        state.energy[axis, 0] += wrench[axis] ** 2 / h
-        state.energy[axis, 1] += rows[axis, C_FORCE] ** 2 / h
+        state.commanded[axis] += wrench[axis] ** 2 / h
+        state.forced[axis] += rows[axis, C_FORCE] ** 2 / h
         for i in range(N_COLUMNS):
             z[i] = state.filtered[axis, i]
             g[i] = z[i]
-        if state.settings[3] > 0.0 and state.driven[axis, 4] > 0.0:
-            _drive_instrument(state, axis, rows[axis], h, decay)
-            state.instrument[axis, 3] += h * (state.instrument[axis, 0] - motion.nu[1, axis]) ** 2
-            g[C_LINEAR] = state.instrument[axis, 1]
-            g[C_QUADRATIC] = state.instrument[axis, 2]
-        if state.settings[4] > 0.0:
-            _gradient_step(state, axis, z)
+        if settings.instruments and instruments.driven[axis, C_MASS] > 0.0:
+            _drive_instruments(instruments, axis, rows[axis], h, decay)
+            instruments.squared_error[axis] += h * (instruments.velocity[axis] - motion.nu[1, axis]) ** 2
+            g[C_LINEAR] = instruments.linear[axis]
+            g[C_QUADRATIC] = instruments.quadratic[axis]
         absorb_row(state, axis, g, z, block)
     forget_blocks(state, block)
-    state.clock[1] += h
-    state.clock[3] += h
-    state.clock[4] += h
-    state.clock[5] += 1.0
-    state.clock[6] = forgetting * state.clock[6] + 1.0
-    if state.clock[1] >= state.clock[2] - _ROUNDING:
-        state.clock[1] = 0.0
-        state.clock[0] += 1.0
-        if state.clock[0] >= N_BLOCKS:
+    clock.block_time[0] += h
+    clock.since_refresh[0] += h
+    clock.learned[0] += h
+    clock.rows[0] += 1.0
+    clock.rows_left[0] = settings.forgetting * clock.rows_left[0] + 1.0
+    if clock.block_time[0] >= clock.block_length[0] - _ROUNDING:
+        clock.block_time[0] = 0.0
+        clock.block[0] += 1.0
+        if clock.block[0] >= N_BLOCKS:
             _merge_blocks(state)
-    if state.clock[3] >= _REFRESH - _ROUNDING and state.settings[2] > 0.0:
-        state.clock[3] = 0.0
+    if clock.since_refresh[0] >= _REFRESH - _ROUNDING and settings.learn_model:
+        clock.since_refresh[0] = 0.0
         refresh_model(state)
 
 
 @inlined_kernel
-def _column_size(state: PaperState, axis: int, column: int) -> float:
-    """Root mean square of one filtered column so far: the norm of the triangle's column over the count."""
-    total = 1e-12
-    for i in range(column + 1):
-        total += state.triangle[axis, i * N_COLUMNS + column] ** 2
-    return math.sqrt(total / (state.clock[6] + 1.0))
-
-
-@inlined_kernel
-def _gradient_step(state: PaperState, axis: int, z: Array) -> None:
-    """One step of the normalised gradient on the free columns, each scaled by its own size so far."""
-    free, known, theta = state.free[axis], state.known[axis], state.gradient[axis]
-    force = z[C_FORCE]
-    for c in range(4):
-        if free[c] <= 0.0:
-            force += known[c] * z[c]
-    error = z[C_LHS] - theta[4] * force
-    norm = 0.0
-    for c in range(5):
-        if c < 4 and free[c] <= 0.0:
-            continue
-        value = force if c == 4 else z[c]
-        size = _column_size(state, axis, c)
-        norm += (value / size) ** 2
-        if c < 4:
-            error -= theta[c] * value
-    gain = state.settings[4] / (1.0 + norm)
-    for c in range(5):
-        if c < 4 and free[c] <= 0.0:
-            continue
-        value = force if c == 4 else z[c]
-        size = _column_size(state, axis, c)
-        theta[c] += gain * error * value / (size * size)
-
-
-@inlined_kernel
 def _smooth_input(state: PaperState, command: Array, h: float) -> None:
-    """Replace the held integral by that of the cubic through the last four wrenches (equal spacing)."""
+    """Put the integral of the cubic through the last four wrenches (equal spacing) in place of the held one."""
     recent = state.recent
     for i in range(6):
         recent[0, i], recent[1, i], recent[2, i] = recent[1, i], recent[2, i], recent[3, i]
         recent[3, i] = 0.0
         for j in range(command.shape[0]):
             recent[3, i] += state.shape[i, j] * command[j]
-        recent[4, i] = (recent[3, i] - recent[2, i]) / h
+        state.slope[i] = (recent[3, i] - recent[2, i]) / h
         state.pending[i] = cubic_increment(recent[0, i], recent[1, i], recent[2, i], recent[3, i], h)
 
 
 @inlined_kernel
-def _clear_axis(state: PaperState, axis: int, velocity: float) -> None:
+def _restart_axis(state: PaperState, axis: int, velocity: float) -> None:
     """Begin a new stretch of one axis: the filters from zero, the instruments from the measured velocity."""
     for i in range(N_COLUMNS):
         state.filtered[axis, i] = 0.0
-    state.instrument[axis, 0] = velocity
-    state.instrument[axis, 1] = 0.0
-    state.instrument[axis, 2] = 0.0
-
-
-@inlined_kernel
-def _clear_filters(state: PaperState, velocity: Array) -> None:
-    """Begin a new stretch of all axes."""
-    for axis in range(6):
-        _clear_axis(state, axis, velocity[axis] if math.isfinite(velocity[axis]) else 0.0)
+    state.instruments.velocity[axis] = velocity
+    state.instruments.linear[axis] = 0.0
+    state.instruments.quadratic[axis] = 0.0
 
 
 @kernel
@@ -327,17 +290,16 @@ def paper_step(
     """
     if not math.isfinite(t):
         return 0.0
-    m = held.force.shape[0]
-    forces = state.work[20 : 20 + (m + 5) // 6].reshape(-1)[:m]
+    forces = state.scratch.forces
     known = force_integral_into(held, t, forces)
     hold_force(held, t, command)
-    smooth, derived = state.settings[5] > 0.0, motion.settings[1] > 0.0
+    smooth, derived = state.settings.smooth, motion.corner > 0.0
     if smooth:
-        since = t - motion.last[0]
+        since = t - motion.last.t[0]
         _smooth_input(state, command, since if since > 0.0 else 1.0)
     else:
         for i in range(6):
-            for j in range(m):
+            for j in range(forces.shape[0]):
                 state.pending[i] += state.shape[i, j] * forces[j]
     h = motion_step(motion, t, pose, velocity, acceleration, state.pending)
     if h < 0.0:
@@ -346,19 +308,20 @@ def paper_step(
         for i in range(6):
             known = known and math.isfinite(state.pending[i])
         if not known:
-            motion.counts[0] = 0.0
-        known = known and motion.counts[0] > 2.0
+            motion.counts.since_start[0] = 0.0
+        known = known and motion.counts.since_start[0] > 2.0
     if h == 0.0 or not known:
         for i in range(6):
             state.pending[i] = 0.0
-        if motion.counts[0] == 0.0:
-            _clear_filters(state, velocity)
+        if motion.counts.since_start[0] == 0.0:
+            for axis in range(6):
+                _restart_axis(state, axis, velocity[axis] if math.isfinite(velocity[axis]) else 0.0)
         return 0.0
     if derived:
         for i in range(6):
             state.pending[i] = 0.5 * h * (motion.wrench[0, i] + motion.wrench[1, i])
-            state.recent[4, i] = 0.0
-    learn_interval(state, motion, state.pending, h)
+            state.slope[i] = 0.0
+    _learn_interval(state, motion, h)
     for i in range(6):
         state.pending[i] = 0.0
     return h
@@ -384,7 +347,7 @@ def paper_events(
     used = 0
     event = 0
     nothing = np.full(held.force.shape[0], np.nan)
-    smooth = state.settings[5] > 0.0
+    smooth = state.settings.smooth
     for i in range(t.shape[0]):
         now = nothing
         due = t[i] + 1e-3 * (t[i] - t[i - 1]) if smooth and i > 0 else t[i]

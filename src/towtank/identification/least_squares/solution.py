@@ -1,4 +1,4 @@
-"""From the information of one axis to its coefficients, with a covariance that honours coloured residuals.
+"""From the information of one axis to its coefficients: which it can carry, their values, and an honest covariance.
 
 Least squares takes Theta from the QR triangle; with instruments Z it solves Z^T P Theta = Z^T Y from the block sums.
 Either way Cov(Theta) = A^-1 S A^-T with A = Z^T P and S the long-run covariance of the scores z e, a prewhitened
@@ -6,18 +6,17 @@ Bartlett sum over blocks of time (Newey and West, 1987): the filter 1/(s + a) an
 residuals alike, and the plain formula would promise several times too much. Physical values by division, their
 covariance by the delta method: M = 1/Theta_n, c = Theta_c/Theta_n, J as in the covariance of a ratio.
 
-Which coefficients an axis can carry, and which of them this data supports.
-
 Linear and quadratic damping are alike at low speed: both are kept only where both dissipate and each is five times its
 deviation; otherwise the one that explains the data better stands for both and the other is said to be inseparable.
 Restoring and constant terms stay while they are twice their deviation. A coefficient that the data does not determine
-is held at the vehicle's value, never reported as found.
+keeps the vehicle's value, and is never reported as found.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,7 +42,6 @@ __all__ = [
     "AxisInformation",
     "AxisSolution",
     "absent",
-    "by_gradient",
     "estimate_of",
     "merge_information",
     "not_commanded",
@@ -52,6 +50,7 @@ __all__ = [
 ]
 
 _SPAN = 2.0  # s, least span over which residuals are taken to be alike
+_SINGULAR = 1e-12  # smallest over largest singular value of the scaled regressors, below which nothing is determined
 _STILL = 1e-9  # m/s or rad/s: an axis that moved less was not excited, its numbers are rounding
 _BOTH = 5.0  # deviations that each damping term needs where both are kept
 _KEPT = 2.0  # deviations that any other term needs
@@ -94,8 +93,8 @@ class AxisSolution:
     """Estimate of one axis; the order is linear, quadratic, restoring, constant, mass.
 
     Attributes:
-        values: (5,), held coefficients at their held value.
-        covariance: (5, 5), zero where held.
+        values: (5,), fixed coefficients at their fixed value.
+        covariance: (5, 5), zero where fixed.
         free: (5,) True where estimated.
         residual: standard deviation of the filtered residual, in the units of the velocity.
         residual_sum: sum of squared filtered residuals.
@@ -147,7 +146,7 @@ def solve_axis(
 
     Args:
         free: (5,) linear, quadratic, restoring, constant, mass.
-        known: (5,) values of the held ones.
+        known: (5,) values of the fixed ones.
         instruments: use the block sums' instruments rather than least squares.
     """
     known = np.asarray(known, dtype=np.float64)
@@ -161,7 +160,7 @@ def solve_axis(
         return None
     T = regressors / scale
     singular = np.linalg.svd(R / scale, compute_uv=False)
-    if singular[-1] < 1e-12 * singular[0]:
+    if singular[-1] < _SINGULAR * singular[0]:
         return None
     summed = information.blocks.sum(axis=0)
     if instruments:
@@ -198,7 +197,7 @@ def solve_axis(
 
 
 def _regression(free: Sequence[bool], known: Array) -> tuple[Array, Array]:
-    """Return (T, t): the regressors are z T and the target z t, held coefficients moved where they belong."""
+    """Return (T, t): the regressors are z T and the target z t, fixed coefficients moved where they belong."""
     identity = np.eye(N_COLUMNS)
     columns = [identity[c] for c in range(4) if free[c]]
     force = identity[C_FORCE] + sum((known[c] * identity[c] for c in range(4) if not free[c]), np.zeros(N_COLUMNS))
@@ -253,14 +252,12 @@ def _physical(theta: Array, covariance: Array, free: Sequence[bool], known: Arra
 
 
 Solve = Callable[[tuple[bool, ...], Array], AxisSolution | None]
-
-
 Cost = Callable[[AxisSolution], float]
 
 
 @dataclass(frozen=True)
 class AxisFindings:
-    """Outcome of one axis: the solution and, for each wanted column not identified, why (5,)."""
+    """Outcome of one axis: the solution and, for each requested column not identified, why (5,)."""
 
     axis: Axis
     solution: AxisSolution | None
@@ -273,7 +270,7 @@ def select(candidate: Candidates, solve: Solve, cost: Cost, *, commanded: float 
     """Choose among the candidate's columns and solve.
 
     Args:
-        solve: solves for given free flags (5,) and held values (5,).
+        solve: solves for given free flags (5,) and fixed values (5,).
         cost: how badly a solution explains the data, smaller is better; compares linear with quadratic damping.
         commanded: root-mean-square of the commanded force over that of the whole force on this axis.
     """
@@ -311,22 +308,6 @@ def select(candidate: Candidates, solve: Solve, cost: Cost, *, commanded: float 
         if candidate.to_learn[c] and not solved[c] and reasons[c] is None:
             reasons[c] = _unexcited(axis, commanded)
     return AxisFindings(axis, solution, candidate.to_learn, tuple(reasons), tuple(set_to_zero))
-
-
-def by_gradient(findings: AxisFindings, theta: Array) -> AxisFindings:
-    """Return the findings with the values of the normalised gradient estimator (5,) in place of least squares'.
-
-    The gradient has no deviations of its own; which coefficients are identified is least squares' judgement.
-    """
-    solution = findings.solution
-    if solution is None or not solution.free[C_MASS] or not theta[C_MASS] > 0.0:
-        return findings
-    values = solution.values.copy()
-    for c in range(C_MASS):
-        if solution.free[c]:
-            values[c] = theta[c] / theta[C_MASS]
-    values[C_MASS] = 1.0 / theta[C_MASS]
-    return replace(findings, solution=replace(solution, values=values))
 
 
 def _unfit(axis: Axis, solution: AxisSolution) -> tuple[int, str] | None:
@@ -388,11 +369,11 @@ def _damping(
         return set(both), None
     trials: dict[int, float] = {}
     for c in both:
-        held = known.copy()
+        fixed = known.copy()
         other = C_QUADRATIC if c == C_LINEAR else C_LINEAR
-        held[other] = 0.0
+        fixed[other] = 0.0
         flags = tuple(flag and i != other for i, flag in enumerate(free))
-        solution = solve(flags, held)
+        solution = solve(flags, fixed)
         if solution is not None and solution.values[c] < 0.0 and solution.values[C_MASS] > 0.0:
             trials[c] = cost(solution)
     if not trials:
@@ -426,7 +407,7 @@ def _undamped(axis: Axis, c: int, solution: AxisSolution) -> str:
 
 
 def not_commanded(axis: Axis) -> str:
-    """Return the reason of an axis that nothing moves by intent."""
+    """Return the reason for an axis that nothing moves by intent."""
     return f"{axis.name} was not commanded: the thrusters gave no {axis.wrench} to speak of, so nothing tells it"
 
 
@@ -442,14 +423,23 @@ def absent(candidate: Candidates, reason: str) -> AxisFindings:
     return AxisFindings(candidate.axis, None, candidate.to_learn, reasons, (False,) * 5)
 
 
+class _Part(NamedTuple):
+    """What one axis says of a coefficient."""
+
+    value: float
+    std: float
+    axis: int
+    column: int
+
+
 def estimate_of(vehicle: Vehicle, findings: Sequence[AxisFindings], duration: float, samples: int) -> Estimate:
     """Put the findings of the axes together; BG_z, which roll and pitch both see, is their weighted mean."""
     names: list[str] = []
-    rows: dict[str, list[tuple[float, float, int, int]]] = {}  # name -> value, std, axis, column
+    rows: dict[str, list[_Part]] = {}
     why: dict[str, str | None] = {}
-    held: dict[str, float] = {}
+    fixed: dict[str, float] = {}
     for found in findings:
-        for c in (C_MASS, 0, 1, 2, 3):
+        for c in (C_MASS, C_LINEAR, C_QUADRATIC, C_RESTORING, C_CONSTANT):
             name = _name(found.axis, c)
             if not name or not found.to_learn[c]:
                 continue
@@ -458,23 +448,23 @@ def estimate_of(vehicle: Vehicle, findings: Sequence[AxisFindings], duration: fl
             solution = found.solution
             if solution is not None and solution.free[c]:
                 value = _coefficient(vehicle, found.axis, c, float(solution.values[c]))
-                rows.setdefault(name, []).append((value, float(solution.std[c]), found.axis.index, c))
+                rows.setdefault(name, []).append(_Part(value, float(solution.std[c]), found.axis.index, c))
             else:
                 why.setdefault(name, found.reasons[c])
-                held.setdefault(name, 0.0 if found.set_to_zero[c] else vehicle.coefficient(name))
+                fixed.setdefault(name, 0.0 if found.set_to_zero[c] else vehicle.coefficient(name))
     n = len(names)
     values, std = np.zeros(n), np.full(n, np.nan)
     weights: list[Mapping[tuple[int, int], float]] = []
     for i, name in enumerate(names):
         known = rows.get(name, [])
         if not known:
-            values[i] = held[name]
+            values[i] = fixed[name]
             weights.append({})
             continue
-        inverse = np.array([1.0 / max(row[1] ** 2, 1e-300) for row in known])
+        inverse = np.array([1.0 / max(part.std**2, 1e-300) for part in known])
         share = inverse / inverse.sum()
-        values[i] = float(share @ [row[0] for row in known])
-        weights.append({(row[2], row[3]): float(w) for row, w in zip(known, share, strict=True)})
+        values[i] = float(share @ [part.value for part in known])
+        weights.append({(part.axis, part.column): float(w) for part, w in zip(known, share, strict=True)})
     covariance = _covariance_of_axes(findings, weights)
     for i in range(n):
         std[i] = np.sqrt(covariance[i, i])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,13 +14,11 @@ from towtank.errors import InputError
 from towtank.identification.data.samples import with_absent_zero
 from towtank.identification.data.zero_order_hold import hold_force
 from towtank.identification.learner import Learner, sample_vector
-from towtank.identification.least_squares.chain import PaperChain, Settings, uses_commands
-from towtank.identification.least_squares.rls import Scheme
+from towtank.identification.least_squares.chain import PaperChain, Settings, Tuning, uses_commands
 from towtank.identification.least_squares.solution import (
     AxisInformation,
     AxisSolution,
     absent,
-    by_gradient,
     estimate_of,
     select,
     solve_axis,
@@ -42,17 +40,16 @@ class PaperLearner(Learner):
         method: "paper".
         free: names of the coefficients to learn; by default every inertia, the damping terms that the vehicle has
             (both where it has none), righting moments and net weight.
-        estimator: "rls" (square-root recursive least squares) or "gradient" (normalised gradient for the values; the
-            deviations stay those of least squares).
         delay: from input to force [s]. Where omitted, commands have the vehicle's own and a wrench, which is what
             acted, none.
-        a: filter constant of both sides [1/s].
-        lowpass: corner [Hz] where velocity has to be derived from the pose; the thrust passes the same filter.
-        forgetting: factor per sample; 1 never forgets.
-        scheme: what is forgotten where `forgetting` is below 1: "directional" (only what the data excites, so that
-            hover changes nothing), "bounded-gain" or "exponential"; see `RecursiveLeastSquares`.
         inputs: "held" between their time stamps, as digital commands are, or "smooth".
-        gap: longest step between samples that is integrated over [s].
+        tuning: further `Settings` of the method.
+            a: filter constant of both sides [1/s], 3.
+            lowpass: corner [Hz] where velocity has to be derived from the pose, 4; the thrust passes the same filter.
+            forgetting: factor per sample; 1 (the default) never forgets.
+            scheme: what is forgotten where `forgetting` is below 1: "directional" (the default, only what the data
+                excites, so that hover changes nothing) or "exponential"; see `RecursiveLeastSquares`.
+            gap: longest step between samples that is integrated over [s], 0.5.
 
     Samples go to `update` with all that belongs to one instant; times may be irregular. Out-of-order samples and
     samples that lack a quantity the first ones had are passed over.
@@ -67,34 +64,17 @@ class PaperLearner(Learner):
         method: str = "paper",
         *,
         free: Collection[str] | None = None,
-        estimator: Literal["rls", "gradient"] = "rls",
         delay: float | None = None,
-        a: float = 3.0,
-        lowpass: float = 4.0,
-        forgetting: float = 1.0,
-        scheme: Scheme = "directional",
         inputs: Literal["held", "smooth"] = "held",
-        gap: float = 0.5,
+        **tuning: Unpack[Tuning],
     ) -> None:
         if method != "paper":
             raise InputError(f'method: found "{method}", expected "paper"')
-        if estimator not in ("rls", "gradient"):
-            raise InputError(f'estimator: found "{estimator}", expected "rls" or "gradient"')
         if inputs not in ("held", "smooth"):
             raise InputError(f'inputs: found "{inputs}", expected "held" or "smooth"')
         self.vehicle = vehicle
         self.method = method
-        self.estimator = estimator
-        self.settings = Settings(
-            a=a,
-            lowpass=lowpass,
-            delay=0.0 if delay is None else float(delay),
-            gap=gap,
-            forgetting=forgetting,
-            gain=0.05 if estimator == "gradient" else 0.0,
-            smooth=inputs == "smooth",
-            scheme=scheme,
-        )
+        self.settings = Settings(delay=0.0 if delay is None else float(delay), smooth=inputs == "smooth", **tuning)
         self._own_delay = delay is None
         self.candidates = candidates(vehicle, free)
         self._chain: PaperChain | None = None
@@ -161,8 +141,8 @@ class PaperLearner(Learner):
         chain = self._chain or self._start(sources, commands=commands)
         if chain.sources != sources or chain.commands != commands:
             raise InputError(
-                f"{recording.source or 'recording'}: it measures {_told(sources, commands)}, the ones before "
-                f"{_told(chain.sources, chain.commands)}; learn from recordings of one kind at a time"
+                f"{recording.source or 'recording'}: it measures {_measured(sources, commands)}, the ones before "
+                f"{_measured(chain.sources, chain.commands)}; learn from recordings of one kind at a time"
             )
         self.restart()
         return chain.run(grid)
@@ -202,8 +182,6 @@ class PaperLearner(Learner):
             )
         if chain is None:
             return estimate_of(self.vehicle, findings, 0.0, 0)
-        if self.estimator == "gradient":
-            findings = [by_gradient(f, theta) for f, theta in zip(findings, chain.state.gradient, strict=True)]
         return estimate_of(self.vehicle, findings, chain.duration, chain.rows)
 
     def model(self) -> Vehicle:
@@ -251,7 +229,7 @@ class PaperLearner(Learner):
         return self._chain
 
 
-def _told(sources: Sources, commands: bool) -> str:
+def _measured(sources: Sources, commands: bool) -> str:
     names = [axis.velocity for axis in AXES]
     parts = [f"{n} {kind}" for n, kind in zip(names, sources.velocity, strict=True)]
     return f"{', '.join(parts)}, attitude by {sources.attitude}, {'commands' if commands else 'wrenches'}"
