@@ -55,7 +55,7 @@ class Samples:
         values: (n, 15) x y z phi theta psi u v w p q r ax ay az, NaN where not measured; psi and phi as recorded.
         input_t: stamps (k,) [s] of the inputs. input_force: steady force that each asks for (k, m): of the thrusters,
             or the wrench itself.
-        shape: wrench (6, m) of each unit of input. lag: time constants (m,) [s].
+        B: wrench (6, m) of each unit of input. lag: time constants (m,) [s].
         commands: whether the inputs are thruster commands. source: for messages.
     """
 
@@ -63,7 +63,7 @@ class Samples:
     values: Array
     input_t: Array
     input_force: Array
-    shape: Array
+    B: Array
     lag: Array
     commands: bool
     source: str = ""
@@ -137,8 +137,8 @@ def samples_of(recording: Recording, vehicle: Vehicle) -> Samples:
     for (j, _, measured), row in zip(columns, rows, strict=True):
         values[row, j] = measured
     del columns, rows, measured, row  # room for the inputs
-    input_t, force, shape, lag, commands = _inputs(bound, vehicle, prefix)
-    return Samples(t, values, input_t, force, shape, lag, commands, recording.source)
+    input_t, force, B, lag, commands = _inputs(bound, vehicle, prefix)
+    return Samples(t, values, input_t, force, B, lag, commands, recording.source)
 
 
 def held_forces(vehicle: Vehicle, commands: Array, voltage: Array | float | None) -> Array:
@@ -215,13 +215,13 @@ class Buffer:
     """Rows and inputs in growing arrays, in stretches that owe nothing to each other.
 
     Args:
-        shape: wrench (6, m) of each input. lag: time constants (m,) [s]. commands: whether inputs are commands.
+        B: wrench (6, m) of each input. lag: time constants (m,) [s]. commands: whether inputs are commands.
     """
 
-    def __init__(self, shape: Array, lag: Array, *, commands: bool) -> None:
-        self.shape, self.lag, self.commands = shape, lag, commands
+    def __init__(self, B: Array, lag: Array, *, commands: bool) -> None:
+        self.B, self.lag, self.commands = B, lag, commands
         self.t, self.values = np.empty(_FIRST), np.empty((_FIRST, N_MEASURED))
-        self.input_t, self.input_force = np.empty(_FIRST), np.empty((_FIRST, shape.shape[1]))
+        self.input_t, self.input_force = np.empty(_FIRST), np.empty((_FIRST, B.shape[1]))
         self.rows = self.inputs = 0
         self._starts: list[tuple[int, int]] = [(0, 0)]
 
@@ -241,7 +241,7 @@ class Buffer:
 
     def fresh(self) -> Buffer:
         """Return an empty one of the same inputs."""
-        return Buffer(self.shape, self.lag, commands=self.commands)
+        return Buffer(self.B, self.lag, commands=self.commands)
 
     def clear(self) -> None:
         """Forget everything."""
@@ -269,7 +269,7 @@ class Buffer:
             self.values[a:b],
             self.input_t[c:d],
             self.input_force[c:d],
-            self.shape,
+            self.B,
             self.lag,
             self.commands,
         )
