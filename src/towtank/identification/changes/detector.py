@@ -104,7 +104,7 @@ class ChangeDetector:
         self.likely: dict[str, float] = {}
 
     def restart(self, *, matching: bool = False) -> None:
-        """Forget all filters: the first one has begun anew. A configuration match stays where that is wanted."""
+        """Forget all branches: the first filter has begun anew; a configuration match too, but with `matching`."""
         self._branches.clear()
         self._rows.clear()
         self._recent.clear()
@@ -178,15 +178,9 @@ class ChangeDetector:
         self._count += 1
         lives = _LIVES_LONG if self._count % _OLD_ONE == 0 else _LIVES
         suspected = None if self._suspect is None else self._suspect[0]
-        for branch in self._branches:
-            short = branch.until - branch.t < _LIVES_LONG
-            if (
-                self._suspect is None
-                and branch.until <= t
-                and short
-                and branch.healthy
-                and branch.increment is not None
-            ):
+        for branch in self._branches if self._suspect is None else ():
+            done = branch.until <= t and branch.until - branch.t < _LIVES_LONG
+            if done and branch.healthy and branch.increment is not None:
                 self.overdispersion.learn(branch.increment, branch.steps)
         self._branches = [
             branch for branch in self._branches if branch.healthy and (branch.until > t or branch is suspected)
@@ -211,9 +205,8 @@ class ChangeDetector:
         if verdict is None or branch is None:
             return None
         finer = self._finely(branch, free, t)
-        verdict = judged(
-            [each.increment_now().tempered(self.overdispersion.factor) for each in finer], self._hypotheses
-        )
+        factor = self.overdispersion.factor
+        verdict = judged([each.increment_now().tempered(factor) for each in finer], self._hypotheses)
         if verdict.clear < _CLEAR and t - since < _WAITS:
             return None
         branch = finer[verdict.best]
@@ -400,7 +393,7 @@ class ChangeTracker:
             return None
         free, state, held = filter_
         self.change_log.revise(t, free, state)
-        found = self.detector.step(t, state, held, free)
-        if found is not None:
-            self.change_log.add(found, found.state)
-        return found
+        detected = self.detector.step(t, state, held, free)
+        if detected is not None:
+            self.change_log.add(detected)
+        return detected

@@ -113,27 +113,27 @@ class ChangeLog:
         self._open: tuple[Change, int] | None = None  # the last change, its place among the events
         self._again = _REVISED  # s after it was noticed that it is revised
 
-    def add(self, found: Change | Recognised, state: JointState) -> None:
+    def add(self, detected: Change | Recognised) -> None:
         """Add a change, or a configuration that was recognised."""
-        if isinstance(found, Recognised):
-            if found.taken:
-                text = f"this is {found.name}, met before (probability {100.0 * found.probability:.1f} %)"
+        if isinstance(detected, Recognised):
+            if detected.taken:
+                text = f"this is {detected.name}, met before (probability {100.0 * detected.probability:.1f} %)"
             else:
-                text = f"this is not {found.name} after all (probability {100.0 * found.probability:.1f} %)"
+                text = f"this is not {detected.name} after all (probability {100.0 * detected.probability:.1f} %)"
             details: dict[str, float | str] = {
-                "configuration": found.name,
-                "probability": found.probability,
-                "taken": float(found.taken),
+                "configuration": detected.name,
+                "probability": detected.probability,
+                "taken": float(detected.taken),
             }
-            self._put(Event(found.t, "configuration", text, details))
+            self._put(Event(detected.t, "configuration", text, details))
             return
         before = self._open
-        if before is not None and _is_same(before[0], found):
-            self._open = replace(found, t=before[0].t, noticed=before[0].noticed, before=before[0].before), before[1]
-            self.revise(found.noticed, found.free, state)
+        if before is not None and _is_same(before[0], detected):
+            self._open = replace(detected, t=before[0].t, noticed=before[0].noticed, before=before[0].before), before[1]
+            self.revise(detected.noticed, detected.free, detected.state)
             return
-        self._open, self._again = (found, len(self.events)), _REVISED
-        self._put(self._event(found, found.free, state))
+        self._open, self._again = (detected, len(self.events)), _REVISED
+        self._put(self._event(detected, detected.free, detected.state))
 
     def settle(self) -> None:
         """Leave the last change as it stands."""

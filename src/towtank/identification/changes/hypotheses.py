@@ -53,14 +53,8 @@ __all__ = [
 BODY_PARTS = ("inertia", "drag", "weight", "righting")  # what a payload changes
 _PARTS = {MASS: "inertia", LINEAR: "drag", QUADRATIC: "drag", WEIGHT: "weight", CONSTANT: "weight", MOMENT: "righting"}
 _LOG_STEP = {MASS: 0.10, LINEAR: 0.25, QUADRATIC: 0.25, IN_GAIN: 0.4}  # of a logarithm
-_SIZE_STEP = {
-    MASS: 0.3,
-    LINEAR: 0.5,
-    QUADRATIC: 0.5,
-    WEIGHT: 0.2,
-    MOMENT: 0.2,
-    CONSTANT: 0.5,
-}  # share of the usual size of the rest
+# share of the usual size of the rest
+_SIZE_STEP = {MASS: 0.3, LINEAR: 0.5, QUADRATIC: 0.5, WEIGHT: 0.2, MOMENT: 0.2, CONSTANT: 0.5}
 _TOUCHED = 0.05  # probability of a part from which on it is thought to have changed too,
 _ALONG = 0.2  # and the share of its step that any other part of the body may have made: a payload touches all
 _REPEATS = 0.01  # share by which a vehicle differs from itself, taken up again

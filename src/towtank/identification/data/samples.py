@@ -1,11 +1,8 @@
 """A recording as the nonlinear estimators take it: rows of measurements at their own times, and held inputs.
 
 No common grid: a row is an instant at which something was measured, NaN stands for what was not. Sensors of several
-rates, irregular times and gaps need nothing else.
-
-Recordings in pieces: of a length, or, where they are long, a few that stand for the whole.
-
-What a streaming learner has seen, kept for as long as it may still go over it again.
+rates, irregular times and gaps need nothing else. A long recording is cut into pieces, of which a few stand for the
+whole; a streaming learner keeps what it has seen in a buffer for as long as it may go over it again.
 """
 
 from __future__ import annotations
@@ -43,7 +40,7 @@ _TOGETHER = 1e-6  # s: stamps closer than this are one instant
 INPUTS_BEFORE = 5.0  # s of inputs before a stretch that still matter
 _ENOUGH, _FEW_MORE = 60_000, 1.5  # rows that stand for a long recording; so many times as many are no long one
 _STRETCH = 60.0  # s
-_FIRST = 1024
+_FIRST_ROWS = 1024  # room of an empty buffer
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,10 +150,8 @@ def _instants(stamps: list[Array]) -> tuple[Array, list[Array]]:
     if union.size > 1:
         first = np.concatenate([[True], np.diff(union) > _TOGETHER])
         union = union[first]
-    found = {
-        key: np.maximum(np.searchsorted(union, t + 0.5 * _TOGETHER, "right") - 1, 0) for key, t in distinct.items()
-    }
-    return np.ascontiguousarray(union), [found[id(t)] for t in stamps]
+    rows = {key: np.maximum(np.searchsorted(union, t + 0.5 * _TOGETHER, "right") - 1, 0) for key, t in distinct.items()}
+    return np.ascontiguousarray(union), [rows[id(t)] for t in stamps]
 
 
 def _inputs(recording: Recording, vehicle: Vehicle, prefix: str) -> tuple[Array, Array, Array, Array, bool]:
@@ -220,8 +215,8 @@ class Buffer:
 
     def __init__(self, B: Array, lag: Array, *, commands: bool) -> None:
         self.B, self.lag, self.commands = B, lag, commands
-        self.t, self.values = np.empty(_FIRST), np.empty((_FIRST, N_MEASURED))
-        self.input_t, self.input_force = np.empty(_FIRST), np.empty((_FIRST, B.shape[1]))
+        self.t, self.values = np.empty(_FIRST_ROWS), np.empty((_FIRST_ROWS, N_MEASURED))
+        self.input_t, self.input_force = np.empty(_FIRST_ROWS), np.empty((_FIRST_ROWS, B.shape[1]))
         self.rows = self.inputs = 0
         self._starts: list[tuple[int, int]] = [(0, 0)]
 
@@ -302,7 +297,7 @@ class Buffer:
 
 
 def _roomy(array: Array) -> Array:
-    out = np.empty((max(_FIRST, 2 * array.shape[0]), *array.shape[1:]))
+    out = np.empty((max(_FIRST_ROWS, 2 * array.shape[0]), *array.shape[1:]))
     out[: array.shape[0]] = array
     return out
 

@@ -111,13 +111,13 @@ def damping_in_question(vehicle: Vehicle, free: Sequence[str], *, requested: boo
     """Return the damping terms of each axis where both may be free and one at least is, linear first.
 
     Args:
-        free: names that are. requested: somebody named them, and wants none else.
+        free: names that are. requested: somebody named them and none else.
     """
     pairs = []
     for each in candidates(vehicle):
-        pair, wanted = (each.axis.linear, each.axis.quadratic), each.to_learn[C_LINEAR] and each.to_learn[C_QUADRATIC]
+        pair, possible = (each.axis.linear, each.axis.quadratic), each.to_learn[C_LINEAR] and each.to_learn[C_QUADRATIC]
         among = [name in free for name in pair]
-        if all(among) if requested else wanted and any(among):
+        if all(among) if requested else possible and any(among):
             pairs.append(pair)
     return pairs
 
@@ -150,21 +150,21 @@ def choose_damping(
         scale = size_of(vehicle, free)
         scale = np.where([name in questioned for name in free.names], _ROOM * scale, scale)
         deviation = prior_deviation(free, scale)
-        asked = replace(problem, p=kernel, free=free, deviation=deviation, prior=prior(free))
-        return joint_passes(asked, theta, levels, settings, most=most, begin=False, inflate=False)
+        in_question = replace(problem, p=kernel, free=free, deviation=deviation, prior=prior(free))
+        return joint_passes(in_question, theta, levels, settings, most=most, begin=False, inflate=False)
 
     both = free_parameters(vehicle, (*names, *(name for name in questioned if name not in names)))
-    plain = both.untransformed(questioned)
+    untransformed = both.untransformed(questioned)
     now = dict(zip(names, fit.free.untransformed(questioned).thetas(fit.free.values(fit.theta)), strict=True))
-    seen = fitted(plain, np.array([now.get(name, 0.0) for name in plain.names]), fit.levels)
-    if not (np.isfinite(seen.theta).all() and np.isfinite(seen.uninflated).all()):
+    both_fit = fitted(untransformed, np.array([now.get(name, 0.0) for name in untransformed.names]), fit.levels)
+    if not (np.isfinite(both_fit.theta).all() and np.isfinite(both_fit.uninflated).all()):
         return None
-    values = dict(zip(plain.names, plain.values(seen.theta), strict=True))
+    values = dict(zip(untransformed.names, untransformed.values(both_fit.theta), strict=True))
     was = dict(zip(names, fit.free.values(fit.theta), strict=True))
     left_out: dict[str, str] = {}
     for pair in pairs:
-        rows = [plain.names.index(name) for name in pair]
-        shown = _BothTerms(pair, seen.theta[rows], seen.uninflated[np.ix_(rows, rows)])
+        rows = [untransformed.names.index(name) for name in pair]
+        shown = _BothTerms(pair, both_fit.theta[rows], both_fit.uninflated[np.ix_(rows, rows)])
         before = tuple(k for k in (0, 1) if pair[k] in names)
         kept = _kept(shown, before, requested=requested)
         for k in (0, 1):
@@ -175,7 +175,7 @@ def choose_damping(
     free = both.subset([name for name in both.names if name not in left_out])
     if set(free.names) == set(names):
         return Choice(fit, left_out)
-    again = fitted(free, free.thetas(np.array([values[name] for name in free.names])), seen.levels)
+    again = fitted(free, free.thetas(np.array([values[name] for name in free.names])), both_fit.levels)
     more = sum(sum(name in free.names for name in pair) - sum(name in names for name in pair) for pair in pairs)
     least = _WORTH * more if more > 0 else _LOSS * more
     return Choice(again, left_out) if log_posterior(again, settings) > log_posterior(fit, settings) + least else None
@@ -219,5 +219,5 @@ def suspected_current(problem: FilterProblem, fit: JointFit, settings: FilterSet
     )
     gain = float(flowing.clock[0].log_likelihood - at_rest.clock[0].log_likelihood)
     current = replace(current_of(flowing), gain=gain)
-    sound = bool(np.isfinite(current.velocity).all() and np.isfinite(gain))
-    return current if sound and gain > _CURRENT_GAIN and current.speed > _SLOWEST else None
+    finite = bool(np.isfinite(current.velocity).all() and np.isfinite(gain))
+    return current if finite and gain > _CURRENT_GAIN and current.speed > _SLOWEST else None

@@ -1,6 +1,6 @@
 """The joint estimator over whole recordings: passes of the filter until coefficients and noise levels agree.
 
-A pass starts from wide deviations about the last pass's coefficients, so that what is found owes nothing to them but
+A pass starts from wide deviations about the last pass's coefficients, so that its result owes nothing to them but
 the linearisation point. Between passes the levels adapt to the data, see `kalman.noise_adaptation`. The likelihood of
 the innovations keeps the best pass, should one not converge.
 """
@@ -79,7 +79,7 @@ class FilterProblem:
 
 @dataclass(frozen=True, eq=False)
 class JointFit:
-    """What the passes found.
+    """The result of the passes.
 
     Attributes:
         free: the coefficients. theta, covariance: of their coordinates, see `parameters`; the covariance is that at a
@@ -214,12 +214,12 @@ def joint_passes(
         share = (lambda s, k=k: progress((k + s) / most)) if progress is not None else None
         state, _ = one_pass(problem, linearised_at, levels, replace(settings, relinearise=begin and k == 0), share)
         fit = fit_of(free, state, levels, k + 1)
-        sound = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.std).all() and np.isfinite(fit.likelihood))
-        if not sound or (
+        finite = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.std).all() and np.isfinite(fit.likelihood))
+        if not finite or (
             best is not None and k > begin and log_posterior(fit, settings) < log_posterior(best, settings) - _WORSE
         ):
             worse += 1
-            if sound and best is not None and _settled(fit, best.theta, best.std) and converged(levels, best.levels):
+            if finite and best is not None and _settled(fit, best.theta, best.std) and converged(levels, best.levels):
                 break
             if best is None:
                 problem = replace(problem, deviation=_NARROWER * problem.deviation)
@@ -247,8 +247,8 @@ def with_inflated_variance(problem: FilterProblem, fit: JointFit, settings: Filt
     about = limit_step(fit.free, fit.theta, fit.theta)
     state, _ = one_pass(problem, about, levels, replace(settings, relinearise=False))
     last = fit_of(fit.free, state, fit.levels, fit.passes + 1)
-    sound = bool(np.isfinite(last.std).all() and (last.std > 0.0).all())
-    return replace(fit, covariance=last.covariance, passes=last.passes) if sound else fit
+    positive = bool(np.isfinite(last.std).all() and (last.std > 0.0).all())
+    return replace(fit, covariance=last.covariance, passes=last.passes) if positive else fit
 
 
 def _settled(fit: JointFit, theta: Array, std: Array) -> bool:
@@ -257,7 +257,7 @@ def _settled(fit: JointFit, theta: Array, std: Array) -> bool:
 
 
 def fit_of(free: FreeParameters, state: JointState, levels: NoiseLevels, passes: int) -> JointFit:
-    """Return what a filter has found by the end of a pass with these levels."""
+    """Return the result of a pass with these levels from the filter at its end."""
     block, clock = coefficient_block(state).copy(), state.clock[0]
     accepted = state.statistics["accepted"]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -280,7 +280,7 @@ def fit_of(free: FreeParameters, state: JointState, levels: NoiseLevels, passes:
 
 
 def log_posterior(fit: JointFit, settings: FilterSettings) -> float:
-    """Return the logarithm of the likelihood of what was found, that of the levels under their prior included."""
+    """Return the logarithm of the likelihood of a fit, that of the levels under their prior included."""
     return fit.likelihood + log_prior_of_levels(fit.levels, settings)
 
 

@@ -171,12 +171,12 @@ def variance_inflation(effective_samples: Array) -> Array:
 
 def initial_noise_levels(recording: Recording, vehicle: Vehicle) -> NoiseLevels:
     """Return noise levels from the recording's own samples and a usual level of the disturbance."""
-    found = noise_levels(recording)
-    if all(name in recording for name in QUATERNION) and not all(name in found for name in EULER):
-        found = {**found, **{name: found[q] for name, q in zip(EULER, QUATERNION[1:], strict=True) if q in found}}
+    shown = noise_levels(recording)
+    if all(name in recording for name in QUATERNION) and not all(name in shown for name in EULER):
+        shown = {**shown, **{name: shown[q] for name, q in zip(EULER, QUATERNION[1:], strict=True) if q in shown}}
     noise = _TYPICAL_NOISE.copy()
     for j, name in enumerate(MOTION):
-        level = found.get(name)
+        level = shown.get(name)
         if level is not None and np.isfinite(level.std) and level.std > 0.0 and not level.dead:
             noise[j] = max(
                 level.of_each(_rate(recording, name)), level.quantum / math.sqrt(12.0), float(_LEAST_NOISE[j])
