@@ -87,8 +87,8 @@ def forward_to(input_t: Array, input_force: Array, held: ZeroOrderHold, given: i
 @kernel
 def next_change(input_t: Array, held: ZeroOrderHold, given: int) -> float:
     """Return when the next input begins to act [s]; infinite after the last."""
-    ring, following = held.times.shape[0], int(held.counters[1]) + 1
-    if following < int(held.counters[0]):
+    ring, following = held.times.shape[0], int(held.counters[0].in_force) + 1
+    if following < int(held.counters[0].received):
         return float(held.times[following % ring])
     return float(input_t[given] + held.delay[0]) if given < input_t.shape[0] else math.inf
 
@@ -120,7 +120,7 @@ def wrench_into(shape: Array, pushed: Array, gain: Array, wrench: Array) -> bool
 def force_now(held: ZeroOrderHold, t: float, pushed: Array) -> None:
     """Write the force just after t: a thruster without lag has answered already; derivatives are not needed twice."""
     ring = held.times.shape[0]
-    active, given = int(held.counters[1]), int(held.counters[0])
+    active, given = int(held.counters[0].in_force), int(held.counters[0].received)
     while active + 1 < given and held.times[(active + 1) % ring] <= t:
         active += 1
     for a in range(held.force.shape[0]):
