@@ -31,7 +31,7 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["load_learner", "save_learner"]
 
-_VERSION = 6
+_VERSION = 7
 _LEVELS = ("noise", "disturbance", "velocity_walk")
 _BUFFER = ("t", "values", "input_t", "input_force")
 
