@@ -19,19 +19,34 @@ from towtank.core.arrays import Array, kernel
 from towtank.core.rk4 import stage_into
 from towtank.identification.kalman.state import JointState
 from towtank.identification.model.linearisation import N_FIXED, linearise_into, turn_by
+from towtank.identification.model.measurements import (
+    ATTITUDE,
+    LONGEST_OUTAGE,
+    LOOSE,
+    N_SENSORS,
+    OFFSET_STAYS,
+    RATES,
+    REACQUIRE,
+    SPECIFIC_FORCE,
+    attitude_error,
+    cosine_of_pitch,
+    measurement_row_into,
+    residual_of,
+    specific_force,
+    specific_force_row_into,
+    unit_error,
+)
 
-__all__ = ["GRAVITY", "attitude_error", "count_speed", "inject", "scalar_update", "update_row"]
+__all__ = ["count_speed", "inject", "scalar_update", "update_row"]
 
 _CLIPPED_SQUARE = 25.0  # times S that an innovation^2 counts for at most in the score of a random walk
 _NOISE_SHOWS = 5.0  # times R: below, S shows the sensor's noise
 _NEIGHBOURS = 0.5  # s from one sample of a speed to the next, for the two to show the sensor's noise
 _LEAST_SLOPE = 0.05  # s per s: of S by the walk's variance in the steady state
-GRAVITY = 9.81  # m/s^2, as in `towtank.vehicle`
 _RETURNED = 8.0  # log likelihood ratio for a sensor that has come back, against one that is still off
 _OFFSET_WEIGHT = 0.1  # least weight of a sample in the mean offset of a sensor that is rejected
-_LONGEST_OUTAGE = (math.inf, math.inf, 0.3, 0.03)  # s: of position, attitude, velocity, rates, and, of the latter two,
-_MOST_REJECTED = 3.0  # samples
-_LOOSE = (1.0, 0.1, 0.5, 0.5, 0.0)  # m, rad, m/s, rad/s: deviation of a state that is taken from its sensor anew
+_MOST_REJECTED = 3.0  # samples of a sensor whose longest outage is over
+_UPRIGHT = math.sqrt(0.02)  # cosine of pitch, 8 degrees from 90, below which single Euler angles say nothing
 
 
 @kernel
@@ -150,130 +165,13 @@ def inject(state: JointState) -> None:
 
 
 @kernel
-def measurement_row_into(state: JointState, sensor: int, k: int, whole: bool) -> None:
-    """Write H of number k of a sensor (0 position .. 3 angular rates) into `state.h`, which is zero before."""
-    h = state.h
-    x = state.x
-    n = state.theta.shape[0]
-    if sensor == 0:
-        h[k] = 1.0
-    elif sensor == 1:
-        if whole:
-            h[3 + k] = 1.0
-        else:
-            qw, qx, qy, qz = x[3], x[4], x[5], x[6]
-            kx, ky, kz = 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
-            c2 = math.hypot(ky, kz)
-            s1, c1 = ky / c2, kz / c2
-            if k == 0:
-                h[3], h[4], h[5] = 1.0, -s1 * kx / c2, -c1 * kx / c2
-            elif k == 1:
-                h[4], h[5] = c1, -s1
-            else:
-                h[4], h[5] = s1 / c2, c1 / c2
-    elif sensor == 2:
-        h[6 + k] = 1.0
-        c0, c1, c2 = _current_in_body(state)
-        if c0 != 0.0 or c1 != 0.0 or c2 != 0.0 or state.P[18, 18] > 0.0:
-            qw, qx, qy, qz = x[3], x[4], x[5], x[6]
-            if k == 0:
-                h[18], h[19], h[20] = (
-                    1.0 - 2.0 * (qy * qy + qz * qz),
-                    2.0 * (qx * qy + qw * qz),
-                    2.0 * (qx * qz - qw * qy),
-                )
-                h[4], h[5] = -c2, c1  # R^T v_c turns with the attitude: [c]x e
-            elif k == 1:
-                h[18], h[19], h[20] = (
-                    2.0 * (qx * qy - qw * qz),
-                    1.0 - 2.0 * (qx * qx + qz * qz),
-                    2.0 * (qy * qz + qw * qx),
-                )
-                h[3], h[5] = c2, -c0
-            else:
-                h[18], h[19], h[20] = (
-                    2.0 * (qx * qz + qw * qy),
-                    2.0 * (qy * qz - qw * qx),
-                    1.0 - 2.0 * (qx * qx + qy * qy),
-                )
-                h[3], h[4] = -c1, c0
-    else:
-        h[9 + k] = 1.0
-        if state.settings[0].biases > 0.0:
-            h[N_FIXED + n + k] = 1.0
-
-
-@kernel
-def _current_in_body(state: JointState) -> tuple[float, float, float]:
-    qw, qx, qy, qz = state.x[3], state.x[4], state.x[5], state.x[6]
-    a, b, c = state.current[0], state.current[1], state.current[2]
-    return (
-        (1.0 - 2.0 * (qy * qy + qz * qz)) * a + 2.0 * (qx * qy + qw * qz) * b + 2.0 * (qx * qz - qw * qy) * c,
-        2.0 * (qx * qy - qw * qz) * a + (1.0 - 2.0 * (qx * qx + qz * qz)) * b + 2.0 * (qy * qz + qw * qx) * c,
-        2.0 * (qx * qz + qw * qy) * a + 2.0 * (qy * qz - qw * qx) * b + (1.0 - 2.0 * (qx * qx + qy * qy)) * c,
-    )
-
-
-@kernel
-def attitude_error(q: Array, phi: float, theta: float, psi: float) -> tuple[float, float, float]:
-    """Return the rotation vector (body) from the attitude q (4,) to the Euler angles' attitude."""
-    c1, s1 = math.cos(0.5 * phi), math.sin(0.5 * phi)
-    c2, s2 = math.cos(0.5 * theta), math.sin(0.5 * theta)
-    c3, s3 = math.cos(0.5 * psi), math.sin(0.5 * psi)
-    w = c1 * c2 * c3 + s1 * s2 * s3
-    x = s1 * c2 * c3 - c1 * s2 * s3
-    y = c1 * s2 * c3 + s1 * c2 * s3
-    z = c1 * c2 * s3 - s1 * s2 * c3
-    a, b, c, d = q[0], -q[1], -q[2], -q[3]
-    ew = a * w - b * x - c * y - d * z
-    ex = a * x + b * w + c * z - d * y
-    ey = a * y - b * z + c * w + d * x
-    ez = a * z + b * y - c * x + d * w
-    size = math.sqrt(ex * ex + ey * ey + ez * ez)
-    if size < 1e-9:
-        scale = 2.0 if ew >= 0.0 else -2.0
-    else:
-        scale = 2.0 * math.atan2(size, math.fabs(ew)) / size
-        if ew < 0.0:
-            scale = -scale
-    return scale * ex, scale * ey, scale * ez
-
-
-@kernel
-def _wrapped(angle: float) -> float:
-    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
-
-
-@kernel
-def residual_of(state: JointState, z: Array, sensor: int, k: int, whole: bool) -> float:
-    """Return what number k of a sensor shows beyond what the state expects, angles by the shortest way."""
-    x = state.x
-    value = z[3 * sensor + k]
-    if sensor == 0:
-        return float(value - x[k])
-    if sensor == 1:
-        if whole:
-            ex, ey, ez = attitude_error(x[3:7], z[3], z[4], z[5])
-            return ex if k == 0 else (ey if k == 1 else ez)
-        qw, qx, qy, qz = x[3], x[4], x[5], x[6]
-        ky, kz = 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
-        if k == 0:
-            return _wrapped(value - math.atan2(ky, kz))
-        if k == 1:
-            return float(value - math.atan2(2.0 * (qw * qy - qx * qz), math.hypot(ky, kz)))
-        return _wrapped(value - math.atan2(2.0 * (qx * qy + qw * qz), 1.0 - 2.0 * (qy * qy + qz * qz)))
-    if sensor == 2:
-        c0, c1, c2 = _current_in_body(state)
-        return float(value - x[7 + k] - (c0 if k == 0 else (c1 if k == 1 else c2)))
-    return float(value - x[10 + k] - state.bias[k])
-
-
-@kernel
-def is_upright(state: JointState) -> bool:
-    """Return whether single Euler angles mean something: not within about 8 degrees of a pitch of 90."""
-    x = state.x
-    ky, kz = 2.0 * (x[5] * x[6] + x[3] * x[4]), 1.0 - 2.0 * (x[4] * x[4] + x[5] * x[5])
-    return bool(ky * ky + kz * kz > 0.02)
+def _expected_into(state: JointState, z: Array, sensor: int, k: int, whole: bool) -> float:
+    """Write H of number k of a sensor into `state.h`, which is zero before; return its residual at dx = 0."""
+    c = state.current
+    flows = c[0] != 0.0 or c[1] != 0.0 or c[2] != 0.0 or state.P[18, 18] > 0.0
+    biases = state.settings[0].biases > 0.0
+    measurement_row_into(state.x, c, flows, biases, sensor, k, whole, state.h)
+    return residual_of(z, state.x, c, state.bias, sensor, k, whole)
 
 
 @kernel
@@ -290,62 +188,32 @@ def update_specific_force(state: JointState, z: Array) -> None:
     linearise_into(
         state.p, x, rate[:, 0], state.codes, state.linearised_at, state.B, state.mean_force, A, state.scratch[4:6]
     )
-    u, v, w, p, q, r = x[7], x[8], x[9], x[10], x[11], x[12]
-    k0, k1, k2 = (
-        2.0 * (x[4] * x[6] - x[3] * x[5]),
-        2.0 * (x[5] * x[6] + x[3] * x[4]),
-        1.0 - 2.0 * (x[4] ** 2 + x[5] ** 2),
-    )
     n = state.theta.shape[0]
     gate = state.settings[0].gate
     for pass_ in range(2):
         for k in range(3):
-            if not math.isfinite(z[12 + k]):
+            column = 3 * SPECIFIC_FORCE + k
+            if not math.isfinite(z[column]):
                 continue
-            for j in range(N_FIXED + n):
-                h[j] = A[6 + k, j]
-            f = rate[7 + k, 0]
+            specific_force_row_into(x, A, k, h)
+            f = specific_force(x, rate[:, 0], k)
             for c in range(n):
                 f += A[6 + k, N_FIXED + c] * (state.theta[c] - state.linearised_at[c])
-            if k == 0:
-                f += q * w - r * v - GRAVITY * k0
-                h[8] += q
-                h[7] -= r
-                h[10] += w
-                h[11] -= v
-                h[4] += GRAVITY * k2
-                h[5] -= GRAVITY * k1
-            elif k == 1:
-                f += r * u - p * w - GRAVITY * k1
-                h[6] += r
-                h[8] -= p
-                h[11] += u
-                h[9] -= w
-                h[3] -= GRAVITY * k2
-                h[5] += GRAVITY * k0
-            else:
-                f += p * v - q * u - GRAVITY * k2
-                h[7] += p
-                h[6] -= q
-                h[9] += v
-                h[10] -= u
-                h[3] += GRAVITY * k1
-                h[4] -= GRAVITY * k0
             if state.settings[0].biases > 0.0:
                 h[N_FIXED + n + 3 + k] = 1.0
                 f += state.bias[3 + k]
-            residual = z[12 + k] - f
+            residual = z[column] - f
             if pass_ == 0:
-                S = innovation_variance_into(state, 12 + k)
+                S = innovation_variance_into(state, column)
                 for j in range(h.shape[0]):
                     h[j] = 0.0
                 if residual * residual > gate * gate * S:
                     for m in range(3):
-                        state.statistics[12 + m].rejected += 1.0
+                        state.statistics[3 * SPECIFIC_FORCE + m].rejected += 1.0
                     return
             else:
-                scalar_update(state, 12 + k, residual)
-    state.last_accepted[4] = state.clock[0].time
+                scalar_update(state, column, residual)
+    state.last_accepted[SPECIFIC_FORCE] = state.clock[0].time
 
 
 @kernel
@@ -359,12 +227,10 @@ def _passes_gate(state: JointState, z: Array, sensor: int, whole: bool) -> bool:
     gate, cap = state.settings[0].gate, state.settings[0].huber
     outage = state.outages[sensor]
     within = True
-    stays = sensor < 2  # a camera that has lost its marker stays wrong; speeds only jump
     ratio, cost = 0.0, 0.0
     for k in range(3):
         if math.isfinite(z[3 * sensor + k]):
-            residual = residual_of(state, z, sensor, k, whole)
-            measurement_row_into(state, sensor, k, whole)
+            residual = _expected_into(state, z, sensor, k, whole)
             S = innovation_variance_into(state, 3 * sensor + k)
             for j in range(state.h.shape[0]):
                 if state.h[j] != 0.0:
@@ -383,7 +249,7 @@ def _passes_gate(state: JointState, z: Array, sensor: int, whole: bool) -> bool:
             outage.offset[k] = 0.0
     else:
         outage.log_ratio = max(0.0, outage.log_ratio + ratio)
-    if within and (outage.rejected == 0.0 or outage.log_ratio > _RETURNED or not stays):
+    if within and (outage.rejected == 0.0 or outage.log_ratio > _RETURNED or not OFFSET_STAYS[sensor]):
         outage.rejected = 0.0
         return True
     if ratio < 0.0 or outage.rejected == 0.0:
@@ -399,23 +265,20 @@ def _passes_gate(state: JointState, z: Array, sensor: int, whole: bool) -> bool:
 def _reset_to_sensor(state: JointState, z: Array, sensor: int, whole: bool) -> None:
     """Take the states that a sensor measures from it anew, with a wide deviation."""
     inject(state)
-    first = 3 * sensor if sensor < 4 else 6
     for k in range(3):
         if not math.isfinite(z[3 * sensor + k]):
             continue
-        i = first + k
+        i = unit_error(sensor, k, True)
         for j in range(state.P.shape[0]):
             state.P[i, j] = 0.0
             state.P[j, i] = 0.0
-        state.P[i, i] = _LOOSE[sensor] ** 2
+        state.P[i, i] = LOOSE[sensor] ** 2
         state.statistics[3 * sensor + k].has_last = 0.0
-        if sensor == 0:
+        if i >= 6:
+            state.x[i + 1] = z[3 * sensor + k] - (state.bias[k] if sensor == RATES else 0.0)
+        elif sensor != ATTITUDE:
             state.x[k] = z[k]
-        elif sensor == 2:
-            state.x[7 + k] = z[6 + k]
-        elif sensor == 3:
-            state.x[10 + k] = z[9 + k] - state.bias[k]
-    if sensor == 1 and whole:
+    if sensor == ATTITUDE and whole:
         ex, ey, ez = attitude_error(state.x[3:7], z[3], z[4], z[5])
         state.dx[3], state.dx[4], state.dx[5] = ex, ey, ez
         inject(state)
@@ -424,9 +287,11 @@ def _reset_to_sensor(state: JointState, z: Array, sensor: int, whole: bool) -> N
 
 @kernel
 def update_row(state: JointState, z: Array) -> None:
-    """Take one row of measurements z (15,), NaN where there is none."""
+    """Take one row of measurements z (18,), NaN where there is none."""
     now = state.clock[0].time
-    for sensor in range(4):
+    for sensor in range(N_SENSORS):
+        if sensor == SPECIFIC_FORCE:  # last, once the others have told the state
+            continue
         count = 0
         for k in range(3):
             if math.isfinite(z[3 * sensor + k]):
@@ -434,7 +299,7 @@ def update_row(state: JointState, z: Array) -> None:
         if count == 0:
             continue
         whole = count == 3
-        if sensor == 1 and not whole and not is_upright(state):
+        if sensor == ATTITUDE and not whole and not cosine_of_pitch(state.x) > _UPRIGHT:
             continue
         state.clock[0].since_accepted = now - state.last_accepted[sensor]
         if not _passes_gate(state, z, sensor, whole):
@@ -442,19 +307,18 @@ def update_row(state: JointState, z: Array) -> None:
                 if math.isfinite(z[3 * sensor + k]):
                     state.statistics[3 * sensor + k].rejected += 1.0
             quiet = now - state.last_accepted[sensor]
-            if quiet > state.settings[0].reacquire * (1.0 if sensor == 0 else 3.0):
+            if quiet > state.settings[0].reacquire * REACQUIRE[sensor]:
                 _reset_to_sensor(state, z, sensor, whole)
                 state.outages[sensor].rejected = 0.0
                 state.last_accepted[sensor] = now
-            elif quiet <= _LONGEST_OUTAGE[sensor] or state.outages[sensor].rejected < _MOST_REJECTED:
+            elif quiet <= LONGEST_OUTAGE[sensor] or state.outages[sensor].rejected < _MOST_REJECTED:
                 continue
         else:
             state.last_accepted[sensor] = now
         for k in range(3):
             if math.isfinite(z[3 * sensor + k]):
-                residual = residual_of(state, z, sensor, k, whole)
-                measurement_row_into(state, sensor, k, whole)
+                residual = _expected_into(state, z, sensor, k, whole)
                 scalar_update(state, 3 * sensor + k, residual)
-    if math.isfinite(z[12]) or math.isfinite(z[13]) or math.isfinite(z[14]):
+    if math.isfinite(z[12]) or math.isfinite(z[13]) or math.isfinite(z[14]):  # specific force
         update_specific_force(state, z)
     inject(state)

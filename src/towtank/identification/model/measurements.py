@@ -1,0 +1,271 @@
+"""Sensors: one row each, and what each of their numbers should show. The joint filter and free runs both read it.
+
+Columns of a row of measurements stand sensor by sensor, three of each: column 3 s + k is number k of sensor s. With the
+state x = [position (NED), quaternion, velocity through the water, rates] and errors in the order of
+`model.linearisation` (position 3, attitude 3, velocity 6, disturbance 6, current 3, coefficients):
+
+    position            h = p                                  H = e_k
+    attitude, whole     h = log of the rotation to what is measured, body
+    single Euler angles h = atan2(k_y, k_z), ...               H by the rotation vector's derivative
+    velocity            h = v + R^T v_c                        H = e_k, R^T and [R^T v_c]x beside a current
+    rates               h = omega + b_gyro
+    specific force      h = v_dot + omega x v - g k + b_acc    H = row of A, and the derivatives of the rest
+    water velocity      h = v                                  H = e_k
+
+The velocity is that through the water, v_c a current that is constant in the world: then d/dt (v + R^T v_c) + omega x
+(v + R^T v_c) is v_dot + omega x v, and the accelerometer sees no current.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from towtank.core.arrays import Array, kernel
+from towtank.recording.standard import MEASURED
+from towtank.vehicle.matrices import GRAVITY
+
+__all__ = [
+    "ATTITUDE",
+    "LATENCIES",
+    "LEAST_NOISE",
+    "LONGEST_OUTAGE",
+    "LOOSE",
+    "N_SENSORS",
+    "OFFSET_STAYS",
+    "REACQUIRE",
+    "SENSORS",
+    "SPECIFIC_FORCE",
+    "TYPICAL_NOISE",
+    "VELOCITY",
+    "attitude_error",
+    "cosine_of_pitch",
+    "measurement_row_into",
+    "residual_of",
+    "rotation_between",
+    "specific_force",
+    "specific_force_row_into",
+    "unit_error",
+]
+
+
+class Sensor(NamedTuple):
+    """One sensor; numbers in the unit of its columns (m, rad, m/s, rad/s, m/s^2).
+
+    Attributes:
+        columns: names of its three channels. first_error: place of the error state that its first number measures.
+        typical: deviation of its noise where nothing tells it. least: of all that is believed.
+        offset_stays: what is wrong once stays wrong (a camera that has lost its marker), so that a sensor is accepted
+            again only when its samples speak against the offset; else its samples only jump.
+        reacquire: times `FilterSettings.reacquire` until a sensor that still speaks is taken at its word.
+        longest_outage: [s] after which samples beyond the gate, three of them, count all the same.
+        loose: deviation of a state that is taken from it anew.
+        latency: usual time [s] from the motion to its stamp.
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    first_error: int
+    typical: float
+    least: float
+    offset_stays: bool
+    reacquire: float
+    longest_outage: float
+    loose: float
+    latency: float = 0.0
+
+
+SENSORS = (
+    Sensor("position", MEASURED[0:3], 0, 2e-3, 1e-5, True, 1.0, math.inf, 1.0),
+    Sensor("attitude", MEASURED[3:6], 3, 2e-3, 1e-5, True, 3.0, math.inf, 0.1),
+    Sensor("velocity", MEASURED[6:9], 6, 1e-2, 1e-4, False, 3.0, 0.3, 0.5),
+    Sensor("rates", MEASURED[9:12], 9, 3e-3, 1e-5, False, 3.0, 0.03, 0.5),
+    Sensor("specific force", MEASURED[12:15], -1, 5e-2, 1e-3, False, math.inf, math.inf, 0.0),
+    Sensor("velocity through the water", MEASURED[15:18], 6, 1e-2, 1e-4, False, 3.0, 0.3, 0.5),
+)
+POSITION, ATTITUDE, VELOCITY, RATES, SPECIFIC_FORCE, WATER_VELOCITY = range(6)
+N_SENSORS = len(SENSORS)
+# as kernels read them, by sensor
+_FIRST_ERROR = tuple(each.first_error for each in SENSORS)
+OFFSET_STAYS = tuple(each.offset_stays for each in SENSORS)
+REACQUIRE = tuple(each.reacquire for each in SENSORS)
+LONGEST_OUTAGE = tuple(each.longest_outage for each in SENSORS)
+LOOSE = tuple(each.loose for each in SENSORS)
+# by column
+TYPICAL_NOISE = tuple(each.typical for each in SENSORS for _ in each.columns)
+LEAST_NOISE = tuple(each.least for each in SENSORS for _ in each.columns)
+LATENCIES = tuple(each.latency for each in SENSORS for _ in each.columns)
+
+
+@kernel
+def unit_error(sensor: int, k: int, whole: bool) -> int:
+    """Return the error state that number k of a sensor measures by itself; -1 where H is no unit vector.
+
+    That of a velocity over ground is one in water at rest.
+    """
+    if sensor == SPECIFIC_FORCE or (sensor == ATTITUDE and not whole):
+        return -1
+    return _FIRST_ERROR[sensor] + k
+
+
+@kernel
+def residual_of(z: Array, x: Array, current: Array, bias: Array, sensor: int, k: int, whole: bool) -> float:
+    """Return what number k of a sensor shows beyond what the state expects, angles by the shortest way.
+
+    Args:
+        z: the row (18,). x: state (13,). current: (3,) [m/s], NED. bias: (6,) of gyro and accelerometer.
+        sensor: not specific force. whole: all three numbers of the sensor are there.
+    """
+    value = z[3 * sensor + k]
+    if sensor == POSITION:
+        return float(value - x[k])
+    if sensor == ATTITUDE:
+        if whole:
+            ex, ey, ez = attitude_error(x[3:7], z[3], z[4], z[5])
+            return ex if k == 0 else (ey if k == 1 else ez)
+        qw, qx, qy, qz = x[3], x[4], x[5], x[6]
+        ky, kz = 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
+        if k == 0:
+            return _wrapped(value - math.atan2(ky, kz))
+        if k == 1:
+            return float(value - math.atan2(2.0 * (qw * qy - qx * qz), math.hypot(ky, kz)))
+        return _wrapped(value - math.atan2(2.0 * (qx * qy + qw * qz), 1.0 - 2.0 * (qy * qy + qz * qz)))
+    if sensor == VELOCITY:
+        c0, c1, c2 = _current_in_body(x, current)
+        return float(value - x[7 + k] - (c0 if k == 0 else (c1 if k == 1 else c2)))
+    if sensor == RATES:
+        return float(value - x[10 + k] - bias[k])
+    return float(value - x[7 + k])
+
+
+@kernel
+def measurement_row_into(
+    x: Array, current: Array, flows: bool, biases: bool, sensor: int, k: int, whole: bool, h: Array
+) -> None:
+    """Write H of number k of a sensor (not of specific force) into `h` (N,), which is zero before.
+
+    Args:
+        flows: there may be a current. biases: the last six errors are biases of gyro and accelerometer.
+    """
+    unit = unit_error(sensor, k, whole)
+    if unit >= 0:
+        h[unit] = 1.0
+    qw, qx, qy, qz = x[3], x[4], x[5], x[6]
+    if sensor == ATTITUDE and not whole:
+        kx, ky, kz = 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
+        c2 = math.hypot(ky, kz)
+        s1, c1 = ky / c2, kz / c2
+        if k == 0:
+            h[3], h[4], h[5] = 1.0, -s1 * kx / c2, -c1 * kx / c2
+        elif k == 1:
+            h[4], h[5] = c1, -s1
+        else:
+            h[4], h[5] = s1 / c2, c1 / c2
+    elif sensor == VELOCITY and flows:
+        a, b, c = _current_in_body(x, current)  # R^T v_c turns with the attitude: [c]x e
+        if k == 0:
+            h[18], h[19], h[20] = 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy + qw * qz), 2.0 * (qx * qz - qw * qy)
+            h[4], h[5] = -c, b
+        elif k == 1:
+            h[18], h[19], h[20] = 2.0 * (qx * qy - qw * qz), 1.0 - 2.0 * (qx * qx + qz * qz), 2.0 * (qy * qz + qw * qx)
+            h[3], h[5] = c, -a
+        else:
+            h[18], h[19], h[20] = 2.0 * (qx * qz + qw * qy), 2.0 * (qy * qz - qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
+            h[3], h[4] = -b, a
+    elif sensor == RATES and biases:
+        h[h.shape[0] - 6 + k] = 1.0
+
+
+@kernel
+def specific_force(x: Array, rate: Array, k: int) -> float:
+    """Return number k of v_dot + omega x v - g k [m/s^2], body; `rate` is the state's derivative (13,) at x."""
+    u, v, w, p, q, r = x[7], x[8], x[9], x[10], x[11], x[12]
+    if k == 0:
+        return float(rate[7] + (q * w - r * v - GRAVITY * (2.0 * (x[4] * x[6] - x[3] * x[5]))))
+    if k == 1:
+        return float(rate[8] + (r * u - p * w - GRAVITY * (2.0 * (x[5] * x[6] + x[3] * x[4]))))
+    return float(rate[9] + (p * v - q * u - GRAVITY * (1.0 - 2.0 * (x[4] ** 2 + x[5] ** 2))))
+
+
+@kernel
+def specific_force_row_into(x: Array, A: Array, k: int, h: Array) -> None:
+    """Write H of number k of the specific force into `h`, for all errors and coefficients that `A` (12, 21 + n) has."""
+    u, v, w, p, q, r = x[7], x[8], x[9], x[10], x[11], x[12]
+    k0, k1 = 2.0 * (x[4] * x[6] - x[3] * x[5]), 2.0 * (x[5] * x[6] + x[3] * x[4])
+    k2 = 1.0 - 2.0 * (x[4] ** 2 + x[5] ** 2)
+    for j in range(A.shape[1]):
+        h[j] = A[6 + k, j]
+    if k == 0:
+        h[8] += q
+        h[7] -= r
+        h[10] += w
+        h[11] -= v
+        h[4] += GRAVITY * k2
+        h[5] -= GRAVITY * k1
+    elif k == 1:
+        h[6] += r
+        h[8] -= p
+        h[11] += u
+        h[9] -= w
+        h[3] -= GRAVITY * k2
+        h[5] += GRAVITY * k0
+    else:
+        h[7] += p
+        h[6] -= q
+        h[9] += v
+        h[10] -= u
+        h[3] += GRAVITY * k1
+        h[4] -= GRAVITY * k0
+
+
+@kernel
+def cosine_of_pitch(x: Array) -> float:
+    """Return how far single Euler angles mean something: the cosine of pitch at the state x (13,)."""
+    return math.hypot(2.0 * (x[5] * x[6] + x[3] * x[4]), 1.0 - 2.0 * (x[4] * x[4] + x[5] * x[5]))
+
+
+@kernel
+def attitude_error(q: Array, phi: float, theta: float, psi: float) -> tuple[float, float, float]:
+    """Return the rotation vector (body) from the attitude q (4,) to the Euler angles' attitude."""
+    c1, s1 = math.cos(0.5 * phi), math.sin(0.5 * phi)
+    c2, s2 = math.cos(0.5 * theta), math.sin(0.5 * theta)
+    c3, s3 = math.cos(0.5 * psi), math.sin(0.5 * psi)
+    return rotation_between(
+        q,
+        c1 * c2 * c3 + s1 * s2 * s3,
+        s1 * c2 * c3 - c1 * s2 * s3,
+        c1 * s2 * c3 + s1 * c2 * s3,
+        c1 * c2 * s3 - s1 * s2 * c3,
+    )
+
+
+@kernel
+def rotation_between(q: Array, w: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return the rotation vector (body) from the attitude q (4,) to the quaternion w x y z, the shorter way round."""
+    a, b, c, d = q[0], -q[1], -q[2], -q[3]
+    ew = a * w - b * x - c * y - d * z
+    ex = a * x + b * w + c * z - d * y
+    ey = a * y - b * z + c * w + d * x
+    ez = a * z + b * y - c * x + d * w
+    size = math.sqrt(ex * ex + ey * ey + ez * ez)
+    scale = 2.0 * math.atan2(size, math.fabs(ew)) / size if size >= 1e-9 else 2.0
+    if ew < 0.0:
+        scale = -scale
+    return scale * ex, scale * ey, scale * ez
+
+
+@kernel
+def _current_in_body(x: Array, current: Array) -> tuple[float, float, float]:
+    qw, qx, qy, qz = x[3], x[4], x[5], x[6]
+    a, b, c = current[0], current[1], current[2]
+    return (
+        (1.0 - 2.0 * (qy * qy + qz * qz)) * a + 2.0 * (qx * qy + qw * qz) * b + 2.0 * (qx * qz - qw * qy) * c,
+        2.0 * (qx * qy - qw * qz) * a + (1.0 - 2.0 * (qx * qx + qz * qz)) * b + 2.0 * (qy * qz + qw * qx) * c,
+        2.0 * (qx * qz + qw * qy) * a + 2.0 * (qy * qz - qw * qx) * b + (1.0 - 2.0 * (qx * qx + qy * qy)) * c,
+    )
+
+
+@kernel
+def _wrapped(angle: float) -> float:
+    """Return the angle within half a turn of zero."""
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
