@@ -36,7 +36,6 @@ from towtank.identification.model.prior import size_of
 from towtank.vehicle import COEFFICIENTS, Vehicle
 
 __all__ = [
-    "BODY_PARTS",
     "Change",
     "ConfigurationMatch",
     "Hypothesis",

@@ -42,7 +42,6 @@ __all__ = [
     "Prior",
     "choose_damping",
     "current_of",
-    "current_shows",
     "damping_in_question",
     "suspected_current",
 ]
