@@ -12,11 +12,13 @@ from towtank.core.rk4 import simulate_run
 from towtank.errors import InputError
 from towtank.identification.model.linearisation import N_FIXED, step_and_linearise, transition_scratch
 from towtank.identification.model.parameters import FreeParameters, free_parameters, invert_mass, put_parameters
+from towtank.identification.model.prior import size_of
 from towtank.vehicle import Vehicle, configuration_matrix, load_vehicle
 
 NAMES = (
     *("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot", "Y_rdot", "X_qdot"),
     *("X_u", "Y_vv", "N_rr", "N_v", "K_pp", "W_minus_B", "BG_x", "BG_y", "BG_z", "X_0", "N_0"),
+    *("Y_uv", "Y_ur", "N_uv", "N_ur", "K_up", "Z_uw", "Z_uq", "M_uw", "M_uq"),
     *("delay", "lag"),
 )
 H = 0.01
@@ -25,7 +27,9 @@ H = 0.01
 @pytest.fixture
 def vehicle() -> Vehicle:
     start = load_vehicle("vlbv300")
-    return start.with_coefficients({"Y_rdot": 0.7, "X_qdot": -0.4, "N_v": -1.3, "X_u": -4.0, "BG_x": 0.3, "BG_y": -0.2})
+    lift = {"Y_uv": -30.0, "Y_ur": 6.0, "N_uv": 4.0, "N_ur": -2.0, "K_up": -0.4, "Z_uw": -28.0, "Z_uq": -5.0}
+    others = {"Y_rdot": 0.7, "X_qdot": -0.4, "N_v": -1.3, "X_u": -4.0, "BG_x": 0.3, "BG_y": -0.2}
+    return start.with_coefficients({**lift, "M_uw": 3.0, **others})
 
 
 def _moved(x: Array, error: Array) -> Array:
@@ -166,6 +170,20 @@ def test_put_back_is_the_vehicle(vehicle: Vehicle) -> None:
 
 def test_the_mirror_of_a_coupling_is_the_same_number(vehicle: Vehicle) -> None:
     assert free_parameters(vehicle, ("Y_rdot", "N_vdot")).names == ("Y_rdot",)
+
+
+def test_sizes_of_forward_speed_terms_are_those_of_published_vehicles() -> None:
+    """Within a factor of six of REMUS 100 (Prestero, 2001, without parts of the added mass) and of the ECA A9."""
+    published = {
+        (31.0, 0.18, 3.45): {"Y_uv": 28.6, "Y_ur": 6.2, "N_uv": 10.6, "N_ur": 3.9},
+        (69.7, 0.6, 35.0): {"Y_uv": 162.0, "Y_ur": 150.0, "N_uv": 34.0, "N_ur": 32.0, "K_up": 13.0, "Z_uq": 100.0},
+    }
+    for (mass, inertia_x, inertia_y), values in published.items():
+        body = Vehicle(name="a", rigid_body={"mass": mass, "inertia": (inertia_x, inertia_y, inertia_y)})
+        free = free_parameters(body, tuple(values))
+        ratios = size_of(body, free) / np.array(list(values.values()))
+        assert ratios.max() < 12.0
+        assert ratios.min() > 1.0 / 6.0
 
 
 def test_an_unknown_name_is_one_line(vehicle: Vehicle) -> None:

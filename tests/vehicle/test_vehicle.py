@@ -11,6 +11,7 @@ from towtank.core.layout import I_CONSTANT, I_MASS_INVERSE, I_MOMENT, I_WEIGHT, 
 from towtank.errors import InputError
 from towtank.vehicle import (
     COEFFICIENTS,
+    FORWARD_SPEED,
     RESTORING,
     Buoyancy,
     Coefficient,
@@ -21,11 +22,13 @@ from towtank.vehicle import (
     Vehicle,
     VehicleWarning,
     describe,
+    faults,
     index,
     load_vehicle,
     mirror,
     unit,
 )
+from towtank.vehicle.records import same_unit
 
 BODY = RigidBody(mass=20.0, inertia=(0.4, 0.6, 0.7))
 PLAIN = Vehicle(name="plain", rigid_body=BODY)
@@ -204,6 +207,32 @@ def test_thruster_doubts_are_said_once_for_equal_thrusters():
     assert any("more command then gives less force" in line for line in lines)
 
 
+@pytest.mark.parametrize("name", FORWARD_SPEED)
+def test_units_of_forward_speed_terms_give_a_force_or_a_moment(name):
+    """Unit times u times the other velocity is N or N m."""
+    speeds = "m^2" if name[3] in "uvw" else "m rad"
+    assert same_unit(unit(name), f"{'N' if name[0] in 'XYZ' else 'N m'} s^2/({speeds})")
+    assert PLAIN.with_coefficients({name: Coefficient(value=-1.0, unit=unit(name))}).coefficient(name) == -1.0
+    with pytest.raises(InputError, match="convert the value to SI"):
+        PLAIN.with_coefficients({name: Coefficient(value=-1.0, unit="N s/m")})
+
+
+def test_forward_speed_terms_that_feed_energy_in_are_told():
+    up = PLAIN.with_coefficients({"Y_uv": 3.0, "M_uw": 4.0, "Z_uq": -4.0})
+    assert len(faults(up)) == 1
+    assert "Y_uv = +3 is positive" in faults(up)[0]
+    assert not any("Z_uw" in line for line in up.warnings)  # a pair of opposite signs does no work
+
+
+def test_forward_speed_terms_that_hold_the_munk_moment_are_doubted():
+    """REMUS 100 (Prestero, MIT, 2001) prints sums with parts of the added mass in them; without these it is sound."""
+    printed = {"Y_uv": -28.6, "Y_ur": 5.22, "N_uv": -24.0, "N_ur": -2.0}
+    X_udot, Y_vdot, Y_rdot = -0.93, -35.5, 1.93
+    lift = {"Y_uv": -28.6, "Y_ur": 5.22 - X_udot, "N_uv": -24.0 - (Y_vdot - X_udot), "N_ur": -2.0 - Y_rdot}
+    assert any("Munk" in line for line in PLAIN.with_coefficients(printed).warnings)
+    assert not any("Munk" in line for line in PLAIN.with_coefficients(lift).warnings)
+
+
 def test_a_plain_vehicle_has_no_warnings():
     assert PLAIN.warnings == ()
 
@@ -218,6 +247,10 @@ def test_names():
         assert describe(name)
         assert unit(name)
     assert describe("X_uu") == "quadratic damping: surge force per u|u|"
+    assert index("N_uv") == ("forward", 5, 1)
+    assert describe("N_uv") == "forward-speed term: yaw moment per u v"
+    assert mirror("N_uv") == "N_uv"
+    assert unit("M_uq") == "kg m"
     assert set(RESTORING) < set(COEFFICIENTS)
 
 
