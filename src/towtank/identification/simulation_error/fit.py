@@ -1,46 +1,37 @@
 """Output error: the coefficients whose free run, nothing measured correcting it on the way, fits a log best.
 
-Gauss and Newton's steps, Levenberg's damping where one does not help, over the coefficients and the initial state of
-every segment at once (`simulation_error.trajectory`). Each column is weighed by its noise, or by the
-size of its own residuals where these are larger; Huber's weights at 2 of these from the start, a gate beyond 4.5 once
-the run is near the data.
+Gauss and Newton's steps, damped after Levenberg and Marquardt where one does not help, over the coefficients and the
+initial state of every segment at once (`simulation_error.trajectory`). First over short segments, in which not much can
+go wrong whatever the coefficients: an unstable vehicle's free run is soon anywhere. From there the whole runs. At first
+all columns are weighed alike; then each by its noise, or by the robust size of its own residuals where that is larger,
+with Huber's weights at 2 of these; once the run is near the data, what is beyond 4.5 is left out.
 
-The best judge where nothing but the sensors' noise parts the model from the data; a random force, which a free run
-cannot follow, spoils it: `OutputErrorFit.memory` tells.
+It is the best judge where nothing but the sensors' noise parts the model from the data. A random force, which a free
+run cannot follow, spoils it: `OutputErrorFit.autocorrelation` says so. The autocorrelation time of n samples dt apart
+is dt (1 + 2 sum r_k), up to the lag at which r_k has died: so many seconds of data say once what white samples would
+say every dt. A marker that jumps by two deviations of its noise, too little for any gate, is in one place for half a
+second; what a model lacks is elsewhere too. So residuals that are not white are judged once more without the bursts,
+seconds, a tenth of all at most, whose sum chance does not explain; of what is left more is asked, since that choice
+makes it look whiter.
 
-The way down: Gauss and Newton's steps, damped after Levenberg and Marquardt where one does not help.
-
-First over short segments, in which not much can go wrong whatever the coefficients: an unstable vehicle's free run is
-soon anywhere. From there the whole runs. At first all columns are weighed alike; then each by its noise, or by the
-robust size of its own residuals where that is larger; once near, far residuals are left out.
-
-How far the coefficients of a free run may be off: a covariance that honours residuals that are not white.
+The covariance honours residuals that are not white,
 
     Cov = kappa^2 I^-1 S I^-1,   I the information that is left once the initial states are unknown,
 
-S the long-run covariance of its score, a prewhitened Bartlett sum over blocks of time
-(`posterior.statistics.long_run`) that reaches as far as the residuals remember, and kappa = sum of weights / sum of
-psi' (Huber, Robust Statistics, section 7.6). The sum varies itself, the more the fewer of its reaches the run is long:
-intervals are widened by the share of the run that it takes in (Kiefer and Vogelsang, Econometric Theory 21, 2005, at
-95 %). No coefficient is taken to be better known than white residuals of their own size would have it.
-
-Of a random force slower than the run, the run takes most for motion: nothing of it is left in the residuals, and no sum
-over them can tell. Residuals that remember more than about a twentieth of the run mean intervals that are too short.
-
-How long the residuals of a free run remember: white for the noise of a sensor, long for what the model lacks.
-
-The integrated autocorrelation time of n samples dt apart is dt (1 + 2 sum r_k), up to the lag at which r_k has died: so
-many seconds of data say once what white samples would say every dt.
-
-A marker that jumps by two deviations of its noise, too little for any gate, is in one place for half a second; what a
-model lacks is elsewhere too. So residuals that are not white are looked at once more without the seconds, a tenth of
-all at most, whose sum chance does not explain; of what is left more is asked, since that choice makes it look whiter.
+S the long-run covariance of the score, a prewhitened Bartlett sum over blocks of time
+(`posterior.statistics.long_run`) that reaches as far as the residuals are correlated, and kappa = sum of weights / sum
+of psi' (Huber, Robust Statistics, section 7.6). The sum varies itself, the more the fewer of its reaches the run is
+long: intervals are widened by the share of the run that it takes in (Kiefer and Vogelsang, Econometric Theory 21, 2005,
+at 95 %). No coefficient is taken to be better known than white residuals of their own size would have it. Of a random
+force slower than the run, the run takes most for motion: nothing of it is left in the residuals, and no sum over them
+can tell. Residuals correlated over more than about a twentieth of the run mean intervals that are too short.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,20 +39,22 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification.data.samples import N_MEASURED, Samples
-from towtank.identification.model.parameters import IN_GAIN, FreeParameters
+from towtank.identification.model.parameters import IN_GAIN
 from towtank.identification.posterior.statistics import long_run
 from towtank.identification.simulation_error.problem import (
+    CandidateModel,
+    FreeRunProblem,
+    Knowledge,
     Point,
-    Problem,
     free_run_of,
     residual_scale,
     starting_states,
     warm_up_of,
 )
-from towtank.identification.simulation_error.residuals import GATE, robust_moments
+from towtank.identification.simulation_error.residuals import GATE, RobustMoments, robust_moments
 from towtank.identification.simulation_error.trajectory import Step, inverse_information
 
-__all__ = ["OutputErrorFit", "fit_output_error", "residual_memory"]
+__all__ = ["Autocorrelation", "OutputErrorFit", "autocorrelation_of", "fit_output_error"]
 
 _FAR = 1e3  # standard deviations of the noise: scale of residuals of which nothing is known yet
 _NEAR = 1.0  # decrease of the cost from which the gate is in force
@@ -74,17 +67,19 @@ _MOST_DAMPED = 1e6
 _WARM, _WARM_RUNS = 0.3, 12  # share of the cost that a step still lowers, and runs, after which the warm-up ends
 _STATES = 2  # of each segment, a position and a velocity, that share in a coefficient's own axis
 _CONTAMINATED = 1.5  # largest kappa
-Kept = NDArray[np.bool_]
 _BAND = 2.0  # standard deviations of r_k of a white series
 _FEWEST = 20
-_SECOND, _LEANING, _CHANCE = 1.0, 0.1, 4.0  # s; share of these that may lean to one side; by deviations of their sum
+_SECOND, _BURSTS, _CHANCE = 1.0, 0.1, 4.0  # s; share of these that may be bursts; deviations of the sum of one
 _MANY = 10  # samples that a second needs to have
-_WHITE, _WHITER = 2.0, 1.3  # samples that residuals may remember and still count as white; and without those seconds
+_WHITE, _WHITER = 2.0, 1.3  # samples that white residuals may be correlated over; and without the bursts
+
+
+Kept = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """Where it ended.
+    """Where the steps ended.
 
     Attributes:
         point: the last runs. step: the small one that would come next. scale: of the residuals (15,).
@@ -98,7 +93,7 @@ class Descent:
     converged: bool
 
 
-def warm_up(problem: Problem, theta: Array, states: list[Array]) -> tuple[Array, list[Array], int]:
+def warm_up(problem: FreeRunProblem, theta: Array, states: list[Array]) -> tuple[Array, list[Array], int]:
     """Return coefficients (n,) and initial states after some steps over short segments, and the runs made.
 
     The lag is held: while nothing else is right it would run away, and the delay does for it.
@@ -108,7 +103,7 @@ def warm_up(problem: Problem, theta: Array, states: list[Array]) -> tuple[Array,
     runs, damping = 1, 0.0
     if point is None:
         return theta, states, runs
-    problem.narrow(point)
+    point = problem.narrow(point)
     while True:
         arrowhead, cost = problem.arrowhead(point), problem.cost(point, scale, False)
         step = arrowhead.step(damping, *problem.bounds(point.theta, lag=False))
@@ -123,13 +118,13 @@ def warm_up(problem: Problem, theta: Array, states: list[Array]) -> tuple[Array,
     return *problem.moved(point, step), runs
 
 
-def descend(problem: Problem, theta: Array, states: list[Array], most: int) -> Descent | None:
+def descend(problem: FreeRunProblem, theta: Array, states: list[Array], most: int) -> Descent | None:
     """Return the best fit within `most` runs; None where already the first run is impossible."""
     scale, gated, fixed = np.full(15, _FAR), False, 0
     point = problem.evaluate(theta, states, scale, gated)
     if point is None:
         return None
-    problem.narrow(point)
+    point = problem.narrow(point)
     damping, runs = 0.0, 1
     while True:
         arrowhead = problem.arrowhead(point)
@@ -166,29 +161,39 @@ def descend(problem: Problem, theta: Array, states: list[Array], most: int) -> D
             step = arrowhead.step(damping, *problem.bounds(point.theta))
 
 
-def coefficient_covariance(
-    information: Array, prior: Array, scores: Array, segments: int, moments: Array, reach: float, block: float
-) -> Array:
+@dataclass(frozen=True, eq=False)
+class _Scores:
+    """The scores of a run that is done.
+
+    Attributes:
+        blocks: (b, n) of blocks of time, the initial states eliminated. length: of a block [s].
+        reach: time [s] that the residuals are correlated over. segments: number of free runs.
+    """
+
+    blocks: Array
+    length: float
+    reach: float
+    segments: int
+
+
+def _covariance(information: Array, prior: Array, scores: _Scores, moments: RobustMoments) -> Array:
     """Return the covariance (n, n) of the coefficients.
 
     Args:
         information: (n, n) of the run and the prior together. prior: (n, n).
-        scores: (b, n) of blocks of time, the initial states eliminated.
-        segments: number of free runs. moments: of `robust_moments`.
-        reach: time [s] that the residuals remember. block: length of a block [s].
     """
     n = len(information)
     inverse = inverse_information(information)
-    number, weights, straight, squares, _ = moments
-    kappa = min(weights / straight, _CONTAMINATED) if straight > 0.0 else _CONTAMINATED
-    size = squares / max(number - n - 12.0 * segments, 1.0) * number / weights if weights > 0.0 else 1.0
+    number, weights, slopes, squares, _ = moments
+    kappa = min(weights / slopes, _CONTAMINATED) if slopes > 0.0 else _CONTAMINATED
+    size = squares / max(number - n - 12.0 * scores.segments, 1.0) * number / weights if weights > 0.0 else 1.0
     white = kappa**2 * size
     plain: Array = white * inverse + (1.0 - white) * inverse @ prior @ inverse
-    count, unknown = len(scores), n + _STATES * segments
+    count, unknown = len(scores.blocks), n + _STATES * scores.segments
     if count < 2 * unknown + 2:
         return plain
-    S = long_run(scores, int(np.ceil(reach / block)))
-    wide = _widening(2.0 * reach / (block * count)) ** 2 * kappa**2 * count / (count - unknown)
+    S = long_run(scores.blocks, int(np.ceil(scores.reach / scores.length)))
+    wide = _widening(2.0 * scores.reach / (scores.length * count)) ** 2 * kappa**2 * count / (count - unknown)
     honest: Array = inverse @ (wide * S + prior) @ inverse
     variance, least = np.diag(honest), np.diag(plain)
     grow = np.sqrt(np.maximum(1.0, least / np.where(variance > 0.0, variance, np.inf)))
@@ -202,52 +207,67 @@ def _widening(share: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Memory:
-    """Of each of the 15 columns; NaN where too little is measured.
+class Autocorrelation:
+    """Of the residuals of each of the 15 columns; NaN where too little is measured.
 
     Attributes:
         std: standard deviation (15,), in that of the noise. lag_one: correlation of neighbouring samples (15,).
-        time: integrated autocorrelation time (15,) [s]. reach: lag (15,) [s] at which the correlation has died.
-        step: usual time between samples (15,) [s]. calm: as `time`, without the seconds that lean to one side.
+        time: integrated autocorrelation time (15,) [s]. decorrelation_lag: (15,) [s] at which the correlation has died.
+        step: usual time between samples (15,) [s]. time_without_bursts: as `time`, without the seconds that are off.
     """
 
     std: Array
     lag_one: Array
     time: Array
-    reach: Array
+    decorrelation_lag: Array
     step: Array
-    calm: Array
+    time_without_bursts: Array
 
     def white(self, columns: Sequence[int]) -> bool:
         """Whether those of these columns that are measured are nothing but noise; no where none is."""
-        step, time, calm = (each[list(columns)] for each in (self.step, self.time, self.calm))
+        step, time, steady = (each[list(columns)] for each in (self.step, self.time, self.time_without_bursts))
         known = np.isfinite(time)
-        return bool(known.any() and np.all((time <= _WHITE * step) | (calm <= _WHITER * step) | ~known))
+        return bool(known.any() and np.all((time <= _WHITE * step) | (steady <= _WHITER * step) | ~known))
 
 
-def residual_memory(runs: Sequence[tuple[Array, Array]], limits: Array) -> Memory:
-    """Return the memory of residuals.
+def autocorrelation_of(runs: Sequence[tuple[Array, Array]], limits: Array) -> Autocorrelation:
+    """Return the autocorrelation of residuals.
 
     Args:
         runs: times (n,) [s] and residuals (n, 15) of each recording, NaN where nothing was measured.
         limits: (15,) beyond which a residual is an outlier and left out.
     """
-    out = np.full((6, 15), np.nan)
-    for j in range(15):
-        parts = []
-        for t, residuals in runs:
-            there = np.isfinite(residuals[:, j])
-            if there.any():
-                parts.append((t[there], residuals[there, j]))
-        if sum(x.size for _, x in parts) >= _FEWEST:
-            kept = [np.abs(x) <= limits[j] for _, x in parts]
-            out[:5, j] = _column(parts, kept)
-            coloured = out[2, j] > _WHITE * out[4, j] and out[4, j] * _MANY <= _SECOND
-            out[5, j] = _column(parts, _but_leaning(parts, kept))[2] if coloured else out[2, j]
-    return Memory(*out)
+    columns = [_column(runs, j, limits[j]) for j in range(N_MEASURED)]
+    return Autocorrelation(*np.array(columns).T)
 
 
-def _column(parts: Sequence[tuple[Array, Array]], kept: Sequence[Kept]) -> tuple[float, float, float, float, float]:
+def _column(runs: Sequence[tuple[Array, Array]], j: int, limit: float) -> tuple[float, ...]:
+    """Return of column j what `Autocorrelation` holds, in its order."""
+    parts = []
+    for t, residuals in runs:
+        there = np.isfinite(residuals[:, j])
+        if there.any():
+            parts.append((t[there], residuals[there, j]))
+    if sum(x.size for _, x in parts) < _FEWEST:
+        return (np.nan,) * 6
+    kept = [np.abs(x) <= limit for _, x in parts]
+    whole = _correlation(parts, kept)
+    coloured = whole.time > _WHITE * whole.step and whole.step * _MANY <= _SECOND
+    return *whole, _correlation(parts, _without_bursts(parts, kept)).time if coloured else whole.time
+
+
+class _Correlation(NamedTuple):
+    """The first five of `Autocorrelation`, of one column."""
+
+    std: float
+    lag_one: float
+    time: float
+    decorrelation_lag: float
+    step: float
+
+
+def _correlation(parts: Sequence[tuple[Array, Array]], kept: Sequence[Kept]) -> _Correlation:
+    """Return the correlation of the samples that are kept of times (n,) and residuals (n,)."""
     longest = max(x.size for _, x in parts)
     products, pairs = np.zeros(longest), np.zeros(longest)
     for (_, x), good in zip(parts, kept, strict=True):
@@ -258,34 +278,29 @@ def _column(parts: Sequence[tuple[Array, Array]], kept: Sequence[Kept]) -> tuple
     pairs = np.rint(pairs)
     step = float(np.median(np.concatenate([np.diff(t) for t, _ in parts])))
     if not (products[0] > 0.0 and pairs[0] >= _FEWEST):
-        return np.nan, np.nan, np.nan, np.nan, step
+        return _Correlation(np.nan, np.nan, np.nan, np.nan, step)
     covariance = products / np.maximum(pairs, 1.0)
     r = covariance[: max(2, longest // 2)] / covariance[0]
     pairwise = 0.5 * (r[1:-1] + r[2:]) if r.size > 2 else r[1:]
     dead = np.flatnonzero(pairwise < _BAND / np.sqrt(2.0 * pairs[0]))
     lags = int(dead[0]) if dead.size else pairwise.size
-    return (
-        float(np.sqrt(covariance[0])),
-        float(r[1]),
-        step * (1.0 + 2.0 * float(r[1 : lags + 1].sum())),
-        step * lags,
-        step,
-    )
+    time = step * (1.0 + 2.0 * float(r[1 : lags + 1].sum()))
+    return _Correlation(float(np.sqrt(covariance[0])), float(r[1]), time, step * lags, step)
 
 
-def _but_leaning(parts: Sequence[tuple[Array, Array]], kept: Sequence[Kept]) -> list[Kept]:
+def _without_bursts(parts: Sequence[tuple[Array, Array]], kept: Sequence[Kept]) -> list[Kept]:
     """Return what is left of `kept` without the seconds whose residuals would least likely add up so by chance."""
     size = np.sqrt(np.mean(np.concatenate([x[good] for (_, x), good in zip(parts, kept, strict=True)]) ** 2))
     seconds = [np.unique(((t - t[0]) / _SECOND).astype(np.int64), return_inverse=True)[1] for t, _ in parts]
-    leans = []
+    sums = []
     for (_, x), good, at in zip(parts, kept, seconds, strict=True):
         total = np.abs(np.bincount(at, np.where(good, x, 0.0)))
-        leans.append(total / (size * np.sqrt(np.maximum(np.bincount(at, good), 1.0))))
-    lean = np.concatenate(leans)
-    worst = np.argsort(-lean, kind="stable")[: int(_LEANING * lean.size)]
-    left = np.ones(lean.size, dtype=np.bool_)
-    left[worst[lean[worst] > _CHANCE]] = False
-    edges = np.cumsum([each.size for each in leans])[:-1]
+        sums.append(total / (size * np.sqrt(np.maximum(np.bincount(at, good), 1.0))))
+    off = np.concatenate(sums)
+    worst = np.argsort(-off, kind="stable")[: int(_BURSTS * off.size)]
+    left = np.ones(off.size, dtype=np.bool_)
+    left[worst[off[worst] > _CHANCE]] = False
+    edges = np.cumsum([each.size for each in sums])[:-1]
     return [good & own[at] for good, own, at in zip(kept, np.split(left, edges), seconds, strict=True)]
 
 
@@ -299,7 +314,7 @@ class OutputErrorFit:
         states: initial state (s, 13) of every segment of every recording in turn.
         cost: sum of the robust squares, halved.
         residual_std: (15,) in the columns' units, outliers left out; NaN for columns that are not measured.
-        memory: of the residuals.
+        autocorrelation: of the residuals.
         iterations: free runs made. converged: whether nothing was left to gain.
         rejected: share of the measured numbers beyond the gate.
     """
@@ -310,7 +325,7 @@ class OutputErrorFit:
     states: Array
     cost: float
     residual_std: Array
-    memory: Memory
+    autocorrelation: Autocorrelation
     iterations: int
     converged: bool
     rejected: float
@@ -318,40 +333,35 @@ class OutputErrorFit:
 
 def fit_output_error(
     samples: Sequence[Samples],
-    p: Array,
-    free: FreeParameters,
-    theta: Array,
+    model: CandidateModel,
     noise: Array,
     *,
-    prior: tuple[Array, Array] | None = None,
+    prior: Knowledge | None = None,
     segment: float | None = None,
     gap: float = 0.5,
-    delay: float = 0.0,
     iterations: int = 20,
 ) -> OutputErrorFit:
     """Fit free runs to recordings.
 
     Args:
         samples: one for each recording.
-        p: kernel parameters (154,) of the vehicle; what is free is replaced.
-        free: which coefficients are. theta: where they start (n,).
+        model: where the coefficients start.
         noise: standard deviation (15,) of the columns of `Samples.values`; those that are not measured do not matter.
         prior: mean (n,) and information (n, n) of theta.
         segment: length [s] after which the run starts anew from a state of its own; None for one run per recording.
         gap: time [s] between rows over which no run goes.
-        delay: of the inputs [s], where it is not free.
         iterations: free runs at most; those over a few short segments to begin with come on top.
 
     Raises:
         InputError: nothing is free, nothing is measured, or sizes and deviations that do not fit.
     """
-    theta = np.array(theta, dtype=np.float64)
+    theta = np.array(model.theta, dtype=np.float64)
     noise = np.array(noise, dtype=np.float64)
-    n = len(free)
+    n = len(model.free)
     known = prior or (np.zeros(n), np.zeros((n, n)))
-    _check(samples, free, theta, noise, known)
+    _check(samples, model, noise, known)
     noise[~np.isfinite(noise)] = 1.0
-    gains = bool((free.codes[:, 0] == IN_GAIN).any())
+    gains = bool((model.free.codes[:, 0] == IN_GAIN).any())
     runs = [free_run_of(each, noise, segment, gap, gains) for each in samples]
     kept = [each for each, run in zip(samples, runs, strict=True) if run.first.size]
     runs = [run for run in runs if run.first.size]
@@ -361,24 +371,21 @@ def fit_output_error(
     short = [warm_up_of(each, run, segment, gap) for each, run in zip(kept, runs, strict=True)]
     if any(part is not run for part, run in zip(short, runs, strict=True)):
         begin = [starting_states(run) for run in short]
-        warm = Problem(short, p, free, known, delay)
-        theta, begin, made = warm_up(warm, theta, begin)
-        for run, start, other, found in zip(runs, states, short, begin, strict=True):
+        theta, begin, made = warm_up(FreeRunProblem(short, model, known), theta, begin)
+        for run, start, other, fitted in zip(runs, states, short, begin, strict=True):
             _, here, there = np.intersect1d(run.first, other.first, return_indices=True)
-            start[here] = found[there]
-    problem = Problem(runs, p, free, known, delay)
+            start[here] = fitted[there]
+    problem = FreeRunProblem(runs, model, known)
     descent = descend(problem, theta, states, max(iterations, 1))
     return _failed(theta, states, made + 1) if descent is None else _result(problem, descent, made)
 
 
-def _check(
-    samples: Sequence[Samples], free: FreeParameters, theta: Array, noise: Array, prior: tuple[Array, Array]
-) -> None:
-    if not len(free):
+def _check(samples: Sequence[Samples], model: CandidateModel, noise: Array, prior: Knowledge) -> None:
+    n, theta, (mean, information) = len(model.free), np.asarray(model.theta), prior
+    if not n:
         raise InputError("output error: no coefficient is free, so there is nothing to fit")
-    if theta.shape != (len(free),) or not np.isfinite(theta).all():
-        raise InputError(f"output error: found theta {theta}, expected {len(free)} finite numbers")
-    n, (mean, information) = len(free), prior
+    if theta.shape != (n,) or not np.isfinite(theta).all():
+        raise InputError(f"output error: found theta {theta}, expected {n} finite numbers")
     if mean.shape != (n,) or information.shape != (n, n) or not np.isfinite([*mean, *information.ravel()]).all():
         raise InputError(f"output error: the prior needs {n} finite means and a finite {n} x {n} information")
     if noise.shape != (N_MEASURED,):
@@ -392,33 +399,25 @@ def _check(
         raise InputError("output error: every measured column needs a positive noise deviation")
 
 
-def _result(problem: Problem, descent: Descent, made: int) -> OutputErrorFit:
+def _result(problem: FreeRunProblem, descent: Descent, made: int) -> OutputErrorFit:
     point, scale = descent.point, descent.scale
     k, n = problem.estimated.size, len(problem.free)
     information, eliminated = problem.arrowhead(point).information()
-    scores, moments, begin = [], np.zeros(5), 0
+    scores, total, begin = [], np.zeros(5), 0
     for run, each in zip(problem.runs, point.sums, strict=True):
         counts = np.diff(np.append(run.block[run.first], len(each.scores)))
         of_block = begin + np.repeat(np.arange(run.first.size), counts)
         scores.append(each.scores[:, k : k + n] - np.einsum("bk,bkn->bn", each.scores[:, :k], eliminated[of_block]))
         begin += run.first.size
-        part = np.empty(5)
-        robust_moments(each.residuals, scale, part)
-        moments += part
-    memory = residual_memory(
-        [(run.t, each.residuals) for run, each in zip(problem.runs, point.sums, strict=True)], GATE * scale
-    )
-    total = sum(float(np.sum(run.t[run.last - 1] - run.t[run.first])) for run in problem.runs)
-    reach = np.where(memory.reach > memory.step, memory.reach, 0.0)
-    covariance = coefficient_covariance(
-        information,
-        problem.prior[1],
-        np.concatenate(scores),
-        begin,
-        moments,
-        float(np.nanmax(reach, initial=0.0)),
-        total / sum(len(each) for each in scores),
-    )
+        total += robust_moments(each.residuals, scale)
+    moments = RobustMoments(*total)
+    residuals = [(run.t, each.residuals) for run, each in zip(problem.runs, point.sums, strict=True)]
+    correlation = autocorrelation_of(residuals, GATE * scale)
+    lag = np.where(correlation.decorrelation_lag > correlation.step, correlation.decorrelation_lag, 0.0)
+    seconds = sum(float(np.sum(run.t[run.last - 1] - run.t[run.first])) for run in problem.runs)
+    length = seconds / sum(len(each) for each in scores)
+    of_run = _Scores(np.concatenate(scores), length, float(np.nanmax(lag, initial=0.0)), begin)
+    covariance = _covariance(information, problem.prior[1], of_run, moments)
     theta, states = point.theta, point.states
     if descent.converged and problem.possible(theta + descent.step.theta):
         theta, states = problem.moved(point, descent.step)
@@ -428,11 +427,11 @@ def _result(problem: Problem, descent: Descent, made: int) -> OutputErrorFit:
         information=information,
         states=np.concatenate(states),
         cost=problem.cost(point, scale, True),
-        residual_std=memory.std * problem.runs[0].noise,
-        memory=memory,
+        residual_std=correlation.std * problem.runs[0].noise,
+        autocorrelation=correlation,
         iterations=made + descent.runs,
         converged=descent.converged,
-        rejected=float((moments[4] + problem.left_out) / max(moments[0] + problem.left_out, 1.0)),
+        rejected=float((moments.beyond + problem.left_out) / max(moments.number + problem.left_out, 1.0)),
     )
 
 
@@ -446,7 +445,7 @@ def _failed(theta: Array, states: list[Array], made: int) -> OutputErrorFit:
         states=np.concatenate(states),
         cost=np.inf,
         residual_std=unknown,
-        memory=Memory(unknown, unknown, unknown, unknown, unknown, unknown),
+        autocorrelation=Autocorrelation(unknown, unknown, unknown, unknown, unknown, unknown),
         iterations=made,
         converged=False,
         rejected=0.0,

@@ -1,16 +1,15 @@
-"""Several recordings and what is estimated from them: runs from a point, normal equations, where a step leads.
+"""Several recordings and a candidate model of them: runs from a point, their normal equations, where a step leads.
 
-Where free runs begin: a recording cut into segments, and the state at the start of each by its first samples.
-
-The state only has to be near: it is estimated with the coefficients. A line through a column's first samples (Theil and
-Sen: the median of the slopes of all pairs, which a third of outliers does not move) gives its value and its rate.
+A recording is cut into segments that each start from a state of their own. The state only has to be near: it is
+estimated with the coefficients. A line through a column's first samples (Theil and Sen: the median of the slopes of all
+pairs, which a third of outliers does not move) gives its value and its rate.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,17 +26,28 @@ from towtank.identification.simulation_error.trajectory import (
     Indices,
     NormalEquations,
     Step,
+    Unknowns,
     Workspace,
-    free_run,
+    free_run_into,
     new_equations,
     new_workspace,
 )
+from towtank.vehicle import Vehicle
 
-__all__ = ["Point", "Problem", "free_run_of", "residual_scale", "starting_states", "warm_up_of"]
+__all__ = [
+    "CandidateModel",
+    "FreeRunProblem",
+    "Knowledge",
+    "Point",
+    "free_run_of",
+    "residual_scale",
+    "starting_states",
+    "warm_up_of",
+]
 
 _LOG_STEP = 1.0  # that the logarithm of a coefficient may go in one step
 _LAG_STEP, _SHORTEST = -0.5, 0.002  # share that a lag may lose in one step; s, below which it no longer matters
-_SEEN = 2000  # residuals that a scale is taken from
+_ROWS_FOR_SCALE = 2000  # residuals that a scale is taken from
 _MEDIAN = 0.6744897501960817  # of |x| for a standard normal x
 _NOTHING = 1e-12  # information on an initial state, and size of a sensitivity, that is rounding
 _WINDOW = 0.5  # s that a line is drawn through
@@ -48,7 +58,30 @@ _BLOCK = 0.25  # s, a block of time
 _UPRIGHT = 0.05  # cosine of pitch
 
 
-@dataclass(eq=False)
+Knowledge = tuple[Array, Array]  # mean (n,) and information (n, n) of theta, known beforehand
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateModel:
+    """A vehicle, which of its coefficients are free, and where these stand.
+
+    Attributes:
+        vehicle: what is held. free: what is not. theta: its values (n,) as `FreeParameters` writes them.
+        delay: of the inputs [s], where it is not free.
+    """
+
+    vehicle: Vehicle
+    free: FreeParameters
+    theta: Array
+    delay: float = 0.0
+
+    @property
+    def parameters(self) -> Array:
+        """Parameters of the vehicle's kernels (154,)."""
+        return np.array(self.vehicle.parameters)
+
+
+@dataclass(frozen=True, eq=False)
 class Point:
     """The runs of all recordings from one set of coefficients and initial states."""
 
@@ -57,7 +90,7 @@ class Point:
     sums: list[NormalEquations]
 
 
-class Problem:
+class FreeRunProblem:
     """The recordings, and what is estimated from them.
 
     Attributes:
@@ -65,17 +98,11 @@ class Problem:
         left_out: measured numbers that belong to jumps.
     """
 
-    def __init__(
-        self,
-        runs: list[FreeRun],
-        p: Array,
-        free: FreeParameters,
-        prior: tuple[Array, Array],
-        delay: float,
-    ) -> None:
-        self.runs, self.p, self.free, self.prior, self.delay = runs, p, free, prior, delay
-        self.lags: NDArray[np.bool_] = free.codes[:, 0] == IN_LAG
-        self.logarithmic: NDArray[np.bool_] = free.codes[:, 3] != UNTRANSFORMED
+    def __init__(self, runs: list[FreeRun], model: CandidateModel, prior: Knowledge) -> None:
+        self.runs, self.free, self.prior, self.delay = runs, model.free, prior, model.delay
+        self.parameters = model.parameters
+        self.lags: NDArray[np.bool_] = self.free.codes[:, 0] == IN_LAG
+        self.logarithmic: NDArray[np.bool_] = self.free.codes[:, 3] != UNTRANSFORMED
         self.left_out = 0
         self.estimated: Indices = np.arange(12)
         self.moving: Indices = np.arange(12)
@@ -86,7 +113,7 @@ class Problem:
     def _allocate(self) -> None:
         n = len(self.free)
         columns = self.estimated.size + n
-        self.space = [new_workspace(columns, n, run.shape.shape[1]) for run in self.runs]
+        self.space = [new_workspace(columns, n, run.B.shape[1]) for run in self.runs]
         self.spare = self._new_sums()
 
     def _new_sums(self) -> list[NormalEquations]:
@@ -97,33 +124,36 @@ class Problem:
         """Return the runs from here; None where they are impossible or diverge."""
         sums = self.spare
         for run, start, out, space in zip(self.runs, states, sums, self.space, strict=True):
-            held = new_zero_order_hold(run.lag.size, run.lag, self.delay)
-            if not free_run(
-                run, self.p, self.free.codes, theta, held, start, self.estimated, self.moving, scale, gated, out, space
-            ):
+            hold = new_zero_order_hold(run.lag.size, run.lag, self.delay)
+            unknowns = Unknowns(self.free.codes, theta, start, self.estimated, self.moving)
+            if not free_run_into(run, self.parameters, unknowns, hold, scale, gated, out, space):
                 return None
             if not (np.isfinite(out.normal).all() and np.isfinite(out.scores).all()):
                 return None
         self.spare = self._new_sums()
         return Point(theta, states, sums)
 
-    def narrow(self, point: Point) -> None:
-        """From here on estimate only the initial states that the data tell of, and move only what answers."""
-        told = np.sum([np.einsum("scc->c", each.normal) for each in point.sums], axis=0)
+    def narrow(self, point: Point) -> Point:
+        """From here on estimate only the initial states that the data tell of, and move only what answers.
+
+        Returns:
+            The point with what is left of its sums.
+        """
+        information = np.sum([np.einsum("scc->c", each.normal) for each in point.sums], axis=0)
         k = self.estimated.size
-        keep = np.flatnonzero(told[:k] > _NOTHING)
+        keep = np.flatnonzero(information[:k] > _NOTHING)
         columns = np.concatenate([keep, k + np.arange(len(self.free))])
         reach = np.sum([each.reach for each in point.sums], axis=0)
         self.moving = np.flatnonzero((reach[:, columns] > _NOTHING).any(axis=1)).astype(np.int64)
         self.estimated = self.estimated[keep]
-        old = point.sums
         self._allocate()
-        point.sums, self.spare = self.spare, self._new_sums()
+        narrowed, self.spare = replace(point, sums=self.spare), self._new_sums()
         c = columns.size
-        for before, after in zip(old, point.sums, strict=True):
+        for before, after in zip(point.sums, narrowed.sums, strict=True):
             after.normal[:, :c, :c] = before.normal[:, columns[:, None], columns]
             after.scores[:, :c] = before.scores[:, columns]
             after.residuals[:] = before.residuals
+        return narrowed
 
     def leave_out_jumps(self, point: Point, scale: Array) -> None:
         """From here on leave out the samples that are off together."""
@@ -188,7 +218,7 @@ class Problem:
 
     def possible(self, theta: Array) -> bool:
         """Whether the mass matrix is positive definite."""
-        return bool(put_parameters(self.p.copy(), self.free.codes, theta, np.empty((6, 6))))
+        return bool(put_parameters(self.parameters.copy(), self.free.codes, theta, np.empty((6, 6))))
 
 
 def residual_scale(point: Point) -> Array:
@@ -197,7 +227,7 @@ def residual_scale(point: Point) -> Array:
     out = np.ones(N_MEASURED)
     for j in range(N_MEASURED):
         x = residuals[:, j]
-        x = x[:: max(1, x.size // _SEEN)]
+        x = x[:: max(1, x.size // _ROWS_FOR_SCALE)]
         x = x[~np.isnan(x)]
         if x.size:
             out[j] = max(1.0, float(np.median(np.abs(x))) / _MEDIAN)
@@ -227,11 +257,11 @@ def free_run_of(samples: Samples, noise: Array, segment: float | None, gap: floa
     """
     t, step = samples.t, _usual_step(samples.t)
     first, last = _segments(t, segment, max(gap, 4.0 * step))
-    force, shape, lag = samples.input_force, np.ascontiguousarray(samples.shape), samples.lag
+    force, B, lag = samples.input_force, np.ascontiguousarray(samples.shape), samples.lag
     if not gains and lag.size and np.all(lag == lag[0]):
-        wrench = force @ shape.T
+        wrench = force @ B.T
         acting = np.flatnonzero(np.any(wrench != 0.0, axis=0))
-        force, shape = np.ascontiguousarray(wrench[:, acting]), np.ascontiguousarray(np.eye(6)[:, acting])
+        force, B = np.ascontiguousarray(wrench[:, acting]), np.ascontiguousarray(np.eye(6)[:, acting])
         lag = np.full(acting.size, lag[0])
     new = np.append(True, np.any(force[1:] != force[:-1], axis=1))[: len(force)]
     return FreeRun(
@@ -241,7 +271,7 @@ def free_run_of(samples: Samples, noise: Array, segment: float | None, gap: floa
         noise=noise,
         input_t=samples.input_t[new],
         input_force=force[new],
-        shape=shape,
+        B=B,
         lag=lag,
         first=np.array(first, dtype=np.int64),
         last=np.array(last, dtype=np.int64),

@@ -1,22 +1,21 @@
 """After the joint filter: free runs fitted to the same recordings, and which of the two judges the model better.
 
 The filter is at the bound where its picture of the disturbance is right. On real recordings it may not be: forces that
-are no random walk of one time constant, thrusters that answer late, bodies that pull to one side. A free run sees that
-plainly, because nothing corrects it. So both run freely over windows of the recordings: the filter's coefficients,
-which have seen them all, and output error's, fitted each time to the other windows. Output error takes over where it is
-nearer all the same, by more than chance; or where what it leaves is white, for then nothing but the sensors' noise
+are no random walk of one time constant, thrusters that answer late, bodies that pull to one side. A free run shows
+that, because nothing corrects it. So both run freely over windows of the recordings: the filter's coefficients, which
+have seen them all, and output error's, fitted each time to the other windows. Output error takes over where its errors
+are smaller all the same, by more than chance; or where what it leaves is white, for then nothing but the sensors' noise
 parts the model from the data.
 
-Where nobody said which coefficients to learn, what the first model left out is tried: constant forces, thrusters that
-give more or less than their curves say, the thrusters' lag, the other damping terms, couplings between the axes. A term
-stays that stands out of its deviation and brings runs nearer over windows that it was not fitted to; gains, which
-contradict what somebody wrote down, only where chance does not explain that.
-
-Terms that a model may lack, in the order in which free runs try them.
+Where nobody said which coefficients to learn, what the first model left out is tried, in this order: constant forces,
+thrusters that give more or less than their curves say, the thrusters' lag, the other damping terms, couplings between
+the axes. A term stays that stands out of its deviation and reduces the errors over windows that it was not fitted to;
+gains, which contradict what somebody wrote down, only where chance does not explain that.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -34,17 +33,23 @@ from towtank.identification.model.parameters import (
     free_parameters,
 )
 from towtank.identification.model.prior import size_of, start_theta
-from towtank.identification.simulation_error.cross_validation import FreeRuns, Gain, columns_of, fits, gain
+from towtank.identification.simulation_error.cross_validation import (
+    ErrorReduction,
+    FreeRuns,
+    Prior,
+    columns_of,
+    error_reduction,
+    fit_percent,
+)
 from towtank.identification.simulation_error.fit import OutputErrorFit
+from towtank.identification.simulation_error.problem import CandidateModel, Knowledge
 from towtank.vehicle import Vehicle, configuration_matrix
 from towtank.vehicle.names import COLUMNS, ROWS
 
 __all__ = [
     "CHANGE",
     "CHANGE_WORTH",
-    "Prior",
     "Refined",
-    "Start",
     "groups_of_terms",
     "prior_with_terms",
     "refine",
@@ -63,8 +68,6 @@ _GAIN = 0.3  # deviation of ln gain of a thruster, beforehand
 _ROOM = 100.0  # usual sizes that an added term may have
 _ROUNDS = 3
 _LOST = 0.5  # share of the windows in which runs go nowhere
-Prior = Callable[[FreeParameters], tuple[Array, Array] | None]
-Start = tuple[FreeParameters, Array]
 
 
 def groups_of_terms(
@@ -129,7 +132,7 @@ class Refined:
     """What free runs say.
 
     Attributes:
-        free, theta, covariance: coefficients. delay: [s] where it is not free.
+        model, covariance: the coefficients, and what is held.
         better: whether free runs are the better judge. white: whether their residuals are.
         saved: share of the square error saved beside the joint filter's coefficients, over windows not seen; None where
             the recordings are too short to say. fit, joint_fit: of the speeds over these windows [%], NaN if there are
@@ -137,50 +140,38 @@ class Refined:
         added: terms that were not free before.
     """
 
-    free: FreeParameters
-    theta: Array
+    model: CandidateModel
     covariance: Array
-    delay: float
     better: bool
     white: bool
-    saved: Gain | None
-    fit: float
-    joint_fit: float
+    saved: ErrorReduction | None
     added: tuple[str, ...]
+    fit: float = math.nan
+    joint_fit: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)
-class _Begun:
-    free: FreeParameters
-    theta: Array
+class _Fitted:
+    """A model whose theta is that of the fit."""
 
-
-@dataclass(frozen=True, eq=False)
-class _Found:
-    free: FreeParameters
+    model: CandidateModel
     fit: OutputErrorFit
-    base: Vehicle
-    delay: float
 
     @property
-    def kernel(self) -> Array:
-        return np.array(self.base.parameters)
+    def names(self) -> tuple[str, ...]:
+        return self.model.free.names
 
     @property
     def white(self) -> bool:
         """Whether nothing but the sensors' noise is left."""
-        return self.fit.memory.white(columns_of(self.free.names))
+        return self.fit.autocorrelation.white(columns_of(self.names))
 
 
 def refine(
     runs: FreeRuns,
-    base: Vehicle,
-    free: FreeParameters,
-    starts: Sequence[Start],
-    instead: Sequence[Start] = (),
+    starts: Sequence[CandidateModel],
+    instead: Sequence[CandidateModel] = (),
     *,
-    delay: float,
-    prior: Prior,
     terms: bool,
     find_lag: bool,
     progress: Callable[[float], None],
@@ -188,130 +179,119 @@ def refine(
     """Fit free runs to recordings and say whether they are the better judge; None where they cannot be made.
 
     Args:
-        base: what is held. free: what the joint filter had free.
-        starts: what is free and where it begins: the joint filter's coefficients, those of least squares.
+        starts: what is free and where it begins: the joint filter's coefficients, those of least squares; with the same
+            things held, and the same delay.
         instead: the same with the damping terms that least squares chose, where the filter chose others: they take
-            their place where their runs are nearer over windows not seen, by more than the deviation of that.
-        delay: of the inputs [s] where it is not free.
-        prior: mean and information of what is free, known beforehand; `prior_with_terms`, where terms may be added.
-        terms: whether others may be added. find_lag: the thrusters' lag too. told: gets the share done.
+            their place where their errors are smaller over windows not seen, by more than the deviation of that.
+        terms: whether others may be added, of which the prior of the runs then says something too (`prior_with_terms`).
+        find_lag: whether the thrusters' lag may. progress: gets the share done.
     """
-    begun = _begun(runs, base, starts, delay, prior, terms=terms)
-    others = _begun(runs, base, instead, delay, prior, terms=terms)
+    joint = starts[0]
+    begun, others = _begun(runs, starts, terms=terms), _begun(runs, instead, terms=terms)
     if not begun:
         begun, others = others, []
     if not begun:
         return None
     if not runs.comparable:
-        found = _without_early_delay(runs, begun[0], prior)
-        return _refined(found, free, found.white, found.white, None)
+        best = _without_early_delay(runs, begun[0])
+        return _refined(best, joint, best.white, None)
     progress(0.2)
-    columns = columns_of(free.names)
-    found, errors = _steady(runs, begun, prior)
-    if others and not found.white:
-        other, theirs = _steady(runs, others, prior)
-        if gain(theirs, errors, columns).beyond(1.0, 0.0):
-            found, errors = other, theirs
-    white = found.white
+    columns = columns_of(joint.free.names)
+    best, errors = _steady(runs, begun)
+    if others and not best.white:
+        other, theirs = _steady(runs, others)
+        if error_reduction(theirs, errors, columns).beyond(1.0, 0.0):
+            best, errors = other, theirs
+    white = best.white
     if terms and not white:
-        groups = groups_of_terms(runs.vehicle, free.names, runs.samples, find_lag=find_lag)
+        groups = groups_of_terms(runs.vehicle, joint.free.names, runs.samples, find_lag=find_lag)
         for k, group in enumerate(groups):
             progress(0.3 + 0.6 * k / len(groups))
-            longer = _tried(runs, found, [name for name in group if name not in found.free.names], prior)
+            longer = _tried(runs, best, [name for name in group if name not in best.names])
             if longer is not None:
-                now = _unseen(runs, longer, prior)
+                now = runs.errors_unseen(longer.model)
                 needed = CHANGE if group[0].startswith(GAIN_PREFIX) else _TERM
-                if gain(now, errors, columns_of(longer.free.names)).beyond(needed, _TERM_WORTH):
-                    found, errors = longer, now
+                if error_reduction(now, errors, columns_of(longer.names)).beyond(needed, _TERM_WORTH):
+                    best, errors = longer, now
     progress(0.9)
-    before = runs.errors(np.array(base.parameters), free, starts[0][1], delay=delay)
-    saved = gain(errors, before, columns)
-    better, spread = white or saved.beyond(CHANGE, CHANGE_WORTH), runs.spread()
+    before = runs.errors(joint)
+    saved = error_reduction(errors, before, columns)
+    spread = runs.spread()
     return replace(
-        _refined(found, free, better, white, saved),
-        fit=fits(errors, spread, columns),
-        joint_fit=fits(before, spread, columns),
+        _refined(best, joint, white, saved),
+        fit=fit_percent(errors, spread, columns),
+        joint_fit=fit_percent(before, spread, columns),
     )
 
 
-def _begun(
-    runs: FreeRuns, base: Vehicle, starts: Sequence[Start], delay: float, prior: Prior, *, terms: bool
-) -> list[_Found]:
+def _begun(runs: FreeRuns, starts: Sequence[CandidateModel], *, terms: bool) -> list[_Fitted]:
     """Return the fits from all starts, those first whose runs come nearest."""
-    begun = [_Begun(*start) for start in starts]
+    begun = list(starts)
     if terms and begun and (level := righting(begun[0].free.names, runs.samples)):
-        begun += [_Begun(*_extended(runs.vehicle, each, base, delay, list(level))) for each in begun]
-    kernel = np.array(base.parameters)
-    tried = [
-        (each.free, runs.fit(kernel, each.free, each.theta, delay=delay, prior=prior(each.free))) for each in begun
-    ]
-    sound = [_Found(free, fit, base, delay) for free, fit in tried if fit is not None]
-    informed_or_start = sorted({j for each in sound for j in columns_of(each.free.names)})
-    return sorted(sound, key=lambda each: _distance(each.fit, informed_or_start))
+        begun += [_extended(runs.vehicle, each, list(level)) for each in begun]
+    fits = [each for each in (_fitted(runs, start) for start in begun) if each is not None]
+    columns = sorted({j for each in fits for j in columns_of(each.names)})
+    return sorted(fits, key=lambda each: _miss(each.fit, columns))
 
 
-def _steady(runs: FreeRuns, begun: Sequence[_Found], prior: Prior) -> tuple[_Found, Array]:
+def _steady(runs: FreeRuns, begun: Sequence[_Fitted]) -> tuple[_Fitted, Array]:
     """Return the nearest fit whose runs go somewhere over windows not seen, too, and its errors (w, 15) there."""
-    first: tuple[_Found, Array] | None = None
+    tried = []
     for each in begun:
-        found = _without_early_delay(runs, each, prior)
-        errors = _unseen(runs, found, prior)
+        fitted = _without_early_delay(runs, each)
+        errors = runs.errors_unseen(fitted.model)
+        tried.append((fitted, errors))
         if np.mean(np.isposinf(errors).any(axis=1)) < _LOST:
-            return found, errors
-        first = first or (found, errors)
-    assert first is not None
-    return first
+            return fitted, errors
+    return tried[0]
 
 
-def refit(
-    runs: FreeRuns, base: Vehicle, free: FreeParameters, theta: Array, found: Refined, prior: Prior
-) -> Refined | None:
-    """Return what was found with fewer coefficients free, the others held at those of `base`."""
-    fit = runs.fit(np.array(base.parameters), free, theta, delay=found.delay, prior=prior(free))
-    if fit is None:
+def refit(runs: FreeRuns, model: CandidateModel, refined: Refined) -> Refined | None:
+    """Return what was found with fewer coefficients free, the others held as the model has them."""
+    fitted = _fitted(runs, model)
+    if fitted is None:
         return None
-    again = _without_early_delay(runs, _Found(free, fit, base, found.delay), prior)
-    return replace(found, free=again.free, theta=again.fit.theta, covariance=again.fit.covariance, delay=again.delay)
+    again = _without_early_delay(runs, fitted)
+    return replace(refined, model=again.model, covariance=again.fit.covariance)
 
 
-def _refined(found: _Found, free: FreeParameters, better: bool, white: bool, saved: Gain | None) -> Refined:
-    added = tuple(name for name in found.free.names if name not in free.names)
-    fit = found.fit
-    none = float("nan")
-    return Refined(found.free, fit.theta, fit.covariance, found.delay, better, white, saved, none, none, added)
+def _refined(fitted: _Fitted, joint: CandidateModel, white: bool, saved: ErrorReduction | None) -> Refined:
+    added = tuple(name for name in fitted.names if name not in joint.free.names)
+    better = white or (saved is not None and saved.beyond(CHANGE, CHANGE_WORTH))
+    return Refined(fitted.model, fitted.fit.covariance, better, white, saved, added)
 
 
-def _distance(fit: OutputErrorFit, columns: Sequence[int]) -> float:
+def _miss(fit: OutputErrorFit, columns: Sequence[int]) -> float:
     """Return how far the runs are from the data: the mean logarithm of what they miss."""
     missed = fit.residual_std[list(columns)]
     known = missed[np.isfinite(missed) & (missed > 0.0)]
     return float(np.mean(np.log(known))) if known.size else np.inf
 
 
-def _unseen(runs: FreeRuns, found: _Found, prior: Prior) -> Array:
-    return runs.unseen(found.kernel, found.free, found.fit.theta, delay=found.delay, prior=prior(found.free))
+def _fitted(runs: FreeRuns, start: CandidateModel) -> _Fitted | None:
+    fit = runs.fit(start)
+    return None if fit is None else _Fitted(replace(start, theta=fit.theta), fit)
 
 
-def _tried(runs: FreeRuns, found: _Found, names: list[str], prior: Prior) -> _Found | None:
+def _tried(runs: FreeRuns, best: _Fitted, names: list[str]) -> _Fitted | None:
     """Return the fit with as many of the names as stand out of their deviations, None where none does."""
     gains = [name for name in names if name.startswith(GAIN_PREFIX)]
     for _ in range(_ROUNDS if names else 0):
-        begun = _Begun(found.free, found.fit.theta)
-        free, theta = _extended(runs.vehicle, begun, found.base, found.delay, names)
-        fit = runs.fit(found.kernel, free, theta, delay=found.delay, prior=prior(free))
-        if fit is None:
+        longer = _fitted(runs, _extended(runs.vehicle, best.model, names))
+        if longer is None:
             return None
-        kept = [name for name in names if _stands_out(free, fit, name, gains)]
+        kept = [name for name in names if _stands_out(longer, name, gains)]
         if kept == names:
-            return _without_early_delay(runs, replace(found, free=free, fit=fit), prior)
+            return _without_early_delay(runs, longer)
         names = kept
         if not names:
             return None
     return None
 
 
-def _stands_out(free: FreeParameters, fit: OutputErrorFit, name: str, gains: Sequence[str]) -> bool:
+def _stands_out(fitted: _Fitted, name: str, gains: Sequence[str]) -> bool:
     """Whether a term differs from 0 by its deviations, a gain from the usual one: the median of all, held ones too."""
+    free, fit = fitted.model.free, fitted.fit
     pick = np.zeros(len(free))
     k = free.names.index(name)
     pick[k] = 1.0
@@ -324,13 +304,11 @@ def _stands_out(free: FreeParameters, fit: OutputErrorFit, name: str, gains: Seq
     return bool(size > _KEPT * max(float(pick @ fit.covariance @ pick), 0.0) ** 0.5)
 
 
-def _extended(
-    vehicle: Vehicle, begun: _Begun, base: Vehicle, delay: float, names: list[str]
-) -> tuple[FreeParameters, Array]:
-    """Return the free parameters with `names` beside them, and where they start (n,)."""
-    free = free_parameters(vehicle, (*begun.free.names, *names))
-    now = dict(zip(begun.free.names, begun.theta, strict=True))
-    usual = start_theta(vehicle, base, free, delay=delay, lag=_LAG)
+def _extended(vehicle: Vehicle, model: CandidateModel, names: list[str]) -> CandidateModel:
+    """Return the model with `names` free too."""
+    free = free_parameters(vehicle, (*model.free.names, *names))
+    now = dict(zip(model.free.names, model.theta, strict=True))
+    usual = start_theta(vehicle, model.vehicle, free, delay=model.delay, lag=_LAG)
     size = size_of(vehicle, free)
     theta = np.array([now.get(name, usual[k]) for k, name in enumerate(free.names)])
     if LAG in names and DELAY in now:
@@ -339,13 +317,13 @@ def _extended(
     if RIGHTING in names:
         k = free.names.index(RIGHTING)
         theta[k] = max(float(theta[k]), float(size[k]))
-    return free, theta
+    return replace(model, free=free, theta=theta)
 
 
 def prior_with_terms(vehicle: Vehicle, first: FreeParameters, prior: Prior) -> Prior:
     """Return what is known beforehand: the prior, and a usual size for the terms that `first` has not."""
 
-    def known(free: FreeParameters) -> tuple[Array, Array]:
+    def known(free: FreeParameters) -> Knowledge:
         n = len(free)
         mean, information = prior(free) or (np.zeros(n), np.zeros((n, n)))
         information = np.array(information)
@@ -362,19 +340,20 @@ def prior_with_terms(vehicle: Vehicle, first: FreeParameters, prior: Prior) -> P
     return known
 
 
-def _without_early_delay(runs: FreeRuns, found: _Found, prior: Prior) -> _Found:
-    """Return the fit with no delay where thrusters would have to act before they are told."""
-    if DELAY not in found.free.names:
-        return found
-    k = found.free.names.index(DELAY)
-    if found.fit.theta[k] >= 0.0:
-        return found
-    free = found.free.subset([name for name in found.free.names if name != DELAY])
+def _without_early_delay(runs: FreeRuns, fitted: _Fitted) -> _Fitted:
+    """Return the fit with no delay where thrusters would have to act before they are commanded."""
+    model = fitted.model
+    if DELAY not in model.free.names:
+        return fitted
+    k = model.free.names.index(DELAY)
+    if model.theta[k] >= 0.0:
+        return fitted
+    free = model.free.subset([name for name in model.free.names if name != DELAY])
     if not len(free):
-        return found
-    theta = np.delete(found.fit.theta, k)
-    fit = runs.fit(found.kernel, free, theta, delay=0.0, prior=prior(free))
-    if fit is None:
-        left = np.delete(np.delete(found.fit.covariance, k, axis=0), k, axis=1)
-        fit = replace(found.fit, theta=theta, covariance=left)
-    return _Found(free, fit, found.base, 0.0)
+        return fitted
+    prompt = replace(model, free=free, theta=np.delete(model.theta, k), delay=0.0)
+    again = _fitted(runs, prompt)
+    if again is not None:
+        return again
+    left = np.delete(np.delete(fitted.fit.covariance, k, axis=0), k, axis=1)
+    return _Fitted(prompt, replace(fitted.fit, theta=prompt.theta, covariance=left))
