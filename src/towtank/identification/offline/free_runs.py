@@ -9,17 +9,23 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import Samples
-from towtank.identification.model.parameters import CONSTANT, DELAY, LAG, FreeParameters
+from towtank.identification.model.parameters import CONSTANT, DELAY, LAG
 from towtank.identification.model.prior import size_of
-from towtank.identification.posterior.assembly import judge
-from towtank.identification.posterior.identifiability import Hold
-from towtank.identification.simulation_error.cross_validation import FreeRuns, Gain, columns_of, gain
+from towtank.identification.posterior.assembly import Posterior, judge
+from towtank.identification.posterior.identifiability import Criteria, Hold
+from towtank.identification.posterior.wording import NOT_DETERMINED, free_runs_remark, least_squares_remark
+from towtank.identification.simulation_error.cross_validation import (
+    ErrorReduction,
+    FreeRuns,
+    Prior,
+    columns_of,
+    error_reduction,
+)
+from towtank.identification.simulation_error.problem import CandidateModel
 from towtank.identification.simulation_error.refinement import (
     CHANGE,
     CHANGE_WORTH,
-    Prior,
     Refined,
-    Start,
     prior_with_terms,
     refine,
     refit,
@@ -27,7 +33,7 @@ from towtank.identification.simulation_error.refinement import (
 )
 from towtank.vehicle import Vehicle
 
-__all__ = ["FreeRunOutcome", "learn_free_runs"]
+__all__ = ["FreeRunOutcome", "FreeRunTask", "learn_free_runs"]
 
 _ROUNDS = 3
 _KEPT = 2.0  # deviations that a constant force needs
@@ -35,172 +41,159 @@ _WIDE = 1e6  # deviation that free runs start from: none
 
 
 @dataclass(frozen=True, eq=False)
+class FreeRunTask:
+    """What free runs are asked.
+
+    Attributes:
+        starts, instead, terms, find_lag: see `refine`; the first start is the joint filter's model.
+        least_squares: the model of least squares alone, with the joint filter's coefficients free.
+        always: go on even where the joint filter is the better judge.
+        speeds: (6, 2) of the run, see `Criteria`.
+    """
+
+    starts: Sequence[CandidateModel]
+    instead: Sequence[CandidateModel]
+    least_squares: CandidateModel
+    terms: bool
+    find_lag: bool
+    always: bool
+    speeds: Array
+
+    @property
+    def joint(self) -> CandidateModel:
+        """The joint filter's model."""
+        return self.starts[0]
+
+    @property
+    def names(self) -> set[str]:
+        """Names of what any model has free to begin with."""
+        return {name for each in (*self.starts, *self.instead) for name in each.free.names}
+
+    def runs_over(
+        self, vehicle: Vehicle, samples: Sequence[Samples], noise: Array, attitude: Sequence[Array], prior: Prior
+    ) -> FreeRuns:
+        """Return recordings prepared for these models; `attitude`: see `FreeRuns`."""
+        names = (*self.names, *(righting(self.joint.free.names, samples) if self.terms else ()))
+        known = prior_with_terms(vehicle, self.joint.free, prior)
+        return FreeRuns.over(vehicle, samples, noise, names, attitude, known)
+
+
+@dataclass(frozen=True, eq=False)
 class FreeRunOutcome:
     """What free runs made of it.
 
     Attributes:
-        refined: coefficients. base: vehicle with all that is held.
-        reasons: why a coefficient that the filter had free is not determined. zeroed: those that are taken as 0.
-        first: the comparison with the joint filter. said: it, in plain words.
-        least_squares: whether the coefficients of least squares are nearer than those chosen.
+        refined: coefficients. first: the comparison with the joint filter. remark: it, in plain words.
+        reasons: why a coefficient that the filter had free is not determined. set_to_zero: those taken as 0.
+        least_squares: whether the runs of least squares have smaller errors than those of what was chosen.
     """
 
     refined: Refined
-    base: Vehicle
+    first: Refined
+    remark: str
     reasons: dict[str, str]
     set_to_zero: tuple[str, ...]
-    first: Refined
-    said: str
     least_squares: bool
 
 
-def learn_free_runs(
-    vehicle: Vehicle,
-    base: Vehicle,
-    samples: Sequence[Samples],
-    free: FreeParameters,
-    starts: Sequence[Start],
-    instead: Sequence[Start],
-    noise: Array,
-    attitude: Sequence[Array],
-    plain: tuple[Vehicle, float],
-    *,
-    delay: float,
-    prior: Prior,
-    terms: bool,
-    find_lag: bool,
-    always: bool,
-    speeds: Array,
-    progress: Callable[[float], None] | None = None,
-) -> FreeRunOutcome | None:
-    """Fit free runs; None where none can be made. Arguments as `refine`.
-
-    Args:
-        always: go on even where the joint filter is the better judge.
-        attitude: see `FreeRuns`. plain: what least squares found, and its delay [s].
-        speeds: see `posterior.assembly.judge`. told: gets the share done.
-    """
-    begun = {name for each, _ in (*starts, *instead) for name in each.names}
-    names = (*begun, *(righting(free.names, samples) if terms else ()))
-    runs = FreeRuns.over(vehicle, samples, noise, names, attitude)
-    silent, prior = progress or (lambda share: None), prior_with_terms(vehicle, free, prior)
-    first = refine(
-        runs, base, free, starts, instead, delay=delay, prior=prior, terms=terms, find_lag=find_lag, progress=silent
-    )
+def learn_free_runs(task: FreeRunTask, runs: FreeRuns, progress: Callable[[float], None]) -> FreeRunOutcome | None:
+    """Fit free runs; None where none can be made. `progress` gets the share done."""
+    terms = task.terms
+    first = refine(runs, task.starts, task.instead, terms=terms, find_lag=task.find_lag, progress=progress)
     if first is None:
         return None
-    proved = tuple(name for name in first.added if name not in begun)  # by windows held out
-    now, reasons, set_to_zero = first, dict[str, str](), []
-    begin, compare = base, terms and not always and not first.white and runs.comparable
-
-    def nearer(base: Vehicle, free_: FreeParameters, theta: Array, late: float) -> Gain | None:
-        """What least squares saves beside these coefficients; None where it does not stand out."""
-        theirs = free.theta(plain[0], delay=plain[1], lag=0.0)
-        errors = runs.errors(np.array(plain[0].parameters), free, theirs, delay=plain[1])
-        beside = runs.errors(np.array(base.parameters), free_, theta, delay=late)
-        saved = gain(errors, beside, columns_of(free.names))
-        return saved if saved.beyond(CHANGE, CHANGE_WORTH) else None
-
-    joint = (begin, free, starts[0][1], delay)
-    if compare and not first.better and nearer(*joint) and not nearer(base, now.free, now.theta, now.delay):
-        now = first = replace(first, better=True)  # least squares beats the filter, but not what free runs found
-    for _ in range(_ROUNDS if terms and (first.better or always) else 0):
-        tried = _held(runs, base, now, prior, proved, speeds)
+    proved = tuple(name for name in first.added if name not in task.names)  # by windows held out
+    compare = terms and not task.always and not first.white and runs.comparable
+    if (
+        compare
+        and not first.better
+        and _saved_by_least_squares(task, runs, task.joint)
+        and not _saved_by_least_squares(task, runs, first.model)
+    ):
+        first = replace(first, better=True)  # least squares beats the filter, but not what free runs found
+    now, reasons, set_to_zero = first, dict[str, str](), list[str]()
+    for _ in range(_ROUNDS if terms and (first.better or task.always) else 0):
+        tried = _held(task, runs, now, proved)
         if tried is None:
             break
         for stays in tried.stand_for_two:
-            other = _held(runs, base, now, prior, proved, speeds, yielding=(*tried.yielding, stays))
-            if other is not None and other.nearer(runs, tried, columns_of([stays])):
+            other = _held(task, runs, now, proved, yielding=(*tried.yielding, stays))
+            if other is not None and other.has_smaller_errors(runs, tried, columns_of([stays])):
                 tried = other
-        base, now = tried.base, tried.found
+        now = tried.refined
         set_to_zero += [name for name, hold in tried.held.items() if hold == "zero"]
         reasons.update(tried.reasons)
-    said = _sentence(first, always, runs.thinned)
-    saved = nearer(*((base, now.free, now.theta, now.delay) if first.better else joint)) if compare else None
+    remark = _remark(task, first, thinned=runs.thinned)
+    saved = _saved_by_least_squares(task, runs, now.model if first.better else task.joint) if compare else None
     if saved is not None:
-        share = f"{100.0 * saved.mean:.0f} +- {100.0 * saved.std:.0f} % less square error"
-        said += f"; but free runs with the coefficients of least squares are nearer than either ({share})"
-    return FreeRunOutcome(now, base, reasons, tuple(set_to_zero), first, said, saved is not None)
+        remark += least_squares_remark((saved.mean, saved.std))
+    return FreeRunOutcome(now, first, remark, reasons, tuple(set_to_zero), saved is not None)
+
+
+def _saved_by_least_squares(task: FreeRunTask, runs: FreeRuns, model: CandidateModel) -> ErrorReduction | None:
+    """Return what least squares saves beside a model; None where it does not stand out."""
+    errors, beside = runs.errors(task.least_squares), runs.errors(model)
+    saved = error_reduction(errors, beside, columns_of(task.joint.free.names))
+    return saved if saved.beyond(CHANGE, CHANGE_WORTH) else None
 
 
 @dataclass(frozen=True, eq=False)
 class _Held:
-    """A fit with less free: what is held, why, and the vehicle that holds it.
+    """A fit with less free: what is held, and why.
 
-    stand_for_two: damping terms whose mate is taken as 0. yielding: see `identifiability`.
+    stand_for_two: damping terms whose mate is taken as 0. yielding: see `Criteria`.
     """
 
-    found: Refined
-    base: Vehicle
+    refined: Refined
     held: dict[str, Hold]
     reasons: dict[str, str]
     stand_for_two: tuple[str, ...]
     yielding: tuple[str, ...]
 
-    def nearer(self, runs: FreeRuns, other: _Held, columns: Sequence[int]) -> bool:
-        """Whether runs come nearer than with the other choice, in some columns."""
-        one, two = (
-            runs.errors(np.array(each.base.parameters), each.found.free, each.found.theta, delay=each.found.delay)
-            for each in (self, other)
-        )
-        return gain(one, two, columns).mean > 0.0
+    def has_smaller_errors(self, runs: FreeRuns, other: _Held, columns: Sequence[int]) -> bool:
+        """Whether the errors are smaller than with the other choice, in some columns."""
+        one, two = (runs.errors(each.refined.model) for each in (self, other))
+        return error_reduction(one, two, columns).mean > 0.0
 
 
 def _held(
-    runs: FreeRuns,
-    base: Vehicle,
-    found: Refined,
-    prior: Prior,
-    proved: Sequence[str],
-    speeds: Array,
-    *,
-    yielding: tuple[str, ...] = (),
+    task: FreeRunTask, runs: FreeRuns, refined: Refined, proved: Sequence[str], *, yielding: tuple[str, ...] = ()
 ) -> _Held | None:
     """Return the fit without what these recordings do not determine; None where they do, or nothing would be left.
 
-    proved: names that stay, since runs over windows not seen came nearer with them. yielding: see `identifiability`.
+    proved: names that stay, since they reduced the errors over windows not seen. yielding: see `Criteria`.
     """
-    free = found.free
-    wide, size = np.full(len(free), _WIDE), size_of(runs.vehicle, free)
-    findings = judge(free, found.theta, found.covariance, wide, size, speeds=speeds, yielding=yielding)
-    shown = (DELAY, LAG, *proved, *(name for name in free.names if _shows(found, name)))
-    held = {name: hold for name, hold in findings.held.items() if name not in shown}
+    model, free = refined.model, refined.model.free
+    posterior, criteria = Posterior(free, model.theta, refined.covariance), Criteria(task.speeds, yielding)
+    findings = judge(posterior, np.full(len(free), _WIDE), size_of(runs.vehicle, free), criteria=criteria)
+    kept = (DELAY, LAG, *proved, *(name for name in free.names if _stands_out(refined, name)))
+    held = {name: hold for name, hold in findings.held.items() if name not in kept}
     if not held or len(held) == len(free):
         return None
-    without = base.with_coefficients({name: 0.0 for name, hold in held.items() if hold == "zero"})
-    keep = [k for k, name in enumerate(free.names) if name not in held]
-    left = free.subset([free.names[k] for k in keep])
-    again = refit(runs, without, left, found.theta[keep], found, prior)
+    left = [k for k, name in enumerate(free.names) if name not in held]
+    smaller = replace(
+        model,
+        vehicle=model.vehicle.with_coefficients({name: 0.0 for name, hold in held.items() if hold == "zero"}),
+        free=free.subset([free.names[k] for k in left]),
+        theta=model.theta[left],
+    )
+    again = refit(runs, smaller, refined)
     if again is None:
         return None
-    reasons = {name: findings.reasons.get(name, "not determined") for name in held}
+    reasons = {name: findings.reasons.get(name, NOT_DETERMINED) for name in held}
     stay = [each.partner for each in findings.findings if held.get(each.name) == "zero" and each.partner]
-    return _Held(again, without, held, reasons, tuple(stay), yielding)
+    return _Held(again, held, reasons, tuple(stay), yielding)
 
 
-def _shows(found: Refined, name: str) -> bool:
+def _stands_out(refined: Refined, name: str) -> bool:
     """Whether a constant force stands out, however roughly its size is known: without it the rest is off."""
-    k = found.free.names.index(name)
-    return bool(found.free.codes[k, 0] == CONSTANT and abs(found.theta[k]) > _KEPT * np.sqrt(found.covariance[k, k]))
+    free, theta, covariance = refined.model.free, refined.model.theta, refined.covariance
+    k = free.names.index(name)
+    return bool(free.codes[k, 0] == CONSTANT and abs(theta[k]) > _KEPT * np.sqrt(covariance[k, k]))
 
 
-def _sentence(found: Refined, always: bool, thinned: bool) -> str:
-    where = "windows spread over the recordings" if thinned else "windows of the recordings"
-    if found.white:
-        return (
-            "free runs leave nothing but the sensors' noise (their residuals are white), so output error is the "
-            "better judge"
-        )
-    if found.saved is None:
-        text = "the recordings are too short to compare free runs over windows held out, so the joint filter judges"
-    else:
-        shares = f"{100.0 * found.saved.mean:.0f} +- {100.0 * found.saved.std:.0f} % less square error"
-        if not np.isfinite(found.saved.mean):
-            shares = "the runs of the other one go nowhere"
-        elif np.isfinite(found.fit) and np.isfinite(found.joint_fit):
-            shares = f"{found.fit:.0f} % against {found.joint_fit:.0f} %, {shares}"
-        if found.better:
-            added = f" (with {', '.join(found.added)})" if found.added else ""
-            return f"output error{added} predicts {where} that it has not seen better than the joint filter: {shares}"
-        text = f"output error does not predict {where} that it has not seen better than the joint filter: {shares}"
-    return text + "; output error was asked for" if always else text
+def _remark(task: FreeRunTask, first: Refined, *, thinned: bool) -> str:
+    saved = None if first.saved is None else (first.saved.mean, first.saved.std)
+    verdict = "white" if first.white else "better" if first.better else "worse"
+    fits = (first.fit, first.joint_fit)
+    return free_runs_remark(verdict, saved, fits, first.added, thinned=thinned, requested=task.always)
