@@ -18,7 +18,7 @@ from towtank.recording.frames.world_velocity import with_body_velocity
 from towtank.vehicle import Vehicle
 from towtank.vehicle.names import ROWS
 
-__all__ = ["METHODS", "LearningOptions", "LogLearning", "learn_recordings"]
+__all__ = ["METHODS", "LearningOptions", "learn_recordings"]
 
 METHODS = ("joint", "output-error", "paper")
 

@@ -38,7 +38,7 @@ from towtank.recording import Grid
 from towtank.recording.frames.rotations import conjugate, rotate
 from towtank.vehicle import Vehicle, configuration_matrix
 
-__all__ = ["DRIVEN", "FirstLook", "Reversal", "first_look", "mirrored", "reversals"]
+__all__ = ["DRIVEN", "first_look", "mirrored", "reversals"]
 
 DERIVED_CORNER = 12.0  # 1/s, of the low-pass that a derived speed needs
 _CUT = 7.0  # times the median deviation from the running mean

@@ -57,7 +57,7 @@ class FreeRunTask:
     terms: bool
     find_lag: bool
     always: bool
-    speeds: Array
+    speeds: Array | None = None
 
     @property
     def joint(self) -> CandidateModel:

@@ -10,7 +10,7 @@ LearningRequest -> Prepared      least squares, what to learn by it, and where t
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +25,7 @@ from towtank.identification.least_squares.batch import Progress, estimate_warnin
 from towtank.identification.least_squares.solution import not_commanded
 from towtank.identification.least_squares.velocity import drifting_attitude
 from towtank.identification.model.parameters import DELAY, LAG, FreeParameters, free_parameters
-from towtank.identification.model.prior import prior_information, size_of, start_theta, usual_disturbance
+from towtank.identification.model.prior import size_of, start_theta, usual_disturbance
 from towtank.identification.model.terms import AXES, paper_names
 from towtank.identification.offline.free_runs import FreeRunOutcome, FreeRunTask, learn_free_runs
 from towtank.identification.offline.rounds import SURE, FilterTask, Rounds, Start, doubted_inertias, run_rounds
@@ -82,30 +82,22 @@ class LearningRequest:
             progress=progress,
         )
 
-    def known(self, free: FreeParameters) -> tuple[Array, Array] | None:
-        """Return mean (n,) and information (n, n) of the prior for what is free."""
-        return None if self.prior is None else prior_information(self.prior, free)
-
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """What there is before the filter begins.
 
     Attributes:
-        first: what least squares found. samples: of each recording.
-        to_learn: names to free. held: why least squares could not find others.
+        first: what least squares found. to_learn: names to free.
         known: the vehicle with what least squares found, however unsure, where it is physical.
-        delay: of the inputs [s], where it is not free. lag: of the thrusters [s], to begin with.
+        task: of the filter; its delay [s] is that of the inputs where none is free.
     """
 
     request: LearningRequest
     first: LogLearning
-    samples: Sequence[Samples]
     to_learn: tuple[str, ...]
-    held: Mapping[str, str]
     known: Vehicle
-    delay: float
-    lag: float
+    task: FilterTask
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,17 +136,16 @@ def learn_joint(request: LearningRequest, progress: Progress | None = None) -> L
     """Learn a vehicle's coefficients from recordings; see `learn_recordings`."""
     progress = progress or (lambda text, share: None)
     prepared = _prepared(request, progress)
-    task = _filter_task(prepared)
-    rounds = run_rounds(task, lambda share: progress("joint filter", 0.3 + 0.4 * share))
+    rounds = run_rounds(prepared.task, lambda share: progress("joint filter", 0.3 + 0.4 * share))
     progress("free runs", 0.7)
-    water = _water(request, task, rounds)
-    runs = None if request.current else _free_runs(prepared, task, rounds, progress)
+    water = _water(prepared.task, rounds)
+    runs = None if request.current else _free_runs(prepared, rounds, progress)
     remarks = water.remarks if runs is None else (*water.remarks, runs.remark)
     if runs is not None and runs.least_squares and not request.always_free_runs:
-        whole = prepared.first if rounds.few is prepared.samples else request.least_squares()
+        whole = prepared.first if rounds.few is prepared.task.samples else request.least_squares()
         return replace(whole, levels=rounds.fit.levels, remarks=(*whole.remarks, *remarks))
     if runs is not None and (runs.first.better or request.always_free_runs):
-        settled = _settled_by_free_runs(prepared, task, rounds, runs)
+        settled = _settled_by_free_runs(prepared, rounds, runs)
     else:
         settled = _settled_by_filter(prepared, rounds)
     settled = _with_idle_axes(prepared, rounds, settled)
@@ -167,70 +158,66 @@ def learn_joint(request: LearningRequest, progress: Progress | None = None) -> L
 
 
 def _prepared(request: LearningRequest, progress: Progress) -> Prepared:
-    """Learn by least squares, and choose by that what to learn."""
+    """Learn by least squares, and choose by that what to learn, and where it starts."""
+    vehicle = request.vehicle
     first = request.least_squares(sparing=True, progress=lambda text, share: progress(text, 0.3 * share))
-    samples = [samples_of(recording, request.vehicle) for recording in request.recordings]
-    estimate = first.estimate
+    samples = [samples_of(recording, vehicle) for recording in request.recordings]
+    coefficients = first.estimate.coefficients
     to_learn, held = tuple(request.free or ()), dict[str, str]()
     if not request.named:
-        to_learn = tuple(each.name for each in estimate.coefficients if each.identified)
-        held = {each.name: each.reason or "" for each in estimate.coefficients if not each.identified}
+        to_learn = tuple(each.name for each in coefficients if each.identified)
+        held = {each.name: each.reason or "" for each in coefficients if not each.identified}
     if request.delay is None and any(each.commands for each in samples):
         to_learn = (*to_learn, DELAY)
-    changes = {each.name: each.value for each in estimate.coefficients if each.identified}
-    known = request.vehicle.with_coefficients(changes) if changes else request.vehicle
+    free = free_parameters(vehicle, to_learn)
+    changes = {each.name: each.value for each in coefficients if each.identified}
+    known = vehicle.with_coefficients(changes) if changes else vehicle
     lag = float(np.mean(samples[0].lag)) if samples[0].lag.size and samples[0].lag.any() else _LAG
     delay = max(0.0, first.delay - lag) if LAG in to_learn else first.delay
-    return Prepared(request, first, samples, to_learn, held, known, delay, lag)
-
-
-def _filter_task(prepared: Prepared) -> FilterTask:
-    request, held = prepared.request, prepared.held
-    free = free_parameters(request.vehicle, prepared.to_learn)
-    theta = start_theta(request.vehicle, prepared.known, free, delay=prepared.delay, lag=prepared.lag)
-    levels = common_noise_levels(request.recordings, prepared.samples, request.vehicle)
-    return FilterTask(
-        request.vehicle,
-        prepared.samples,
-        Start(free, theta, levels),
-        replace(filter_settings(request.vehicle), current=request.current),
+    theta = start_theta(vehicle, known, free, delay=delay, lag=lag)
+    task = FilterTask(
+        vehicle,
+        samples,
+        Start(free, theta, common_noise_levels(request.recordings, samples, vehicle)),
+        replace(filter_settings(vehicle), current=request.current),
         held=held,
-        doubted=() if request.named else doubted_inertias(prepared.to_learn, held),
-        set_to_zero=[name for name in held if prepared.first.model.coefficient(name) == 0.0],
-        delay=prepared.delay,
+        doubted=() if request.named else doubted_inertias(to_learn, held),
+        set_to_zero=[name for name in held if first.model.coefficient(name) == 0.0],
+        delay=delay,
         prior=request.prior,
         requested=request.named,
-        speeds=speeds_of(prepared.first),
+        speeds=speeds_of(first),
     )
+    return Prepared(request, first, to_learn, known, task)
 
 
-def _water(request: LearningRequest, task: FilterTask, rounds: Rounds) -> _Water:
+def _water(task: FilterTask, rounds: Rounds) -> _Water:
     """Return the current that was learned, or a warning where one is suspected."""
     fit = rounds.fit
-    if request.current:
+    if task.settings.current:
         water = current_of(fit.state)
         return _Water(water, (current_estimated(water.said),))
     flow = suspected_current(
         rounds.few,
         np.array(rounds.base.parameters),
         fit,
-        prior_deviation(fit.free, size_of(request.vehicle, fit.free)),
+        prior_deviation(fit.free, size_of(task.vehicle, fit.free)),
         task.settings,
         delay=task.delay,
-        prior=request.known(fit.free),
+        prior=task.known(fit.free),
     )
     return _Water() if flow is None else _Water(warnings=(current_suspected(flow.said),))
 
 
-def _free_runs(prepared: Prepared, task: FilterTask, rounds: Rounds, progress: Progress) -> FreeRunOutcome | None:
+def _free_runs(prepared: Prepared, rounds: Rounds, progress: Progress) -> FreeRunOutcome | None:
     """Ask free runs, which begin at the joint filter's coefficients and at all that least squares found."""
-    request, first, samples, fit = prepared.request, prepared.first, prepared.samples, rounds.fit
-    free = fit.free
+    request, first, samples, fit = prepared.request, prepared.first, prepared.task.samples, rounds.fit
+    task, free = prepared.task, fit.free
     base = rounds.base.with_coefficients({name: 0.0 for name in rounds.added if name in free.names})
     names = [name for name in (*prepared.to_learn, *rounds.added, *rounds.sure) if name not in rounds.dropped]
 
     def starts(fit: JointFit, names: Sequence[str]) -> list[CandidateModel]:
-        whole, known, delay = free_parameters(request.vehicle, names), prepared.known, prepared.delay
+        whole, known, delay = free_parameters(request.vehicle, names), prepared.known, task.delay
         theta = start_theta(known, known, whole, delay=delay, lag=_LAG)
         return [CandidateModel(base, fit.free, fit.theta, delay), CandidateModel(base, whole, theta, delay)]
 
@@ -243,26 +230,26 @@ def _free_runs(prepared: Prepared, task: FilterTask, rounds: Rounds, progress: P
         terms=not request.named,
         find_lag=not request.named and request.delay is None and lagging,
         always=request.always_free_runs,
-        speeds=speeds_of(first),
+        speeds=task.speeds,
     )
     attitude = [drifting_attitude(g, s, each.t) for g, s, each in zip(first.grids, first.sources, samples, strict=True)]
-    runs = runs_task.runs_over(request.vehicle, samples, task.shown, attitude, request.known)
+    runs = runs_task.runs_over(request.vehicle, samples, task.shown, attitude, task.known)
     return learn_free_runs(runs_task, runs, lambda share: progress("free runs", 0.7 + 0.25 * share))
 
 
 def _settled_by_filter(prepared: Prepared, rounds: Rounds) -> Settled:
     reasons = {name: why for name, why in rounds.findings.reasons.items() if name not in (DELAY, LAG)}
     unidentified = {**reasons, **rounds.unidentified}
-    return Settled(rounds.fit, prepared.delay, "joint", prepared.to_learn, unidentified, rounds.set_to_zero)
+    return Settled(rounds.fit, prepared.task.delay, "joint", prepared.to_learn, unidentified, rounds.set_to_zero)
 
 
-def _settled_by_free_runs(prepared: Prepared, task: FilterTask, rounds: Rounds, runs: FreeRunOutcome) -> Settled:
+def _settled_by_free_runs(prepared: Prepared, rounds: Rounds, runs: FreeRunOutcome) -> Settled:
     model, covariance, added = runs.refined.model, runs.refined.covariance, runs.refined.added
-    names = model.free.names
+    names, task = model.free.names, prepared.task
     if rounds.fit.duration < _HIDES * task.settings.time_constant:
         covariance = _no_surer(model.free, covariance, rounds.fit)
     unidentified = {name: why for name, why in rounds.unidentified.items() if name not in added}
-    unidentified |= {name: prepared.held[name] for name in (*rounds.added, *rounds.sure) if name not in names}
+    unidentified |= {name: task.held[name] for name in (*rounds.added, *rounds.sure) if name not in names}
     zeros = (*rounds.set_to_zero, *rounds.added, *runs.set_to_zero)
     return Settled(
         fit=replace(rounds.fit, free=model.free, theta=model.theta, covariance=covariance, likely=covariance),
@@ -289,7 +276,7 @@ def _with_idle_axes(prepared: Prepared, rounds: Rounds, settled: Settled) -> Set
     """Return what is settled where somebody named the coefficients: all are as fitted, and it is said how surely."""
     if not prepared.request.named:
         return settled
-    moved_by_water = _idle(prepared.request.vehicle, prepared.samples)
+    moved_by_water = _idle(prepared.request.vehicle, prepared.task.samples)
     unidentified, roughly = dict(settled.unidentified), list[str]()
     if settled.method == "joint":
         unsure = unidentified.keys() - moved_by_water
@@ -323,7 +310,7 @@ def _idle(vehicle: Vehicle, samples: Sequence[Samples]) -> dict[str, str]:
 def _assembled(prepared: Prepared, settled: Settled) -> Assembled:
     to_learn, fit = settled.to_learn, settled.fit
     names = [name for name in to_learn if name not in (DELAY, LAG)]
-    names += [name for name in prepared.held if name not in to_learn]
+    names += [name for name in prepared.task.held if name not in to_learn]
     outcome = Outcome(
         settled.posterior,
         names,

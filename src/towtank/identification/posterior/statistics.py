@@ -18,7 +18,6 @@ import numpy as np
 from towtank.core.arrays import Array
 
 __all__ = [
-    "NearestPoint",
     "alone",
     "along",
     "conditional_covariance",

@@ -16,36 +16,23 @@ from towtank.identification.model.terms import AXES
 from towtank.vehicle.names import COEFFICIENTS, COLUMNS, ROWS, index, unit
 
 __all__ = [
-    "HELD",
     "NOT_DETERMINED",
     "NOT_FREE",
-    "Pair",
-    "PairWords",
     "Role",
     "as_fitted",
     "coupling",
     "current_estimated",
     "current_suspected",
-    "determined",
     "diagonal",
-    "entangled",
     "follows",
     "free_runs_remark",
-    "from_prior",
     "inertia_doubted",
     "least_squares_remark",
     "needed_factor",
-    "pair_words",
     "phrase",
-    "ratio",
-    "ratio_known",
-    "rests_on_held",
     "reversed_force",
     "role",
-    "scale_held",
-    "silent",
     "unreachable",
-    "will_be_known",
 ]
 
 HELD = "; held at the vehicle's value"
@@ -286,9 +273,7 @@ def pair_words(pair: Pair) -> PairWords:
     held = "held at 0" if damping else "held at the vehicle's value"
     stands = f"{label(pair.winner)} stands for both" if damping else f"learned with {label(pair.loser)} held"
     return PairWords(
-        winner=f"{alike}: {cure}; {stands}",
-        loser=f"{alike}: {cure}; {label(pair.loser)} {held}",
-        known=known,
+        winner=f"{alike}: {cure}; {stands}", loser=f"{alike}: {cure}; {label(pair.loser)} {held}", known=known
     )
 
 

@@ -25,7 +25,7 @@ from towtank.identification.simulation_error.problem import CandidateModel, Know
 from towtank.identification.simulation_error.trajectory import STEP
 from towtank.vehicle import Vehicle
 
-__all__ = ["ErrorReduction", "FreeRuns", "Prior", "Window", "columns_of", "error_reduction", "fit_percent"]
+__all__ = ["ErrorReduction", "FreeRuns", "Prior", "columns_of", "error_reduction", "fit_percent"]
 
 _FAILED, _FLOOR = 10.0, 0.1
 _RUN, _POSED = 5.0, 60.0  # s: length of a run; and where a pose is run over, which remembers how it began

@@ -54,7 +54,7 @@ from towtank.identification.simulation_error.problem import (
 from towtank.identification.simulation_error.residuals import GATE, RobustMoments, robust_moments
 from towtank.identification.simulation_error.trajectory import Step, inverse_information
 
-__all__ = ["Autocorrelation", "OutputErrorFit", "autocorrelation_of", "fit_output_error"]
+__all__ = ["OutputErrorFit", "autocorrelation_of", "fit_output_error"]
 
 _FAR = 1e3  # standard deviations of the noise: scale of residuals of which nothing is known yet
 _NEAR = 1.0  # decrease of the cost from which the gate is in force

@@ -46,16 +46,7 @@ from towtank.identification.simulation_error.problem import CandidateModel, Know
 from towtank.vehicle import Vehicle, configuration_matrix
 from towtank.vehicle.names import COLUMNS, ROWS
 
-__all__ = [
-    "CHANGE",
-    "CHANGE_WORTH",
-    "Refined",
-    "groups_of_terms",
-    "prior_with_terms",
-    "refine",
-    "refit",
-    "righting",
-]
+__all__ = ["CHANGE", "CHANGE_WORTH", "Refined", "groups_of_terms", "prior_with_terms", "refine", "refit", "righting"]
 
 RIGHTING = "BG_z"
 _FEWEST = 3  # thrusters, of which most give what their curves say
