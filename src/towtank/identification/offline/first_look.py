@@ -52,7 +52,7 @@ _FEW = 100
 _BLOCKS = 64  # of time, for the deviation of the delay
 _INDEPENDENT = 1e-9
 _STEP = 0.1  # s
-_WINDOW, _SHORTEST, _MOST = 20.0, 5.0, 60  # s, s; windows looked at, spread evenly
+_WINDOW, _SHORTEST, _MOST = 20.0, 5.0, 60  # s, s; windows used, spread evenly
 _TIMES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8)  # s
 _SWINGS, _DAMPED = (0.5, 1.0, 2.0, 4.0, 8.0), (0.2, 0.8, 3.2)  # rad/s, and s, of what is righted
 _DELAYS = (0, 1, 2, 4)  # steps
@@ -114,7 +114,7 @@ def _without_jumps(speed: Array, dt: float) -> Array:
 
 @dataclass(frozen=True)
 class FirstLook:
-    """What a quick look shows.
+    """What a log shows of its inputs.
 
     Attributes:
         delay, delay_std: [s]; None without a driven axis, the deviation NaN where it cannot be told.
@@ -128,7 +128,7 @@ class FirstLook:
 
 
 def first_look(grid: Grid) -> FirstLook:
-    """Look at a grid that has inputs (commands, else a wrench)."""
+    """Return what a grid with inputs (commands, else a wrench) shows."""
     sources = Sources.of(grid.pose, grid.velocity, grid.acceleration)
     nu = speeds(grid)[:_MOST_ROWS]
     passes = 2 if "derived" in sources.velocity else 0

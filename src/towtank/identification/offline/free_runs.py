@@ -195,5 +195,5 @@ def _stands_out(refined: Refined, name: str) -> bool:
 def _remark(task: FreeRunTask, first: Refined, *, thinned: bool) -> str:
     saved = None if first.saved is None else (first.saved.mean, first.saved.std)
     verdict = "white" if first.white else "better" if first.better else "worse"
-    fits = (first.fit, first.joint_fit)
+    fits = (first.fit_percent, first.joint_fit_percent)
     return free_runs_remark(verdict, saved, fits, first.added, thinned=thinned, requested=task.always)

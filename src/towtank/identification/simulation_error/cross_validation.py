@@ -24,6 +24,7 @@ from towtank.identification.simulation_error.fit import OutputErrorFit, fit_outp
 from towtank.identification.simulation_error.problem import CandidateModel, Knowledge
 from towtank.identification.simulation_error.trajectory import STEP
 from towtank.vehicle import Vehicle
+from towtank.vehicle.names import ROWS
 
 __all__ = ["ErrorReduction", "FreeRuns", "Prior", "columns_of", "error_reduction", "fit_percent"]
 
@@ -99,11 +100,11 @@ def fit_percent(errors: Array, spread: Array, columns: Sequence[int]) -> float:
 
 
 def columns_of(names: Sequence[str]) -> tuple[int, ...]:
-    """Return the columns that tell of the axes whose coefficients are free: pose and speed of each."""
+    """Return the columns that show the axes whose coefficients are free: pose and speed of each."""
     axes = set()
     for name in names:
-        if name[0] in "XYZKMN" and name[1:2] == "_":
-            axes.add("XYZKMN".index(name[0]))
+        if name[0] in ROWS and name[1:2] == "_":
+            axes.add(ROWS.index(name[0]))
         elif name.startswith("BG_"):
             axes |= {3, 4}
         elif name == "W_minus_B":
@@ -149,7 +150,7 @@ class FreeRuns:
         attitude: Sequence[Array] | None = None,
         prior: Prior | None = None,
     ) -> FreeRuns:
-        """Prepare recordings for coefficients of these names; what tells nothing of their axes is left out."""
+        """Prepare recordings for coefficients of these names; what says nothing of their axes is left out."""
         measured = np.any([each.measured for each in samples], axis=0)
         left = _informative(columns_of(names), measured)
         rows_of = [np.flatnonzero(np.isfinite(each.values[:, list(left)]).any(axis=1)) for each in samples]

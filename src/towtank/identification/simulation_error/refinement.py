@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,6 +34,7 @@ from towtank.identification.model.parameters import (
     free_parameters,
 )
 from towtank.identification.model.prior import size_of, start_theta
+from towtank.identification.model.terms import AXES
 from towtank.identification.simulation_error.cross_validation import (
     ErrorReduction,
     FreeRuns,
@@ -61,35 +63,39 @@ _ROUNDS = 3
 _LOST = 0.5  # share of the windows in which runs go nowhere
 
 
+class TermGroups(NamedTuple):
+    """Names of terms that are tried together, in the order in which they are tried."""
+
+    constants: tuple[str, ...]
+    gains: tuple[str, ...]
+    lag: tuple[str, ...]
+    damping: tuple[str, ...]
+    couplings: tuple[str, ...]
+
+
 def groups_of_terms(
     vehicle: Vehicle, names: Sequence[str], samples: Sequence[Samples], *, find_lag: bool
-) -> tuple[tuple[str, ...], ...]:
-    """Return groups of names: constant forces, gains of thrusters, lag, other damping terms, couplings by speed.
-
-    Args:
-        names: what is free already; an axis is modelled where its inertia is or its damping.
-        find_lag: whether the thrusters' lag is asked for.
-    """
-    axes = [i for i in range(6) if any(name in names for name in _own(i))]
+) -> TermGroups:
+    """Return the terms that a model with `names` free may lack; an axis is modelled where its inertia or damping is."""
+    axes = [i for i, own in enumerate(AXES) if {own.added_mass, own.linear, own.quadratic} & set(names)]
     measured = np.any([each.measured for each in samples], axis=0)
     fed = [i for i in range(6) if measured[6 + i] or measured[i]]
     constants = [f"{ROWS[i]}_0" for i in axes]
     if "BG_z" in names:
         constants += ["BG_x", "BG_y"]
-    damping = []
+    damping: list[str] = []
     for i in axes:
-        linear, quadratic = f"{ROWS[i]}_{COLUMNS[i]}", f"{ROWS[i]}_{COLUMNS[i] * 2}"
-        known = [name for name in (linear, quadratic) if vehicle.coefficient(name) != 0.0]
-        damping += known or [linear, quadratic]
+        own = (AXES[i].linear, AXES[i].quadratic)
+        damping += [name for name in own if vehicle.coefficient(name) != 0.0] or own
     couplings = [f"{ROWS[i]}_{COLUMNS[j]}" for i in axes for j in _coupled(i) if j in axes and j in fed and i in fed]
     gains = _gains(vehicle, axes, samples) if all(each.commands for each in samples) else ()
-    return (tuple(constants), gains, (LAG,) if find_lag else (), tuple(damping), tuple(couplings))
+    return TermGroups(tuple(constants), gains, (LAG,) if find_lag else (), tuple(damping), tuple(couplings))
 
 
 def _gains(vehicle: Vehicle, axes: Sequence[int], samples: Sequence[Samples]) -> tuple[str, ...]:
     """Return the gains of the driven thrusters that act along the modelled axes, where they can be compared.
 
-    All forces together have no scale of their own, so one thruster is told from the others, or not at all.
+    All forces together have no scale of their own, so one thruster is known beside the others, or not at all.
     """
     acts = np.any(configuration_matrix(vehicle)[list(axes)] != 0.0, axis=0)
     driven = np.any([np.nanmax(each.input_force, axis=0) > np.nanmin(each.input_force, axis=0) for each in samples], 0)
@@ -100,7 +106,7 @@ def _gains(vehicle: Vehicle, axes: Sequence[int], samples: Sequence[Samples]) ->
 def righting(names: Sequence[str], samples: Sequence[Samples]) -> tuple[str, ...]:
     """Return the name of the righting moment where it is not free and the attitude is measured, else nothing.
 
-    A vehicle stays level under its thrusters or tips: that alone tells of its righting moment, even where nothing else
+    A vehicle stays level under its thrusters or tips: that alone shows its righting moment, even where nothing else
     of roll and pitch can be learned, and a free run that tips over is of no use to the other axes.
     """
     measured = np.any([each.measured for each in samples], axis=0)
@@ -113,11 +119,6 @@ def _coupled(i: int) -> tuple[int, ...]:
     return tuple(sorted(both))
 
 
-def _own(i: int) -> tuple[str, ...]:
-    row, column = ROWS[i], COLUMNS[i]
-    return f"{row}_{column}dot", f"{row}_{column}", f"{row}_{column}{column}"
-
-
 @dataclass(frozen=True, eq=False)
 class Refined:
     """What free runs say.
@@ -126,8 +127,8 @@ class Refined:
         model, covariance: the coefficients, and what is held.
         better: whether free runs are the better judge. white: whether their residuals are.
         saved: share of the square error saved beside the joint filter's coefficients, over windows not seen; None where
-            the recordings are too short to say. fit, joint_fit: of the speeds over these windows [%], NaN if there are
-            none.
+            the recordings are too short to say.
+        fit_percent, joint_fit_percent: of the speeds over these windows, of either; NaN if there are none.
         added: terms that were not free before.
     """
 
@@ -137,8 +138,8 @@ class Refined:
     white: bool
     saved: ErrorReduction | None
     added: tuple[str, ...]
-    fit: float = math.nan
-    joint_fit: float = math.nan
+    fit_percent: float = math.nan
+    joint_fit_percent: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,8 +211,8 @@ def refine(
     spread = runs.spread()
     return replace(
         _refined(best, joint, white, saved),
-        fit=fit_percent(errors, spread, columns),
-        joint_fit=fit_percent(before, spread, columns),
+        fit_percent=fit_percent(errors, spread, columns),
+        joint_fit_percent=fit_percent(before, spread, columns),
     )
 
 
