@@ -1,4 +1,4 @@
-"""What a run can tell: which coefficients it determines, which only together, and of which it says nothing.
+"""What a run determines: which coefficients, which only together, and of which it says nothing.
 
 All is read from the Fisher information of the run over all free coefficients at once, in relative coordinates. A
 coefficient is determined where its deviation, all others unknown, is below a quarter of its value; where somebody named
@@ -40,7 +40,7 @@ DETERMINED = 0.25  # deviation below which a coefficient is worth choosing: four
 DETECTED = 0.5  # deviation below which it is different from nothing
 _FELT = 0.10  # deviation, all else known, from which the data does speak of a coefficient
 _ALIKE = 0.95  # correlation
-_LIKELY = 0.9  # correlation from which a pair is looked at closely
+_LIKELY = 0.9  # correlation from which a pair is examined
 _LIKE = 0.7  # correlation that does between the two damping terms of one axis
 _GIVES_WAY = {"gain": 4, "other": 4, "constant": 3, "coupling": 2, "lag": 1}  # before those that make up the vehicle
 

@@ -19,7 +19,7 @@ from towtank.core.attitude import euler_rates_matrix, quaternion_product, quater
 from towtank.identification.data.samples import N_MEASURED, Samples
 from towtank.identification.data.zero_order_hold import new_zero_order_hold
 from towtank.identification.model.parameters import IN_LAG, UNTRANSFORMED, FreeParameters, put_parameters
-from towtank.identification.simulation_error.residuals import jumps, robust_cost
+from towtank.identification.simulation_error.residuals import NORMAL_MEDIAN, jumps, robust_cost
 from towtank.identification.simulation_error.trajectory import (
     Arrowhead,
     FreeRun,
@@ -48,7 +48,6 @@ __all__ = [
 _LOG_STEP = 1.0  # that the logarithm of a coefficient may go in one step
 _LAG_STEP, _SHORTEST = -0.5, 0.002  # share that a lag may lose in one step; s, below which it no longer matters
 _ROWS_FOR_SCALE = 2000  # residuals that a scale is taken from
-_MEDIAN = 0.6744897501960817  # of |x| for a standard normal x
 _NOTHING = 1e-12  # information on an initial state, and size of a sensitivity, that is rounding
 _WINDOW = 0.5  # s that a line is drawn through
 _POINTS = 15  # at most; pairs grow with the square
@@ -134,7 +133,7 @@ class FreeRunProblem:
         return Point(theta, states, sums)
 
     def narrow(self, point: Point) -> Point:
-        """From here on estimate only the initial states that the data tell of, and move only what answers.
+        """From here on estimate only the initial states that the data show, and move only what answers.
 
         Returns:
             The point with what is left of its sums.
@@ -206,7 +205,7 @@ class FreeRunProblem:
     def moved(self, point: Point, step: Step) -> tuple[Array, list[Array]]:
         """Return coefficients and initial states after a step.
 
-        The lag goes by a share of itself, not by a factor: what can be told best is its sum with the delay.
+        The lag goes by a share of itself, not by a factor: what is known best is its sum with the delay.
         """
         states = []
         begin = 0
@@ -230,7 +229,7 @@ def residual_scale(point: Point) -> Array:
         x = x[:: max(1, x.size // _ROWS_FOR_SCALE)]
         x = x[~np.isnan(x)]
         if x.size:
-            out[j] = max(1.0, float(np.median(np.abs(x))) / _MEDIAN)
+            out[j] = max(1.0, float(np.median(np.abs(x))) / NORMAL_MEDIAN)
     return out
 
 
@@ -329,7 +328,7 @@ def _blocks(t: Array, first: list[int], last: list[int], length: float) -> Indic
 
 
 def starting_states(run: FreeRun) -> Array:
-    """Return the states (s, 13) at the first row of each segment; what nothing tells is zero."""
+    """Return the states (s, 13) at the first row of each segment; what nothing shows is zero."""
     out = np.zeros((run.first.size, 13))
     for s, (a, b) in enumerate(zip(run.first, run.last, strict=True)):
         value, slope = np.full(15, np.nan), np.full(15, np.nan)

@@ -27,6 +27,7 @@ __all__ = [
     "GATE",
     "GONE",
     "HUBER",
+    "NORMAL_MEDIAN",
     "RobustMoments",
     "RowSums",
     "Weighing",
@@ -43,7 +44,7 @@ HUBER, GATE, GONE = 2.0, 4.5, 6.0
 _UPRIGHT = 0.05  # cosine of pitch below which roll and yaw alone mean nothing
 _TOGETHER = 10  # samples
 _COMPONENTS = 3  # of one instrument: what is wrong in one direction is not to be trusted in the others
-_MEDIAN = 0.6744897501960817  # of |x| for a standard normal x
+NORMAL_MEDIAN = 0.6744897501960817  # of |x| for a standard normal x
 _WHITE = 1.5  # deviation of the means, in that of the means of white residuals, up to which they are taken for white
 
 
@@ -269,7 +270,7 @@ def jumps(residuals: Array, scale: Array) -> NDArray[np.bool_]:
         x = residuals[there, j] / scale[j]
         total = np.cumsum(np.concatenate([[0.0], x]))
         means = (total[_TOGETHER:] - total[:-_TOGETHER]) / np.sqrt(_TOGETHER)
-        usual = float(np.median(np.abs(means))) / _MEDIAN
+        usual = float(np.median(np.abs(means))) / NORMAL_MEDIAN
         if usual > _WHITE:
             continue
         first = np.flatnonzero(np.abs(means) > GATE * max(usual, 1.0))

@@ -173,7 +173,7 @@ class NormalEquations(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Scratch of a run; the arrays of one lane are views of those beside them."""
+    """Scratch of a run."""
 
     S: Array  # (12, c) sensitivities
     D: Array  # (12, c) their rate
@@ -181,15 +181,10 @@ class Workspace(NamedTuple):
     A: Array  # (12, 21 + n)
     J: Array  # (3, c)
     p: Array  # (154,)
-    p_lane: Array  # (154, 1)
     x: Array  # (13,) state
-    x_lane: Array  # (13, 1)
     middle: Array  # (13,) state at the middle of a step
-    middle_lane: Array  # (13, 1)
     rate: Array  # (13,) derivative of the state
-    rate_lane: Array  # (13, 1)
     wrench: Array  # (3, 6)
-    wrench_lane: Array  # (3, 6, 1)
     force: Array  # (3, m) mean force of each input, and its derivatives by delay and lag
     gain: Array  # (m,)
     work: Array  # (3, 13, 1)
@@ -211,24 +206,17 @@ def new_equations(segments: int, blocks: int, rows: int, columns: int) -> Normal
 def new_workspace(columns: int, n: int, m: int) -> Workspace:
     """Return scratch for `columns` sensitivities, n of them of coefficients, and m inputs."""
     c = _padded(columns)
-    p, wrench = np.zeros(N_PARAMETERS), np.zeros((3, 6))
-    x, middle, rate = np.zeros(N_STATES), np.zeros(N_STATES), np.zeros(N_STATES)
     return Workspace(
         S=np.zeros((N_MOVING, c)),
         D=np.zeros((N_MOVING, c)),
         E=np.zeros((N_MOVING, c)),
         A=np.zeros((N_MOVING, N_FIXED + n)),
         J=np.zeros((3, c)),
-        p=p,
-        p_lane=p.reshape(-1, 1),
-        x=x,
-        x_lane=x.reshape(-1, 1),
-        middle=middle,
-        middle_lane=middle.reshape(-1, 1),
-        rate=rate,
-        rate_lane=rate.reshape(-1, 1),
-        wrench=wrench,
-        wrench_lane=wrench.reshape(3, 6, 1),
+        p=np.zeros(N_PARAMETERS),
+        x=np.zeros(N_STATES),
+        middle=np.zeros(N_STATES),
+        rate=np.zeros(N_STATES),
+        wrench=np.zeros((3, 6)),
         force=np.zeros((3, m)),
         gain=np.ones(m),
         work=np.zeros((3, N_STATES, 1)),
@@ -264,9 +252,10 @@ def free_run_into(
     out.scores[:] = 0.0
     out.reach[:] = 0.0
     S, D, E, A, J = space.S, space.D, space.E, space.A, space.J
-    p, x, middle, rate = space.p, space.x, space.middle, space.rate
-    p_lane, x_lane, middle_lane, rate_lane = space.p_lane, space.x_lane, space.middle_lane, space.rate_lane
-    wrench, wrench_lane = space.wrench, space.wrench_lane
+    p, x, middle, rate, wrench = space.p, space.x, space.middle, space.rate, space.wrench
+    p_lane, x_lane = p.reshape(N_PARAMETERS, 1), x.reshape(N_STATES, 1)  # as lanes of one vehicle
+    middle_lane, rate_lane = middle.reshape(N_STATES, 1), rate.reshape(N_STATES, 1)
+    wrench_lane = wrench.reshape(3, 6, 1)
     force, gain, work, scratch, current = space.force, space.gain, space.work, space.scratch, space.current
     t, values, q, B, block = run.t, run.values, run.q, run.B, run.block
     codes, theta, states = unknowns.codes, unknowns.theta, unknowns.states
