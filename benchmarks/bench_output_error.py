@@ -29,7 +29,7 @@ from towtank.core.rk4 import simulate_run
 from towtank.identification.data.samples import Samples, samples_of
 from towtank.identification.model.parameters import FreeParameters, free_parameters, put_parameters
 from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
-from towtank.identification.simulation_error.problem import CandidateModel
+from towtank.identification.simulation_error.segments import CandidateModel
 from towtank.simulation import Mocap, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle
 

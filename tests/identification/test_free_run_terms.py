@@ -12,7 +12,7 @@ import pytest
 from towtank.identification import LogLearning, learn_recordings
 from towtank.identification.data.samples import samples_of
 from towtank.identification.model.parameters import free_parameters
-from towtank.identification.simulation_error.refinement import TermGroups, groups_of_terms, prior_with_terms
+from towtank.identification.offline.free_runs import TermGroups, groups_of_terms, prior_with_terms
 from towtank.recording import Recording
 from towtank.simulation import Ins, simulate
 from towtank.vehicle import Vehicle

@@ -14,10 +14,9 @@ from towtank.identification.data.samples import Samples, samples_of
 from towtank.identification.data.zero_order_hold import new_zero_order_hold
 from towtank.identification.model.parameters import FreeParameters, free_parameters
 from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
-from towtank.identification.simulation_error.problem import CandidateModel, free_run_of
 from towtank.identification.simulation_error.residuals import HUBER
+from towtank.identification.simulation_error.segments import CandidateModel, FreeRun, free_run_of
 from towtank.identification.simulation_error.trajectory import (
-    FreeRun,
     Unknowns,
     free_run_into,
     new_equations,

@@ -13,9 +13,10 @@ from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification.data.samples import Samples
 from towtank.identification.model.parameters import free_parameters
-from towtank.identification.simulation_error.fit import OutputErrorFit, autocorrelation_of, fit_output_error
-from towtank.identification.simulation_error.problem import CandidateModel
+from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
 from towtank.identification.simulation_error.residuals import jumps
+from towtank.identification.simulation_error.segments import CandidateModel
+from towtank.identification.simulation_error.whiteness import autocorrelation_of
 
 SAMPLES = only(recorded(box(), push(600, 0)), POSE)
 

@@ -33,7 +33,7 @@ from towtank.identification.posterior.assembly import Assembled, Current, LogLea
 from towtank.identification.posterior.estimate import Estimate
 from towtank.identification.posterior.thrusters import learned_gains, with_thrusters
 from towtank.identification.posterior.wording import as_fitted, current_estimated, current_suspected, inertia_doubted
-from towtank.identification.simulation_error.problem import CandidateModel
+from towtank.identification.simulation_error.segments import CandidateModel
 from towtank.recording import Grid, Recording
 from towtank.recording.frames.rotations import conjugate, multiply, rotate
 from towtank.vehicle import Vehicle

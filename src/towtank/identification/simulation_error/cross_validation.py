@@ -21,7 +21,7 @@ from towtank.identification.data.samples import Samples, cuts
 from towtank.identification.model.parameters import FreeParameters
 from towtank.identification.model.prior import size_of
 from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
-from towtank.identification.simulation_error.problem import CandidateModel, Knowledge
+from towtank.identification.simulation_error.segments import CandidateModel, Knowledge
 from towtank.identification.simulation_error.trajectory import STEP
 from towtank.vehicle import Vehicle
 from towtank.vehicle.names import ROWS

@@ -6,13 +6,8 @@ go wrong whatever the coefficients: an unstable vehicle's free run is soon anywh
 all columns are weighed alike; then each by its noise, or by the robust size of its own residuals where that is larger,
 with Huber's weights at 2 of these; once the run is near the data, what is beyond 4.5 is left out.
 
-It is the best judge where nothing but the sensors' noise parts the model from the data. A random force, which a free
-run cannot follow, spoils it: `OutputErrorFit.autocorrelation` says so. The autocorrelation time of n samples dt apart
-is dt (1 + 2 sum r_k), up to the lag at which r_k has died: so many seconds of data say once what white samples would
-say every dt. A marker that jumps by two deviations of its noise, too little for any gate, is in one place for half a
-second; what a model lacks is elsewhere too. So residuals that are not white are judged once more without the bursts,
-seconds, a tenth of all at most, whose sum chance does not explain; of what is left more is asked, since that choice
-makes it look whiter.
+It is the best judge where nothing but the sensors' noise parts the model from the data; a random force, which a free
+run cannot follow, spoils it: `OutputErrorFit.autocorrelation` says so.
 
 The covariance honours residuals that are not white,
 
@@ -30,32 +25,54 @@ can tell. Residuals correlated over more than about a twentieth of the run mean 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
+from towtank.core.attitude import quaternion_product
 from towtank.errors import InputError
 from towtank.identification.data.samples import N_MEASURED, Samples
-from towtank.identification.model.parameters import IN_GAIN
+from towtank.identification.data.zero_order_hold import new_zero_order_hold
+from towtank.identification.model.parameters import IN_GAIN, IN_LAG, UNTRANSFORMED, put_parameters
 from towtank.identification.posterior.statistics import long_run
-from towtank.identification.simulation_error.problem import (
+from towtank.identification.simulation_error.residuals import (
+    GATE,
+    NORMAL_MEDIAN,
+    RobustMoments,
+    jumps,
+    robust_cost,
+    robust_moments,
+)
+from towtank.identification.simulation_error.segments import (
     CandidateModel,
-    FreeRunProblem,
+    FreeRun,
+    Indices,
     Knowledge,
-    Point,
     free_run_of,
-    residual_scale,
     starting_states,
     warm_up_of,
 )
-from towtank.identification.simulation_error.residuals import GATE, RobustMoments, robust_moments
-from towtank.identification.simulation_error.trajectory import Step, inverse_information
+from towtank.identification.simulation_error.trajectory import (
+    Arrowhead,
+    NormalEquations,
+    Step,
+    Unknowns,
+    Workspace,
+    free_run_into,
+    inverse_information,
+    new_equations,
+    new_workspace,
+)
+from towtank.identification.simulation_error.whiteness import Autocorrelation, autocorrelation_of
 
-__all__ = ["OutputErrorFit", "autocorrelation_of", "fit_output_error"]
+__all__ = ["OutputErrorFit", "fit_output_error"]
 
+_LOG_STEP = 1.0  # that the logarithm of a coefficient may go in one step
+_LAG_STEP, _SHORTEST = -0.5, 0.002  # share that a lag may lose in one step; s, below which it no longer matters
+_ROWS_FOR_SCALE = 2000  # residuals that a scale is taken from
+_NOTHING = 1e-12  # information on an initial state, and size of a sensitivity, that is rounding
 _FAR = 1e3  # standard deviations of the noise: scale of residuals of which nothing is known yet
 _NEAR = 1.0  # decrease of the cost from which the gate is in force
 _NEAR_SCALE, _NEAR_SHARE = 1.5, 0.05  # or the size of the residuals, and a decrease of this share of the cost
@@ -67,14 +84,171 @@ _MOST_DAMPED = 1e6
 _WARM, _WARM_RUNS = 0.3, 12  # share of the cost that a step still lowers, and runs, after which the warm-up ends
 _STATES = 2  # of each segment, a position and a velocity, that share in a coefficient's own axis
 _CONTAMINATED = 1.5  # largest kappa
-_BAND = 2.0  # standard deviations of r_k of a white series
-_FEWEST = 20
-_SECOND, _BURSTS, _CHANCE = 1.0, 0.1, 4.0  # s; share of these that may be bursts; deviations of the sum of one
-_MANY = 10  # samples that a second needs to have
-_WHITE, _WHITER = 2.0, 1.3  # samples that white residuals may be correlated over; and without the bursts
 
 
-Kept = NDArray[np.bool_]
+@dataclass(frozen=True, eq=False)
+class Point:
+    """The runs of all recordings from one set of coefficients and initial states."""
+
+    theta: Array
+    states: list[Array]
+    sums: list[NormalEquations]
+
+
+class FreeRunProblem:
+    """The recordings, and what is estimated from them.
+
+    Attributes:
+        estimated: which of the 12 initial errors are. moving: which of the 12 error states answer to anything.
+        left_out: measured numbers that belong to jumps.
+    """
+
+    def __init__(self, runs: list[FreeRun], model: CandidateModel, prior: Knowledge) -> None:
+        self.runs, self.free, self.prior, self.delay = runs, model.free, prior, model.delay
+        self.parameters = model.parameters
+        self.lags: NDArray[np.bool_] = self.free.codes[:, 0] == IN_LAG
+        self.logarithmic: NDArray[np.bool_] = self.free.codes[:, 3] != UNTRANSFORMED
+        self.left_out = 0
+        self.estimated: Indices = np.arange(12)
+        self.moving: Indices = np.arange(12)
+        self.space: list[Workspace] = []
+        self.spare: list[NormalEquations] = []
+        self._allocate()
+
+    def _allocate(self) -> None:
+        n = len(self.free)
+        columns = self.estimated.size + n
+        self.space = [new_workspace(columns, n, run.B.shape[1]) for run in self.runs]
+        self.spare = self._new_sums()
+
+    def _new_sums(self) -> list[NormalEquations]:
+        columns = self.estimated.size + len(self.free)
+        return [new_equations(run.first.size, int(run.block.max()) + 1, run.t.size, columns) for run in self.runs]
+
+    def evaluate(self, theta: Array, states: list[Array], scale: Array, gated: bool) -> Point | None:
+        """Return the runs from here; None where they are impossible or diverge."""
+        sums = self.spare
+        for run, start, out, space in zip(self.runs, states, sums, self.space, strict=True):
+            hold = new_zero_order_hold(run.lag.size, run.lag, self.delay)
+            unknowns = Unknowns(self.free.codes, theta, start, self.estimated, self.moving)
+            if not free_run_into(run, self.parameters, unknowns, hold, scale, gated, out, space):
+                return None
+            if not (np.isfinite(out.normal).all() and np.isfinite(out.scores).all()):
+                return None
+        self.spare = self._new_sums()
+        return Point(theta, states, sums)
+
+    def narrow(self, point: Point) -> Point:
+        """From here on estimate only the initial states that the data show, and move only what answers.
+
+        Returns:
+            The point with what is left of its sums.
+        """
+        information = np.sum([np.einsum("scc->c", each.normal) for each in point.sums], axis=0)
+        k = self.estimated.size
+        keep = np.flatnonzero(information[:k] > _NOTHING)
+        columns = np.concatenate([keep, k + np.arange(len(self.free))])
+        reach = np.sum([each.reach for each in point.sums], axis=0)
+        self.moving = np.flatnonzero((reach[:, columns] > _NOTHING).any(axis=1)).astype(np.int64)
+        self.estimated = self.estimated[keep]
+        self._allocate()
+        narrowed, self.spare = replace(point, sums=self.spare), self._new_sums()
+        c = columns.size
+        for before, after in zip(point.sums, narrowed.sums, strict=True):
+            after.normal[:, :c, :c] = before.normal[:, columns[:, None], columns]
+            after.scores[:, :c] = before.scores[:, columns]
+            after.residuals[:] = before.residuals
+        return narrowed
+
+    def leave_out_jumps(self, point: Point, scale: Array) -> None:
+        """From here on leave out the samples that are off together."""
+        for i, (run, each) in enumerate(zip(self.runs, point.sums, strict=True)):
+            off = jumps(each.residuals, scale)
+            if off.any():
+                each.residuals[off] = np.nan
+                q = run.q.copy()
+                q[off[:, 3:6].any(axis=1)] = np.nan
+                self.left_out += int(off.sum())
+                self.runs[i] = run._replace(values=np.where(off, np.nan, run.values), q=q)
+
+    def arrowhead(self, point: Point) -> Arrowhead:
+        """Return the normal equations at a point, the prior included."""
+        k, n = self.estimated.size, len(self.free)
+        normal = np.concatenate([each.normal for each in point.sums])
+        gx = np.concatenate(
+            [
+                np.add.reduceat(each.scores[:, :k], run.block[run.first], axis=0)
+                for run, each in zip(self.runs, point.sums, strict=True)
+            ]
+        )
+        g = sum((each.scores[:, k : k + n].sum(axis=0) for each in point.sums), np.zeros(n))
+        mean, information = self.prior
+        return Arrowhead(
+            X=normal[:, :k, :k],
+            C=normal[:, :k, k : k + n],
+            T=normal[:, k : k + n, k : k + n].sum(axis=0) + information,
+            gx=gx,
+            g=g + information @ (mean - point.theta),
+            estimated=self.estimated,
+        )
+
+    def bounds(self, theta: Array, *, lag: bool = True) -> tuple[Array, Array]:
+        """Return the least and the most (n,) that a step from theta may be; the lag only moves where `lag`."""
+        most = np.where(self.logarithmic, _LOG_STEP, np.inf)
+        least = -most
+        with np.errstate(over="ignore"):
+            shortest = np.maximum(_LAG_STEP, np.minimum(_SHORTEST * np.exp(-theta) - 1.0, 0.0))
+        least[self.lags] = shortest[self.lags] if lag else 0.0
+        most[self.lags] = _LOG_STEP if lag else 0.0
+        return least, most
+
+    def cost(self, point: Point, scale: Array, gated: bool) -> float:
+        """Return the robust cost of a point, the prior included."""
+        away = point.theta - self.prior[0]
+        data = sum(robust_cost(each.residuals, scale, gated) for each in point.sums)
+        return float(data + 0.5 * away @ self.prior[1] @ away)
+
+    def moved(self, point: Point, step: Step) -> tuple[Array, list[Array]]:
+        """Return coefficients and initial states after a step.
+
+        The lag goes by a share of itself, not by a factor: what is known best is its sum with the delay.
+        """
+        states = []
+        begin = 0
+        for start in point.states:
+            states.append(_moved(start, step.states[begin : begin + len(start)]))
+            begin += len(start)
+        theta = np.where(self.lags, np.log1p(np.where(self.lags, step.theta, 0.0)), step.theta)
+        return point.theta + theta, states
+
+    def possible(self, theta: Array) -> bool:
+        """Whether the mass matrix is positive definite."""
+        return bool(put_parameters(self.parameters.copy(), self.free.codes, theta, np.empty((6, 6))))
+
+
+def residual_scale(point: Point) -> Array:
+    """Return the robust size of each column's residuals (15,), never below that of the noise."""
+    residuals = np.concatenate([each.residuals for each in point.sums])
+    out = np.ones(N_MEASURED)
+    for j in range(N_MEASURED):
+        x = residuals[:, j]
+        x = x[:: max(1, x.size // _ROWS_FOR_SCALE)]
+        x = x[~np.isnan(x)]
+        if x.size:
+            out[j] = max(1.0, float(np.median(np.abs(x))) / NORMAL_MEDIAN)
+    return out
+
+
+def _moved(states: Array, errors: Array) -> Array:
+    """Return states (s, 13) moved by errors (s, 12)."""
+    out = states.copy()
+    out[:, :3] += errors[:, :3]
+    out[:, 7:] += errors[:, 6:]
+    for state, e in zip(out, errors[:, 3:6], strict=True):
+        half = 0.5 * float(np.sqrt(e @ e))
+        turn = np.concatenate([[np.cos(half)], 0.5 * np.sinc(half / np.pi) * e])
+        state[3:7] = quaternion_product(np.ascontiguousarray(state[3:7]), turn)
+    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,104 +378,6 @@ def _widening(share: float) -> float:
     """Return the factor of an interval whose long-run sum takes in this share of the run."""
     b = min(share, 1.0)
     return (1.96 + 2.9694 * b + 0.4160 * b**2 - 0.5324 * b**3) / 1.96
-
-
-@dataclass(frozen=True, eq=False)
-class Autocorrelation:
-    """Of the residuals of each of the 15 columns; NaN where too little is measured.
-
-    Attributes:
-        std: standard deviation (15,), in that of the noise. lag_one: correlation of neighbouring samples (15,).
-        time: integrated autocorrelation time (15,) [s]. decorrelation_lag: (15,) [s] at which the correlation has died.
-        step: usual time between samples (15,) [s]. time_without_bursts: as `time`, without the seconds that are off.
-    """
-
-    std: Array
-    lag_one: Array
-    time: Array
-    decorrelation_lag: Array
-    step: Array
-    time_without_bursts: Array
-
-    def white(self, columns: Sequence[int]) -> bool:
-        """Whether those of these columns that are measured are nothing but noise; no where none is."""
-        step, time, steady = (each[list(columns)] for each in (self.step, self.time, self.time_without_bursts))
-        known = np.isfinite(time)
-        return bool(known.any() and np.all((time <= _WHITE * step) | (steady <= _WHITER * step) | ~known))
-
-
-def autocorrelation_of(runs: Sequence[tuple[Array, Array]], limits: Array) -> Autocorrelation:
-    """Return the autocorrelation of residuals.
-
-    Args:
-        runs: times (n,) [s] and residuals (n, 15) of each recording, NaN where nothing was measured.
-        limits: (15,) beyond which a residual is an outlier and left out.
-    """
-    columns = [_column(runs, j, limits[j]) for j in range(N_MEASURED)]
-    return Autocorrelation(*np.array(columns).T)
-
-
-def _column(runs: Sequence[tuple[Array, Array]], j: int, limit: float) -> tuple[float, ...]:
-    """Return of column j what `Autocorrelation` holds, in its order."""
-    parts = []
-    for t, residuals in runs:
-        there = np.isfinite(residuals[:, j])
-        if there.any():
-            parts.append((t[there], residuals[there, j]))
-    if sum(x.size for _, x in parts) < _FEWEST:
-        return (np.nan,) * 6
-    kept = [np.abs(x) <= limit for _, x in parts]
-    whole = _correlation(parts, kept)
-    coloured = whole.time > _WHITE * whole.step and whole.step * _MANY <= _SECOND
-    return *whole, _correlation(parts, _without_bursts(parts, kept)).time if coloured else whole.time
-
-
-class _Correlation(NamedTuple):
-    """The first five of `Autocorrelation`, of one column."""
-
-    std: float
-    lag_one: float
-    time: float
-    decorrelation_lag: float
-    step: float
-
-
-def _correlation(parts: Sequence[tuple[Array, Array]], kept: Sequence[Kept]) -> _Correlation:
-    """Return the correlation of the samples that are kept of times (n,) and residuals (n,)."""
-    longest = max(x.size for _, x in parts)
-    products, pairs = np.zeros(longest), np.zeros(longest)
-    for (_, x), good in zip(parts, kept, strict=True):
-        size = 1 << (2 * x.size - 1).bit_length()
-        for into, series in ((products, np.where(good, x, 0.0)), (pairs, good.astype(np.float64))):
-            spectrum = np.fft.rfft(series, size)
-            into[: x.size] += np.fft.irfft(spectrum.real**2 + spectrum.imag**2, size)[: x.size]
-    pairs = np.rint(pairs)
-    step = float(np.median(np.concatenate([np.diff(t) for t, _ in parts])))
-    if not (products[0] > 0.0 and pairs[0] >= _FEWEST):
-        return _Correlation(np.nan, np.nan, np.nan, np.nan, step)
-    covariance = products / np.maximum(pairs, 1.0)
-    r = covariance[: max(2, longest // 2)] / covariance[0]
-    pairwise = 0.5 * (r[1:-1] + r[2:]) if r.size > 2 else r[1:]
-    dead = np.flatnonzero(pairwise < _BAND / np.sqrt(2.0 * pairs[0]))
-    lags = int(dead[0]) if dead.size else pairwise.size
-    time = step * (1.0 + 2.0 * float(r[1 : lags + 1].sum()))
-    return _Correlation(float(np.sqrt(covariance[0])), float(r[1]), time, step * lags, step)
-
-
-def _without_bursts(parts: Sequence[tuple[Array, Array]], kept: Sequence[Kept]) -> list[Kept]:
-    """Return what is left of `kept` without the seconds whose residuals would least likely add up so by chance."""
-    size = np.sqrt(np.mean(np.concatenate([x[good] for (_, x), good in zip(parts, kept, strict=True)]) ** 2))
-    seconds = [np.unique(((t - t[0]) / _SECOND).astype(np.int64), return_inverse=True)[1] for t, _ in parts]
-    sums = []
-    for (_, x), good, at in zip(parts, kept, seconds, strict=True):
-        total = np.abs(np.bincount(at, np.where(good, x, 0.0)))
-        sums.append(total / (size * np.sqrt(np.maximum(np.bincount(at, good), 1.0))))
-    off = np.concatenate(sums)
-    worst = np.argsort(-off, kind="stable")[: int(_BURSTS * off.size)]
-    left = np.ones(off.size, dtype=np.bool_)
-    left[worst[off[worst] > _CHANCE]] = False
-    edges = np.cumsum([each.size for each in sums])[:-1]
-    return [good & own[at] for good, own, at in zip(kept, np.split(left, edges), seconds, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)

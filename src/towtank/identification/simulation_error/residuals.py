@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array, inlined_kernel, kernel
-from towtank.identification.model.linearisation import N_FIXED
 from towtank.vehicle.matrices import GRAVITY
 
 __all__ = [
@@ -228,7 +227,8 @@ def absorb_specific_force_into(
         rate: state derivative (13,) at x. A: derivative of the error's rate at x (12, 21 + n).
         states: how many of the columns are of initial states.
     """
-    J = sums.J
+    J, n = sums.J, sums.columns - states
+    fixed = A.shape[1] - n
     w, i, j, k = x[3], x[4], x[5], x[6]
     k0, k1, k2 = 2.0 * (i * k - w * j), 2.0 * (j * k + w * i), 1.0 - 2.0 * (i * i + j * j)
     u, v, ww, p, q, r = x[7], x[8], x[9], x[10], x[11], x[12]
@@ -238,8 +238,8 @@ def absorb_specific_force_into(
             for a in range(3, 12):
                 s += A[6 + m, a] * S[a, c]
             J[m, c] = s
-        for c in range(sums.columns - states):
-            J[m, states + c] += A[6 + m, N_FIXED + c]
+        for c in range(n):
+            J[m, states + c] += A[6 + m, fixed + c]
     for c in range(S.shape[1]):
         e0, e1, e2 = GRAVITY * S[3, c], GRAVITY * S[4, c], GRAVITY * S[5, c]
         J[0, c] += S[10, c] * ww - S[11, c] * v + q * S[8, c] - r * S[7, c] - (k1 * e2 - k2 * e1)

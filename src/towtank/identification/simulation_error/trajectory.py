@@ -22,7 +22,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from towtank.core.arrays import Array, inlined_kernel, kernel
 from towtank.core.layout import N_PARAMETERS
@@ -37,12 +36,11 @@ from towtank.identification.simulation_error.residuals import (
     absorb_specific_force_into,
     absorb_velocity_into,
 )
+from towtank.identification.simulation_error.segments import FreeRun, Indices
 
 __all__ = [
     "STEP",
     "Arrowhead",
-    "FreeRun",
-    "Indices",
     "NormalEquations",
     "Step",
     "Unknowns",
@@ -54,7 +52,6 @@ __all__ = [
 ]
 
 _WIDTH = 8  # columns are padded to whole vectors
-Indices = NDArray[np.int64]
 STEP = 0.02  # s, longest step of the integration
 _FASTEST = 1e3  # m/s, rad/s: beyond this a run has diverged
 _LOOSE = np.repeat([10.0, 1.0, 1.0, 1.0], 3)  # m, rad, m/s, rad/s: a state that is known no better than this
@@ -135,22 +132,6 @@ def _force_now_into(hold: ZeroOrderHold, t: float, force: Array) -> None:
             force[0, a] = hold.values[active % ring, a]
             force[1, a] = 0.0
             force[2, a] = 0.0
-
-
-class FreeRun(NamedTuple):
-    """One recording, cut into segments that each start from a state of their own."""
-
-    t: Array  # (n,) [s]
-    values: Array  # (n, 15) as `Samples`
-    q: Array  # (n, 4) measured attitude, NaN where not all three angles are
-    noise: Array  # (15,) standard deviations
-    input_t: Array  # (k,) [s]
-    input_force: Array  # (k, m)
-    B: Array  # (6, m) wrench of a unit of each input
-    lag: Array  # (m,) [s], where it is not free
-    first: Indices  # (s,) first row of each segment
-    last: Indices  # (s,) one past its last row
-    block: Indices  # (n,) block of time of each row
 
 
 class Unknowns(NamedTuple):
