@@ -29,6 +29,7 @@ from towtank.core.rk4 import simulate_run
 from towtank.identification.data.samples import Samples, samples_of
 from towtank.identification.model.parameters import FreeParameters, free_parameters, put_parameters
 from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
+from towtank.identification.simulation_error.segments import CandidateModel
 from towtank.simulation import Mocap, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle
 
@@ -75,7 +76,7 @@ def task(vehicle: Vehicle, names: tuple[str, ...], motion: str, columns: int) ->
     start, noise = off(free, truth), np.full(15, 1e-3)
 
     def fit() -> OutputErrorFit:
-        return fit_output_error([samples], vehicle.parameters, free, start, noise)
+        return fit_output_error([samples], CandidateModel(vehicle, free, start), noise)
 
     found = fit()
     apart = np.abs(found.theta - truth) / np.sqrt(np.diag(found.covariance))

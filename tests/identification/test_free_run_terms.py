@@ -12,7 +12,7 @@ import pytest
 from towtank.identification import LogLearning, learn_recordings
 from towtank.identification.data.samples import samples_of
 from towtank.identification.model.parameters import free_parameters
-from towtank.identification.simulation_error.refinement import groups_of_terms, prior_with_terms
+from towtank.identification.offline.free_runs import TermGroups, groups_of_terms, prior_with_terms
 from towtank.recording import Recording
 from towtank.simulation import Ins, simulate
 from towtank.vehicle import Vehicle
@@ -44,16 +44,16 @@ def test_thrusters_that_give_what_they_say_are_left_alone() -> None:
     assert [each.gain for each in learning.model.thrusters] == [1.0] * 6
 
 
-def tried(vehicle: Vehicle, run: Recording, names: tuple[str, ...], *, find_lag: bool = True) -> list[tuple[str, ...]]:
-    return list(groups_of_terms(vehicle, names, [samples_of(run, vehicle)], find_lag=find_lag))
+def tried(vehicle: Vehicle, run: Recording, names: tuple[str, ...], *, find_lag: bool = True) -> TermGroups:
+    return groups_of_terms(vehicle, names, [samples_of(run, vehicle)], find_lag=find_lag)
 
 
 def test_gains_are_tried_of_thrusters_that_act_on_the_modelled_axes() -> None:
     run = tumble(named(), seed=0, seconds=4.0)
     turning = tried(named(), run, INERTIAS)
-    assert turning[1] == ("gain_f1", "gain_f2", "gain_f3", "gain_f4", "gain_f5")  # f6 pushes to the side only
-    assert turning[2] == ("lag",)
-    assert tried(named(), run, ("N_rdot",))[1] == ()  # two turn it, of which neither can be told from the other
+    assert turning.gains == ("gain_f1", "gain_f2", "gain_f3", "gain_f4", "gain_f5")  # f6 pushes to the side only
+    assert turning.lag == ("lag",)
+    assert tried(named(), run, ("N_rdot",)).gains == ()  # two turn it, of which neither can be told from the other
 
 
 def test_without_commands_there_are_no_gains_to_try() -> None:
@@ -70,8 +70,8 @@ def stopped(run: Recording, *thrusters: str) -> Recording:
 
 def test_a_thruster_that_was_not_driven_is_not_compared() -> None:
     run = tumble(named(), seed=0, seconds=4.0)
-    assert tried(named(), stopped(run, "f1", "f2"), INERTIAS)[1] == ("gain_f3", "gain_f4", "gain_f5")
-    assert tried(named(), stopped(run, "f1", "f2", "f5"), INERTIAS)[1] == ()
+    assert tried(named(), stopped(run, "f1", "f2"), INERTIAS).gains == ("gain_f3", "gain_f4", "gain_f5")
+    assert tried(named(), stopped(run, "f1", "f2", "f5"), INERTIAS).gains == ()
 
 
 def test_what_is_known_of_a_gain_beforehand_stays_known_when_more_terms_are_tried() -> None:

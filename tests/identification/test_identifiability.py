@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from towtank.errors import InputError
-from towtank.identification.posterior.identifiability import excitation, excitation_words, identifiability
+from towtank.identification.posterior.identifiability import Criteria, excitation, excitation_words, identifiability
 from towtank.identification.posterior.statistics import alone, along, correlations, deviations, pair, relative
 from towtank.identification.posterior.wording import needed_factor
 
@@ -58,7 +58,7 @@ def test_a_good_run_determines_all() -> None:
 
 def test_two_damping_terms_that_only_appear_together() -> None:
     found = identifiability(
-        SURGE, THETA[:3], information(SQUARE, 60.0), logarithmic=(True,) * 3, speeds=speeds_of(SQUARE)
+        SURGE, THETA[:3], information(SQUARE, 60.0), logarithmic=(True,) * 3, criteria=Criteria(speeds_of(SQUARE))
     )
     assert found.determined == ("X_udot",)
     assert found.held == {"X_u": "zero"}
@@ -159,7 +159,7 @@ def test_what_a_run_says_nothing_of() -> None:
     J[8, 8] = 1.0
     speeds = np.full((6, 2), 0.02)
     log = [name in ("Y_vv", "gain_a", "N_rdot", "Z_w") for name in names]
-    found = identifiability(names, np.zeros(9), J, logarithmic=log, size=np.ones(9), speeds=speeds)
+    found = identifiability(names, np.zeros(9), J, logarithmic=log, size=np.ones(9), criteria=Criteria(speeds))
     assert not found.determined
     assert set(found.held.values()) == {"value"}
     reasons = found.reasons

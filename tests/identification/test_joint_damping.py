@@ -17,7 +17,7 @@ from towtank.identification.kalman.noise_adaptation import common_noise_levels, 
 from towtank.identification.model.parameters import free_parameters
 from towtank.identification.model.prior import size_of, start_theta
 from towtank.identification.model.terms import AXES
-from towtank.identification.offline.joint import doubted_inertias, run_rounds
+from towtank.identification.offline.rounds import FilterTask, Start, doubted_inertias, run_rounds
 from towtank.identification.posterior.statistics import information_of_data
 from towtank.recording import Recording
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
@@ -119,22 +119,18 @@ def test_an_inertia_that_least_squares_doubts_is_learned_where_the_filter_is_sur
     log = surge(0.0, -30.0, amplitude)
     vehicle = unknown(box(), **{name: value for name, value in TRUTH.items() if name[0] != "X"})
     samples, free = [samples_of(log, vehicle)], free_parameters(vehicle, ("X_uu",))
-    found = run_rounds(
+    theta = start_theta(vehicle, vehicle, free, delay=0.0, lag=0.05)
+    task = FilterTask(
         vehicle,
         samples,
-        free,
-        start_theta(vehicle, vehicle, free, delay=0.0, lag=0.05),
-        common_noise_levels([log], samples, vehicle),
+        Start(free, theta, common_noise_levels([log], samples, vehicle)),
         filter_settings(vehicle),
         held={"X_udot": "too little acceleration"},
         doubted=doubted_inertias(("X_uu",), ("X_udot", "N_rdot")),
         set_to_zero=["X_udot"],
-        delay=0.0,
-        prior=None,
-        requested=False,
         speeds=np.full((6, 2), 0.5),
-        progress=lambda share: None,
     )
+    found = run_rounds(task, lambda share: None)
     values = dict(zip(found.fit.free.names, found.fit.free.values(found.fit.theta), strict=True))
     if amplitude > 1.0:
         assert found.sure == ("X_udot",)

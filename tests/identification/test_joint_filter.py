@@ -13,8 +13,8 @@ from towtank.identification.data.samples import Samples, samples_of
 from towtank.identification.data.zero_order_hold import hold_force, mean_forces_into, new_zero_order_hold
 from towtank.identification.kalman.filter import joint_events, joint_step, rows_of
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state
-from towtank.identification.model.measurements import attitude_error
 from towtank.identification.model.linearisation import N_FIXED, step_and_linearise, transition_scratch
+from towtank.identification.model.measurements import attitude_error
 from towtank.identification.model.parameters import free_parameters
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle

@@ -11,7 +11,7 @@ import pytest
 from towtank.errors import InputError
 from towtank.identification import LogLearning, learn_recordings
 from towtank.identification.data.samples import samples_of
-from towtank.identification.simulation_error.cross_validation import columns_of, gain
+from towtank.identification.simulation_error.cross_validation import columns_of, error_reduction
 from towtank.recording import Channel, Recording
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, simulate
 from towtank.vehicle import Coefficient
@@ -132,20 +132,20 @@ def test_commands_that_never_change(push: float) -> None:
 # -- comparing free runs
 
 
-def test_the_gain_is_a_share_of_the_square_error_and_no_window_alone_decides() -> None:
+def test_the_error_reduction_is_a_share_of_the_square_error_and_no_window_alone_decides() -> None:
     rng = np.random.default_rng(0)
     old = np.full((12, 15), np.nan)
     old[:, 6] = 1.0 + 0.2 * rng.random(12)
-    half = gain(0.5 * old, old, (0, 6))
+    half = error_reduction(0.5 * old, old, (0, 6))
     assert half.mean == pytest.approx(0.47, abs=0.03)
     assert half.beyond(2.0, 0.05)
-    assert not gain(old, old, (0, 6)).beyond(2.0, 0.05)
+    assert not error_reduction(old, old, (0, 6)).beyond(2.0, 0.05)
     one = 0.9 * old
     one[3] = np.inf
-    assert -0.3 < gain(one, old, (0, 6)).mean < 0.1
+    assert -0.3 < error_reduction(one, old, (0, 6)).mean < 0.1
     lost = np.full((12, 15), np.inf)
-    assert gain(lost, old, (6,)).mean == -np.inf
-    assert gain(old, lost, (6,)).mean == np.inf
+    assert error_reduction(lost, old, (6,)).mean == -np.inf
+    assert error_reduction(old, lost, (6,)).mean == np.inf
 
 
 def test_columns_that_tell_of_coefficients() -> None:

@@ -14,9 +14,14 @@ from towtank.identification.data.samples import Samples, samples_of
 from towtank.identification.data.zero_order_hold import new_zero_order_hold
 from towtank.identification.model.parameters import FreeParameters, free_parameters
 from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
-from towtank.identification.simulation_error.problem import free_run_of
 from towtank.identification.simulation_error.residuals import HUBER
-from towtank.identification.simulation_error.trajectory import FreeRun, free_run, new_equations, new_workspace
+from towtank.identification.simulation_error.segments import CandidateModel, FreeRun, free_run_of
+from towtank.identification.simulation_error.trajectory import (
+    Unknowns,
+    free_run_into,
+    new_equations,
+    new_workspace,
+)
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, manoeuvre, simulate, stream
 from towtank.simulation.sensors.mocap import intervals
 from towtank.vehicle import Vehicle, load_vehicle
@@ -69,7 +74,8 @@ def fitted(
     truth = free.theta(vehicle, delay=0.0, lag=0.0)
     recordings = samples if isinstance(samples, list) else [samples]
     noise = more.pop("noise", NOISE)
-    fit = fit_output_error(recordings, vehicle.parameters, free, start(free, truth, factor), noise, **more)  # type: ignore[arg-type]
+    model = CandidateModel(vehicle, free, start(free, truth, factor))
+    fit = fit_output_error(recordings, model, noise, **more)  # type: ignore[arg-type]
     return fit, truth
 
 
@@ -92,12 +98,10 @@ class Plain:
         state = self.state.copy()
         state[[0, 7]] += x[:2]
         out = new_equations(1, int(self.run.block.max()) + 1, self.run.t.size, 12 + len(self.free))
-        space = new_workspace(12 + len(self.free), len(self.free), self.run.shape.shape[1])
-        held, every = new_zero_order_hold(self.run.lag.size, self.run.lag, 0.0), np.arange(12)
-        assert free_run(
-            self.run, self.vehicle.parameters, self.free.codes, x[2:], held, state[None, :], every, every,
-            np.ones(15), False, out, space,
-        )  # fmt: skip
+        space = new_workspace(12 + len(self.free), len(self.free), self.run.B.shape[1])
+        hold, every = new_zero_order_hold(self.run.lag.size, self.run.lag, 0.0), np.arange(12)
+        unknowns = Unknowns(self.free.codes, x[2:], state[None, :], every, every)
+        assert free_run_into(self.run, self.vehicle.parameters, unknowns, hold, np.ones(15), False, out, space)
         return np.asarray(out.residuals[:, 0])
 
 
@@ -107,7 +111,7 @@ def test_theta_and_information_are_those_of_scipy() -> None:
     free = free_parameters(vehicle, SURGE)
     truth = free.theta(vehicle, delay=0.0, lag=0.0)
     noise = 1.1 * NOISE  # a little more than there is: the scale of the residuals stays at 1
-    fit = fit_output_error([samples], vehicle.parameters, free, start(free, truth, 1.2), noise)
+    fit = fit_output_error([samples], CandidateModel(vehicle, free, start(free, truth, 1.2)), noise)
     residuals = Plain(samples, vehicle, free, fit.states)
     residuals.run = residuals.run._replace(noise=noise)
     x0 = np.append(np.zeros(2), truth)
@@ -129,7 +133,7 @@ def test_a_single_axis_from_its_position(factor: float) -> None:
     assert_found(fit, truth, deviation=0.01)
     assert fit.residual_std[0] == pytest.approx(NOISE[0], rel=0.1)
     assert np.isnan(fit.residual_std[1:]).all()
-    assert fit.memory.time[0] < 2.0 * fit.memory.step[0] == pytest.approx(2.0 * DT)
+    assert fit.autocorrelation.time[0] < 2.0 * fit.autocorrelation.step[0] == pytest.approx(2.0 * DT)
 
 
 def test_all_axes_at_once_from_the_pose() -> None:
@@ -195,7 +199,7 @@ def test_delay_lag_and_gains_from_a_cold_start() -> None:
     truth = free.theta(vehicle, delay=0.15, lag=0.1)
     begin = free.theta(vehicle, delay=0.0, lag=0.03)
     begin[:6] += np.log([1.2, 0.8, 1.2, 0.8, 1.2, 0.8])
-    fit = fit_output_error([samples], vehicle.parameters, free, begin, np.full(15, 1e-3), iterations=40)
+    fit = fit_output_error([samples], CandidateModel(vehicle, free, begin), np.full(15, 1e-3), iterations=40)
     assert_found(fit, truth, deviation=0.1)
     assert fit.theta[6] == pytest.approx(0.15, abs=0.005)
 
@@ -208,7 +212,8 @@ def test_gains_of_single_thrusters() -> None:
     samples = replace(samples, input_force=samples.input_force / np.where(np.arange(len(vehicle.thrusters)), 1.0, 0.8))
     free = free_parameters(vehicle, (weak, "N_rr"))
     truth = np.array([np.log(0.8), free.theta(vehicle, delay=0.0, lag=0.0)[1]])
-    fit = fit_output_error([samples], vehicle.parameters, free, truth - np.array([np.log(0.8), 0.2]), np.full(15, 1e-3))
+    begin = CandidateModel(vehicle, free, truth - np.array([np.log(0.8), 0.2]))
+    fit = fit_output_error([samples], begin, np.full(15, 1e-3))
     assert_found(fit, truth, deviation=0.05)
 
 
@@ -257,7 +262,7 @@ def test_a_prior_is_information() -> None:
     samples = only(recorded(vehicle, push(1000, 0)), [0])
     free, (plain, truth) = free_parameters(vehicle, SURGE), fitted(samples, vehicle, SURGE)
     strong = (truth + np.array([0.3, 0.0]), np.diag([1e12, 0.0]))
-    held = fit_output_error([samples], vehicle.parameters, free, truth, NOISE, prior=strong)
+    held = fit_output_error([samples], CandidateModel(vehicle, free, truth), NOISE, prior=strong)
     assert held.theta[0] == pytest.approx(truth[0] + 0.3, abs=1e-3)
     assert held.covariance[0, 0] < 1e-2 * plain.covariance[0, 0]
     np.testing.assert_allclose(held.information - [[1e12, 0.0], [0.0, 0.0]], held.information - strong[1])

@@ -13,8 +13,10 @@ from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification.data.samples import Samples
 from towtank.identification.model.parameters import free_parameters
-from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error, residual_memory
+from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
 from towtank.identification.simulation_error.residuals import jumps
+from towtank.identification.simulation_error.segments import CandidateModel
+from towtank.identification.simulation_error.whiteness import autocorrelation_of
 
 SAMPLES = only(recorded(box(), push(600, 0)), POSE)
 
@@ -22,7 +24,7 @@ SAMPLES = only(recorded(box(), push(600, 0)), POSE)
 def fit(samples: Samples, names: tuple[str, ...] = SURGE, off: float = 0.2, **more: object) -> OutputErrorFit:
     free = free_parameters(box(), names)
     theta = free.theta(box(), delay=0.0, lag=0.05) + off
-    return fit_output_error([samples], box().parameters, free, theta, NOISE, **more)  # type: ignore[arg-type]
+    return fit_output_error([samples], CandidateModel(box(), free, theta), NOISE, **more)  # type: ignore[arg-type]
 
 
 def cut(rows: int, samples: Samples = SAMPLES) -> Samples:
@@ -50,17 +52,18 @@ def test_a_prior_that_does_not_fit(more: dict[str, object], words: str) -> None:
 
 def test_questions_without_sense() -> None:
     free = free_parameters(box(), SURGE)
-    theta, p, none = np.array([3.0, 3.0]), box().parameters, free_parameters(box(), ())
+    none = CandidateModel(box(), free_parameters(box(), ()), np.zeros(0))
+    model = CandidateModel(box(), free, np.array([3.0, 3.0]))
     with pytest.raises(InputError, match="nothing to fit"):
-        fit_output_error([SAMPLES], p, none, np.zeros(0), NOISE)
+        fit_output_error([SAMPLES], none, NOISE)
     with pytest.raises(InputError, match="2 finite"):
-        fit_output_error([SAMPLES], p, free, np.array([1.0, np.nan]), NOISE)
+        fit_output_error([SAMPLES], replace(model, theta=np.array([1.0, np.nan])), NOISE)
     with pytest.raises(InputError, match="15 deviations"):
-        fit_output_error([SAMPLES], p, free, theta, NOISE[:6])
+        fit_output_error([SAMPLES], model, NOISE[:6])
     with pytest.raises(InputError, match="positive noise"):
-        fit_output_error([SAMPLES], p, free, theta, 0.0 * NOISE)
+        fit_output_error([SAMPLES], model, 0.0 * NOISE)
     with pytest.raises(InputError, match="no recording"):
-        fit_output_error([], p, free, theta, NOISE)
+        fit_output_error([], model, NOISE)
     with pytest.raises(InputError, match="nothing is measured"):
         fit(replace(SAMPLES, values=np.full_like(SAMPLES.values, np.nan)))
     with pytest.raises(InputError, match="three measured rows"):
@@ -90,7 +93,7 @@ def test_what_the_run_does_not_tell_has_a_deviation_that_says_so() -> None:
 
 def test_a_start_whose_run_is_impossible() -> None:
     free = free_parameters(box(), ("X_udot", "Y_rdot"))
-    found = fit_output_error([SAMPLES], box().parameters, free, np.array([3.0, 1e4]), NOISE)
+    found = fit_output_error([SAMPLES], CandidateModel(box(), free, np.array([3.0, 1e4])), NOISE)
     assert not found.converged
     assert found.cost == np.inf
     assert np.isinf(np.diag(found.covariance)).all()
@@ -103,20 +106,20 @@ def test_far_starts_end() -> None:
     assert_sound(fit(SAMPLES, iterations=1))
 
 
-def test_a_wrong_model_is_told_by_the_memory_of_its_residuals() -> None:
+def test_a_wrong_model_shows_in_the_autocorrelation_of_its_residuals() -> None:
     free = free_parameters(box(), ("X_uu",))
-    p = np.array(box(rigid_body={"mass": 35.0, "inertia": (1.0, 1.2, 1.5)}).parameters)
-    found = fit_output_error([SAMPLES], p, free, np.array([3.4]), NOISE)
+    wrong = box(rigid_body={"mass": 35.0, "inertia": (1.0, 1.2, 1.5)})
+    found = fit_output_error([SAMPLES], CandidateModel(wrong, free, np.array([3.4])), NOISE)
     assert_sound(found)
-    assert found.memory.time[0] > 5.0 * found.memory.step[0]
-    assert found.memory.lag_one[0] > 0.5
+    assert found.autocorrelation.time[0] > 5.0 * found.autocorrelation.step[0]
+    assert found.autocorrelation.lag_one[0] > 0.5
     assert found.residual_std[0] > 2.0 * NOISE[0]
 
 
 def test_nothing_given_is_changed() -> None:
     free, theta, noise = free_parameters(box(), SURGE), np.array([3.0, 3.0]), NOISE.copy()
     values = SAMPLES.values.copy()
-    fit_output_error([SAMPLES], box().parameters, free, theta, noise)
+    fit_output_error([SAMPLES], CandidateModel(box(), free, theta), noise)
     np.testing.assert_array_equal(theta, [3.0, 3.0])
     np.testing.assert_array_equal(noise, NOISE)
     np.testing.assert_array_equal(SAMPLES.values, values)
@@ -130,14 +133,14 @@ def _coloured(n: int, rho: float) -> Array:
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
-def test_memory_is_that_of_a_first_order_series(rho: float) -> None:
+def test_autocorrelation_is_that_of_a_first_order_series(rho: float) -> None:
     residuals = np.full((20000, 15), np.nan)
     residuals[:, 4] = 2.0 * _coloured(20000, rho)
-    memory = residual_memory([(DT * np.arange(20000.0), residuals)], np.full(15, 100.0))
-    assert memory.std[4] == pytest.approx(2.0, rel=0.05)
-    assert memory.lag_one[4] == pytest.approx(rho, abs=0.03)
-    assert memory.time[4] == pytest.approx(DT * (1.0 + rho) / (1.0 - rho), rel=0.2)
-    assert np.isnan(memory.time[:4]).all()
+    correlation = autocorrelation_of([(DT * np.arange(20000.0), residuals)], np.full(15, 100.0))
+    assert correlation.std[4] == pytest.approx(2.0, rel=0.05)
+    assert correlation.lag_one[4] == pytest.approx(rho, abs=0.03)
+    assert correlation.time[4] == pytest.approx(DT * (1.0 + rho) / (1.0 - rho), rel=0.2)
+    assert np.isnan(correlation.time[:4]).all()
 
 
 def test_white_is_what_is_noise_in_all_but_a_few_seconds() -> None:
@@ -146,12 +149,12 @@ def test_white_is_what_is_noise_in_all_but_a_few_seconds() -> None:
     residuals[300:350, 1] += 2.0  # a marker that jumps by less than any gate would see
     residuals[1200:1240, 1] -= 2.0
     residuals[:, 2] += 0.35 * _coloured(2000, 0.995)  # a slow force
-    memory = residual_memory([(0.01 * np.arange(2000.0), residuals)], np.full(15, 4.5))
-    assert memory.time[1] > 2.0 * memory.step[1]
-    assert memory.white([0])
-    assert memory.white([0, 1, 7])
-    assert not memory.white([0, 2])
-    assert not memory.white([7])
+    correlation = autocorrelation_of([(0.01 * np.arange(2000.0), residuals)], np.full(15, 4.5))
+    assert correlation.time[1] > 2.0 * correlation.step[1]
+    assert correlation.white([0])
+    assert correlation.white([0, 1, 7])
+    assert not correlation.white([0, 2])
+    assert not correlation.white([7])
 
 
 def test_jumps_are_seen_in_white_residuals_only() -> None:

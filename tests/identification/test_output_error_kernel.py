@@ -16,19 +16,19 @@ from towtank.core.attitude import quaternion_product, quaternions_from_eulers
 from towtank.identification.data.samples import Samples, samples_of
 from towtank.identification.data.zero_order_hold import new_zero_order_hold
 from towtank.identification.model.parameters import FreeParameters, free_parameters
-from towtank.identification.simulation_error.problem import free_run_of
 from towtank.identification.simulation_error.residuals import GATE, GONE, HUBER, robust_cost, weight_of
+from towtank.identification.simulation_error.segments import FreeRun, free_run_of
 from towtank.identification.simulation_error.trajectory import (
-    FreeRun,
     NormalEquations,
-    free_run,
+    Unknowns,
+    free_run_into,
     new_equations,
     new_workspace,
 )
 from towtank.simulation import simulate
 from towtank.vehicle import Vehicle, configuration_matrix, load_vehicle
 
-UNTRANSFORMED = bool(numba.config.DISABLE_JIT)
+INTERPRETED = bool(numba.config.DISABLE_JIT)
 COEFFICIENTS = (
     *("X_udot", "Y_vdot", "N_rdot", "K_pdot", "Y_rdot", "X_qdot"),
     *("X_u", "Y_vv", "N_rr", "N_v", "M_ww", "W_minus_B", "BG_x", "BG_y", "BG_z", "X_0", "N_0"),
@@ -59,7 +59,7 @@ class Case:
         self.theta = self.free.theta(self.vehicle, delay=delay, lag=lag)
         self.gains = any(name.startswith("gain") for name in names)
         self.delay = delay
-        n = 12 if UNTRANSFORMED else 120
+        n = 12 if INTERPRETED else 120
         t = dt * np.arange(n, dtype=np.float64)
         t[n // 3 : n // 2] += 0.3 * dt  # not regular
         shape = configuration_matrix(self.vehicle)
@@ -88,13 +88,13 @@ class Case:
     def _made(self, run: FreeRun, move: Array) -> NormalEquations:
         s = len(self.states)
         states = np.array([_moved(x, e) for x, e in zip(self.states, move[: 12 * s].reshape(s, 12), strict=True)])
-        n, m = len(self.free), run.shape.shape[1]
+        n, m = len(self.free), run.B.shape[1]
         out = new_equations(s, run.t.size, run.t.size, 12 + n)
-        held = new_zero_order_hold(m, run.lag, self.delay)
+        hold = new_zero_order_hold(m, run.lag, self.delay)
         everything = np.arange(12)
         theta, scale, space = self.theta + move[12 * s :], np.full(15, 1e6), new_workspace(12 + n, n, m)
-        p = self.vehicle.parameters
-        assert free_run(run, p, self.free.codes, theta, held, states, everything, everything, scale, False, out, space)
+        unknowns = Unknowns(self.free.codes, theta, states, everything, everything)
+        assert free_run_into(run, self.vehicle.parameters, unknowns, hold, scale, False, out, space)
         return out
 
     def __call__(self, move: Array) -> NormalEquations:
@@ -134,7 +134,7 @@ def _scores(case: Case) -> tuple[Array, Array]:
 
 @pytest.mark.parametrize("name", COLUMNS)
 def test_sensitivities_to_states_and_coefficients(name: str) -> None:
-    case = Case(COEFFICIENTS[::2] if UNTRANSFORMED else COEFFICIENTS)
+    case = Case(COEFFICIENTS[::2] if INTERPRETED else COEFFICIENTS)
     case.measure(*COLUMNS[name], np.random.default_rng(1))
     found, expected = _scores(case)
     np.testing.assert_allclose(found, expected, atol=0.02)
@@ -157,7 +157,7 @@ def test_sensitivities_of_single_angles(angle: int) -> None:
     np.testing.assert_allclose(found, expected, atol=0.02)
 
 
-@pytest.mark.skipif(UNTRANSFORMED, reason="runs of plain Python are too short to tell")
+@pytest.mark.skipif(INTERPRETED, reason="runs of plain Python are too short to tell")
 def test_sensitivities_are_of_second_order_in_the_step() -> None:
     worst = []
     for dt in (0.01, 0.005):
@@ -173,21 +173,18 @@ def test_the_motion_is_the_simulators(delay: float, lag: float) -> None:
     vehicle = _vehicle()
     slow = tuple(thruster.model_copy(update={"time_constant": lag}) for thruster in vehicle.thrusters)
     vehicle = vehicle.model_copy(update={"thrusters": slow, "command_delay": delay})
-    n = 50 if UNTRANSFORMED else 500
+    n = 50 if INTERPRETED else 500
     commands = np.repeat(np.random.default_rng(0).uniform(-40.0, 40.0, (n // 10, len(slow))), 10, axis=0)
     commands[:10] = 0.0
     samples = samples_of(simulate(vehicle, commands=commands, dt=0.01), vehicle)
     free = free_parameters(vehicle, ("X_udot",))
     run = free_run_of(samples, np.ones(15), None, 0.5, False)
-    out, space = new_equations(1, int(run.block.max()) + 1, n + 1, 13), new_workspace(13, 1, run.shape.shape[1])
+    out, space = new_equations(1, int(run.block.max()) + 1, n + 1, 13), new_workspace(13, 1, run.B.shape[1])
     start = np.zeros((1, 13))
     start[0, 3] = 1.0
-    held, theta, all_ = (
-        new_zero_order_hold(run.lag.size, run.lag, delay),
-        free.theta(vehicle, delay=0.0, lag=0.0),
-        np.arange(12),
-    )
-    assert free_run(run, vehicle.parameters, free.codes, theta, held, start, all_, all_, np.ones(15), True, out, space)
+    hold, theta = new_zero_order_hold(run.lag.size, run.lag, delay), free.theta(vehicle, delay=0.0, lag=0.0)
+    unknowns = Unknowns(free.codes, theta, start, np.arange(12), np.arange(12))
+    assert free_run_into(run, vehicle.parameters, unknowns, hold, np.ones(15), True, out, space)
     assert np.nanmax(np.abs(out.residuals[:, :12])) < (1e-5 if lag == 0.0 and delay == 0.0 else 3e-4)
     assert np.isfinite(out.residuals[:, :12]).all()
 
@@ -214,11 +211,11 @@ def test_weights_are_the_slope_of_the_cost() -> None:
 
 def test_inputs_alike_are_taken_together_unless_gains_are_free() -> None:
     case = Case(("X_uu",))
-    assert case.run.shape.shape == (6, 6)
-    assert Case(INPUTS, lag=LAG).run.shape.shape[1] == len(case.vehicle.thrusters)
+    assert case.run.B.shape == (6, 6)
+    assert Case(INPUTS, lag=LAG).run.B.shape[1] == len(case.vehicle.thrusters)
     samples = Samples(
-        case.run.t, np.zeros((case.run.t.size, 15)), case.run.input_t, case.run.input_force, case.run.shape,
+        case.run.t, np.zeros((case.run.t.size, 15)), case.run.input_t, case.run.input_force, case.run.B,
         case.run.lag, True,
     )  # fmt: skip
     still = replace(samples, input_force=0.0 * samples.input_force)
-    assert free_run_of(still, np.ones(15), None, 0.5, False).shape.shape == (6, 0)
+    assert free_run_of(still, np.ones(15), None, 0.5, False).B.shape == (6, 0)

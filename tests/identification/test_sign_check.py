@@ -44,7 +44,7 @@ def test_thrusters_on_the_wrong_side_are_found_and_those_on_the_right_side_left_
     assert [each.axis for each in found] == [YAW]
     assert found[0].reversed_share > 0.6
     assert found[0].share < 0.1
-    assert "the commanded yaw moment acts with the opposite sign" in found[0].said
+    assert "the commanded yaw moment acts with the opposite sign" in found[0].text
 
 
 def test_learning_goes_on_with_the_thrusters_where_they_are() -> None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from typing import TypedDict, Unpack
 
 from towtank.errors import InputError, nearest
 from towtank.identification.data.samples import samples_of
 from towtank.identification.least_squares.batch import Progress, learn_paper
 from towtank.identification.offline.first_look import mirrored, reversals
-from towtank.identification.offline.joint import learn_joint
+from towtank.identification.offline.joint import LearningRequest, learn_joint
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.identification.posterior.thrusters import with_gains_of, with_scale
 from towtank.recording import Recording
@@ -17,9 +18,19 @@ from towtank.recording.frames.world_velocity import with_body_velocity
 from towtank.vehicle import Vehicle
 from towtank.vehicle.names import ROWS
 
-__all__ = ["METHODS", "LogLearning", "learn_recordings"]
+__all__ = ["METHODS", "LearningOptions", "learn_recordings"]
 
 METHODS = ("joint", "output-error", "paper")
+
+
+class LearningOptions(TypedDict, total=False):
+    """What `learn_recordings` can be told of a learning."""
+
+    free: Collection[str] | None
+    delay: float | None
+    longest_delay: float
+    prior: Vehicle | None
+    current: bool
 
 
 def learn_recordings(
@@ -27,61 +38,49 @@ def learn_recordings(
     recordings: Sequence[Recording],
     *,
     method: str = "joint",
-    free: Collection[str] | None = None,
-    delay: float | None = None,
-    longest_delay: float = 0.4,
-    prior: Vehicle | None = None,
-    current: bool = False,
     progress: Progress | None = None,
+    **options: Unpack[LearningOptions],
 ) -> LogLearning:
     """Learn a vehicle's coefficients from one or several recordings.
 
-    Where a commanded force plainly acts with the opposite sign, thrusters are taken to be on the other side, and the
-    warnings say so; the model that is learned has them there.
+    Where a commanded force acts with the opposite sign beyond doubt, thrusters are taken to be on the other side, and
+    the warnings say so; the model that is learned has them there.
 
     Args:
         method: "joint": the Kalman filter over motion, disturbance and coefficients, refined by output error where its
             residuals say that it is the better judge. "output-error": that refinement in any case. "paper": filtered
             regressors, one axis after the other.
+        progress: called with a text and the share done, 0 .. 1.
         free: names of the coefficients to learn, see `Learner`.
-        delay: from command (or recorded wrench) to force [s]; found, up to `longest_delay`, where omitted.
+        delay: from command (or recorded wrench) to force [s]; found, up to `longest_delay` (0.4 s), where omitted.
         prior: a vehicle whose coefficients bear deviations: what is known beforehand. Its thrusters' gains are taken as
             they are, which the warnings say. Not for "paper".
         current: of the water, estimated along; free runs, which know none, then judge nothing. Not for "paper" and
             "output-error".
-        progress: called with a text and the share done, 0 .. 1.
 
     Raises:
         InputError: no recording, no motion, no commands, thrusters that the vehicle lacks, an unknown name or method.
     """
     if method not in METHODS:
         raise InputError(f'method: found "{method}", expected one of {", ".join(METHODS)}{nearest(method, METHODS)}')
-    if method == "paper" and prior is not None:
+    request = LearningRequest(vehicle, recordings, always_free_runs=method == "output-error", **options)
+    if method == "paper" and request.prior is not None:
         raise InputError("prior: the paper's method takes none; use method joint or output-error")
-    if method != "joint" and current:
+    if method != "joint" and request.current:
         raise InputError(f"current: method {method} knows none; use method joint")
     recordings = [with_body_velocity(recording) for recording in recordings]
-    vehicle, taken = (vehicle, ()) if prior is None else with_gains_of(vehicle, prior)
-    vehicle, said = _right_way_round(vehicle, recordings, free)
-    said = (*taken, *said)
+    free, prior = request.free, request.prior
+    vehicle, of_gains = (vehicle, ()) if prior is None else with_gains_of(vehicle, prior)
+    vehicle, of_signs = _right_way_round(vehicle, recordings, free)
+    request = replace(request, vehicle=vehicle, recordings=recordings)
     if method == "paper":
-        learning = learn_paper(
-            vehicle, recordings, free=free, delay=delay, longest_delay=longest_delay, progress=progress
-        )
+        delay, longest = request.delay, request.longest_delay
+        learning = learn_paper(vehicle, recordings, free=free, delay=delay, longest_delay=longest, progress=progress)
     else:
-        learning = learn_joint(
-            vehicle,
-            recordings,
-            free=free,
-            delay=delay,
-            longest_delay=longest_delay,
-            prior=prior,
-            current=current,
-            refine="always" if method == "output-error" else "where better",
-            progress=progress,
-        )
+        learning = learn_joint(request, progress)
     learning = with_scale(learning, free or ())
-    return replace(learning, warnings=(*said, *learning.warnings)) if said else learning
+    before = (*of_gains, *of_signs)
+    return replace(learning, warnings=(*before, *learning.warnings)) if before else learning
 
 
 def _right_way_round(
@@ -98,13 +97,13 @@ def _right_way_round(
     found = [each for each in reversals(samples) if free is None or any(name[0] == ROWS[each.axis] for name in free)]
     if not found:
         return vehicle, ()
-    said = tuple(reversal.said for reversal in found)
+    texts = [reversal.text for reversal in found]
     if all(each.commands for each in samples):
         other = mirrored(vehicle, [reversal.axis for reversal in found])
         if other is not None:
             done = "learned with the thrusters on the other side; check their positions, directions and order"
-            return other, tuple(f"{text}; {done}" for text in said)
+            return other, tuple(f"{text}; {done}" for text in texts)
         done = "check the thrusters' positions, directions and order in the vehicle's file"
     else:
         done = "check its sign in the mapping (scale = -1.0 turns a column round)"
-    return vehicle, tuple(f"{text}; {done}" for text in said)
+    return vehicle, tuple(f"{text}; {done}" for text in texts)

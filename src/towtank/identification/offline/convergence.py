@@ -1,9 +1,9 @@
 """How coefficients settled over a log: one more pass over it, read along the way.
 
-Of the joint filter, linearised about what was learned, and started from the values known before with deviations wide
-enough to owe them nothing; or, where the paper's method learned, of least squares with the terms and the couplings that
-it chose. What they show is how the information came in; where free runs or instruments had the last word, their values
-may lie beside the pass' end.
+It is a pass of the joint filter, linearised about what was learned, and started from the values known before with
+deviations wide enough to owe them nothing; or, where the paper's method learned, of least squares with the terms and
+the couplings that it chose. It shows how the information came in; where free runs or instruments had the last word,
+their values may lie beside its end.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ __all__ = ["Convergence", "convergence"]
 _READINGS, _READINGS_PAPER = 200, 60  # of least squares each is a solution
 _WIDE = 1.0  # deviation of a logarithm at the start,
 _OWES_NOTHING = 2.0  # and at least so many times the way from start to end
-_ADAPT = 10.0  # s over which the disturbance is followed where no level of it was learned
+_ADAPT = 10.0  # s over which the disturbance is estimated where no level of it was learned
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +71,8 @@ def convergence(learning: LogLearning, recordings: Sequence[Recording]) -> Conve
 
 def _by_filter(learning: LogLearning, recordings: Sequence[Recording], names: tuple[str, ...]) -> Convergence:
     samples = [samples_of(recording, learning.model) for recording in recordings]
-    found = [DELAY] if learning.delay_scan is not None and any(each.commands for each in samples) else []
-    free = free_parameters(learning.model, [*names, *found, *([LAG] if math.isfinite(learning.lag) else [])])
+    delay = [DELAY] if learning.delay_scan is not None and any(each.commands for each in samples) else []
+    free = free_parameters(learning.model, [*names, *delay, *([LAG] if math.isfinite(learning.lag) else [])])
     state, linearised_at = _start(learning, recordings, samples, free)
     kept = [k for k, name in enumerate(free.names) if name in names]
     every = max(1, sum(len(each) for each in samples) // _READINGS)

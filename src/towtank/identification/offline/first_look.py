@@ -1,15 +1,14 @@
-"""What a log shows without a vehicle: which axes follow the inputs, and after which delay.
+"""What a log shows before anything is learned: which axes follow the inputs, after which delay, and with which sign.
 
-For each axis the acceleration is regressed on the inputs (each and its square with its sign, since thrust is about
-quadratic in the command) and on everything else that moves a vehicle: speeds, their squares and products, gravity;
-all sides through the same first-order filter. The delay is the one that leaves the least unexplained; the share that
-the inputs explain says whether the axis was driven at all.
+Which axes, and the delay, need no vehicle (`first_look`). For each axis the acceleration is regressed on the inputs
+(each and its square with its sign, since thrust is about quadratic in the command) and on everything else that moves a
+vehicle: speeds, their squares and products, gravity; all sides through the same first-order filter. Where speeds were
+not measured they are derived from the pose, which needs one more filter. The delay is the one that leaves the least
+unexplained; the share that the inputs explain says whether the axis was driven at all.
 
-Body speeds of a grid, derived from the pose where they were not measured, and the filter that makes them usable.
-
-Whether what is commanded acts the right way round: a thruster wired or placed on the wrong side, a mirrored frame.
-
-One axis at a time, a speed is what inertia, damping and, in roll and pitch, a righting moment make of the force,
+The sign needs the vehicle's thrusters (`reversals`): one may be wired or placed on the wrong side, or a frame be
+mirrored. One axis at a time, a speed is what inertia, damping and, in roll and pitch, a righting moment make of the
+force,
 
     v' = -v / T - w^2 x + g F(t - d),   x' = v,
 
@@ -23,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,13 +32,13 @@ from towtank.core.arrays import Array
 from towtank.core.attitude import euler_rates_matrix, rotation_from_euler
 from towtank.identification.data.samples import Samples
 from towtank.identification.least_squares.batch import DelayCost, scan_delay
-from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.assembly import Sources
+from towtank.identification.posterior.wording import reversed_force
 from towtank.recording import Grid
 from towtank.recording.frames.rotations import conjugate, rotate
 from towtank.vehicle import Vehicle, configuration_matrix
 
-__all__ = ["DRIVEN", "FirstLook", "Reversal", "first_look", "mirrored", "reversals"]
+__all__ = ["DRIVEN", "first_look", "mirrored", "reversals"]
 
 DERIVED_CORNER = 12.0  # 1/s, of the low-pass that a derived speed needs
 _CUT = 7.0  # times the median deviation from the running mean
@@ -52,15 +52,14 @@ _FEW = 100
 _BLOCKS = 64  # of time, for the deviation of the delay
 _INDEPENDENT = 1e-9
 _STEP = 0.1  # s
-_WINDOW, _SHORTEST, _MOST = 20.0, 5.0, 60  # s, s; windows looked at, spread evenly
+_WINDOW, _SHORTEST, _MOST = 20.0, 5.0, 60  # s, s; windows used, spread evenly
 _TIMES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8)  # s
 _SWINGS, _DAMPED = (0.5, 1.0, 2.0, 4.0, 8.0), (0.2, 0.8, 3.2)  # rad/s, and s, of what is righted
 _DELAYS = (0, 1, 2, 4)  # steps
 _MUCH, _NOTHING = 0.3, 0.3  # share that g < 0 must explain; of that, what g > 0 may explain
 _CLOSE = 0.5  # s over which a speed is interpolated
 _COMMANDED = 0.2  # of the largest force or moment: below it the motion may come from another axis
-_NOUNS = ("surge force", "sway force", "heave force", "roll moment", "pitch moment", "yaw moment")
-_LEVEL = 0.05  # cosine of pitch above which Euler angles tell of rates
+_LEVEL = 0.05  # cosine of pitch above which Euler angles give rates
 _LENGTH = 0.3  # m that makes a force of a moment
 
 
@@ -83,10 +82,10 @@ def filled(x: Array) -> Array:
 
 def speeds(grid: Grid) -> Array:
     """Return u v w p q r (n, 6), measured, or else derived from the pose by central differences; NaN if unknown."""
-    found = np.array(grid.velocity)
-    absent = ~np.isfinite(found).any(axis=0)
+    measured = np.array(grid.velocity)
+    absent = ~np.isfinite(measured).any(axis=0)
     if not absent.any() or not grid.attitude_known.any() or len(grid) < 3:
-        return found
+        return measured
     phi, theta = grid.pose[:, 3], grid.pose[:, 4]
     rates = np.gradient(grid.pose, grid.dt, axis=0)
     p, q, r = rates[:, 3], rates[:, 4], rates[:, 5]
@@ -99,8 +98,8 @@ def speeds(grid: Grid) -> Array:
     )
     derived = np.hstack([rotate(conjugate(grid.quaternion), rates[:, :3]), turning])
     for i in np.flatnonzero(absent):
-        found[:, i] = _without_jumps(derived[:, i], grid.dt)
-    return found
+        measured[:, i] = _without_jumps(derived[:, i], grid.dt)
+    return measured
 
 
 def _without_jumps(speed: Array, dt: float) -> Array:
@@ -115,7 +114,7 @@ def _without_jumps(speed: Array, dt: float) -> Array:
 
 @dataclass(frozen=True)
 class FirstLook:
-    """What a quick look shows.
+    """What a log shows of its inputs.
 
     Attributes:
         delay, delay_std: [s]; None without a driven axis, the deviation NaN where it cannot be told.
@@ -129,7 +128,7 @@ class FirstLook:
 
 
 def first_look(grid: Grid) -> FirstLook:
-    """Look at a grid that has inputs (commands, else a wrench)."""
+    """Return what a grid with inputs (commands, else a wrench) shows."""
     sources = Sources.of(grid.pose, grid.velocity, grid.acceleration)
     nu = speeds(grid)[:_MOST_ROWS]
     passes = 2 if "derived" in sources.velocity else 0
@@ -168,11 +167,11 @@ class _Motion:
     def explained(self, delay: float) -> list[float]:
         """Return per axis the share 0 .. 1 of what motion leaves open that the inputs explain; NaN where unknown."""
         inputs = self.inputs(delay)
-        found = [float("nan")] * 6
+        shares = [float("nan")] * 6
         for group in self.groups:
             for i, left, total in zip(group.axes, group.left(inputs), (group.open**2).sum(axis=0), strict=True):
-                found[i] = 1.0 - float(left / total) if total > 0.0 else 0.0
-        return found
+                shares[i] = 1.0 - float(left / total) if total > 0.0 else 0.0
+        return shares
 
     def misfit(self, delay: float, axes: Collection[int]) -> DelayCost:
         """Return -2 ln L of these axes for a delay [s], and its parts over blocks of time."""
@@ -246,6 +245,14 @@ class _Group:
         return np.asarray(self.open - columns @ theta)
 
 
+class _Explained(NamedTuple):
+    """Share of the speed's square that one sign explains, and the products of both in either half of the data."""
+
+    share: float = 0.0
+    early: float = 0.0
+    late: float = 0.0
+
+
 @dataclass(frozen=True)
 class Reversal:
     """An axis (0 .. 5) whose commanded force acts with the opposite sign.
@@ -259,25 +266,16 @@ class Reversal:
     share: float
 
     @property
-    def said(self) -> str:
+    def text(self) -> str:
         """It in plain words."""
-        axis = AXES[self.axis]
-        return (
-            f"the commanded {_NOUNS[self.axis]} acts with the opposite sign: reversed, it explains "
-            f"{100.0 * self.reversed_share:.0f} % of {axis.velocity}, as it is {100.0 * self.share:.0f} %"
-        )
+        return reversed_force(self.axis, self.reversed_share, self.share)
 
 
 def reversals(samples: Sequence[Samples]) -> tuple[Reversal, ...]:
     """Return the axes on which the recordings speak for the opposite sign."""
-    forces = np.array([_size(samples, i) for i in range(6)]) / np.array([1.0] * 3 + [_LENGTH] * 3)
-    found = []
-    for i in range(6):
-        if forces[i] > 0.0 and forces[i] >= _COMMANDED * forces.max():
-            reversal = _axis(samples, i)
-            if reversal is not None:
-                found.append(reversal)
-    return tuple(found)
+    forces = np.array([_force_size(samples, i) for i in range(6)]) / np.array([1.0] * 3 + [_LENGTH] * 3)
+    commanded = [i for i in range(6) if forces[i] > 0.0 and forces[i] >= _COMMANDED * forces.max()]
+    return tuple(each for each in (_reversal(samples, i) for i in commanded) if each is not None)
 
 
 def mirrored(vehicle: Vehicle, axes: Sequence[int]) -> Vehicle | None:
@@ -285,46 +283,30 @@ def mirrored(vehicle: Vehicle, axes: Sequence[int]) -> Vehicle | None:
 
     None where no place of a thruster does that (the moment of a force is perpendicular to it).
     """
-    to_learn = configuration_matrix(vehicle)
-    to_learn[list(axes)] *= -1.0
+    B = configuration_matrix(vehicle)
+    B[list(axes)] *= -1.0
     thrusters = []
     for k, thruster in enumerate(vehicle.thrusters):
         before = np.array(thruster.direction)
-        force, moment = to_learn[:3, k], to_learn[3:, k]
+        force, moment = B[:3, k], B[3:, k]
         along = float(np.dot(before, thruster.position))
         place = np.cross(force, moment) + along * force
-        thrusters.append(
-            thruster.model_copy(
-                update={
-                    "position": tuple(float(x) for x in place + 0.0),
-                    "direction": tuple(float(x) for x in force + 0.0),
-                }
-            )
-        )
+        where = {"position": tuple(float(x) for x in place + 0.0), "direction": tuple(float(x) for x in force + 0.0)}
+        thrusters.append(thruster.model_copy(update=where))
     out = vehicle.model_copy(update={"thrusters": tuple(thrusters)})
-    return out if np.allclose(configuration_matrix(out), to_learn, atol=1e-9) else None
+    return out if np.allclose(configuration_matrix(out), B, atol=1e-9) else None
 
 
-def _size(samples: Sequence[Samples], axis: int) -> float:
+def _force_size(samples: Sequence[Samples], axis: int) -> float:
     return max((float(np.nanstd(each.input_force @ each.B[axis])) for each in samples if len(each)), default=0.0)
 
 
-def _axis(samples: Sequence[Samples], axis: int) -> Reversal | None:
-    speeds: list[Array] = []
-    forces: list[Array] = []
-    for each in samples:
-        v, f = _series(each, axis)
-        span = round(min(_WINDOW, max(_SHORTEST, 0.25 * each.duration)) / _STEP)
-        for first in range(0, v.size - span + 1, span):
-            part = slice(first, first + span)
-            if np.isfinite(v[part]).all() and np.isfinite(f[part]).all():
-                speeds.append(v[part])
-                forces.append(f[part])
+def _reversal(samples: Sequence[Samples], axis: int) -> Reversal | None:
+    """Return what speaks for the opposite sign on an axis; None where nothing does, or it cannot be told."""
+    speeds, forces = _windows(samples, axis)
     if len(speeds) < 2:
         return None
-    some = np.unique(np.linspace(0, len(speeds) - 1, _MOST).astype(np.int64))
-    speeds, forces = [speeds[k] for k in some], [forces[k] for k in some]
-    best = {1: (0.0, 0.0, 0.0), -1: (0.0, 0.0, 0.0)}
+    best = {1: _Explained(), -1: _Explained()}
     bank = [(time, 0.0) for time in _TIMES]
     if axis in (3, 4):
         bank += [(time, swing) for time in _DAMPED for swing in _SWINGS]
@@ -336,13 +318,32 @@ def _axis(samples: Sequence[Samples], axis: int) -> Reversal | None:
                 continue
             middle = len(cross) // 2
             share = float(cross.sum() ** 2 / (power.sum() * total))
-            way = 1 if cross.sum() > 0.0 else -1
-            if share > best[way][0]:
-                best[way] = (share, float(cross[:middle].sum()), float(cross[middle:].sum()))
-    share, early, late = best[-1]
-    if share >= _MUCH and best[1][0] <= _NOTHING * share and early < 0.0 and late < 0.0:
-        return Reversal(axis, share, best[1][0])
+            sign = 1 if cross.sum() > 0.0 else -1
+            if share > best[sign].share:
+                best[sign] = _Explained(share, float(cross[:middle].sum()), float(cross[middle:].sum()))
+    against, along = best[-1], best[1]
+    wrong = against.share >= _MUCH and along.share <= _NOTHING * against.share
+    if wrong and against.early < 0.0 and against.late < 0.0:
+        return Reversal(axis, against.share, along.share)
     return None
+
+
+def _windows(samples: Sequence[Samples], axis: int) -> tuple[list[Array], list[Array]]:
+    """Return speeds (m,) and forces (m,) of windows in which both are known, spread evenly."""
+    speeds: list[Array] = []
+    forces: list[Array] = []
+    for each in samples:
+        v, f = _series(each, axis)
+        span = round(min(_WINDOW, max(_SHORTEST, 0.25 * each.duration)) / _STEP)
+        for first in range(0, v.size - span + 1, span):
+            part = slice(first, first + span)
+            if np.isfinite(v[part]).all() and np.isfinite(f[part]).all():
+                speeds.append(v[part])
+                forces.append(f[part])
+    if len(speeds) < 2:
+        return speeds, forces
+    some = np.unique(np.linspace(0, len(speeds) - 1, _MOST).astype(np.int64))
+    return [speeds[k] for k in some], [forces[k] for k in some]
 
 
 def _sums(
@@ -357,10 +358,10 @@ def _sums(
     alone[0, 0] = 1.0
     for k in range(n):
         alone[k + 1] = alone[k] @ A
-    pushed = np.concatenate([[0.0], alone[:n] @ b])  # and after a step of force
+    stepped = np.concatenate([[0.0], alone[:n] @ b])  # and after a step of force
     for k, (v, f) in enumerate(zip(speeds, forces, strict=True)):
         late = np.concatenate([np.full(delay, f[0]), f[: f.size - delay]])
-        y = np.convolve(late, pushed[: v.size])[: v.size]
+        y = np.convolve(late, stepped[: v.size])[: v.size]
         free = np.linalg.qr(np.column_stack([np.ones(v.size), alone[: v.size, : 2 if swing else 1]]))[0]
         y, v = y - free @ (free.T @ y), v - free @ (free.T @ v)
         out[:, k] = y @ v, y @ y, v @ v
@@ -406,11 +407,12 @@ def _speed(samples: Samples, axis: int) -> tuple[Array, Array]:
     pose = np.column_stack([pose[:, :3], np.unwrap(pose[:, 3:], axis=0)])
     rate = (pose[2:] - pose[:-2]) / (t[2:] - t[:-2])[:, None]
     out = np.empty(len(rate))
-    for k, (angles, way) in enumerate(zip(pose[1:-1, 3:], rate, strict=True)):
+    for k, (angles, rates) in enumerate(zip(pose[1:-1, 3:], rate, strict=True)):
         if axis < 3:
-            out[k] = float((rotation_from_euler(*angles).T @ way[:3])[axis]) if np.isfinite(way[:3]).all() else np.nan
+            known = np.isfinite(rates[:3]).all()
+            out[k] = float((rotation_from_euler(*angles).T @ rates[:3])[axis]) if known else np.nan
         elif abs(np.cos(angles[1])) > _LEVEL:
-            out[k] = float(np.linalg.solve(euler_rates_matrix(angles[0], angles[1]), way[3:])[axis - 3])
+            out[k] = float(np.linalg.solve(euler_rates_matrix(angles[0], angles[1]), rates[3:])[axis - 3])
         else:
             out[k] = np.nan
     fine = np.isfinite(out)

@@ -1,4 +1,5 @@
-"""What a learning will know of each coefficient: the information of a recording, before learning from it.
+"""What a learning will know of each coefficient: predicted accuracy (Cramer and Rao) of a recording, before it is
+learned.
 
 Two judges: least squares, whose deviations account for coloured residuals and stay true where the disturbance is of any
 kind; and a few passes of the joint filter, whose covariance is the bound where its picture of the disturbance is right.
@@ -29,13 +30,13 @@ from towtank.vehicle import Vehicle, configuration_matrix, index, unit
 
 __all__ = ["Forecast", "PredictedAccuracy", "best_excited", "forecast"]
 
-_MOST_ROWS = 24_000  # of a recording that are looked at,
+_MOST_ROWS = 24_000  # of a recording that are used,
 _STRETCHES = 6  # cut into so many where there are more
 _PASSES = 3
 _APART = 4.0  # deviations of least squares, up to which both agree,
 _CLOSE = 0.05  # and share of the value that its filters may bias it by,
 _CLOSE_DELAY = 0.01  # s; of the delay
-_MAY_BE_NOTHING = 25.0  # %, above which a term that may as well be 0 is told in its own unit
+_MAY_BE_NOTHING = 25.0  # %, above which a term that may as well be 0 is given in its own unit
 
 
 @dataclass(frozen=True)
@@ -50,10 +51,10 @@ class PredictedAccuracy:
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """What a recording will tell.
+    """What a recording will make known.
 
     Attributes:
-        known: prospects by name. delay, delay_std: [s], the deviation NaN where it cannot be told.
+        known: by name. delay, delay_std: [s], the deviation NaN where it cannot be told.
         agrees: whether the filter is believed. levels: of noise and disturbance, as the filter sees them.
     """
 
@@ -71,11 +72,11 @@ def forecast(
     *,
     progress: Callable[[float], None] | None = None,
 ) -> Forecast | None:
-    """Return what recordings will tell of the coefficients that least squares found in them; None where it found none.
+    """Return how well recordings determine the coefficients that least squares found in them; None where it found none.
 
     Args:
         recordings: with thrusters bound to the vehicle's. first: what least squares found in them.
-        told: called with the share done, 0 .. 1.
+        progress: called with the share done, 0 .. 1.
     """
     estimate = first.estimate
     names = [each.name for each in estimate.coefficients if each.identified]
@@ -97,25 +98,25 @@ def forecast(
     size = np.where(free.codes[:, 3] == UNTRANSFORMED, np.maximum(np.abs(fit.theta), 1e-9 * scale), 1.0)
     information = information_of_data(fit.covariance, np.diag(deviation**-2.0))
     std = deviations(relative(information, size)) * size * np.abs(free.slopes(fit.theta))
-    found = dict(zip(free.names, free.values(fit.theta), strict=True))
+    values = dict(zip(free.names, free.values(fit.theta), strict=True))
     spread = dict(zip(free.names, std, strict=True))
     delay_std = float("nan") if first.delay_scan is None else first.delay_scan.std
     agrees = all(
-        abs(found[name] - estimate[name].value)
+        abs(values[name] - estimate[name].value)
         <= _APART * estimate[name].std + _CLOSE * abs(_total(vehicle, name, estimate[name].value))
         for name in names
     )
     delay = first.delay
-    if DELAY in found:
-        agrees = agrees and not abs(found[DELAY] - delay) > _APART * delay_std + _CLOSE_DELAY
+    if DELAY in values:
+        agrees = agrees and not abs(values[DELAY] - delay) > _APART * delay_std + _CLOSE_DELAY
         if agrees:
-            delay, delay_std = max(0.0, float(found[DELAY])), float(spread[DELAY])
+            delay, delay_std = max(0.0, float(values[DELAY])), float(spread[DELAY])
     learned = {name: float(spread[name]) if agrees else estimate[name].std for name in names}
     return Forecast(_predicted_accuracies(vehicle, estimate, learned), delay, delay_std, agrees, fit.levels)
 
 
 def _predicted_accuracies(vehicle: Vehicle, estimate: Estimate, std: dict[str, float]) -> dict[str, PredictedAccuracy]:
-    """Return the prospects of coefficients with these deviations; an added inertia counts with the rigid body's."""
+    """Return the accuracies of coefficients with these deviations; an added inertia counts with the rigid body's."""
     size = np.array([abs(_total(vehicle, name, estimate[name].value)) for name in std])
     with np.errstate(divide="ignore"):
         percents = excitation(tuple(std), np.diag((np.array(list(std.values())) / size) ** 2))

@@ -35,7 +35,7 @@ from towtank.identification.model.prior import prior_information, size_of
 from towtank.identification.model.terms import paper_names
 from towtank.identification.online.least_squares import PaperLearner
 from towtank.identification.online.stream import JointStream
-from towtank.identification.posterior.assembly import Current, assemble, judge
+from towtank.identification.posterior.assembly import Current, Outcome, Posterior, assemble, judge
 from towtank.identification.posterior.estimate import AxisReport, Estimate
 from towtank.identification.posterior.statistics import information_of_data
 from towtank.identification.posterior.thrusters import learned_gains, with_thrust_scale, with_thrusters
@@ -66,14 +66,13 @@ def reading(
     scale = size_of(vehicle, free)
     deviation = prior_deviation(free, scale)
     covariance = _cautious(covariance, deviation, prior, _grown(free, state))
-    findings = judge(free, state.theta, covariance, deviation, scale, prior=prior)
+    posterior = Posterior(free, state.theta, covariance)
+    findings = judge(posterior, deviation, scale, prior=prior)
     why = {name: reason for name, reason in findings.reasons.items() if not _is_input(name)}
     why |= left_out
     to_learn = [name for name in (requested or (*free.names, *left_out)) if not _is_input(name)]
     duration, rows = float(state.clock[0].duration), int(state.clock[0].rows)
-    return assemble(
-        vehicle, free, state.theta, covariance, to_learn, why, tuple(left_out), axes, duration, rows
-    ).estimate
+    return assemble(vehicle, Outcome(posterior, to_learn, why, tuple(left_out), axes, duration, rows)).estimate
 
 
 def _cautious(covariance: Array, deviation: Array, prior: Array | None, grown: Array) -> Array:

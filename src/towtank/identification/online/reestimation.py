@@ -45,6 +45,7 @@ from towtank.identification.model.prior import size_of, start_theta
 from towtank.identification.model.terms import candidates
 from towtank.identification.posterior.estimate import Estimate
 from towtank.identification.simulation_error.cross_validation import FreeRuns, columns_of
+from towtank.identification.simulation_error.segments import CandidateModel
 from towtank.vehicle import Vehicle
 
 __all__ = [
@@ -121,11 +122,11 @@ def freely_white(
     """Return coefficients (n,) of a free run, fitted from those of `state`, that leaves white residuals, or None."""
     if state.clock[0].duration < _SHOWS_FREELY * state.settings[0].time_constant:
         return None
-    runs = FreeRuns.over(vehicle, stretches, noise, free.names)
-    fit = runs.fit(np.array(vehicle.parameters), free, state.theta, delay=delay, prior=prior)
+    runs = FreeRuns.over(vehicle, stretches, noise, free.names, prior=lambda _: prior)
+    fit = runs.fit(CandidateModel(vehicle, free, state.theta, delay))
     if fit is None:
         return None
-    return fit.theta if fit.memory.white(columns_of(free.names)) else None
+    return fit.theta if fit.autocorrelation.white(columns_of(free.names)) else None
 
 
 @dataclass(frozen=True, eq=False)

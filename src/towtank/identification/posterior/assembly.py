@@ -1,7 +1,4 @@
-"""From the joint estimator's coordinates to coefficients: values, deviations, what is known, what is physical.
-
-The outcome of learning from recordings.
-"""
+"""From an estimator's coordinates to what is learned: what a run determined, physical values, deviations, reasons."""
 
 from __future__ import annotations
 
@@ -16,13 +13,14 @@ from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.model.parameters import IN_DELAY, UNTRANSFORMED, FreeParameters
 from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.estimate import AxisReport, Estimate, SumOfInertias
-from towtank.identification.posterior.identifiability import DETERMINED, Identifiability, identifiability
+from towtank.identification.posterior.identifiability import Criteria, Identifiability, identifiability
 from towtank.identification.posterior.physical import consistent
 from towtank.identification.posterior.statistics import information_of_data
+from towtank.identification.posterior.wording import NOT_FREE
 from towtank.recording import Grid
 from towtank.vehicle import COEFFICIENTS, Vehicle
 
-__all__ = ["Assembled", "Current", "DelayScan", "LogLearning", "Sources", "assemble", "judge"]
+__all__ = ["Assembled", "Current", "DelayScan", "LogLearning", "Outcome", "Posterior", "Sources", "assemble", "judge"]
 
 
 @dataclass(frozen=True)
@@ -33,26 +31,51 @@ class Assembled:
     remarks: tuple[str, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Free coefficients, their coordinates theta (n,) and the covariance (n, n) of these."""
+
+    free: FreeParameters
+    theta: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What an estimator has found.
+
+    Attributes:
+        to_learn: names of the estimate. unidentified: why a name is not; it keeps the vehicle's value, or 0 if in
+            `set_to_zero`, or what was fitted beside the others if in `roughly`.
+        axes: how each was learned. duration: time learned from [s]. samples: how many.
+    """
+
+    posterior: Posterior
+    to_learn: Sequence[str]
+    unidentified: Mapping[str, str]
+    set_to_zero: Collection[str]
+    axes: Sequence[AxisReport]
+    duration: float
+    samples: int
+    roughly: Collection[str] = ()
+
+
 def judge(
-    free: FreeParameters,
-    theta: Array,
-    covariance: Array,
+    posterior: Posterior,
     deviation: Array,
     scale: Array,
     *,
     prior: Array | None = None,
-    speeds: Array | None = None,
-    yielding: Collection[str] = (),
-    enough: float = DETERMINED,
+    criteria: Criteria | None = None,
 ) -> Identifiability:
     """Say what a run determined, from the covariance after it less the deviations (n,) that it started from.
 
     Args:
         scale: size (n,) of coordinates that are no logarithms. prior: information (n, n) that was put in.
-        speeds: (6, 2), yielding, enough: see `identifiability`.
     """
+    free, theta = posterior.free, posterior.theta
     before = np.diag(deviation**-2.0) if prior is None else np.diag(deviation**-2.0) + prior
-    information = information_of_data(covariance, before)
+    information = information_of_data(posterior.covariance, before)
     log = [bool(free.codes[k, 3] != UNTRANSFORMED) for k in range(len(free))]
     size = np.maximum(np.abs(theta), 0.0)
     for k in range(len(free)):
@@ -60,54 +83,29 @@ def judge(
             size[k] = max(size[k], 0.05)
         elif not log[k]:
             size[k] = max(size[k], 0.05 * scale[k])
-    return identifiability(
-        free.names,
-        theta,
-        information,
-        logarithmic=log,
-        size=size,
-        prior=prior,
-        speeds=speeds,
-        yielding=yielding,
-        enough=enough,
-    )
+    return identifiability(free.names, theta, information, logarithmic=log, size=size, prior=prior, criteria=criteria)
 
 
-def assemble(
-    vehicle: Vehicle,
-    free: FreeParameters,
-    theta: Array,
-    covariance: Array,
-    to_learn: Sequence[str],
-    unidentified: Mapping[str, str],
-    set_to_zero: Sequence[str],
-    axes: Sequence[AxisReport],
-    duration: float,
-    samples: int,
-    roughly: Collection[str] = (),
-) -> Assembled:
-    """Return the estimate of `to_learn` names.
-
-    Args:
-        covariance: of theta (n, n). unidentified: why a name is not; it keeps the vehicle's value, or 0 if in
-            `set_to_zero`, or what was fitted beside the others if in `roughly`.
-    """
+def assemble(vehicle: Vehicle, outcome: Outcome) -> Assembled:
+    """Return the estimate of the names to learn, physical, and what had to be moved for that."""
+    free, theta = outcome.posterior.free, outcome.posterior.theta
+    unidentified = outcome.unidentified
     rows = [k for k, name in enumerate(free.names) if name in COEFFICIENTS]
     names_free = [free.names[k] for k in rows]
     slopes = free.slopes(theta)[rows]
     values_free = free.values(theta)[rows]
-    block = covariance[np.ix_(rows, rows)] * np.outer(slopes, slopes)
+    block = outcome.posterior.covariance[np.ix_(rows, rows)] * np.outer(slopes, slopes)
     known = [name not in unidentified for name in names_free]
     physical = consistent(vehicle, names_free, values_free, block)
-    names = [name for name in to_learn if name in COEFFICIENTS]
+    names = [name for name in outcome.to_learn if name in COEFFICIENTS]
     names += [name for name in names_free if name not in names]
     n = len(names)
     values, spread = np.zeros(n), np.full((n, n), np.nan)
     at = [names.index(name) for name in names_free]
     for i, name in enumerate(names):
-        values[i] = 0.0 if name in set_to_zero else vehicle.coefficient(name)
+        values[i] = 0.0 if name in outcome.set_to_zero else vehicle.coefficient(name)
     for a, i in enumerate(at):
-        if known[a] or names_free[a] in roughly:
+        if known[a] or names_free[a] in outcome.roughly:
             values[i] = physical.values[a]
         if not known[a]:
             continue
@@ -122,19 +120,18 @@ def assemble(
             i = names.index(axis.added_mass)
             total = float(vehicle.rigid_body_matrix[axis.index, axis.index]) - float(values[i])
             sums.append(SumOfInertias(axis.sum_name, total, float(std[i]), axis.unit))
-    default = "not free"
-    verdicts = list(zip(names, identified, strict=True))
+    verdicts = zip(names, identified, strict=True)
     estimate = Estimate(
         names=tuple(names),
         values=values,
         std=std,
         covariance=spread,
         identified=identified,
-        reasons=tuple(None if ok else unidentified.get(name, default) for name, ok in verdicts),
+        reasons=tuple(None if ok else unidentified.get(name, NOT_FREE) for name, ok in verdicts),
         sums=tuple(sums),
-        axes=tuple(axes),
-        duration=duration,
-        samples=samples,
+        axes=tuple(outcome.axes),
+        duration=outcome.duration,
+        samples=outcome.samples,
     )
     return Assembled(estimate, physical.messages)
 

@@ -13,7 +13,7 @@ from towtank.identification.model.terms import AXES
 from towtank.vehicle import Coefficient, Provenance, Vehicle
 from towtank.vehicle import unit as unit_of
 
-__all__ = ["AxisReport", "Estimate", "Learned", "SumOfInertias", "with_shift"]
+__all__ = ["AxisReport", "Estimate", "Learned", "SumOfInertias", "with_covariance", "with_shift"]
 
 
 @dataclass(frozen=True)
@@ -107,6 +107,14 @@ class Estimate:
         return vehicle.with_coefficients(changes, provenance=Provenance(source=source, notes=notes))
 
 
+def with_covariance(estimate: Estimate, covariance: Array) -> Estimate:
+    """Return the estimate with this covariance (n, n), and the deviations that follow from it."""
+    std = np.sqrt(np.diag(covariance))
+    added = {axis.sum_name: axis.added_mass for axis in AXES}
+    sums = tuple(replace(each, std=float(std[estimate.names.index(added[each.name])])) for each in estimate.sums)
+    return replace(estimate, covariance=covariance, std=std, sums=sums)
+
+
 def with_shift(estimate: Estimate, shifted: Estimate) -> Estimate:
     """Return the estimate with the deviations that a common cause adds, such as a delay that is not known exactly.
 
@@ -119,8 +127,4 @@ def with_shift(estimate: Estimate, shifted: Estimate) -> Estimate:
             for name, value, known in zip(estimate.names, estimate.values, estimate.identified, strict=True)
         ]
     )
-    covariance = estimate.covariance + np.outer(shift, shift)
-    std = np.sqrt(np.diag(covariance))
-    added = {axis.sum_name: axis.added_mass for axis in AXES}
-    sums = tuple(replace(each, std=float(std[estimate.names.index(added[each.name])])) for each in estimate.sums)
-    return replace(estimate, covariance=covariance, std=std, sums=sums)
+    return with_covariance(estimate, estimate.covariance + np.outer(shift, shift))

@@ -1,20 +1,18 @@
-"""What a run can tell: which coefficients it determines, which only together, and of which it says nothing.
+"""What a run determines: which coefficients, which only together, and of which it says nothing.
 
 All is read from the Fisher information of the run over all free coefficients at once, in relative coordinates. A
 coefficient is determined where its deviation, all others unknown, is below a quarter of its value; where somebody named
 the coefficients, so that there is no choosing, below half of it: the interval of 95 % excludes nothing. The others are
 given up one by one, each with its reason, and the rest is judged anew: first those of which nothing is known even if
 all else were; then a common scale of forces that nothing fixes; then pairs that only appear together, of which the one
-that is told less gives way.
-
-What a run says of each coefficient, as records.
+that is known less gives way.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,17 +23,41 @@ from towtank.identification.posterior import wording as words
 from towtank.identification.posterior.statistics import alone, along, correlations, deviations, pair, relative, weakest
 from towtank.identification.posterior.wording import Role, phrase, role
 
-__all__ = ["DETERMINED", "TOLD", "Hold", "Identifiability", "excitation", "excitation_words", "identifiability"]
+__all__ = [
+    "DETECTED",
+    "DETERMINED",
+    "Criteria",
+    "Hold",
+    "Identifiability",
+    "excitation",
+    "excitation_words",
+    "identifiability",
+]
 
 State = Literal["determined", "merged", "undetermined"]
 Hold = Literal["", "zero", "value"]
 DETERMINED = 0.25  # deviation below which a coefficient is worth choosing: four deviations from nothing
-TOLD = 0.5  # deviation below which it is told from nothing
+DETECTED = 0.5  # deviation below which it is different from nothing
 _FELT = 0.10  # deviation, all else known, from which the data does speak of a coefficient
 _ALIKE = 0.95  # correlation
-_LIKELY = 0.9  # correlation from which a pair is looked at closely
+_LIKELY = 0.9  # correlation from which a pair is examined
 _LIKE = 0.7  # correlation that does between the two damping terms of one axis
 _GIVES_WAY = {"gain": 4, "other": 4, "constant": 3, "coupling": 2, "lag": 1}  # before those that make up the vehicle
+
+
+@dataclass(frozen=True, eq=False)
+class Criteria:
+    """How a run is judged.
+
+    Attributes:
+        speeds: (6, 2) root mean square and largest speed of each axis in the run [m/s, rad/s], for the sentences.
+        yielding: names that give way to their like, whichever is known less.
+        enough: relative deviation below which a coefficient is determined.
+    """
+
+    speeds: Array | None = None
+    yielding: Collection[str] = ()
+    enough: float = DETERMINED
 
 
 @dataclass(frozen=True)
@@ -117,9 +139,7 @@ def identifiability(
     logarithmic: Sequence[bool],
     size: Array | None = None,
     prior: Array | None = None,
-    speeds: Array | None = None,
-    yielding: Collection[str] = (),
-    enough: float = DETERMINED,
+    criteria: Criteria | None = None,
 ) -> Identifiability:
     """Judge a run by its information.
 
@@ -129,9 +149,6 @@ def identifiability(
         information: Fisher information (n, n) of the run in these coordinates; may be singular.
         size: (n,) what is 100 % of a coordinate that is no logarithm; default |theta|, 1 where that is 0.
         prior: information (n, n) known beforehand, in the same coordinates.
-        speeds: (6, 2) root mean square and largest speed of each axis in the run [m/s, rad/s].
-        yielding: names that give way to their like, whichever is told less.
-        enough: relative deviation below which a coefficient is determined.
 
     Raises:
         InputError: shapes that do not fit together.
@@ -145,18 +162,18 @@ def identifiability(
     unit = np.where(log, 1.0, np.where((given > 0.0) & np.isfinite(given), given, 1.0))
     A = relative(information, unit, prior)
     growth = np.where(log, 1.0, np.nan_to_num(theta / unit))
-    judge = _Judge(tuple(names), A, growth, _magnitudes(theta, log), speeds, yielding, enough)
-    found = judge.verdict()
+    criteria = criteria or Criteria()
+    verdict = _Judge(tuple(names), A, growth, _magnitudes(theta, log), criteria).verdict()
     if prior is None:
-        return found
+        return verdict
     own = deviations(relative(information, unit))
     return replace(
-        found,
+        verdict,
         findings=tuple(
             replace(each, reason=words.from_prior(each.name, each.std, float(s)))
-            if each.state == "determined" and not s < enough
+            if each.state == "determined" and not s < criteria.enough
             else each
-            for each, s in zip(found.findings, own, strict=True)
+            for each, s in zip(verdict.findings, own, strict=True)
         ),
     )
 
@@ -164,6 +181,13 @@ def identifiability(
 def _magnitudes(theta: Array, log: NDArray[np.bool_]) -> Array:
     with np.errstate(over="ignore", invalid="ignore"):
         return np.where(log, np.exp(np.where(log, theta, 0.0)), np.abs(theta))
+
+
+class _GivenUp(NamedTuple):
+    state: State
+    hold: Hold
+    partner: str | None
+    reason: str
 
 
 @dataclass
@@ -174,16 +198,12 @@ class _Judge:
     A: Array
     growth: Array  # relative change of each coordinate when the unit of force grows
     magnitude: Array
-    speeds: Array | None
-    yielding: Collection[str] = ()
-    enough: float = DETERMINED
+    criteria: Criteria
     free: list[int] = field(default_factory=list)
-    given_up: dict[int, tuple[State, Hold, str | None, str]] = field(
-        default_factory=dict
-    )  # state, hold, partner, reason
+    given_up: dict[int, _GivenUp] = field(default_factory=dict)
     relatives: dict[int, tuple[str | None, str]] = field(default_factory=dict)  # partner and reason of one kept
     stands_for: set[int] = field(default_factory=set)  # of two damping terms, the one that is kept
-    relinearised: list[tuple[int, int]] = field(default_factory=list)
+    ratios: list[tuple[int, int]] = field(default_factory=list)  # one of a group, and the one that fixes its scale
     combinations: list[Combination] = field(default_factory=list)
 
     def verdict(self) -> Identifiability:
@@ -191,14 +211,14 @@ class _Judge:
         self.roles = [role(name) for name in self.names]
         self.free = list(range(n))
         whole, single = deviations(self.A), alone(self.A)
-        while self.free and not (self._now() < self.enough).all():
+        while self.free and not (self._now() < self.criteria.enough).all():
             if not (self._damping(single) or self._silent(single) or self._scale() or self._pair(single)):
                 self._give_up_one()
         left = np.full(n, np.nan)
         left[self.free] = self._now()
-        for i, linearised_at in self.relinearised:
-            if i in self.free and not whole[i] < self.enough:
-                names = (self.names[i], self.names[linearised_at])
+        for i, scale in self.ratios:
+            if i in self.free and not whole[i] < self.criteria.enough:
+                names = (self.names[i], self.names[scale])
                 self.combinations.append(Combination(names, (1.0, -1.0), float(left[i]), words.ratio_known(*names)))
         return Identifiability(
             tuple(self._finding(i, float(whole[i]), float(single[i]), float(left[i])) for i in range(n)),
@@ -211,22 +231,22 @@ class _Judge:
     def _finding(self, i: int, std: float, single: float, left: float) -> Finding:
         name = self.names[i]
         if i in self.given_up:
-            state, hold, partner, reason = self.given_up[i]
-            return Finding(name, state, std, single, left, hold, partner, reason)
-        if std < self.enough and i not in self.stands_for:
+            lost = self.given_up[i]
+            return Finding(name, lost.state, std, single, left, lost.hold, lost.partner, lost.reason)
+        if std < self.criteria.enough and i not in self.stands_for:
             return Finding(name, "determined", std, single, left, "", None, words.determined(name, std))
         partner, why = self.relatives.get(i, (None, words.rests_on_held(name, left)))
         return Finding(name, "merged", std, single, left, "", partner, why)
 
     def _drop(self, i: int, state: State, hold: Hold, partner: str | None, reason: str) -> None:
         self.free.remove(i)
-        self.given_up[i] = (state, hold, partner, reason)
+        self.given_up[i] = _GivenUp(state, hold, partner, reason)
 
     def _silent(self, single: Array) -> bool:
         """Give up those that would stay open even if all else were known."""
-        silent = [i for i in self.free if not single[i] < self.enough]
+        silent = [i for i in self.free if not single[i] < self.criteria.enough]
         for i in silent:
-            reason = words.silent(self.names[i], self.roles[i], float(single[i]), self.speeds)
+            reason = words.silent(self.names[i], self.roles[i], float(single[i]), self.criteria.speeds)
             self._drop(i, "undetermined", "value", None, reason)
         return bool(silent)
 
@@ -235,7 +255,7 @@ class _Judge:
         scaling = [i for i in self.free if self.roles[i].scales]
         axes = [[i for i in scaling if self.roles[i].row == axis] for axis in range(6)]
         groups = [(-1, scaling), *((axis, group) for axis, group in enumerate(axes) if group != scaling)]
-        open_ = {i for i, std in zip(self.free, self._now(), strict=True) if not std < self.enough}
+        open_ = {i for i, std in zip(self.free, self._now(), strict=True) if not std < self.criteria.enough}
         for axis, group in groups:
             inertias = [i for i in group if self.roles[i].kind == "inertia"]
             if len(group) < 2 or not inertias or not open_.issuperset(inertias):
@@ -243,18 +263,16 @@ class _Judge:
             direction = np.zeros(len(self.names))
             direction[group] = self.growth[group]
             common = along(self.A, direction)
-            if common < self.enough:
+            if common < self.criteria.enough:
                 continue
             gains = [i for i in group if self.roles[i].kind == "gain"]
-            linearised_at = min(gains or inertias, key=lambda i: (self.A[i, i] <= 0.0, i))
-            self.relinearised += [(i, linearised_at) for i in group if i != linearised_at]
+            scale = min(gains or inertias, key=lambda i: (self.A[i, i] <= 0.0, i))
+            self.ratios += [(i, scale) for i in group if i != scale]
             for i in group:
-                self.relatives[i] = (
-                    self.names[linearised_at],
-                    words.ratio(self.names[i], self.names[linearised_at], axis, common),
-                )
-            reason = words.linearised_at(self.names[linearised_at], axis, common, bool(gains))
-            self._drop(linearised_at, "merged", "value", None, reason)
+                held = self.names[scale]
+                self.relatives[i] = (held, words.ratio(self.names[i], held, axis, common))
+            reason = words.scale_held(self.names[scale], axis, common, bool(gains))
+            self._drop(scale, "merged", "value", None, reason)
             return True
         return False
 
@@ -263,12 +281,12 @@ class _Judge:
         now = dict(zip(self.free, self._now(), strict=True))
         for place, i in enumerate(self.free):
             for j in self.free[place + 1 :]:
-                if not _mates(self.roles[i], self.roles[j]) or max(now[i], now[j]) < self.enough:
+                if not _mates(self.roles[i], self.roles[j]) or max(now[i], now[j]) < self.criteria.enough:
                     continue
                 I2 = self._pair_information(i, j)
-                told = self._told(i, j, I2, single)
-                if _correlation(I2) < -_LIKE and told.known[1] < self.enough:
-                    self._merge(i, j, told, single, "zero")
+                pair = self._pair_words(i, j, I2, single)
+                if _correlation(I2) < -_LIKE and pair.known.std < self.criteria.enough:
+                    self._merge(i, j, pair, single, "zero")
                     return True
         return False
 
@@ -279,7 +297,7 @@ class _Judge:
         best: tuple[float, int, int, Array] | None = None
         for place, other in zip(*np.nonzero(np.triu(likely, 1)), strict=True):
             i, j = self.free[place], self.free[other]
-            if max(now[i], now[j]) < self.enough or not min(single[i], single[j]) < _FELT:
+            if max(now[i], now[j]) < self.criteria.enough or not min(single[i], single[j]) < _FELT:
                 continue
             I2 = self._pair_information(i, j)
             r = abs(_correlation(I2))
@@ -289,12 +307,12 @@ class _Judge:
             return False
         _, i, j, I2 = best
         sum_ = _mates(self.roles[i], self.roles[j]) and _correlation(I2) < 0.0
-        self._merge(i, j, self._told(i, j, I2, single), single, "zero" if sum_ else "value")
+        self._merge(i, j, self._pair_words(i, j, I2, single), single, "zero" if sum_ else "value")
         return True
 
-    def _told(self, i: int, j: int, I2: Array, single: Array) -> words.PairTold:
+    def _pair_words(self, i: int, j: int, I2: Array, single: Array) -> words.PairWords:
         loser, winner = (i, j) if self._yields(i, j, single) else (j, i)
-        return words.pair_told(
+        return words.pair_words(
             words.Pair(
                 self.names[winner],
                 self.names[loser],
@@ -302,20 +320,20 @@ class _Judge:
                 self.roles[loser],
                 (float(self.magnitude[winner]), float(self.magnitude[loser])),
                 I2 if winner == i else I2[::-1, ::-1],
-                self.speeds,
+                self.criteria.speeds,
             )
         )
 
-    def _merge(self, i: int, j: int, told: words.PairTold, single: Array, hold: Hold) -> None:
+    def _merge(self, i: int, j: int, both: words.PairWords, single: Array, hold: Hold) -> None:
         loser, winner = (i, j) if self._yields(i, j, single) else (j, i)
         names = (self.names[winner], self.names[loser])
-        self.combinations.append(Combination(names, *told.known))
-        self._drop(loser, "merged", hold, names[0], told.loser)
-        self.relatives[winner] = (names[1], told.winner)
+        self.combinations.append(Combination(names, *both.known))
+        self._drop(loser, "merged", hold, names[0], both.loser)
+        self.relatives[winner] = (names[1], both.winner)
         if hold == "zero":
             # it takes over the other's part, so that its deviation is now a smaller share of it
             self.stands_for.add(winner)
-            share = min(max(told.known[0][0], 0.1), 1.0)
+            share = min(max(both.known.weights[0], 0.1), 1.0)
             self.A[winner] /= share
             self.A[:, winner] /= share
             single[winner] *= share
@@ -325,15 +343,15 @@ class _Judge:
         return pair(self.A[np.ix_(rows, rows)], rows.index(i), rows.index(j))
 
     def _yields(self, i: int, j: int, single: Array) -> bool:
-        """Whether i gives way to j: the one that is no core of the model, else the one that is told less."""
-        a, b = ((_GIVES_WAY.get(self.roles[k].kind, 0), self.names[k] in self.yielding) for k in (i, j))
+        """Whether i gives way to j: the one that is no core of the model, else the one that is known less."""
+        a, b = ((_GIVES_WAY.get(self.roles[k].kind, 0), self.names[k] in self.criteria.yielding) for k in (i, j))
         return a > b if a != b else bool(single[i] > single[j])
 
     def _give_up_one(self) -> None:
         """Give up the least of those that are only known together with several others, or simply not well enough."""
         now = self._now()
         members = weakest(self.A, self.free)
-        open_ = [i for i, std in zip(self.free, now, strict=True) if not std < self.enough]
+        open_ = [i for i, std in zip(self.free, now, strict=True) if not std < self.criteria.enough]
         among = [i for i in open_ if i in members] or open_
         single = alone(self.A)
         last = max(among, key=lambda i: (_GIVES_WAY.get(self.roles[i].kind, 0), single[i], -i))

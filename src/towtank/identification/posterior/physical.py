@@ -1,15 +1,11 @@
 """Physical consistency of what was learned: the likeliest physical model, and what pulled it out of bounds.
 
-Where the coefficients x0 with covariance C break a bound (negative added mass, inertia that is not positive, drag that
-feeds energy in), the likeliest x within all bounds minimises (x - x0)^T C^-1 (x - x0): the correlated coefficients move
-along, as they would had the bound been known. The bounds are found by cutting planes. Every bound that was broken is
-reported with how far and which way, for such a pull is a sign of something else that is wrong.
-
-What no vehicle does, as linear bounds on its coefficients.
-
 Added mass and -L must be positive semidefinite, total inertia positive definite, and quadratic damping must take energy
 out, -nu^T Q |nu|nu >= 0. Each of these is v^T A(x) v >= 0 (for Q: a cubic of nu) for all directions, with A affine in
-the coefficients x: one direction is one linear bound, and the worst directions are added as they are found.
+the coefficients x: one direction is one linear bound, and the worst directions are added as they are found (cutting
+planes). Where coefficients x0 with covariance C break a bound, the likeliest x within all bounds minimises
+(x - x0)^T C^-1 (x - x0): the correlated coefficients move along, as they would had the bound been known. Every bound
+that was broken is reported with how far and which way, for such a pull is a sign of something else that is wrong.
 """
 
 from __future__ import annotations
@@ -29,7 +25,7 @@ from towtank.vehicle import Vehicle
 from towtank.vehicle.matrices import damping_matrices
 from towtank.vehicle.names import HYDRODYNAMIC
 
-__all__ = ["Consistency", "Violation", "consistent", "families"]
+__all__ = ["Consistency", "consistent", "families"]
 
 Kind = Literal["added", "inertia", "linear", "quadratic"]
 _INSIDE = 1e-7  # of the scaled matrix, that bounds on couplings stay inside
@@ -320,17 +316,17 @@ class _Report:
     def violations(self, found: Sequence[Family], dropped: Sequence[Family]) -> tuple[Violation, ...]:
         out: list[Violation] = []
         for family in found:
-            said = {name for violation in out for name in violation.names}
+            named = {name for violation in out for name in violation.names}
             lost = family in dropped or not family.sound(self.x)
             new = self._diagonals(family, lost) or self._couplings(family, lost)
             if lost and not new:  # broken only by what the others asked for
                 names = tuple(self.names[k] for k in np.flatnonzero(family.basis.any(axis=(1, 2))))
                 new = [Violation(names, 0.0, unreachable(names))]
             if family.kind == "inertia":  # negative added mass has said so already
-                new = [violation for violation in new if said.isdisjoint(violation.names)]
+                new = [violation for violation in new if named.isdisjoint(violation.names)]
             out += new
-        said = {name for violation in out for name in violation.names}
-        return (*out, *self._followers(found, said))
+        named = {name for violation in out for name in violation.names}
+        return (*out, *self._followers(found, named))
 
     def _diagonals(self, family: Family, lost: bool) -> list[Violation]:
         out = []
@@ -341,8 +337,8 @@ class _Report:
                 continue
             k, away = int(np.flatnonzero(g)[0]), self._deviations(lack, g)
             name, value, std = self.names[k], float(self.x0[k]), float(self.std[k])
-            told = diagonal(family.kind, row, name, value, std, away, float(self.x[k]))
-            out.append(Violation((name,), away, unreachable([name]) if lost else told))
+            text = diagonal(family.kind, row, name, value, std, away, float(self.x[k]))
+            out.append(Violation((name,), away, unreachable([name]) if lost else text))
         return out
 
     def _couplings(self, family: Family, lost: bool) -> list[Violation]:
@@ -353,18 +349,18 @@ class _Report:
         part = np.abs(G[0]) * self.std
         involved = np.flatnonzero((G[0] != 0.0) & (part >= _TAKES_PART * part.max()))
         names = tuple(self.names[k] for k in involved)
-        told = coupling(family.kind, names, self.x0[involved], self.x[involved], away)
-        return [Violation(names, away, unreachable(names) if lost else told)]
+        text = coupling(family.kind, names, self.x0[involved], self.x[involved], away)
+        return [Violation(names, away, unreachable(names) if lost else text)]
 
-    def _followers(self, found: Sequence[Family], said: set[str]) -> list[Violation]:
+    def _followers(self, found: Sequence[Family], named: set[str]) -> list[Violation]:
         """Those that were within their bound and end on it because others move."""
-        limit_step = np.zeros(len(self.names), dtype=np.bool_)
+        on_diagonal = np.zeros(len(self.names), dtype=np.bool_)
         for family in found:
             if family.kind != "inertia":
-                limit_step |= np.einsum("kii->ik", family.basis).any(axis=0)
+                on_diagonal |= np.einsum("kii->ik", family.basis).any(axis=0)
         out = []
-        for k in np.flatnonzero(limit_step & (self.x == 0.0) & (self.x0 != 0.0)):
-            if (name := self.names[k]) not in said:
+        for k in np.flatnonzero(on_diagonal & (self.x == 0.0) & (self.x0 != 0.0)):
+            if (name := self.names[k]) not in named:
                 out.append(Violation((name,), 0.0, follows(name, float(self.x0[k]), float(self.std[k]))))
         return out
 

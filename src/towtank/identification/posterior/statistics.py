@@ -1,13 +1,11 @@
-"""Fisher information of several coefficients: what is left of it for one, for a pair, along a direction.
+"""Fisher information of several coefficients, and the likeliest point that keeps linear bounds.
 
-All functions take a symmetric matrix A (n, n) in relative coordinates (1 is 100 % of a coefficient), singular or not.
+Functions of A take a symmetric matrix (n, n) in relative coordinates (1 is 100 % of a coefficient), singular or not.
 Which directions are null is judged on A scaled to a unit diagonal, so that no choice of units matters.
 
-The likeliest point that keeps linear bounds: minimise (x - x0)^T C^-1 (x - x0) subject to G x >= h.
-
-With C = S S^T and x = x0 + S y this is least-distance programming, min |y| subject to G S y >= h - G x0, solved by
-non-negative least squares (Lawson and Hanson, Solving Least Squares Problems, 1974, chapter 23). C may be singular:
-what has no variance does not move.
+The likeliest point minimises (x - x0)^T C^-1 (x - x0) subject to G x >= h. With C = S S^T and x = x0 + S y this is
+least-distance programming, min |y| subject to G S y >= h - G x0, solved by non-negative least squares (Lawson and
+Hanson, Solving Least Squares Problems, 1974, chapter 23). C may be singular: what has no variance does not move.
 """
 
 from __future__ import annotations
@@ -16,12 +14,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
 
 __all__ = [
-    "NearestPoint",
     "alone",
     "along",
     "conditional_covariance",
@@ -135,10 +131,10 @@ def pair(A: Array, i: int, j: int) -> Array:
 
 
 def along(A: Array, direction: Array) -> float:
-    """Return the deviation of a common change along a direction (n,), all else known; inf where none is told."""
-    told = float(direction @ A @ direction)
+    """Return the deviation of a common change along a direction (n,), all else known; inf where nothing fixes it."""
+    known = float(direction @ A @ direction)
     least = _NULL * float((direction**2) @ np.diag(A)) * A.shape[0]
-    return 1.0 / np.sqrt(told) if told > least else float("inf")
+    return 1.0 / np.sqrt(known) if known > least else float("inf")
 
 
 def weakest(A: Array, among: Sequence[int], share: float = 0.3) -> list[int]:
@@ -158,11 +154,6 @@ class NearestPoint:
     x: Array
     multipliers: Array
     reachable: bool
-
-    @property
-    def pressing(self) -> NDArray[np.intp]:
-        """Indices of the bounds that press."""
-        return np.flatnonzero(self.multipliers > 0.0)
 
 
 def square_root(covariance: Array) -> Array:

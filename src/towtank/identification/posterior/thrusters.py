@@ -1,11 +1,9 @@
-"""The scale of force that all thrusters have in common: how its error spreads, and where nothing fixes it.
+"""What was learned of the thrusters: their lag, gains of single ones, and the scale of force that all have in common.
 
 Motion tells coefficients only in units of the thrust. Multiply the thrust of every thruster by (1 + e) and the same
 motion follows from inertias, damping, righting moment, net weight and constant forces all (1 + e) times as large. So an
 unknown e of deviation s adds s^2 g g^T to the covariance, g = d coefficient / d e: the coefficient itself, and for an
 added mass, which is the rigid body's less the total, minus the total inertia.
-
-What was learned of the thrusters themselves: their lag, and gains of single ones, put into a vehicle.
 """
 
 from __future__ import annotations
@@ -18,9 +16,8 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.model.parameters import GAIN_PREFIX, FreeParameters
-from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.assembly import LogLearning
-from towtank.identification.posterior.estimate import Estimate
+from towtank.identification.posterior.estimate import Estimate, with_covariance
 from towtank.vehicle import Curve, PolynomialCurve, QuadraticCurve, TableCurve, Vehicle, index
 
 __all__ = ["learned_gains", "scale_remarks", "with_gains_of", "with_scale", "with_thrust_scale", "with_thrusters"]
@@ -36,11 +33,7 @@ def with_thrust_scale(estimate: Estimate, vehicle: Vehicle) -> Estimate:
     if not vehicle.scale_std:
         return estimate
     growth = _growth(estimate, vehicle)
-    covariance = estimate.covariance + vehicle.scale_std**2 * np.outer(growth, growth)
-    std = np.sqrt(np.diag(covariance))
-    added = {axis.sum_name: axis.added_mass for axis in AXES}
-    sums = tuple(replace(each, std=float(std[estimate.names.index(added[each.name])])) for each in estimate.sums)
-    return replace(estimate, covariance=covariance, std=std, sums=sums)
+    return with_covariance(estimate, estimate.covariance + vehicle.scale_std**2 * np.outer(growth, growth))
 
 
 def _growth(estimate: Estimate, vehicle: Vehicle) -> Array:
@@ -143,6 +136,6 @@ def with_gains_of(vehicle: Vehicle, prior: Vehicle) -> tuple[Vehicle, tuple[str,
     other = {each.name: known[each.name] for each in vehicle.thrusters if known.get(each.name, each.gain) != each.gain}
     if not other:
         return vehicle, ()
-    told = ", ".join(f"{name} {gain:.3g}" for name, gain in other.items())
+    listing = ", ".join(f"{name} {gain:.3g}" for name, gain in other.items())
     changed = with_thrusters(vehicle, lag=math.nan, gains={name: (gain, 0.0) for name, gain in other.items()})
-    return changed, (f"gains of thrusters taken from the prior, whose coefficients were learned with them: {told}",)
+    return changed, (f"gains of thrusters taken from the prior, whose coefficients were learned with them: {listing}",)

@@ -1,14 +1,13 @@
-"""Why a coefficient is known, known only with another, or not known: the sentences of `identifiability`.
-
-Names of coefficients in plain words: axis, role, unit of speed; also `delay`, `lag` and `gain_<thruster>`.
-
-What pulled an estimate out of the physical: the sentences of `physical`.
+"""What is said of an estimate: why a coefficient is known, known only with another, or not; what pulled it out of the
+physical; who judged it. Coefficients have names in plain words: axis, role, unit of speed; so have `delay`, `lag` and
+`gain_<thruster>`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,31 +16,27 @@ from towtank.identification.model.terms import AXES
 from towtank.vehicle.names import COEFFICIENTS, COLUMNS, ROWS, index, unit
 
 __all__ = [
-    "HELD",
-    "Pair",
-    "PairTold",
+    "NOT_DETERMINED",
+    "NOT_FREE",
     "Role",
     "as_fitted",
     "coupling",
-    "determined",
+    "current_estimated",
+    "current_suspected",
     "diagonal",
-    "entangled",
     "follows",
-    "from_prior",
-    "linearised_at",
+    "free_runs_remark",
+    "inertia_doubted",
+    "least_squares_remark",
     "needed_factor",
-    "pair_told",
     "phrase",
-    "ratio",
-    "ratio_known",
-    "rests_on_held",
+    "reversed_force",
     "role",
-    "silent",
     "unreachable",
-    "will_be_known",
 ]
 
 HELD = "; held at the vehicle's value"
+NOT_FREE, NOT_DETERMINED = "not free", "not determined"
 _SEPARATE = 0.2  # deviation that both of a pair must reach
 _WIDEST = 10.0  # times the speeds of the run that are still worth proposing
 _NOTHING = 2.0  # deviation from which "nothing" is the word
@@ -150,13 +145,21 @@ class Pair:
     speeds: Array | None
 
 
+class KnownOfPair(NamedTuple):
+    """A combination of relative changes that is known of a pair: weights, its deviation, and what it is called."""
+
+    weights: tuple[float, float]
+    std: float
+    text: str
+
+
 @dataclass(frozen=True)
-class PairTold:
-    """Sentences about a pair; `known` holds weights, deviation and words of what is known of it."""
+class PairWords:
+    """Sentences about a pair, and what is known of it."""
 
     winner: str
     loser: str
-    known: tuple[tuple[float, float], float, str]
+    known: KnownOfPair
 
 
 def determined(name: str, std: float) -> str:
@@ -221,7 +224,7 @@ def ratio(name: str, held: str, axis: int, common: float) -> str:
     return f"{where}: {label(name)} stands in proportion to {label(held)}, which is held"
 
 
-def linearised_at(name: str, axis: int, common: float, gain: bool) -> str:
+def scale_held(name: str, axis: int, common: float, gain: bool) -> str:
     """The coefficient held so that the others have a scale."""
     advice = "bench data or a bollard pull of one thruster would fix it"
     if not gain:
@@ -254,25 +257,23 @@ def will_be_known(what: str, value: float) -> str:
     return f"{what} will be known to {percent(value / 100.0)}" if value < 100.0 else f"{what} will not be known"
 
 
-def pair_told(pair: Pair) -> PairTold:
+def pair_words(pair: Pair) -> PairWords:
     """Say which of a pair gives way, what is known of both together, and what would tell them apart."""
     damping = {pair.winner_role.kind, pair.loser_role.kind} == {"linear", "quadratic"}
     damping = damping and pair.winner_role.row == pair.loser_role.row
     damping = damping and pair.information[0, 1] > 0.0
-    weights, std, known = _sum(pair) if damping else _product(pair)
+    known = _sum(pair) if damping else _product(pair)
     I2 = pair.information
     size = float(np.sqrt(I2[0, 0] * I2[1, 1]))
     r = abs(float(I2[0, 1])) / size if size > 0.0 else 1.0
     first, second = sorted((pair.winner, pair.loser), key=lambda name: (len(name), name))
-    known_as = f"only {known} is known (to {percent(std)})"
+    known_as = f"only {known.text} is known (to {percent(known.std)})"
     alike = f"{label(first)} and {label(second)} are correlated {_correlation(r)} in this run; {known_as}"
-    cure = _separating(pair) if damping else _telling(pair)
+    cure = _separating(pair) if damping else _distinguishing(pair)
     held = "held at 0" if damping else "held at the vehicle's value"
     stands = f"{label(pair.winner)} stands for both" if damping else f"learned with {label(pair.loser)} held"
-    return PairTold(
-        winner=f"{alike}: {cure}; {stands}",
-        loser=f"{alike}: {cure}; {label(pair.loser)} {held}",
-        known=(weights, std, known),
+    return PairWords(
+        winner=f"{alike}: {cure}; {stands}", loser=f"{alike}: {cure}; {label(pair.loser)} {held}", known=known
     )
 
 
@@ -280,7 +281,7 @@ def _correlation(r: float) -> str:
     return f"{r:.2f}" if r < 0.99 else f"{r:.3f}"
 
 
-def _sum(pair: Pair) -> tuple[tuple[float, float], float, str]:
+def _sum(pair: Pair) -> KnownOfPair:
     """The drag at one speed: L + Q u has the least variance, 1 / I_LL, at u = I_LQ / I_LL (physical units)."""
     linear = 0 if pair.winner_role.kind == "linear" else 1
     quadratic = 1 - linear
@@ -296,24 +297,24 @@ def _sum(pair: Pair) -> tuple[tuple[float, float], float, str]:
     shares = [0.0, 0.0]
     shares[linear], shares[quadratic] = L / total, Q * speed / total
     unit = speed_unit(pair.winner_role.row)
-    return (float(shares[0]), float(shares[1])), std, f"their sum at about {speed:.2g} {unit}"
+    return KnownOfPair((float(shares[0]), float(shares[1])), std, f"their sum at about {speed:.2g} {unit}")
 
 
-def _product(pair: Pair) -> tuple[tuple[float, float], float, str]:
+def _product(pair: Pair) -> KnownOfPair:
     """The combination of relative changes that is known best, its larger weight 1."""
     values, vectors = np.linalg.eigh(pair.information)
     w = vectors[:, 1] / vectors[np.argmax(np.abs(vectors[:, 1])), 1]
     std = float(np.abs(1.0 / (np.sqrt(max(values[1], 1e-300)) * np.abs(vectors[:, 1]).max())))
     even = np.abs(w).max() < _EVEN * np.abs(w).min()
     word = ("their ratio" if w[0] * w[1] < 0.0 else "their product") if even else "one combination of them"
-    return (float(w[0]), float(w[1])), std, word
+    return KnownOfPair((float(w[0]), float(w[1])), std, word)
 
 
 def needed_factor(information: Array, linear: int) -> float:
     """Return how many times the speeds of this run a second one as long needs, so that both damping terms are known
     to 20 %; inf where ten times are not enough.
 
-    At k times the speed linear damping tells k^2, quadratic k^4 and both together k^3 times as much.
+    At k times the speed the information on linear damping grows by k^2, on quadratic by k^4, between both by k^3.
     """
     powers = np.array([1.0, 2.0]) if linear == 0 else np.array([2.0, 1.0])
 
@@ -349,7 +350,7 @@ def _separating(pair: Pair) -> str:
     return f"speeds above {factor * float(pair.speeds[axis, 1]):.2g} {speed_unit(axis)} would separate them"
 
 
-def _telling(pair: Pair) -> str:
+def _distinguishing(pair: Pair) -> str:
     kinds = {pair.winner_role.kind, pair.loser_role.kind}
     axis = AXES[max(pair.winner_role.row, 0)].name
     if "gain" in kinds:
@@ -418,4 +419,80 @@ def unreachable(names: Sequence[str]) -> str:
     return (
         f"not physical in {', '.join(names)}, and what was learned cannot mend it"
         ": the coefficients held in the vehicle's file are at fault; left as it is"
+    )
+
+
+def inertia_doubted(name: str, reason: str | None, std: float, unit_of_sum: str) -> str:
+    """An inertia that was asked for and found, though least squares could not tell it."""
+    why = (reason or NOT_DETERMINED).removesuffix(HELD)
+    return (
+        f"{name}: least squares cannot tell it ({why}); its deviation of {std:.2g} {unit_of_sum} holds if "
+        "what disturbs the vehicle is a slow random force, and may be far too small if it is not"
+    )
+
+
+def current_estimated(flow: str) -> str:
+    """A current that was learned along."""
+    return f"the water flows: {flow}, at the end of the last recording"
+
+
+def current_suspected(flow: str) -> str:
+    """A current that was not."""
+    return (
+        f"a water current of {flow} would explain these recordings far better than water at rest, and "
+        "drag is off without it; learn it along: --current"
+    )
+
+
+def free_runs_remark(
+    verdict: str,
+    saved: tuple[float, float] | None,
+    fits: tuple[float, float],
+    added: Sequence[str],
+    *,
+    thinned: bool,
+    requested: bool,
+) -> str:
+    """How free runs compare with the joint filter.
+
+    Args:
+        verdict: "white", "better" or "worse". saved: share of the square error, and its deviation; None if unknown.
+        fits: of free runs and of the filter [%]. added: terms. thinned: not all windows were looked at.
+        requested: somebody asked for output error, whatever the verdict.
+    """
+    if verdict == "white":
+        return (
+            "free runs leave nothing but the sensors' noise (their residuals are white), so output error is the "
+            "better judge"
+        )
+    where = "windows spread over the recordings" if thinned else "windows of the recordings"
+    if saved is None:
+        text = "the recordings are too short to compare free runs over windows held out, so the joint filter judges"
+    else:
+        shares = _saved(saved)
+        if not np.isfinite(saved[0]):
+            shares = "the runs of the other one go nowhere"
+        elif np.isfinite(fits).all():
+            shares = f"{fits[0]:.0f} % against {fits[1]:.0f} %, {shares}"
+        if verdict == "better":
+            terms = f" (with {', '.join(added)})" if added else ""
+            return f"output error{terms} predicts {where} that it has not seen better than the joint filter: {shares}"
+        text = f"output error does not predict {where} that it has not seen better than the joint filter: {shares}"
+    return text + "; output error was asked for" if requested else text
+
+
+def least_squares_remark(saved: tuple[float, float]) -> str:
+    """That least squares is better than either; follows `free_runs_remark`."""
+    return f"; but free runs with the coefficients of least squares are nearer than either ({_saved(saved)})"
+
+
+def _saved(saved: tuple[float, float]) -> str:
+    return f"{100.0 * saved[0]:.0f} +- {100.0 * saved[1]:.0f} % less square error"
+
+
+def reversed_force(axis: int, reversed_share: float, share: float) -> str:
+    """A commanded force that acts the wrong way round; shares of the speed's square that it explains either way."""
+    return (
+        f"the {_wrench(axis)} acts with the opposite sign: reversed, it explains "
+        f"{100.0 * reversed_share:.0f} % of {AXES[axis].velocity}, as it is {100.0 * share:.0f} %"
     )

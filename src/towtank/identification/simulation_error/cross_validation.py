@@ -2,15 +2,15 @@
 
 What a fit claims about the data that it was fitted to says little. So the recordings are cut into windows, the windows
 are dealt into folds one after the other, and the windows of each fold are run over with coefficients fitted to all the
-others, from initial states of their own: nothing else is fitted there.
-
-How much nearer one model's free runs come than another's over the same windows.
+others, from initial states of their own: nothing else is fitted there. Two models are compared by the square errors of
+their runs over the same windows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +21,12 @@ from towtank.identification.data.samples import Samples, cuts
 from towtank.identification.model.parameters import FreeParameters
 from towtank.identification.model.prior import size_of
 from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
+from towtank.identification.simulation_error.segments import CandidateModel, Knowledge
 from towtank.identification.simulation_error.trajectory import STEP
 from towtank.vehicle import Vehicle
+from towtank.vehicle.names import ROWS
 
-__all__ = ["FreeRuns", "Gain", "columns_of", "fits", "gain"]
+__all__ = ["ErrorReduction", "FreeRuns", "Prior", "columns_of", "error_reduction", "fit_percent"]
 
 _FAILED, _FLOOR = 10.0, 0.1
 _RUN, _POSED = 5.0, 60.0  # s: length of a run; and where a pose is run over, which remembers how it began
@@ -38,10 +40,11 @@ _BEGIN = 2  # rows that it is put into
 _SURE = 1e9  # 1/deviation^2 of what is held in a free run
 _ITERATIONS, _AGAIN, _STATES = 30, 20, 8
 _CLAIMED = 1e-6  # deviation, of a coefficient's size, that no recording can promise
+Prior = Callable[[FreeParameters], Knowledge | None]
 
 
 @dataclass(frozen=True)
-class Gain:
+class ErrorReduction:
     """Share of the square error that one model saves beside another: mean over the windows, and its deviation."""
 
     mean: float
@@ -52,18 +55,18 @@ class Gain:
         return bool(self.mean > max(deviations * self.std, least))
 
 
-def gain(new: Array, old: Array, columns: Sequence[int]) -> Gain:
+def error_reduction(new: Array, old: Array, columns: Sequence[int]) -> ErrorReduction:
     """Compare errors (w, 15) of two models over the same windows in some columns, all of them alike.
 
     Of each window the logarithm of the ratio counts, with a tenth of the usual error put beside both: no window alone
     decides, and none in which nothing happens. A run that went nowhere (inf) counts as ten times as bad as usual; where
-    all did, the gain is infinite.
+    all did, the reduction is infinite.
     """
     new, old = np.array(new[:, list(columns)]), np.array(old[:, list(columns)])
     if not np.isfinite(new).any():
-        return Gain(-np.inf, 0.0)
+        return ErrorReduction(-np.inf, 0.0)
     if not np.isfinite(old).any():
-        return Gain(np.inf, 0.0)
+        return ErrorReduction(np.inf, 0.0)
     usual = np.full(len(columns), np.nan)
     for j in range(len(columns)):
         both = np.concatenate([new[:, j], old[:, j]])
@@ -74,19 +77,19 @@ def gain(new: Array, old: Array, columns: Sequence[int]) -> Gain:
             new[:, j] = old[:, j] = np.nan  # measured nowhere
         if (known := old[~np.isnan(old[:, j]), j]).size:
             usual[j] = float(np.mean(known))
-    told = np.flatnonzero(np.nan_to_num(usual) > 0.0)
-    least = _FLOOR * usual[told]
-    share = np.log(old[:, told] + least) - np.log(new[:, told] + least)
+    excited = np.flatnonzero(np.nan_to_num(usual) > 0.0)
+    least = _FLOOR * usual[excited]
+    share = np.log(old[:, excited] + least) - np.log(new[:, excited] + least)
     rows = share[~np.isnan(share).all(axis=1)]
     if not rows.size:
-        return Gain(-np.inf, 0.0)
+        return ErrorReduction(-np.inf, 0.0)
     each = np.nansum(rows, axis=1) / np.sum(~np.isnan(rows), axis=1)
     mean = float(each.mean())
     std = float(each.std(ddof=1) / np.sqrt(each.size)) if each.size > 1 else np.inf
-    return Gain(1.0 - float(np.exp(-mean)), std * float(np.exp(-mean)))
+    return ErrorReduction(1.0 - float(np.exp(-mean)), std * float(np.exp(-mean)))
 
 
-def fits(errors: Array, spread: Array, columns: Sequence[int]) -> float:
+def fit_percent(errors: Array, spread: Array, columns: Sequence[int]) -> float:
     """Return the mean of 100 (1 - error / deviation) [%] over those columns that are speeds; NaN where none is."""
     out = []
     for j in columns:
@@ -97,11 +100,11 @@ def fits(errors: Array, spread: Array, columns: Sequence[int]) -> float:
 
 
 def columns_of(names: Sequence[str]) -> tuple[int, ...]:
-    """Return the columns that tell of the axes whose coefficients are free: pose and speed of each."""
+    """Return the columns that show the axes whose coefficients are free: pose and speed of each."""
     axes = set()
     for name in names:
-        if name[0] in "XYZKMN" and name[1:2] == "_":
-            axes.add("XYZKMN".index(name[0]))
+        if name[0] in ROWS and name[1:2] == "_":
+            axes.add(ROWS.index(name[0]))
         elif name.startswith("BG_"):
             axes |= {3, 4}
         elif name == "W_minus_B":
@@ -109,15 +112,23 @@ def columns_of(names: Sequence[str]) -> tuple[int, ...]:
     return (*sorted(axes), *(6 + i for i in sorted(axes)))
 
 
+class Window(NamedTuple):
+    """Rows first .. last - 1 of one of the samples."""
+
+    samples: int
+    first: int
+    last: int
+
+
 @dataclass(frozen=True, eq=False)
 class FreeRuns:
-    """Recordings, and windows of them.
+    """Recordings, windows of them, and what is known before them.
 
     Attributes:
         samples: of each recording, or of stretches of it where there is too much. noise: (15,).
         attitude: of each, roll and pitch (n, 2) that a run may begin with where none is measured, NaN where not known.
-        segment: length of a run [s]. windows: (number of the samples, first row, row after the last).
-        thinned: whether there was too much.
+        segment: length of a run [s]. thinned: whether there was too much.
+        prior: what is known beforehand of the coefficients that are free.
     """
 
     vehicle: Vehicle
@@ -125,8 +136,9 @@ class FreeRuns:
     attitude: tuple[Array, ...]
     noise: Array
     segment: float
-    windows: tuple[tuple[int, int, int], ...]
+    windows: tuple[Window, ...]
     thinned: bool
+    prior: Prior
 
     @classmethod
     def over(
@@ -136,10 +148,11 @@ class FreeRuns:
         noise: Array,
         names: Sequence[str],
         attitude: Sequence[Array] | None = None,
+        prior: Prior | None = None,
     ) -> FreeRuns:
-        """Prepare recordings for coefficients of these names; what tells nothing of their axes is left out."""
+        """Prepare recordings for coefficients of these names; what says nothing of their axes is left out."""
         measured = np.any([each.measured for each in samples], axis=0)
-        left = _telling(columns_of(names), measured)
+        left = _informative(columns_of(names), measured)
         rows_of = [np.flatnonzero(np.isfinite(each.values[:, list(left)]).any(axis=1)) for each in samples]
         tilting = set(columns_of(names)) - {5, 11}  # yaw alone does not ask which way is up
         absent = [np.full((len(each), 2), np.nan) for each in samples]
@@ -159,84 +172,59 @@ class FreeRuns:
         total = sum(each.duration for each in kept)
         step = total / max(sum(len(each) for each in kept), 1)
         length = float(np.clip(total / _WINDOWS, max(_SHORTEST, _ROWS * step), max(segment, _ROWS * step)))
-        windows = tuple((k, a, b) for k, each in enumerate(kept) for a, b in cuts(each.t, length))
+        windows = tuple(Window(k, a, b) for k, each in enumerate(kept) for a, b in cuts(each.t, length))
         noise = np.array(noise)
         if not measured[3:5].any():
             noise[3:5] = _UPRIGHT
-        return cls(vehicle, tuple(kept), tuple(angles), noise, segment, windows, cost > _MOST_ROWS)
-
-    @property
-    def duration(self) -> float:
-        """Of all that is run over [s]."""
-        return sum(each.duration for each in self.samples)
+        known = prior or (lambda free: None)
+        return cls(vehicle, tuple(kept), tuple(angles), noise, segment, windows, cost > _MOST_ROWS, known)
 
     @property
     def comparable(self) -> bool:
         """Whether there are windows enough to compare models over."""
         return len(self.windows) >= _FEWEST
 
-    def fit(
-        self,
-        kernel: Array,
-        free: FreeParameters,
-        theta: Array,
-        *,
-        delay: float,
-        prior: tuple[Array, Array] | None = None,
-        without: Sequence[int] = (),
-    ) -> OutputErrorFit | None:
-        """Fit free runs to everything but the windows `without`; None where that cannot be done.
+    def fit(self, model: CandidateModel, *, without: Sequence[int] = ()) -> OutputErrorFit | None:
+        """Fit free runs to everything but the windows `without`, from the model; None where that cannot be done.
 
         Nor where the runs hang on a coefficient by a hair, as those of a vehicle that swings or tumbles may: then the
         derivatives say nothing of the coefficient, and the deviation that follows from them is absurdly small.
         """
-        samples = self._rest(without)
         most = _AGAIN if without else _ITERATIONS
-        found = self._fitted(samples, kernel, free, theta, delay, prior, most)
-        if found is None or not (np.isfinite(found.theta).all() and np.isfinite(found.cost)):
+        fit = self._fitted(self._rest(without), model, self.prior(model.free), most)
+        if fit is None or not (np.isfinite(fit.theta).all() and np.isfinite(fit.cost)):
             return None
-        if not np.isfinite(found.covariance).all():
+        if not np.isfinite(fit.covariance).all():
             return None
-        claimed = np.sqrt(np.maximum(np.diag(found.covariance), 0.0)) / size_of(self.vehicle, free)
-        return found if (claimed > _CLAIMED).all() else None
+        claimed = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)) / size_of(self.vehicle, model.free)
+        return fit if (claimed > _CLAIMED).all() else None
 
-    def errors(
-        self, kernel: Array, free: FreeParameters, theta: Array, *, delay: float, windows: Sequence[int] | None = None
-    ) -> Array:
+    def errors(self, model: CandidateModel, windows: Sequence[int] | None = None) -> Array:
         """Return the mean squares (w, 15) of what free runs over each window miss [of the noise]; inf where one fails.
 
         NaN stands for what is not measured there.
         """
         chosen = range(len(self.windows)) if windows is None else windows
         out = np.full((len(chosen), 15), np.inf)
-        held = (np.array(theta), _SURE * np.eye(len(free)))
+        exactly = (np.array(model.theta), _SURE * np.eye(len(model.free)))
         for row, w in enumerate(chosen):
-            k, a, b = self.windows[w]
-            fit = self._fitted([self._piece(k, a, b)], kernel, free, theta, delay, held, _STATES)
+            fit = self._fitted([self._piece(self.windows[w])], model, exactly, _STATES)
             if fit is not None and np.isfinite(fit.cost):
                 out[row] = (fit.residual_std / self.noise) ** 2
         return out
 
-    def unseen(
-        self,
-        kernel: Array,
-        free: FreeParameters,
-        theta: Array,
-        *,
-        delay: float,
-        prior: tuple[Array, Array] | None = None,
-    ) -> Array:
-        """Return `errors` (w, 15), each window run over with coefficients fitted to the other folds, from theta."""
+    def errors_unseen(self, model: CandidateModel) -> Array:
+        """Return `errors` (w, 15), each window run over with coefficients fitted to the other folds, from the model."""
         out = np.full((len(self.windows), 15), np.inf)
         for fold in np.array_split(np.arange(len(self.windows)), min(_FOLDS, len(self.windows))):
-            fit = self.fit(kernel, free, theta, delay=delay, prior=prior, without=fold.tolist())
+            fit = self.fit(model, without=fold.tolist())
             if fit is not None:
-                out[fold] = self.errors(kernel, free, fit.theta, delay=delay, windows=fold.tolist())
+                out[fold] = self.errors(replace(model, theta=fit.theta), fold.tolist())
         return out
 
     def spread(self) -> Array:
         """Return the variance (15,) of each column over all windows [of the noise]."""
-        rows = np.concatenate([self.samples[k].values[a:b] for k, a, b in self.windows])
+        rows = np.concatenate([self.samples[w.samples].values[w.first : w.last] for w in self.windows])
         out = np.full(15, np.nan)
         for j in range(15):
             known = rows[np.isfinite(rows[:, j]), j]
@@ -248,18 +236,19 @@ class FreeRuns:
         out = []
         for k, each in enumerate(self.samples):
             left = np.ones(len(each), dtype=np.bool_)
-            for w in without:
-                at, a, b = self.windows[w]
-                if at == k:
-                    left[a:b] = False
+            for window in (self.windows[w] for w in without):
+                if window.samples == k:
+                    left[window.first : window.last] = False
             edges = np.flatnonzero(np.diff(np.concatenate([[False], left, [False]]).astype(np.int64)))
             for first, last in edges.reshape(-1, 2):
-                out += [self._piece(k, first + a, first + b) for a, b in cuts(each.t[first:last], self.segment)]
+                pieces = [Window(k, first + a, first + b) for a, b in cuts(each.t[first:last], self.segment)]
+                out += [self._piece(piece) for piece in pieces]
         return out
 
-    def _piece(self, k: int, first: int, last: int) -> Samples:
+    def _piece(self, window: Window) -> Samples:
         """Return a stretch of a recording, with the attitude that it begins with where it measures none."""
-        piece, angles = self.samples[k].stretch(first, last), self.attitude[k][first : first + _BEGIN]
+        piece = self.samples[window.samples].stretch(window.first, window.last)
+        angles = self.attitude[window.samples][window.first : window.first + _BEGIN]
         if not np.isfinite(angles).all():
             return piece
         values = np.array(piece.values)
@@ -267,31 +256,15 @@ class FreeRuns:
         return replace(piece, values=values)
 
     def _fitted(
-        self,
-        samples: Sequence[Samples],
-        kernel: Array,
-        free: FreeParameters,
-        theta: Array,
-        delay: float,
-        prior: tuple[Array, Array] | None,
-        iterations: int,
+        self, samples: Sequence[Samples], model: CandidateModel, prior: Knowledge | None, iterations: int
     ) -> OutputErrorFit | None:
         try:
-            return fit_output_error(
-                samples,
-                kernel,
-                free,
-                theta,
-                self.noise,
-                prior=prior,
-                delay=delay,
-                iterations=iterations,
-            )
+            return fit_output_error(samples, model, self.noise, prior=prior, iterations=iterations)
         except (InputError, np.linalg.LinAlgError):
             return None
 
 
-def _telling(columns: Sequence[int], measured: Array) -> tuple[int, ...]:
+def _informative(columns: Sequence[int], measured: Array) -> tuple[int, ...]:
     """Return the columns to run over: what else is measured is not modelled, and would spoil what is.
 
     The attitude stays. Positions, which add up every error of the speeds, are for axes without a measured speed. They
@@ -303,8 +276,8 @@ def _telling(columns: Sequence[int], measured: Array) -> tuple[int, ...]:
         chosen |= {0, 1, 2}
     if any(i >= 3 and not measured[6 + i] for i in axes):
         chosen |= {9, 10, 11}
-    telling = tuple(sorted(j for j in chosen if measured[j]))
-    return telling or tuple(int(j) for j in np.flatnonzero(measured))
+    informative = tuple(sorted(j for j in chosen if measured[j]))
+    return informative or tuple(int(j) for j in np.flatnonzero(measured))
 
 
 def _only(samples: Samples, columns: Sequence[int], rows: NDArray[np.intp]) -> Samples:

@@ -1,68 +1,78 @@
 """Output error: the coefficients whose free run, nothing measured correcting it on the way, fits a log best.
 
-Gauss and Newton's steps, Levenberg's damping where one does not help, over the coefficients and the initial state of
-every segment at once (`simulation_error.trajectory`). Each column is weighed by its noise, or by the
-size of its own residuals where these are larger; Huber's weights at 2 of these from the start, a gate beyond 4.5 once
-the run is near the data.
+Gauss and Newton's steps, damped after Levenberg and Marquardt where one does not help, over the coefficients and the
+initial state of every segment at once (`simulation_error.trajectory`). First over short segments, in which not much can
+go wrong whatever the coefficients: an unstable vehicle's free run is soon anywhere. From there the whole runs. At first
+all columns are weighed alike; then each by its noise, or by the robust size of its own residuals where that is larger,
+with Huber's weights at 2 of these; once the run is near the data, what is beyond 4.5 is left out.
 
-The best judge where nothing but the sensors' noise parts the model from the data; a random force, which a free run
-cannot follow, spoils it: `OutputErrorFit.memory` tells.
+It is the best judge where nothing but the sensors' noise parts the model from the data; a random force, which a free
+run cannot follow, spoils it: `OutputErrorFit.autocorrelation` says so.
 
-The way down: Gauss and Newton's steps, damped after Levenberg and Marquardt where one does not help.
-
-First over short segments, in which not much can go wrong whatever the coefficients: an unstable vehicle's free run is
-soon anywhere. From there the whole runs. At first all columns are weighed alike; then each by its noise, or by the
-robust size of its own residuals where that is larger; once near, far residuals are left out.
-
-How far the coefficients of a free run may be off: a covariance that honours residuals that are not white.
+The covariance honours residuals that are not white,
 
     Cov = kappa^2 I^-1 S I^-1,   I the information that is left once the initial states are unknown,
 
-S the long-run covariance of its score, a prewhitened Bartlett sum over blocks of time
-(`posterior.statistics.long_run`) that reaches as far as the residuals remember, and kappa = sum of weights / sum of
-psi' (Huber, Robust Statistics, section 7.6). The sum varies itself, the more the fewer of its reaches the run is long:
-intervals are widened by the share of the run that it takes in (Kiefer and Vogelsang, Econometric Theory 21, 2005, at
-95 %). No coefficient is taken to be better known than white residuals of their own size would have it.
-
-Of a random force slower than the run, the run takes most for motion: nothing of it is left in the residuals, and no sum
-over them can tell. Residuals that remember more than about a twentieth of the run mean intervals that are too short.
-
-How long the residuals of a free run remember: white for the noise of a sensor, long for what the model lacks.
-
-The integrated autocorrelation time of n samples dt apart is dt (1 + 2 sum r_k), up to the lag at which r_k has died: so
-many seconds of data say once what white samples would say every dt.
-
-A marker that jumps by two deviations of its noise, too little for any gate, is in one place for half a second; what a
-model lacks is elsewhere too. So residuals that are not white are looked at once more without the seconds, a tenth of
-all at most, whose sum chance does not explain; of what is left more is asked, since that choice makes it look whiter.
+S the long-run covariance of the score, a prewhitened Bartlett sum over blocks of time
+(`posterior.statistics.long_run`) that reaches as far as the residuals are correlated, and kappa = sum of weights / sum
+of psi' (Huber, Robust Statistics, section 7.6). The sum varies itself, the more the fewer of its reaches the run is
+long: intervals are widened by the share of the run that it takes in (Kiefer and Vogelsang, Econometric Theory 21, 2005,
+at 95 %). No coefficient is taken to be better known than white residuals of their own size would have it. Of a random
+force slower than the run, the run takes most for motion: nothing of it is left in the residuals, and no sum over them
+can tell. Residuals correlated over more than about a twentieth of the run mean intervals that are too short.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
+from towtank.core.attitude import quaternion_product
 from towtank.errors import InputError
 from towtank.identification.data.samples import N_MEASURED, Samples
-from towtank.identification.model.parameters import IN_GAIN, FreeParameters
+from towtank.identification.data.zero_order_hold import new_zero_order_hold
+from towtank.identification.model.parameters import IN_GAIN, IN_LAG, UNTRANSFORMED, put_parameters
 from towtank.identification.posterior.statistics import long_run
-from towtank.identification.simulation_error.problem import (
-    Point,
-    Problem,
+from towtank.identification.simulation_error.residuals import (
+    GATE,
+    NORMAL_MEDIAN,
+    RobustMoments,
+    jumps,
+    robust_cost,
+    robust_moments,
+)
+from towtank.identification.simulation_error.segments import (
+    CandidateModel,
+    FreeRun,
+    Indices,
+    Knowledge,
     free_run_of,
-    residual_scale,
     starting_states,
     warm_up_of,
 )
-from towtank.identification.simulation_error.residuals import GATE, robust_moments
-from towtank.identification.simulation_error.trajectory import Step, inverse_information
+from towtank.identification.simulation_error.trajectory import (
+    Arrowhead,
+    NormalEquations,
+    Step,
+    Unknowns,
+    Workspace,
+    free_run_into,
+    inverse_information,
+    new_equations,
+    new_workspace,
+)
+from towtank.identification.simulation_error.whiteness import Autocorrelation, autocorrelation_of
 
-__all__ = ["OutputErrorFit", "fit_output_error", "residual_memory"]
+__all__ = ["OutputErrorFit", "fit_output_error"]
 
+_LOG_STEP = 1.0  # that the logarithm of a coefficient may go in one step
+_LAG_STEP, _SHORTEST = -0.5, 0.002  # share that a lag may lose in one step; s, below which it no longer matters
+_ROWS_FOR_SCALE = 2000  # residuals that a scale is taken from
+_NOTHING = 1e-12  # information on an initial state, and size of a sensitivity, that is rounding
 _FAR = 1e3  # standard deviations of the noise: scale of residuals of which nothing is known yet
 _NEAR = 1.0  # decrease of the cost from which the gate is in force
 _NEAR_SCALE, _NEAR_SHARE = 1.5, 0.05  # or the size of the residuals, and a decrease of this share of the cost
@@ -74,17 +84,176 @@ _MOST_DAMPED = 1e6
 _WARM, _WARM_RUNS = 0.3, 12  # share of the cost that a step still lowers, and runs, after which the warm-up ends
 _STATES = 2  # of each segment, a position and a velocity, that share in a coefficient's own axis
 _CONTAMINATED = 1.5  # largest kappa
-Kept = NDArray[np.bool_]
-_BAND = 2.0  # standard deviations of r_k of a white series
-_FEWEST = 20
-_SECOND, _LEANING, _CHANCE = 1.0, 0.1, 4.0  # s; share of these that may lean to one side; by deviations of their sum
-_MANY = 10  # samples that a second needs to have
-_WHITE, _WHITER = 2.0, 1.3  # samples that residuals may remember and still count as white; and without those seconds
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """The runs of all recordings from one set of coefficients and initial states."""
+
+    theta: Array
+    states: list[Array]
+    sums: list[NormalEquations]
+
+
+class FreeRunProblem:
+    """The recordings, and what is estimated from them.
+
+    Attributes:
+        estimated: which of the 12 initial errors are. moving: which of the 12 error states answer to anything.
+        left_out: measured numbers that belong to jumps.
+    """
+
+    def __init__(self, runs: list[FreeRun], model: CandidateModel, prior: Knowledge) -> None:
+        self.runs, self.free, self.prior, self.delay = runs, model.free, prior, model.delay
+        self.parameters = model.parameters
+        self.lags: NDArray[np.bool_] = self.free.codes[:, 0] == IN_LAG
+        self.logarithmic: NDArray[np.bool_] = self.free.codes[:, 3] != UNTRANSFORMED
+        self.left_out = 0
+        self.estimated: Indices = np.arange(12)
+        self.moving: Indices = np.arange(12)
+        self.space: list[Workspace] = []
+        self.spare: list[NormalEquations] = []
+        self._allocate()
+
+    def _allocate(self) -> None:
+        n = len(self.free)
+        columns = self.estimated.size + n
+        self.space = [new_workspace(columns, n, run.B.shape[1]) for run in self.runs]
+        self.spare = self._new_sums()
+
+    def _new_sums(self) -> list[NormalEquations]:
+        columns = self.estimated.size + len(self.free)
+        return [new_equations(run.first.size, int(run.block.max()) + 1, run.t.size, columns) for run in self.runs]
+
+    def evaluate(self, theta: Array, states: list[Array], scale: Array, gated: bool) -> Point | None:
+        """Return the runs from here; None where they are impossible or diverge."""
+        sums = self.spare
+        for run, start, out, space in zip(self.runs, states, sums, self.space, strict=True):
+            hold = new_zero_order_hold(run.lag.size, run.lag, self.delay)
+            unknowns = Unknowns(self.free.codes, theta, start, self.estimated, self.moving)
+            if not free_run_into(run, self.parameters, unknowns, hold, scale, gated, out, space):
+                return None
+            if not (np.isfinite(out.normal).all() and np.isfinite(out.scores).all()):
+                return None
+        self.spare = self._new_sums()
+        return Point(theta, states, sums)
+
+    def narrow(self, point: Point) -> Point:
+        """From here on estimate only the initial states that the data show, and move only what answers.
+
+        Returns:
+            The point with what is left of its sums.
+        """
+        information = np.sum([np.einsum("scc->c", each.normal) for each in point.sums], axis=0)
+        k = self.estimated.size
+        keep = np.flatnonzero(information[:k] > _NOTHING)
+        columns = np.concatenate([keep, k + np.arange(len(self.free))])
+        reach = np.sum([each.reach for each in point.sums], axis=0)
+        self.moving = np.flatnonzero((reach[:, columns] > _NOTHING).any(axis=1)).astype(np.int64)
+        self.estimated = self.estimated[keep]
+        self._allocate()
+        narrowed, self.spare = replace(point, sums=self.spare), self._new_sums()
+        c = columns.size
+        for before, after in zip(point.sums, narrowed.sums, strict=True):
+            after.normal[:, :c, :c] = before.normal[:, columns[:, None], columns]
+            after.scores[:, :c] = before.scores[:, columns]
+            after.residuals[:] = before.residuals
+        return narrowed
+
+    def leave_out_jumps(self, point: Point, scale: Array) -> None:
+        """From here on leave out the samples that are off together."""
+        for i, (run, each) in enumerate(zip(self.runs, point.sums, strict=True)):
+            off = jumps(each.residuals, scale)
+            if off.any():
+                each.residuals[off] = np.nan
+                q = run.q.copy()
+                q[off[:, 3:6].any(axis=1)] = np.nan
+                self.left_out += int(off.sum())
+                self.runs[i] = run._replace(values=np.where(off, np.nan, run.values), q=q)
+
+    def arrowhead(self, point: Point) -> Arrowhead:
+        """Return the normal equations at a point, the prior included."""
+        k, n = self.estimated.size, len(self.free)
+        normal = np.concatenate([each.normal for each in point.sums])
+        gx = np.concatenate(
+            [
+                np.add.reduceat(each.scores[:, :k], run.block[run.first], axis=0)
+                for run, each in zip(self.runs, point.sums, strict=True)
+            ]
+        )
+        g = sum((each.scores[:, k : k + n].sum(axis=0) for each in point.sums), np.zeros(n))
+        mean, information = self.prior
+        return Arrowhead(
+            X=normal[:, :k, :k],
+            C=normal[:, :k, k : k + n],
+            T=normal[:, k : k + n, k : k + n].sum(axis=0) + information,
+            gx=gx,
+            g=g + information @ (mean - point.theta),
+            estimated=self.estimated,
+        )
+
+    def bounds(self, theta: Array, *, lag: bool = True) -> tuple[Array, Array]:
+        """Return the least and the most (n,) that a step from theta may be; the lag only moves where `lag`."""
+        most = np.where(self.logarithmic, _LOG_STEP, np.inf)
+        least = -most
+        with np.errstate(over="ignore"):
+            shortest = np.maximum(_LAG_STEP, np.minimum(_SHORTEST * np.exp(-theta) - 1.0, 0.0))
+        least[self.lags] = shortest[self.lags] if lag else 0.0
+        most[self.lags] = _LOG_STEP if lag else 0.0
+        return least, most
+
+    def cost(self, point: Point, scale: Array, gated: bool) -> float:
+        """Return the robust cost of a point, the prior included."""
+        away = point.theta - self.prior[0]
+        data = sum(robust_cost(each.residuals, scale, gated) for each in point.sums)
+        return float(data + 0.5 * away @ self.prior[1] @ away)
+
+    def moved(self, point: Point, step: Step) -> tuple[Array, list[Array]]:
+        """Return coefficients and initial states after a step.
+
+        The lag goes by a share of itself, not by a factor: what is known best is its sum with the delay.
+        """
+        states = []
+        begin = 0
+        for start in point.states:
+            states.append(_moved(start, step.states[begin : begin + len(start)]))
+            begin += len(start)
+        theta = np.where(self.lags, np.log1p(np.where(self.lags, step.theta, 0.0)), step.theta)
+        return point.theta + theta, states
+
+    def possible(self, theta: Array) -> bool:
+        """Whether the mass matrix is positive definite."""
+        return bool(put_parameters(self.parameters.copy(), self.free.codes, theta, np.empty((6, 6))))
+
+
+def residual_scale(point: Point) -> Array:
+    """Return the robust size of each column's residuals (15,), never below that of the noise."""
+    residuals = np.concatenate([each.residuals for each in point.sums])
+    out = np.ones(N_MEASURED)
+    for j in range(N_MEASURED):
+        x = residuals[:, j]
+        x = x[:: max(1, x.size // _ROWS_FOR_SCALE)]
+        x = x[~np.isnan(x)]
+        if x.size:
+            out[j] = max(1.0, float(np.median(np.abs(x))) / NORMAL_MEDIAN)
+    return out
+
+
+def _moved(states: Array, errors: Array) -> Array:
+    """Return states (s, 13) moved by errors (s, 12)."""
+    out = states.copy()
+    out[:, :3] += errors[:, :3]
+    out[:, 7:] += errors[:, 6:]
+    for state, e in zip(out, errors[:, 3:6], strict=True):
+        half = 0.5 * float(np.sqrt(e @ e))
+        turn = np.concatenate([[np.cos(half)], 0.5 * np.sinc(half / np.pi) * e])
+        state[3:7] = quaternion_product(np.ascontiguousarray(state[3:7]), turn)
+    return out
 
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """Where it ended.
+    """Where the steps ended.
 
     Attributes:
         point: the last runs. step: the small one that would come next. scale: of the residuals (15,).
@@ -98,7 +267,7 @@ class Descent:
     converged: bool
 
 
-def warm_up(problem: Problem, theta: Array, states: list[Array]) -> tuple[Array, list[Array], int]:
+def warm_up(problem: FreeRunProblem, theta: Array, states: list[Array]) -> tuple[Array, list[Array], int]:
     """Return coefficients (n,) and initial states after some steps over short segments, and the runs made.
 
     The lag is held: while nothing else is right it would run away, and the delay does for it.
@@ -108,7 +277,7 @@ def warm_up(problem: Problem, theta: Array, states: list[Array]) -> tuple[Array,
     runs, damping = 1, 0.0
     if point is None:
         return theta, states, runs
-    problem.narrow(point)
+    point = problem.narrow(point)
     while True:
         arrowhead, cost = problem.arrowhead(point), problem.cost(point, scale, False)
         step = arrowhead.step(damping, *problem.bounds(point.theta, lag=False))
@@ -123,13 +292,13 @@ def warm_up(problem: Problem, theta: Array, states: list[Array]) -> tuple[Array,
     return *problem.moved(point, step), runs
 
 
-def descend(problem: Problem, theta: Array, states: list[Array], most: int) -> Descent | None:
+def descend(problem: FreeRunProblem, theta: Array, states: list[Array], most: int) -> Descent | None:
     """Return the best fit within `most` runs; None where already the first run is impossible."""
     scale, gated, fixed = np.full(15, _FAR), False, 0
     point = problem.evaluate(theta, states, scale, gated)
     if point is None:
         return None
-    problem.narrow(point)
+    point = problem.narrow(point)
     damping, runs = 0.0, 1
     while True:
         arrowhead = problem.arrowhead(point)
@@ -166,29 +335,39 @@ def descend(problem: Problem, theta: Array, states: list[Array], most: int) -> D
             step = arrowhead.step(damping, *problem.bounds(point.theta))
 
 
-def coefficient_covariance(
-    information: Array, prior: Array, scores: Array, segments: int, moments: Array, reach: float, block: float
-) -> Array:
+@dataclass(frozen=True, eq=False)
+class _Scores:
+    """The scores of a run that is done.
+
+    Attributes:
+        blocks: (b, n) of blocks of time, the initial states eliminated. length: of a block [s].
+        reach: time [s] that the residuals are correlated over. segments: number of free runs.
+    """
+
+    blocks: Array
+    length: float
+    reach: float
+    segments: int
+
+
+def _covariance(information: Array, prior: Array, scores: _Scores, moments: RobustMoments) -> Array:
     """Return the covariance (n, n) of the coefficients.
 
     Args:
         information: (n, n) of the run and the prior together. prior: (n, n).
-        scores: (b, n) of blocks of time, the initial states eliminated.
-        segments: number of free runs. moments: of `robust_moments`.
-        reach: time [s] that the residuals remember. block: length of a block [s].
     """
     n = len(information)
     inverse = inverse_information(information)
-    number, weights, straight, squares, _ = moments
-    kappa = min(weights / straight, _CONTAMINATED) if straight > 0.0 else _CONTAMINATED
-    size = squares / max(number - n - 12.0 * segments, 1.0) * number / weights if weights > 0.0 else 1.0
+    number, weights, slopes, squares, _ = moments
+    kappa = min(weights / slopes, _CONTAMINATED) if slopes > 0.0 else _CONTAMINATED
+    size = squares / max(number - n - 12.0 * scores.segments, 1.0) * number / weights if weights > 0.0 else 1.0
     white = kappa**2 * size
     plain: Array = white * inverse + (1.0 - white) * inverse @ prior @ inverse
-    count, unknown = len(scores), n + _STATES * segments
+    count, unknown = len(scores.blocks), n + _STATES * scores.segments
     if count < 2 * unknown + 2:
         return plain
-    S = long_run(scores, int(np.ceil(reach / block)))
-    wide = _widening(2.0 * reach / (block * count)) ** 2 * kappa**2 * count / (count - unknown)
+    S = long_run(scores.blocks, int(np.ceil(scores.reach / scores.length)))
+    wide = _widening(2.0 * scores.reach / (scores.length * count)) ** 2 * kappa**2 * count / (count - unknown)
     honest: Array = inverse @ (wide * S + prior) @ inverse
     variance, least = np.diag(honest), np.diag(plain)
     grow = np.sqrt(np.maximum(1.0, least / np.where(variance > 0.0, variance, np.inf)))
@@ -202,94 +381,6 @@ def _widening(share: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Memory:
-    """Of each of the 15 columns; NaN where too little is measured.
-
-    Attributes:
-        std: standard deviation (15,), in that of the noise. lag_one: correlation of neighbouring samples (15,).
-        time: integrated autocorrelation time (15,) [s]. reach: lag (15,) [s] at which the correlation has died.
-        step: usual time between samples (15,) [s]. calm: as `time`, without the seconds that lean to one side.
-    """
-
-    std: Array
-    lag_one: Array
-    time: Array
-    reach: Array
-    step: Array
-    calm: Array
-
-    def white(self, columns: Sequence[int]) -> bool:
-        """Whether those of these columns that are measured are nothing but noise; no where none is."""
-        step, time, calm = (each[list(columns)] for each in (self.step, self.time, self.calm))
-        known = np.isfinite(time)
-        return bool(known.any() and np.all((time <= _WHITE * step) | (calm <= _WHITER * step) | ~known))
-
-
-def residual_memory(runs: Sequence[tuple[Array, Array]], limits: Array) -> Memory:
-    """Return the memory of residuals.
-
-    Args:
-        runs: times (n,) [s] and residuals (n, 15) of each recording, NaN where nothing was measured.
-        limits: (15,) beyond which a residual is an outlier and left out.
-    """
-    out = np.full((6, 15), np.nan)
-    for j in range(15):
-        parts = []
-        for t, residuals in runs:
-            there = np.isfinite(residuals[:, j])
-            if there.any():
-                parts.append((t[there], residuals[there, j]))
-        if sum(x.size for _, x in parts) >= _FEWEST:
-            kept = [np.abs(x) <= limits[j] for _, x in parts]
-            out[:5, j] = _column(parts, kept)
-            coloured = out[2, j] > _WHITE * out[4, j] and out[4, j] * _MANY <= _SECOND
-            out[5, j] = _column(parts, _but_leaning(parts, kept))[2] if coloured else out[2, j]
-    return Memory(*out)
-
-
-def _column(parts: Sequence[tuple[Array, Array]], kept: Sequence[Kept]) -> tuple[float, float, float, float, float]:
-    longest = max(x.size for _, x in parts)
-    products, pairs = np.zeros(longest), np.zeros(longest)
-    for (_, x), good in zip(parts, kept, strict=True):
-        size = 1 << (2 * x.size - 1).bit_length()
-        for into, series in ((products, np.where(good, x, 0.0)), (pairs, good.astype(np.float64))):
-            spectrum = np.fft.rfft(series, size)
-            into[: x.size] += np.fft.irfft(spectrum.real**2 + spectrum.imag**2, size)[: x.size]
-    pairs = np.rint(pairs)
-    step = float(np.median(np.concatenate([np.diff(t) for t, _ in parts])))
-    if not (products[0] > 0.0 and pairs[0] >= _FEWEST):
-        return np.nan, np.nan, np.nan, np.nan, step
-    covariance = products / np.maximum(pairs, 1.0)
-    r = covariance[: max(2, longest // 2)] / covariance[0]
-    pairwise = 0.5 * (r[1:-1] + r[2:]) if r.size > 2 else r[1:]
-    dead = np.flatnonzero(pairwise < _BAND / np.sqrt(2.0 * pairs[0]))
-    lags = int(dead[0]) if dead.size else pairwise.size
-    return (
-        float(np.sqrt(covariance[0])),
-        float(r[1]),
-        step * (1.0 + 2.0 * float(r[1 : lags + 1].sum())),
-        step * lags,
-        step,
-    )
-
-
-def _but_leaning(parts: Sequence[tuple[Array, Array]], kept: Sequence[Kept]) -> list[Kept]:
-    """Return what is left of `kept` without the seconds whose residuals would least likely add up so by chance."""
-    size = np.sqrt(np.mean(np.concatenate([x[good] for (_, x), good in zip(parts, kept, strict=True)]) ** 2))
-    seconds = [np.unique(((t - t[0]) / _SECOND).astype(np.int64), return_inverse=True)[1] for t, _ in parts]
-    leans = []
-    for (_, x), good, at in zip(parts, kept, seconds, strict=True):
-        total = np.abs(np.bincount(at, np.where(good, x, 0.0)))
-        leans.append(total / (size * np.sqrt(np.maximum(np.bincount(at, good), 1.0))))
-    lean = np.concatenate(leans)
-    worst = np.argsort(-lean, kind="stable")[: int(_LEANING * lean.size)]
-    left = np.ones(lean.size, dtype=np.bool_)
-    left[worst[lean[worst] > _CHANCE]] = False
-    edges = np.cumsum([each.size for each in leans])[:-1]
-    return [good & own[at] for good, own, at in zip(kept, np.split(left, edges), seconds, strict=True)]
-
-
-@dataclass(frozen=True, eq=False)
 class OutputErrorFit:
     """What a free run fitted to the data says.
 
@@ -299,7 +390,7 @@ class OutputErrorFit:
         states: initial state (s, 13) of every segment of every recording in turn.
         cost: sum of the robust squares, halved.
         residual_std: (15,) in the columns' units, outliers left out; NaN for columns that are not measured.
-        memory: of the residuals.
+        autocorrelation: of the residuals.
         iterations: free runs made. converged: whether nothing was left to gain.
         rejected: share of the measured numbers beyond the gate.
     """
@@ -310,7 +401,7 @@ class OutputErrorFit:
     states: Array
     cost: float
     residual_std: Array
-    memory: Memory
+    autocorrelation: Autocorrelation
     iterations: int
     converged: bool
     rejected: float
@@ -318,40 +409,35 @@ class OutputErrorFit:
 
 def fit_output_error(
     samples: Sequence[Samples],
-    p: Array,
-    free: FreeParameters,
-    theta: Array,
+    model: CandidateModel,
     noise: Array,
     *,
-    prior: tuple[Array, Array] | None = None,
+    prior: Knowledge | None = None,
     segment: float | None = None,
     gap: float = 0.5,
-    delay: float = 0.0,
     iterations: int = 20,
 ) -> OutputErrorFit:
     """Fit free runs to recordings.
 
     Args:
         samples: one for each recording.
-        p: kernel parameters (154,) of the vehicle; what is free is replaced.
-        free: which coefficients are. theta: where they start (n,).
+        model: where the coefficients start.
         noise: standard deviation (15,) of the columns of `Samples.values`; those that are not measured do not matter.
         prior: mean (n,) and information (n, n) of theta.
         segment: length [s] after which the run starts anew from a state of its own; None for one run per recording.
         gap: time [s] between rows over which no run goes.
-        delay: of the inputs [s], where it is not free.
         iterations: free runs at most; those over a few short segments to begin with come on top.
 
     Raises:
         InputError: nothing is free, nothing is measured, or sizes and deviations that do not fit.
     """
-    theta = np.array(theta, dtype=np.float64)
+    theta = np.array(model.theta, dtype=np.float64)
     noise = np.array(noise, dtype=np.float64)
-    n = len(free)
+    n = len(model.free)
     known = prior or (np.zeros(n), np.zeros((n, n)))
-    _check(samples, free, theta, noise, known)
+    _check(samples, model, noise, known)
     noise[~np.isfinite(noise)] = 1.0
-    gains = bool((free.codes[:, 0] == IN_GAIN).any())
+    gains = bool((model.free.codes[:, 0] == IN_GAIN).any())
     runs = [free_run_of(each, noise, segment, gap, gains) for each in samples]
     kept = [each for each, run in zip(samples, runs, strict=True) if run.first.size]
     runs = [run for run in runs if run.first.size]
@@ -361,24 +447,21 @@ def fit_output_error(
     short = [warm_up_of(each, run, segment, gap) for each, run in zip(kept, runs, strict=True)]
     if any(part is not run for part, run in zip(short, runs, strict=True)):
         begin = [starting_states(run) for run in short]
-        warm = Problem(short, p, free, known, delay)
-        theta, begin, made = warm_up(warm, theta, begin)
-        for run, start, other, found in zip(runs, states, short, begin, strict=True):
+        theta, begin, made = warm_up(FreeRunProblem(short, model, known), theta, begin)
+        for run, start, other, fitted in zip(runs, states, short, begin, strict=True):
             _, here, there = np.intersect1d(run.first, other.first, return_indices=True)
-            start[here] = found[there]
-    problem = Problem(runs, p, free, known, delay)
+            start[here] = fitted[there]
+    problem = FreeRunProblem(runs, model, known)
     descent = descend(problem, theta, states, max(iterations, 1))
     return _failed(theta, states, made + 1) if descent is None else _result(problem, descent, made)
 
 
-def _check(
-    samples: Sequence[Samples], free: FreeParameters, theta: Array, noise: Array, prior: tuple[Array, Array]
-) -> None:
-    if not len(free):
+def _check(samples: Sequence[Samples], model: CandidateModel, noise: Array, prior: Knowledge) -> None:
+    n, theta, (mean, information) = len(model.free), np.asarray(model.theta), prior
+    if not n:
         raise InputError("output error: no coefficient is free, so there is nothing to fit")
-    if theta.shape != (len(free),) or not np.isfinite(theta).all():
-        raise InputError(f"output error: found theta {theta}, expected {len(free)} finite numbers")
-    n, (mean, information) = len(free), prior
+    if theta.shape != (n,) or not np.isfinite(theta).all():
+        raise InputError(f"output error: found theta {theta}, expected {n} finite numbers")
     if mean.shape != (n,) or information.shape != (n, n) or not np.isfinite([*mean, *information.ravel()]).all():
         raise InputError(f"output error: the prior needs {n} finite means and a finite {n} x {n} information")
     if noise.shape != (N_MEASURED,):
@@ -392,33 +475,25 @@ def _check(
         raise InputError("output error: every measured column needs a positive noise deviation")
 
 
-def _result(problem: Problem, descent: Descent, made: int) -> OutputErrorFit:
+def _result(problem: FreeRunProblem, descent: Descent, made: int) -> OutputErrorFit:
     point, scale = descent.point, descent.scale
     k, n = problem.estimated.size, len(problem.free)
     information, eliminated = problem.arrowhead(point).information()
-    scores, moments, begin = [], np.zeros(5), 0
+    scores, total, begin = [], np.zeros(5), 0
     for run, each in zip(problem.runs, point.sums, strict=True):
         counts = np.diff(np.append(run.block[run.first], len(each.scores)))
         of_block = begin + np.repeat(np.arange(run.first.size), counts)
         scores.append(each.scores[:, k : k + n] - np.einsum("bk,bkn->bn", each.scores[:, :k], eliminated[of_block]))
         begin += run.first.size
-        part = np.empty(5)
-        robust_moments(each.residuals, scale, part)
-        moments += part
-    memory = residual_memory(
-        [(run.t, each.residuals) for run, each in zip(problem.runs, point.sums, strict=True)], GATE * scale
-    )
-    total = sum(float(np.sum(run.t[run.last - 1] - run.t[run.first])) for run in problem.runs)
-    reach = np.where(memory.reach > memory.step, memory.reach, 0.0)
-    covariance = coefficient_covariance(
-        information,
-        problem.prior[1],
-        np.concatenate(scores),
-        begin,
-        moments,
-        float(np.nanmax(reach, initial=0.0)),
-        total / sum(len(each) for each in scores),
-    )
+        total += robust_moments(each.residuals, scale)
+    moments = RobustMoments(*total)
+    residuals = [(run.t, each.residuals) for run, each in zip(problem.runs, point.sums, strict=True)]
+    correlation = autocorrelation_of(residuals, GATE * scale)
+    lag = np.where(correlation.decorrelation_lag > correlation.step, correlation.decorrelation_lag, 0.0)
+    seconds = sum(float(np.sum(run.t[run.last - 1] - run.t[run.first])) for run in problem.runs)
+    length = seconds / sum(len(each) for each in scores)
+    of_run = _Scores(np.concatenate(scores), length, float(np.nanmax(lag, initial=0.0)), begin)
+    covariance = _covariance(information, problem.prior[1], of_run, moments)
     theta, states = point.theta, point.states
     if descent.converged and problem.possible(theta + descent.step.theta):
         theta, states = problem.moved(point, descent.step)
@@ -428,11 +503,11 @@ def _result(problem: Problem, descent: Descent, made: int) -> OutputErrorFit:
         information=information,
         states=np.concatenate(states),
         cost=problem.cost(point, scale, True),
-        residual_std=memory.std * problem.runs[0].noise,
-        memory=memory,
+        residual_std=correlation.std * problem.runs[0].noise,
+        autocorrelation=correlation,
         iterations=made + descent.runs,
         converged=descent.converged,
-        rejected=float((moments[4] + problem.left_out) / max(moments[0] + problem.left_out, 1.0)),
+        rejected=float((moments.beyond + problem.left_out) / max(moments.number + problem.left_out, 1.0)),
     )
 
 
@@ -446,7 +521,7 @@ def _failed(theta: Array, states: list[Array], made: int) -> OutputErrorFit:
         states=np.concatenate(states),
         cost=np.inf,
         residual_std=unknown,
-        memory=Memory(unknown, unknown, unknown, unknown, unknown, unknown),
+        autocorrelation=Autocorrelation(unknown, unknown, unknown, unknown, unknown, unknown),
         iterations=made,
         converged=False,
         rejected=0.0,

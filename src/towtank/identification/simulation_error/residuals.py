@@ -5,31 +5,34 @@ parts): a marker that jumps has no say. In x = |residual| / scale:
 
     psi(x) = x (x <= 2),   2 (x <= 4.5),   2 (6 - x) / 1.5 (x <= 6),   0
 
-Samples that are off together for a moment: a marker that is hidden, a multipath echo, an instrument that hangs.
-
-Each may be within the gate by itself. But where residuals are white otherwise, the mean of ten neighbours has less than
-a third of their deviation, and ten that are all off by one deviation stand out. Where they are not white, the model is
-at fault as likely as the instrument, and nothing is taken out.
+A hidden marker, a multipath echo or an instrument that hangs puts many samples off together, each perhaps within the
+gate. Where residuals are white otherwise, the mean of ten neighbours has less than a third of their deviation, and
+ten that are all off by one deviation stand out: `jumps`. Where they are not white, the model is at fault as likely as
+the instrument, and nothing is taken out.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array, inlined_kernel, kernel
-from towtank.identification.model.linearisation import N_FIXED
 from towtank.vehicle.matrices import GRAVITY
 
 __all__ = [
     "GATE",
     "GONE",
     "HUBER",
-    "absorb_pose",
-    "absorb_specific_force",
-    "absorb_velocity",
+    "NORMAL_MEDIAN",
+    "RobustMoments",
+    "RowSums",
+    "Weighing",
+    "absorb_pose_into",
+    "absorb_specific_force_into",
+    "absorb_velocity_into",
     "jumps",
     "robust_cost",
     "robust_moments",
@@ -40,9 +43,26 @@ HUBER, GATE, GONE = 2.0, 4.5, 6.0
 _UPRIGHT = 0.05  # cosine of pitch below which roll and yaw alone mean nothing
 _TOGETHER = 10  # samples
 _COMPONENTS = 3  # of one instrument: what is wrong in one direction is not to be trusted in the others
-_GATE = 4.5
-_MEDIAN = 0.6744897501960817  # of |x| for a standard normal x
+NORMAL_MEDIAN = 0.6744897501960817  # of |x| for a standard normal x
 _WHITE = 1.5  # deviation of the means, in that of the means of white residuals, up to which they are taken for white
+
+
+class Weighing(NamedTuple):
+    """How residuals are weighed."""
+
+    noise: Array  # (15,) standard deviations of the columns
+    scale: Array  # (15,) robust size of the residuals, in those
+    gated: bool  # whether far residuals are left out altogether
+
+
+class RowSums(NamedTuple):
+    """What the numbers of one row are added to."""
+
+    H: Array  # (c, c) sum of w J J^T
+    g: Array  # (c,) sum of w J r
+    residuals: Array  # (15,) in standard deviations of the noise
+    J: Array  # (3, c) scratch
+    columns: int  # that are estimated; the others are padding
 
 
 @inlined_kernel
@@ -83,10 +103,19 @@ def robust_cost(residuals: Array, scale: Array, gated: bool) -> float:
     return total
 
 
+class RobustMoments(NamedTuple):
+    """Sums over residuals x in units of their scale."""
+
+    number: float
+    weights: float  # sum of psi(x) / x
+    slopes: float  # sum of psi'(x)
+    squares: float  # sum of psi(x)^2
+    beyond: float  # number beyond the gate
+
+
 @kernel
-def robust_moments(residuals: Array, scale: Array, out: Array) -> None:
-    """Write number, sum of weights, of psi', of psi^2 and number beyond the gate into `out` (5,)."""
-    out[:] = 0.0
+def _moments_into(residuals: Array, scale: Array, out: Array) -> None:
+    """Add the moments of residuals (n, 15) to `out` (5,), in the order of `RobustMoments`."""
     for i in range(residuals.shape[0]):
         for j in range(residuals.shape[1]):
             x = residuals[i, j]
@@ -100,26 +129,24 @@ def robust_moments(residuals: Array, scale: Array, out: Array) -> None:
                 out[4] += 1.0 if x > GATE else 0.0
 
 
+def robust_moments(residuals: Array, scale: Array) -> RobustMoments:
+    """Return the moments of residuals (n, 15) [standard deviations of the noise] whose scale is (15,)."""
+    out = np.zeros(5)
+    _moments_into(residuals, scale, out)
+    return RobustMoments(*out)
+
+
 @inlined_kernel
-def _absorb(
-    J: Array,
-    residual: float,
-    noise: float,
-    scale: float,
-    gated: bool,
-    columns: int,
-    H: Array,
-    g: Array,
-    residuals: Array,
-    column: int,
-) -> None:
-    """Add one residual with derivative J (c,) of the prediction to H (c, c) and g (c,), and note it."""
+def _absorb_into(J: Array, residual: float, column: int, weighing: Weighing, sums: RowSums) -> None:
+    """Add one residual with derivative J (c,) of the prediction, and note it."""
+    noise, scale = weighing.noise[column], weighing.scale[column]
     r = residual / noise
-    residuals[column] = r
-    w = weight_of(r / scale, gated) / (noise * noise * scale * scale)
+    sums.residuals[column] = r
+    w = weight_of(r / scale, weighing.gated) / (noise * noise * scale * scale)
     if w == 0.0:
         return
-    for i in range(columns):
+    H, g = sums.H, sums.g
+    for i in range(sums.columns):
         a = w * J[i]
         if a != 0.0:
             g[i] += a * residual
@@ -128,47 +155,24 @@ def _absorb(
 
 
 @inlined_kernel
-def absorb_velocity(
-    z: Array,
-    x: Array,
-    S: Array,
-    noise: Array,
-    scale: Array,
-    gated: bool,
-    columns: int,
-    H: Array,
-    g: Array,
-    residuals: Array,
-) -> None:
+def absorb_velocity_into(z: Array, x: Array, S: Array, weighing: Weighing, sums: RowSums) -> None:
     """Add the body velocity and the angular rates of a row."""
     for j in range(6, 12):
         if math.isfinite(z[j]):
-            _absorb(S[j], z[j] - x[j + 1], noise[j], scale[j], gated, columns, H, g, residuals, j)
+            _absorb_into(S[j], z[j] - x[j + 1], j, weighing, sums)
 
 
 @inlined_kernel
-def absorb_pose(
-    z: Array,
-    measured: Array,
-    x: Array,
-    S: Array,
-    noise: Array,
-    scale: Array,
-    gated: bool,
-    columns: int,
-    H: Array,
-    g: Array,
-    residuals: Array,
-    J: Array,
-) -> None:
+def absorb_pose_into(z: Array, measured: Array, x: Array, S: Array, weighing: Weighing, sums: RowSums) -> None:
     """Add the position, and the attitude: the rotation from the run to the measurement, else single Euler angles.
 
     Args:
         z: measured row (15,). measured: quaternion (4,) of its three angles, NaN where one is missing.
     """
+    J = sums.J
     for m in range(3):
         if math.isfinite(z[m]):
-            _absorb(S[m], z[m] - x[m], noise[m], scale[m], gated, columns, H, g, residuals, m)
+            _absorb_into(S[m], z[m] - x[m], m, weighing, sums)
     w, i, j, k = x[3], x[4], x[5], x[6]
     if math.isfinite(measured[0]):
         a, b, c, d = measured[0], measured[1], measured[2], measured[3]
@@ -180,9 +184,9 @@ def absorb_pose(
             e0, e1, e2, e3 = -e0, -e1, -e2, -e3
         size = math.sqrt(e1 * e1 + e2 * e2 + e3 * e3)
         f = 2.0 * math.atan2(size, e0) / size if size > 1e-9 else 2.0
-        _absorb(S[3], f * e1, noise[3], scale[3], gated, columns, H, g, residuals, 3)
-        _absorb(S[4], f * e2, noise[4], scale[4], gated, columns, H, g, residuals, 4)
-        _absorb(S[5], f * e3, noise[5], scale[5], gated, columns, H, g, residuals, 5)
+        _absorb_into(S[3], f * e1, 3, weighing, sums)
+        _absorb_into(S[4], f * e2, 4, weighing, sums)
+        _absorb_into(S[5], f * e3, 5, weighing, sums)
         return
     if not (math.isfinite(z[3]) or math.isfinite(z[4]) or math.isfinite(z[5])):
         return
@@ -194,17 +198,17 @@ def absorb_pose(
             for m in range(S.shape[1]):
                 J[0, m] = S[3, m] + t2 * (s1 * S[4, m] + c1 * S[5, m])
             r = _wrapped(z[3] - math.atan2(k1, k2))
-            _absorb(J[0], r, noise[3], scale[3], gated, columns, H, g, residuals, 3)
+            _absorb_into(J[0], r, 3, weighing, sums)
         if math.isfinite(z[4]):
             for m in range(S.shape[1]):
                 J[0, m] = c1 * S[4, m] - s1 * S[5, m]
             r = z[4] - math.atan2(-k0, c2)
-            _absorb(J[0], r, noise[4], scale[4], gated, columns, H, g, residuals, 4)
+            _absorb_into(J[0], r, 4, weighing, sums)
         if math.isfinite(z[5]):
             for m in range(S.shape[1]):
                 J[0, m] = (s1 * S[4, m] + c1 * S[5, m]) / c2
             r = _wrapped(z[5] - math.atan2(2.0 * (i * j + w * k), 1.0 - 2.0 * (j * j + k * k)))
-            _absorb(J[0], r, noise[5], scale[5], gated, columns, H, g, residuals, 5)
+            _absorb_into(J[0], r, 5, weighing, sums)
 
 
 @kernel
@@ -214,27 +218,17 @@ def _wrapped(angle: float) -> float:
 
 
 @kernel
-def absorb_specific_force(
-    z: Array,
-    x: Array,
-    rate: Array,
-    A: Array,
-    S: Array,
-    states: int,
-    noise: Array,
-    scale: Array,
-    gated: bool,
-    columns: int,
-    H: Array,
-    g: Array,
-    residuals: Array,
-    J: Array,
+def absorb_specific_force_into(
+    z: Array, x: Array, rate: Array, A: Array, S: Array, states: int, weighing: Weighing, sums: RowSums
 ) -> None:
     """Add the specific force f = v_dot + omega x v - g k at the body origin.
 
     Args:
         rate: state derivative (13,) at x. A: derivative of the error's rate at x (12, 21 + n).
+        states: how many of the columns are of initial states.
     """
+    J, n = sums.J, sums.columns - states
+    fixed = A.shape[1] - n
     w, i, j, k = x[3], x[4], x[5], x[6]
     k0, k1, k2 = 2.0 * (i * k - w * j), 2.0 * (j * k + w * i), 1.0 - 2.0 * (i * i + j * j)
     u, v, ww, p, q, r = x[7], x[8], x[9], x[10], x[11], x[12]
@@ -244,8 +238,8 @@ def absorb_specific_force(
             for a in range(3, 12):
                 s += A[6 + m, a] * S[a, c]
             J[m, c] = s
-        for c in range(columns - states):
-            J[m, states + c] += A[6 + m, N_FIXED + c]
+        for c in range(n):
+            J[m, states + c] += A[6 + m, fixed + c]
     for c in range(S.shape[1]):
         e0, e1, e2 = GRAVITY * S[3, c], GRAVITY * S[4, c], GRAVITY * S[5, c]
         J[0, c] += S[10, c] * ww - S[11, c] * v + q * S[8, c] - r * S[7, c] - (k1 * e2 - k2 * e1)
@@ -255,11 +249,11 @@ def absorb_specific_force(
     f1 = rate[8] + r * u - p * ww - GRAVITY * k1
     f2 = rate[9] + p * v - q * u - GRAVITY * k2
     if math.isfinite(z[12]):
-        _absorb(J[0], z[12] - f0, noise[12], scale[12], gated, columns, H, g, residuals, 12)
+        _absorb_into(J[0], z[12] - f0, 12, weighing, sums)
     if math.isfinite(z[13]):
-        _absorb(J[1], z[13] - f1, noise[13], scale[13], gated, columns, H, g, residuals, 13)
+        _absorb_into(J[1], z[13] - f1, 13, weighing, sums)
     if math.isfinite(z[14]):
-        _absorb(J[2], z[14] - f2, noise[14], scale[14], gated, columns, H, g, residuals, 14)
+        _absorb_into(J[2], z[14] - f2, 14, weighing, sums)
 
 
 def jumps(residuals: Array, scale: Array) -> NDArray[np.bool_]:
@@ -276,10 +270,10 @@ def jumps(residuals: Array, scale: Array) -> NDArray[np.bool_]:
         x = residuals[there, j] / scale[j]
         total = np.cumsum(np.concatenate([[0.0], x]))
         means = (total[_TOGETHER:] - total[:-_TOGETHER]) / np.sqrt(_TOGETHER)
-        usual = float(np.median(np.abs(means))) / _MEDIAN
+        usual = float(np.median(np.abs(means))) / NORMAL_MEDIAN
         if usual > _WHITE:
             continue
-        first = np.flatnonzero(np.abs(means) > _GATE * max(usual, 1.0))
+        first = np.flatnonzero(np.abs(means) > GATE * max(usual, 1.0))
         if first.size:
             change = np.zeros(x.size + 1, dtype=np.int64)
             np.add.at(change, first, 1)

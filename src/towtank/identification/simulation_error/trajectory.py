@@ -1,23 +1,18 @@
-"""One free run of the vehicle with its sensitivities, and the normal equations of its residuals.
+"""One free run of the vehicle with its sensitivities, the normal equations of its residuals, and their solution.
 
-From an initial state the vehicle is left to its inputs; nothing measured corrects it on the way. With S the derivative
-of the error state (`towtank.identification.model.linearisation`) by the initial errors and the free coefficients,
+From an initial state the vehicle is left to its inputs, the held commands of the recording given in time; nothing
+measured corrects it on the way. With S the derivative of the error state (`towtank.identification.model.linearisation`)
+by the initial errors and the free coefficients,
 
     S' = A S + [0 B],   S(0) = [I 0],   S_{k+1} = S_k + h D + h^2/2 A D,   D = A S_k + [0 B]
 
-A and B at the middle of the step, or of two short ones under the same wrench.
+A and B at the middle of the step, or of two short ones under the same wrench. Each measured number adds w J J^T to the
+normal equations of its segment and w J r to the score of its block of time, w = weight(r / scale) / (noise scale)^2.
+Nothing is kept per sample but the residual.
 
-Each measured number adds w J J^T to the normal equations of its segment and w J r to
-the score of its block of time, w = weight(r / scale) / (noise scale)^2. Nothing is kept per sample but the residual.
-
-The inputs of a free run: held commands of a recording given in time, and the wrench that comes of them.
-
-What a free run works on: a recording cut into segments, the sums it leaves behind, and its scratch.
-
-The arrowhead of a free run's normal equations: initial states of many segments, coefficients shared by all.
-
-With H = [X C; C^T T], X block diagonal, the states are eliminated segment by segment (Schur's complement):
-T - C^T X^-1 C is the information on the coefficients, and no matrix is larger than one segment's.
+The normal equations have the shape of an arrowhead, H = [X C; C^T T], X block diagonal: initial states of many
+segments, coefficients shared by all. The states are eliminated segment by segment (Schur's complement): T - C^T X^-1 C
+is the information on the coefficients, and no matrix is larger than one segment's.
 """
 
 from __future__ import annotations
@@ -27,7 +22,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from towtank.core.arrays import Array, inlined_kernel, kernel
 from towtank.core.layout import N_PARAMETERS
@@ -35,24 +29,29 @@ from towtank.core.rk4 import N_STATES, has_forward_speed, is_coupled, stage_into
 from towtank.identification.data.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
 from towtank.identification.model.linearisation import N_FIXED, N_MOVING, linearise_into
 from towtank.identification.model.parameters import IN_DELAY, IN_GAIN, IN_LAG, Codes, put_parameters
-from towtank.identification.simulation_error.residuals import absorb_pose, absorb_specific_force, absorb_velocity
+from towtank.identification.simulation_error.residuals import (
+    RowSums,
+    Weighing,
+    absorb_pose_into,
+    absorb_specific_force_into,
+    absorb_velocity_into,
+)
+from towtank.identification.simulation_error.segments import FreeRun, Indices
 
 __all__ = [
     "STEP",
     "Arrowhead",
-    "FreeRun",
-    "Indices",
     "NormalEquations",
     "Step",
+    "Unknowns",
     "Workspace",
-    "free_run",
+    "free_run_into",
     "inverse_information",
     "new_equations",
     "new_workspace",
 ]
 
 _WIDTH = 8  # columns are padded to whole vectors
-Indices = NDArray[np.int64]
 STEP = 0.02  # s, longest step of the integration
 _FASTEST = 1e3  # m/s, rad/s: beyond this a run has diverged
 _LOOSE = np.repeat([10.0, 1.0, 1.0, 1.0], 3)  # m, rad, m/s, rad/s: a state that is known no better than this
@@ -62,52 +61,52 @@ _SMALLEST = 1e-12  # share of an information's largest eigenvalue, each row scal
 
 
 @kernel
-def due(input_t: Array, input_force: Array, held: ZeroOrderHold, given: int, end: float) -> int:
-    """Push the inputs that act before `end`; return how many have been given by now."""
-    early = min(held.delay[0], 0.0)
+def _give_into(input_t: Array, input_force: Array, hold: ZeroOrderHold, given: int, end: float) -> int:
+    """Give the hold the inputs that act before `end` [s]; return how many it has by now."""
+    early = min(hold.delay[0], 0.0)
     while given < input_t.shape[0] and input_t[given] + early <= end:
-        hold_force(held, input_t[given], input_force[given])
+        hold_force(hold, input_t[given], input_force[given])
         given += 1
     return given
 
 
 @kernel
-def forward_to(input_t: Array, input_force: Array, held: ZeroOrderHold, given: int, end: float, pushed: Array) -> int:
+def _forward_into(input_t: Array, input_force: Array, hold: ZeroOrderHold, given: int, end: float, force: Array) -> int:
     """Take the inputs forward to `end`, one at a time so that their ring never overflows."""
-    early = min(held.delay[0], 0.0)
+    early = min(hold.delay[0], 0.0)
     while given < input_t.shape[0] and input_t[given] + early <= end:
-        hold_force(held, input_t[given], input_force[given])
-        mean_forces_into(held, min(input_t[given] + held.delay[0], end), pushed)
+        hold_force(hold, input_t[given], input_force[given])
+        mean_forces_into(hold, min(input_t[given] + hold.delay[0], end), force)
         given += 1
-    mean_forces_into(held, end, pushed)
-    pushed[1:] = 0.0
+    mean_forces_into(hold, end, force)
+    force[1:] = 0.0
     return given
 
 
 @kernel
-def next_change(input_t: Array, held: ZeroOrderHold, given: int) -> float:
+def _next_change(input_t: Array, hold: ZeroOrderHold, given: int) -> float:
     """Return when the next input begins to act [s]; infinite after the last."""
-    ring, following = held.times.shape[0], int(held.counters[0].in_force) + 1
-    if following < int(held.counters[0].received):
-        return float(held.times[following % ring])
-    return float(input_t[given] + held.delay[0]) if given < input_t.shape[0] else math.inf
+    ring, following = hold.times.shape[0], int(hold.counters[0].in_force) + 1
+    if following < int(hold.counters[0].received):
+        return float(hold.times[following % ring])
+    return float(input_t[given] + hold.delay[0]) if given < input_t.shape[0] else math.inf
 
 
 @kernel
-def wrench_into(shape: Array, pushed: Array, gain: Array, wrench: Array) -> bool:
-    """Write the wrench of the pushed inputs three times into `wrench` (3, 6); whether it is the one that was there.
+def _wrench_into(B: Array, force: Array, gain: Array, wrench: Array) -> bool:
+    """Write the wrench of forces (3, m) three times into `wrench` (3, 6); whether it is the one that was there.
 
-    Their derivatives, in the other rows of `pushed`, are made those of the thrusts; a gain's own is by the input.
+    Their derivatives, in the other rows of `force`, are made those of the thrusts; a gain's own is by the input.
     """
     for i in range(6):
         wrench[0, i] = 0.0
     for a in range(gain.shape[0]):
-        pushed[1, a] *= gain[a]
-        pushed[2, a] *= gain[a]
-        force = gain[a] * pushed[0, a]
-        if force != 0.0:
+        force[1, a] *= gain[a]
+        force[2, a] *= gain[a]
+        thrust = gain[a] * force[0, a]
+        if thrust != 0.0:
             for i in range(6):
-                wrench[0, i] += shape[i, a] * force
+                wrench[0, i] += B[i, a] * thrust
     same = True
     for i in range(6):
         same = same and wrench[0, i] == wrench[1, i]
@@ -117,38 +116,32 @@ def wrench_into(shape: Array, pushed: Array, gain: Array, wrench: Array) -> bool
 
 
 @kernel
-def force_now(held: ZeroOrderHold, t: float, pushed: Array) -> None:
+def _force_now_into(hold: ZeroOrderHold, t: float, force: Array) -> None:
     """Write the force just after t: a thruster without lag has answered already; derivatives are not needed twice."""
-    ring = held.times.shape[0]
-    active, given = int(held.counters[0].in_force), int(held.counters[0].received)
-    while active + 1 < given and held.times[(active + 1) % ring] <= t:
+    ring = hold.times.shape[0]
+    active, given = int(hold.counters[0].in_force), int(hold.counters[0].received)
+    while active + 1 < given and hold.times[(active + 1) % ring] <= t:
         active += 1
-    for a in range(held.force.shape[0]):
-        if held.lag[a] > 0.0:
-            target = held.values[active % ring, a]
-            pushed[0, a] = held.force[a]
-            pushed[1, a] = (held.force[a] - target) / held.lag[a]
-            pushed[2, a] = held.lag[a] * held.slope[a]
+    for a in range(hold.force.shape[0]):
+        if hold.lag[a] > 0.0:
+            target = hold.values[active % ring, a]
+            force[0, a] = hold.force[a]
+            force[1, a] = (hold.force[a] - target) / hold.lag[a]
+            force[2, a] = hold.lag[a] * hold.slope[a]
         else:
-            pushed[0, a] = held.values[active % ring, a]
-            pushed[1, a] = 0.0
-            pushed[2, a] = 0.0
+            force[0, a] = hold.values[active % ring, a]
+            force[1, a] = 0.0
+            force[2, a] = 0.0
 
 
-class FreeRun(NamedTuple):
-    """One recording, cut into segments that each start from a state of their own."""
+class Unknowns(NamedTuple):
+    """What a run is made from, and what its sensitivities are by."""
 
-    t: Array  # (n,) [s]
-    values: Array  # (n, 15) as `Samples`
-    q: Array  # (n, 4) measured attitude, NaN where not all three angles are
-    noise: Array  # (15,) standard deviations
-    input_t: Array  # (k,) [s]
-    input_force: Array  # (k, m)
-    shape: Array  # (6, m)
-    lag: Array  # (m,) [s], where it is not free
-    first: Indices  # (s,) first row of each segment
-    last: Indices  # (s,) one past its last row
-    block: Indices  # (n,) block of time of each row
+    codes: Codes  # (n, 4) the free coefficients
+    theta: Array  # (n,) their values
+    states: Array  # (s, 13) initial state of each segment
+    estimated: Indices  # which of the 12 initial errors are estimated; they are the first columns
+    moving: Indices  # which of the 12 error states answer to any column
 
 
 class NormalEquations(NamedTuple):
@@ -161,7 +154,7 @@ class NormalEquations(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Scratch of a run; the arrays of one lane are views of those beside them."""
+    """Scratch of a run."""
 
     S: Array  # (12, c) sensitivities
     D: Array  # (12, c) their rate
@@ -169,16 +162,11 @@ class Workspace(NamedTuple):
     A: Array  # (12, 21 + n)
     J: Array  # (3, c)
     p: Array  # (154,)
-    p_lane: Array  # (154, 1)
     x: Array  # (13,) state
-    x_lane: Array  # (13, 1)
     middle: Array  # (13,) state at the middle of a step
-    middle_lane: Array  # (13, 1)
     rate: Array  # (13,) derivative of the state
-    rate_lane: Array  # (13, 1)
     wrench: Array  # (3, 6)
-    wrench_lane: Array  # (3, 6, 1)
-    pushed: Array  # (3, m)
+    force: Array  # (3, m) mean force of each input, and its derivatives by delay and lag
     gain: Array  # (m,)
     work: Array  # (3, 13, 1)
     scratch: Array  # (6, 6)
@@ -199,25 +187,18 @@ def new_equations(segments: int, blocks: int, rows: int, columns: int) -> Normal
 def new_workspace(columns: int, n: int, m: int) -> Workspace:
     """Return scratch for `columns` sensitivities, n of them of coefficients, and m inputs."""
     c = _padded(columns)
-    p, wrench = np.zeros(N_PARAMETERS), np.zeros((3, 6))
-    x, middle, rate = np.zeros(N_STATES), np.zeros(N_STATES), np.zeros(N_STATES)
     return Workspace(
         S=np.zeros((N_MOVING, c)),
         D=np.zeros((N_MOVING, c)),
         E=np.zeros((N_MOVING, c)),
         A=np.zeros((N_MOVING, N_FIXED + n)),
         J=np.zeros((3, c)),
-        p=p,
-        p_lane=p.reshape(-1, 1),
-        x=x,
-        x_lane=x.reshape(-1, 1),
-        middle=middle,
-        middle_lane=middle.reshape(-1, 1),
-        rate=rate,
-        rate_lane=rate.reshape(-1, 1),
-        wrench=wrench,
-        wrench_lane=wrench.reshape(3, 6, 1),
-        pushed=np.zeros((3, m)),
+        p=np.zeros(N_PARAMETERS),
+        x=np.zeros(N_STATES),
+        middle=np.zeros(N_STATES),
+        rate=np.zeros(N_STATES),
+        wrench=np.zeros((3, 6)),
+        force=np.zeros((3, m)),
         gain=np.ones(m),
         work=np.zeros((3, N_STATES, 1)),
         scratch=np.zeros((6, 6)),
@@ -230,15 +211,11 @@ def _padded(columns: int) -> int:
 
 
 @kernel
-def free_run(
+def free_run_into(
     run: FreeRun,
-    vehicle: Array,
-    codes: Codes,
-    theta: Array,
-    held: ZeroOrderHold,
-    states: Array,
-    estimated: Indices,
-    moving: Indices,
+    parameters: Array,
+    unknowns: Unknowns,
+    hold: ZeroOrderHold,
     scale: Array,
     gated: bool,
     out: NormalEquations,
@@ -247,11 +224,8 @@ def free_run(
     """Run all segments and add up their normal equations; False where the coefficients or the motion are impossible.
 
     Args:
-        vehicle: kernel parameters (154,); theta (n,) is put into a copy.
-        held: an empty input with the nominal lags and delay; changed.
-        states: initial states (s, 13).
-        estimated: which of the 12 initial errors are estimated; they are the first columns.
-        moving: which of the 12 error states answer to any column.
+        parameters: of the vehicle's kernels (154,); theta is put into a copy.
+        hold: an empty one with the nominal lags and delay; changed.
         scale: of the residuals of each column (15,), in standard deviations of the noise.
         gated: whether far residuals are left out altogether.
     """
@@ -259,13 +233,16 @@ def free_run(
     out.scores[:] = 0.0
     out.reach[:] = 0.0
     S, D, E, A, J = space.S, space.D, space.E, space.A, space.J
-    p, x, middle, rate = space.p, space.x, space.middle, space.rate
-    p_lane, x_lane, middle_lane, rate_lane = space.p_lane, space.x_lane, space.middle_lane, space.rate_lane
-    wrench, wrench_lane = space.wrench, space.wrench_lane
-    pushed, gain, work, scratch, current = space.pushed, space.gain, space.work, space.scratch, space.current
-    t, values, q, noise, shape, block = run.t, run.values, run.q, run.noise, run.shape, run.block
+    p, x, middle, rate, wrench = space.p, space.x, space.middle, space.rate, space.wrench
+    p_lane, x_lane = p.reshape(N_PARAMETERS, 1), x.reshape(N_STATES, 1)  # as lanes of one vehicle
+    middle_lane, rate_lane = middle.reshape(N_STATES, 1), rate.reshape(N_STATES, 1)
+    wrench_lane = wrench.reshape(3, 6, 1)
+    force, gain, work, scratch, current = space.force, space.gain, space.work, space.scratch, space.current
+    t, values, q, B, block = run.t, run.values, run.q, run.B, run.block
+    codes, theta, states = unknowns.codes, unknowns.theta, unknowns.states
+    estimated, moving = unknowns.estimated, unknowns.moving
     input_t, input_force = run.input_t, run.input_force
-    p[:] = vehicle
+    p[:] = parameters
     if not put_parameters(p, codes, theta, scratch):
         return False
     gain[:] = 1.0
@@ -273,18 +250,19 @@ def free_run(
     for c in range(theta.shape[0]):
         steered = steered or codes[c, 0] == IN_DELAY or codes[c, 0] == IN_LAG or codes[c, 0] == IN_GAIN
         if codes[c, 0] == IN_DELAY:
-            held.delay[0] = theta[c]
+            hold.delay[0] = theta[c]
         elif codes[c, 0] == IN_LAG:
-            held.lag[:] = math.exp(theta[c])
+            hold.lag[:] = math.exp(theta[c])
         elif codes[c, 0] == IN_GAIN:
             gain[codes[c, 1]] = math.exp(theta[c])
     forward = has_forward_speed(p_lane)
-    coupled, lagless, clock = is_coupled(p_lane), not (held.lag > 0.0).any(), held.clock
-    k = estimated.shape[0]
-    pushed[:] = 0.0
+    coupled, lagless, clock = is_coupled(p_lane), not (hold.lag > 0.0).any(), hold.clock
+    k, n = estimated.shape[0], theta.shape[0]
+    weighing = Weighing(run.noise, scale, gated)
+    force[:] = 0.0
     given = 0
     if input_t.shape[0] > 0:
-        hold_force(held, input_t[0], input_force[0])
+        hold_force(hold, input_t[0], input_force[0])
         given = 1
     for s in range(run.first.shape[0]):
         for j in range(N_STATES):
@@ -295,7 +273,7 @@ def free_run(
         H = out.normal[s]
         for row in range(run.first[s], run.last[s]):
             if row == run.first[s]:
-                given = forward_to(input_t, input_force, held, given, t[row], pushed)
+                given = _forward_into(input_t, input_force, hold, given, t[row], force)
                 steps, h, half_way, resting, change = 0, 0.0, False, False, -math.inf
             else:
                 span = t[row] - t[row - 1]
@@ -308,10 +286,10 @@ def free_run(
                     steady = not steered
                 else:
                     resting = lagless and end <= change
-                    given = due(input_t, input_force, held, given, end)
-                    mean_forces_into(held, end, pushed)
-                    change = next_change(input_t, held, given)
-                    steady = wrench_into(shape, pushed, gain, wrench) and not steered
+                    given = _give_into(input_t, input_force, hold, given, end)
+                    mean_forces_into(hold, end, force)
+                    change = _next_change(input_t, hold, given)
+                    steady = _wrench_into(B, force, gain, wrench) and not steered
                 for j in range(N_STATES):
                     middle[j] = x[j]
                 if coupled:
@@ -320,30 +298,30 @@ def free_run(
                     step_into(p_lane, x_lane, wrench_lane, current, h, work, False, forward)
                 if half_way and steady:
                     half_way = False  # the second step of a pair
-                    _advance(S, D, E, h, 1.5 * h * h, moving)
+                    _advance_into(S, D, E, h, 1.5 * h * h, moving)
                 else:
                     half_way = steady and 2.0 * h < 1.01 * STEP
                     share = 0.0 if half_way else 0.5
                     for j in range(N_STATES):
                         middle[j] = share * middle[j] + (1.0 - share) * x[j]
                     stage_into(p_lane, middle_lane, wrench_lane[0], current, rate_lane, coupled)
-                    linearise_into(p, middle, rate, codes, theta, shape, pushed, A, scratch)
-                    _rates(A, S, D, E, k, theta.shape[0], moving)
-                    _advance(S, D, E, h, 0.5 * h * h, moving)
+                    linearise_into(p, middle, rate, codes, theta, B, force, A, scratch)
+                    _rates_into(A, S, k, n, moving, D, E)
+                    _advance_into(S, D, E, h, 0.5 * h * h, moving)
             for j in range(7, N_STATES):
                 if not math.fabs(x[j]) < _FASTEST:
                     return False
-            z, g, residuals = values[row], out.scores[block[row]], out.residuals[row]
-            absorb_pose(z, q[row], x, S, noise, scale, gated, k + theta.shape[0], H, g, residuals, J)
-            absorb_velocity(z, x, S, noise, scale, gated, k + theta.shape[0], H, g, residuals)
+            z, sums = values[row], RowSums(H, out.scores[block[row]], out.residuals[row], J, k + n)
+            absorb_pose_into(z, q[row], x, S, weighing, sums)
+            absorb_velocity_into(z, x, S, weighing, sums)
             if math.isfinite(z[12]) or math.isfinite(z[13]) or math.isfinite(z[14]):
                 half_way = resting = False
-                given = due(input_t, input_force, held, given, t[row])
-                force_now(held, t[row], pushed)
-                wrench_into(shape, pushed, gain, wrench)
+                given = _give_into(input_t, input_force, hold, given, t[row])
+                _force_now_into(hold, t[row], force)
+                _wrench_into(B, force, gain, wrench)
                 stage_into(p_lane, x_lane, wrench_lane[0], current, rate_lane, coupled)
-                linearise_into(p, x, rate, codes, theta, shape, pushed, A, scratch)
-                absorb_specific_force(z, x, rate, A, S, k, noise, scale, gated, k + theta.shape[0], H, g, residuals, J)
+                linearise_into(p, x, rate, codes, theta, B, force, A, scratch)
+                absorb_specific_force_into(z, x, rate, A, S, k, weighing, sums)
         for i in range(N_MOVING):
             for j in range(S.shape[1]):
                 out.reach[i, j] += math.fabs(S[i, j])
@@ -351,17 +329,17 @@ def free_run(
 
 
 @inlined_kernel
-def _rates(A: Array, S: Array, D: Array, E: Array, states: int, n: int, moving: Indices) -> None:
+def _rates_into(A: Array, S: Array, states: int, n: int, moving: Indices, D: Array, E: Array) -> None:
     """Write the first and the second derivative of the sensitivities S (12, c) into D and E."""
-    _times(A, S, moving, D)
+    _times_into(A, S, moving, D)
     for i in moving:
         for c in range(n):
             D[i, states + c] += A[i, N_FIXED + c]
-    _times(A, D, moving, E)
+    _times_into(A, D, moving, E)
 
 
 @inlined_kernel
-def _advance(S: Array, D: Array, E: Array, h: float, half: float, moving: Indices) -> None:
+def _advance_into(S: Array, D: Array, E: Array, h: float, half: float, moving: Indices) -> None:
     """Add h D + half E to the sensitivities S (12, c)."""
     for i in moving:
         for j in range(S.shape[1]):
@@ -369,7 +347,7 @@ def _advance(S: Array, D: Array, E: Array, h: float, half: float, moving: Indice
 
 
 @inlined_kernel
-def _times(A: Array, S: Array, moving: Indices, out: Array) -> None:
+def _times_into(A: Array, S: Array, moving: Indices, out: Array) -> None:
     """Write A S (12, c) into `out`, in the rows that move."""
     for i in moving:
         for j in range(S.shape[1]):
@@ -431,9 +409,9 @@ class Arrowhead:
         C, x = self._eliminated(damping)
         T = self.T - np.einsum("ski,skj->ij", self.C, C)
         g = self.g - np.einsum("ski,sk->i", self.C, x)
-        told = np.diag(T) > _SMALLEST * np.diag(self.T)
+        informed = np.diag(T) > _SMALLEST * np.diag(self.T)
         scale = _scale(T)
-        theta, moving = np.zeros(len(g)), told.copy()
+        theta, moving = np.zeros(len(g)), informed.copy()
         while moving.any():
             fixed = np.where(moving, 0.0, theta)
             scaled = T * np.outer(scale, scale)
