@@ -14,8 +14,8 @@ from towtank.app.commands.page_option import PagedCommand
 from towtank.dashboard.access import Access, Address, Refusals
 from towtank.dashboard.motion import COMMANDS, WRENCH, Motion
 from towtank.dashboard.prediction import free_run
-from towtank.dashboard.pump import Course, Kind, Mailbox, decode, encode
-from towtank.dashboard.standing import AxisKnowledge, axes_known, verdict
+from towtank.dashboard.pump import Kind, Mailbox, Thinned, decode, encode
+from towtank.dashboard.state import AxisKnowledge, axes_known, verdict
 from towtank.errors import InputError
 from towtank.identification import Learner
 from towtank.live.pipeline.instants import Instants, rows_of
@@ -37,7 +37,7 @@ def test_frames_come_out_as_they_went_in() -> None:
 
 
 def test_a_course_keeps_hours_in_constant_memory() -> None:
-    course = Course(1, step=0.25, most=64)
+    course = Thinned(1, step=0.25, most=64)
     for k in range(40_000):
         course.add(0.25 * k, np.array([0.25 * k]))
     assert 32 <= len(course) <= 64

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from towtank.app.live.reports import LearnedCourse, LiveReports
+from towtank.app.live.reports import LearnedCurve, LiveReports
 from towtank.app.live.session import LiveOptions
 from towtank.identification import Learner
 from towtank.live import open_source
@@ -98,7 +98,7 @@ def test_events_stand_in_the_order_of_their_time() -> None:
 def test_the_course_is_kept_in_constant_memory() -> None:
     vehicle = load_vehicle(VEHICLE)
     learner = Learner(vehicle, free=("X_udot", "X_uu"))
-    course = LearnedCourse(learner)
+    course = LearnedCurve(learner)
     for k in range(10_000):
         course(0.5 * k, {})
     kept = course.convergence(learner.estimate)

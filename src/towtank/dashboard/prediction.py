@@ -70,8 +70,8 @@ def _grid(vehicle: Vehicle, t: Array, rows: Array, seconds: float) -> Grid:
     acceleration = _between(times, t, rows[:, ACCELERATION])
     voltage = _between(times, t, rows[:, -1:])[:, 0]
     commands, wrench = rows[:, COMMANDS:-1], rows[:, WRENCH]
-    told = np.isfinite(commands).all(axis=1) if commands.shape[1] else np.zeros(t.size, dtype=bool)
-    pushed = np.isfinite(wrench).any(axis=1) & ~told.any()
+    commanded = np.isfinite(commands).all(axis=1) if commands.shape[1] else np.zeros(t.size, dtype=bool)
+    pushed = np.isfinite(wrench).any(axis=1) & ~commanded.any()
     return Grid(
         t=times,
         rate=_RATE,
@@ -81,8 +81,8 @@ def _grid(vehicle: Vehicle, t: Array, rows: Array, seconds: float) -> Grid:
         fresh=np.isfinite(np.hstack([pose, velocity, acceleration])),
         voltage=voltage,
         thrusters=tuple(thruster.name for thruster in vehicle.thrusters),
-        command_t=t[told],
-        command_values=commands[told],
+        command_t=t[commanded],
+        command_values=commands[commanded],
         wrench_t=t[pushed],
         wrench_values=wrench[pushed],
         source="the last seconds",

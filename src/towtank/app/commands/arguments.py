@@ -15,7 +15,18 @@ from towtank.readers.registry import SUFFIXES
 if TYPE_CHECKING:
     from towtank.recording import Recording
 
-__all__ = ["LOG_KINDS", "Json", "Log", "Map", "Report", "Window", "WindowText", "numbers", "output_place", "positive"]
+__all__ = [
+    "LOG_KINDS",
+    "Json",
+    "Log",
+    "Map",
+    "Report",
+    "Window",
+    "WindowText",
+    "numbers",
+    "output_place",
+    "positive_option",
+]
 
 LOG_KINDS = ", ".join(SUFFIXES)
 Log = Annotated[Path, typer.Argument(metavar="LOG", help=f"Log file ({LOG_KINDS}) or the folder of a ROS 2 bag.")]
@@ -98,7 +109,7 @@ def _number(option: str, text: str) -> float:
     return value
 
 
-def positive(option: str, value: float | None, *, zero: bool = False) -> float | None:
+def positive_option(option: str, value: float | None, *, zero: bool = False) -> float | None:
     """Return the value of an option. Raises InputError unless it is a finite number above 0 (or 0)."""
     if value is not None and not (math.isfinite(value) and (value > 0.0 or (zero and value == 0.0))):
         raise InputError(f"{option}: found {value:g}, expected a number {'of 0 or more' if zero else 'above 0'}")

@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from towtank.app.commands.arguments import LOG_KINDS, Json, Map, Report, Window, WindowText, output_place, positive
+from towtank.app.commands.arguments import (
+    LOG_KINDS,
+    Json,
+    Map,
+    Report,
+    Window,
+    WindowText,
+    output_place,
+    positive_option,
+)
 from towtank.app.reports import command_text, report_place
 from towtank.errors import InputError, nearest
 
@@ -89,7 +98,7 @@ def learn(
     stretch = Window.parse(window)
     output_place("--output", model_file, (".toml",))
     report_place(report)
-    positive("--delay", delay, zero=True)
+    positive_option("--delay", delay, zero=True)
     wanted = names_of(free)
 
     from towtank.app.files import cut, read_logs, read_prior, read_vehicle
@@ -101,10 +110,10 @@ def learn(
     from towtank.vehicle import save_vehicle
 
     output = Output(json=json)
-    with output.progress("learning") as tell:
+    with output.progress("learning") as progress:
         known = read_vehicle(vehicle, output)
         beforehand = None if prior is None else read_prior(prior, output)
-        recordings = cut(read_logs(logs, mapping, tell), stretch)
+        recordings = cut(read_logs(logs, mapping, progress), stretch)
         learning = learn_recordings(
             known,
             recordings,
@@ -113,13 +122,13 @@ def learn(
             delay=delay,
             prior=beforehand,
             current=current,
-            progress=lambda text, share: tell(text, 0.9 * share),
+            progress=lambda text, share: progress(text, 0.9 * share),
         )
         model = _with_provenance(learning, logs, prior)
         warnings = [*output.warnings, *learning_warnings(learning, recordings)]
         if report is None:
             recordings = []  # room for the prediction
-        tell("predicting", 0.9)
+        progress("predicting", 0.9)
         scores, unfit = _fit(model, learning.grids)
         fit, rmse = ({}, {}) if scores is None else (scores.fit, scores.rmse)
         warnings += unfit
@@ -127,7 +136,7 @@ def learn(
             save_vehicle(model, model_file)
         judge = f"towtank validate {model_file or 'MODEL.toml'} ANOTHER_LOG" + (f" --map {mapping}" if mapping else "")
         if report is not None:
-            tell("report", 0.95)
+            progress("report", 0.95)
             again = {
                 "--vehicle": vehicle,
                 "--method": None if method == "joint" else method,

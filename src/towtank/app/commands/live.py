@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from towtank.app.commands.arguments import Json, Map, Report, output_place, positive
+from towtank.app.commands.arguments import Json, Map, Report, output_place, positive_option
 from towtank.app.commands.page_option import FoxgloveOption, PageOption, page_address
 from towtank.app.reports import report_place
 from towtank.errors import InputError, nearest
@@ -131,8 +131,8 @@ def live(
         raise InputError("--no-changes and --configurations: found both; what changes is recognised, if it is watched")
     if len(set(sources)) < len(sources):
         raise InputError(f"SOURCE: found one of {', '.join(sources)} twice")
-    positive("--for", seconds)
-    positive("--window", window, zero=True)
+    positive_option("--for", seconds)
+    positive_option("--window", window, zero=True)
     output_place("--output", model_file, (".toml",))
     output_place("--record", record, (".mcap",))
     report_place(report)

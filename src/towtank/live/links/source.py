@@ -78,6 +78,16 @@ class Source(Protocol):
     """A live link. All methods but `state` are called by one thread."""
 
     @property
+    def keeps_time(self) -> bool:
+        """Whether its stamps are on our clock already."""
+        ...
+
+    @property
+    def patient(self) -> bool:
+        """Whether it can wait: nothing is lost where it is read late."""
+        ...
+
+    @property
     def name(self) -> str:
         """What it is called in messages and in the recording; the same as in its samples."""
         ...

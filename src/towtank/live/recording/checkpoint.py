@@ -175,14 +175,14 @@ class Earlier:
     inputs: Mapping[str, float] = field(default_factory=dict)
     recording: Recording | None = None
 
-    def rows(self, tell: Callable[[str, float], None]) -> Iterator[Row]:
+    def rows(self, progress: Callable[[str, float], None]) -> Iterator[Row]:
         """Yield what was recorded after the checkpoint."""
         if self.recording is None:
             return
         start = max(self.since, self.recording.start)
         span = max(self.recording.end - start, 1e-9)
         for row in rows_of(self.recording, self.since):
-            tell("learning from what was recorded", (row[0] - start) / span)
+            progress("learning from what was recorded", (row[0] - start) / span)
             yield row
 
 

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable
 
 from towtank.core.arrays import Array
+from towtank.digits import some_of
 from towtank.errors import InputError, nearest
 from towtank.readers.common.interpretation import contents_of, table_names
 from towtank.readers.common.tables import Table, Tables
@@ -27,6 +27,7 @@ from towtank.recording.recording import Recording
 __all__ = ["mapped_recording"]
 
 _STAMP = "stamp"
+_MOST_NAMED = 30  # fields in one message
 _BRACKETS = re.compile(r"\[[^]]*\]|@[\d.]*\d")  # instance and sender in the name of a table
 
 
@@ -93,7 +94,7 @@ def _find(tables: Tables, source: str, where: str) -> tuple[Table, str]:
     if owner is not None:
         fields = tables.tables[owner].columns
         hint = nearest(source, (f"{owner}.{path}" for path in fields))
-        raise InputError(f'{where}no "{source}" in {tables.source}{hint}; {owner} has {_listed(fields)}')
+        raise InputError(f'{where}no "{source}" in {tables.source}{hint}; {owner} has {some_of(fields, _MOST_NAMED)}')
     paths = [f"{name}.{path}" for name, table in tables.tables.items() for path in table.columns]
     instance = next((path for path in paths if _BRACKETS.sub("", path) == _BRACKETS.sub("", source)), None)
     hint = nearest(source, paths) if instance is None else f'; did you mean "{instance}"?'
@@ -101,8 +102,3 @@ def _find(tables: Tables, source: str, where: str) -> tuple[Table, str]:
         f'{where}no "{source}" in {tables.source}{hint}; expected TABLE.field, '
         f"where TABLE is one of {table_names(tables)}"
     )
-
-
-def _listed(names: Iterable[str], most: int = 30) -> str:
-    found = list(names)
-    return ", ".join(found[:most]) + (f" and {len(found) - most} more" if len(found) > most else "")

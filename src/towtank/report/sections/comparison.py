@@ -10,7 +10,7 @@ from html import escape
 
 from towtank.digits import measured, percent, short
 from towtank.recording.standard import STANDARD
-from towtank.report.elements import Cell, cell, listed, number, paragraph, section, table, unit_text
+from towtank.report.elements import Cell, bullets, cell, number, paragraph, section, table, unit_text
 from towtank.report.verdict import NAMES
 from towtank.validation import ChannelComparison, Comparison, CrossValidation
 
@@ -83,7 +83,7 @@ def fold_section(found: CrossValidation | None) -> str:
         "Cross-validation",
         paragraph(note, "note"),
         table(["Window", *(f">{name}" for name in channels)], rows),
-        listed(fold.note for fold in found.folds if fold.note),
+        bullets(fold.note for fold in found.folds if fold.note),
         _coefficients(found),
     )
 

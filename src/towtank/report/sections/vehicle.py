@@ -104,7 +104,7 @@ def vehicle_section(vehicle: Vehicle) -> str:
     """Return what the vehicle file says of everything that was not learned."""
     body = vehicle.rigid_body
     inertia = body.inertia if isinstance(body.inertia[0], float) else tuple(body.tensor.diagonal())
-    told = facts(
+    properties = facts(
         [
             ("Description", escape(vehicle.description)),
             ("Mass", f"{short(body.mass)} kg (weight {short(vehicle.weight)} N)"),
@@ -136,7 +136,7 @@ def vehicle_section(vehicle: Vehicle) -> str:
     return section(
         "vehicle",
         "The vehicle",
-        told,
+        properties,
         grid(drawings, "plans"),
         paragraph(note, "note") if drawings else "",
         table(heads, thrusters)

@@ -75,8 +75,8 @@ class MavlinkStamps:
             if not abs(received[-1] - own[-1] - clock.offset) <= _SAME:
                 clock = self._clocks.setdefault((sender, field), SourceClock())
                 own = _unwrapped(_FIELDS[field] * table[field], received - clock.offset)
-        told = zip(own.tolist(), received.tolist(), strict=True)
-        return np.array([clock.ours(each, at) if each > 0.0 else np.nan for each, at in told])
+        stamps = zip(own.tolist(), received.tolist(), strict=True)
+        return np.array([clock.ours(each, at) if each > 0.0 else np.nan for each, at in stamps])
 
     def restarts(self, sender: Sender | None) -> int:
         """Return how often a sender's clock has started anew."""

@@ -100,8 +100,8 @@ def domain_of(domain: int | None) -> int:
     """Return the domain that was given, else that of ROS_DOMAIN_ID, else 0."""
     import os
 
-    told = os.environ.get("ROS_DOMAIN_ID", "")
-    return domain if domain is not None else int(told) if told.isdigit() else 0
+    number = os.environ.get("ROS_DOMAIN_ID", "")
+    return domain if domain is not None else int(number) if number.isdigit() else 0
 
 
 class RclpyLink:
@@ -384,9 +384,9 @@ def _lenient(domains: Any, core: Any, number: int) -> Any:
     """
     import os
 
-    told = [os.environ.get("CYCLONEDDS_URI", ""), _CONFIG]
+    configuration = [os.environ.get("CYCLONEDDS_URI", ""), _CONFIG]
     with contextlib.suppress(core.DDSException):
-        return domains.Domain(number, ",".join(filter(None, told)))
+        return domains.Domain(number, ",".join(filter(None, configuration)))
     return None
 
 
