@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import shlex
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -23,9 +25,11 @@ __all__ = [
     "Report",
     "Window",
     "WindowText",
+    "command_text",
     "numbers",
     "output_place",
     "positive_option",
+    "report_place",
 ]
 
 LOG_KINDS = ", ".join(SUFFIXES)
@@ -127,3 +131,36 @@ def output_place(option: str, path: Path | None, suffixes: tuple[str, ...]) -> P
     if path.is_dir():
         raise InputError(f"{path}: this is a folder, expected the name of a file to write")
     return path
+
+
+def report_place(path: Path | None) -> Path | None:
+    """Return the place of a report. Raises InputError, before any work is done, if none can be written there."""
+    if (
+        output_place("--report", path, (".html", ".pdf")) is not None
+        and path is not None
+        and path.suffix.lower() == ".pdf"
+    ):
+        from towtank.report.browser import find_browser
+
+        if find_browser() is None:
+            raise InputError(
+                f"--report {path}: no browser to print a PDF with was found; install Chromium, Chrome or Edge, or ask "
+                "for .html and print it from any browser"
+            )
+    return path
+
+
+def command_text(command: str, words: Sequence[object], options: Mapping[str, Any]) -> str:
+    """Return a command as it is typed; options that are None or False are left out.
+
+    >>> command_text("learn", ["a b.csv"], {"--vehicle": "seamor", "--delay": None, "--current": True})
+    "towtank learn 'a b.csv' --vehicle seamor --current"
+    """
+    parts = ["towtank", command, *map(str, words)]
+    for name, value in options.items():
+        if value is True:
+            parts.append(name)
+        elif value is not None and value is not False:
+            for each in value if isinstance(value, list | tuple) else [value]:
+                parts += [name, str(each)]
+    return shlex.join(parts)

@@ -15,10 +15,11 @@ from towtank.app.commands.arguments import (
     Report,
     Window,
     WindowText,
+    command_text,
     output_place,
     positive_option,
+    report_place,
 )
-from towtank.app.reports import command_text, report_place
 from towtank.errors import InputError, nearest
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ def learn(
     wanted = names_of(free)
 
     from towtank.app.files import cut, read_logs, read_prior, read_vehicle
-    from towtank.app.reports import write_learn_report
+    from towtank.app.reports import learn_facts, write_learn_report
     from towtank.app.tables.learning import learn_document, show_learning
     from towtank.app.tables.repairs import learning_warnings
     from towtank.app.terminal.output import Output
@@ -149,7 +150,8 @@ def learn(
                 "-o": model_file,
             }
             commands = [command_text("learn", logs, again), judge]
-            write_learn_report(report, learning, model, scores, recordings, logs, warnings, prior, commands)
+            facts = learn_facts(learning, model, scores, recordings, warnings=warnings, prior=prior)
+            write_learn_report(report, facts, logs, commands)
     show_learning(learning, fit, logs, warnings, output, asked=method, prior=prior)
     output.line()
     if model_file is not None:

@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from towtank.app.commands.arguments import Json, Map, Report, output_place, positive_option
+from towtank.app.commands.arguments import Json, Map, Report, output_place, positive_option, report_place
 from towtank.app.commands.page_option import FoxgloveOption, PageOption, page_address
-from towtank.app.reports import report_place
 from towtank.errors import InputError, nearest
 
 __all__ = ["live"]

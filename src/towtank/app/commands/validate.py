@@ -8,8 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from towtank.app.commands.arguments import LOG_KINDS, Json, Map, Report, Window, WindowText, positive_option
-from towtank.app.reports import command_text, report_place
+from towtank.app.commands.arguments import (
+    LOG_KINDS,
+    Json,
+    Map,
+    Report,
+    Window,
+    WindowText,
+    command_text,
+    positive_option,
+    report_place,
+)
 from towtank.errors import InputError
 
 if TYPE_CHECKING:

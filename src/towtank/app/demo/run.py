@@ -11,7 +11,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -87,21 +87,6 @@ def run_demo(
     Raises:
         InputError: the folder or the page cannot be made, or the length is out of range.
     """
-    with ExitStack() as stack:
-        return _run(stack, output, seconds, fast, browser, page, payload, console, json_output)
-
-
-def _run(
-    stack: ExitStack,
-    output: Path,
-    seconds: float | None,
-    fast: bool,
-    browser: bool,
-    page: str | None,
-    payload: bool,
-    console: Console,
-    json_output: bool,
-) -> dict[str, Any]:
     duration = DURATION if seconds is None else float(seconds)
     if not _SHORTEST <= duration <= _LONGEST:
         raise InputError(f"--seconds: found {duration:g}, expected {_SHORTEST:g} to {_LONGEST:g}")
@@ -117,38 +102,38 @@ def _run(
     curve = LearningCurve(quantities(session.truth, weight=payload))
     watched = not json_output and sys.stdout.isatty()
     feed, live = _page(session, learner, curve, page, console)
-    stack.enter_context(serving(live, lambda line: _whole(console, line), browser=browser and watched))
-    screen = Screen(console, session)
-    with screen.showing() as show:
-        last = stream(session, learner, curve, paced=not fast, show=show, watch=feed)
+    with serving(live, lambda line: _whole(console, line), browser=browser and watched):
+        screen = Screen(console, session)
+        with screen.showing() as show:
+            last = stream(session, learner, curve, paced=not fast, show=show, watch=feed)
 
-    if feed is not None:
-        feed.streamed()
-    facts = _as_it_is(session, learner) if payload else _second_pass(console, session, curve)
-    if feed is not None:
-        again = "" if payload else "learned once more from the whole recording"
-        feed.finish(facts.estimate, facts.model, facts.delay, again)
-    unseen = unseen_session(payload=payload)
-    judged = validate(facts.model, [unseen.recording])
-    files = write_demo(output, session, unseen, facts, judged, curve)
-    if feed is not None:
-        feed.written(files[0].read_bytes())
-    console.print()
-    console.print(coefficient_table(curve, ascii_only=screen.ascii_only, final=True))
-    console.print()
-    _say(console, verdict(curve), "bold")
-    _say(console, fit_text(judged))
-    console.print()
-    _say(console, f"written to {output}: {', '.join(path.name for path in files)}")
-    _say(console, "next, with a log of your own vehicle:")
-    _whole(console, f"  {commands(output)[0][1]}")
-    if live is not None and watched:
-        _stay(console)
-    elif browser and watched:
-        import webbrowser
+        if feed is not None:
+            feed.streamed()
+        facts = _as_it_is(session, learner) if payload else _second_pass(console, session, curve)
+        if feed is not None:
+            again = "" if payload else "learned once more from the whole recording"
+            feed.finish(facts.estimate, facts.model, facts.delay, again)
+        unseen = unseen_session(payload=payload)
+        judged = validate(facts.model, [unseen.recording])
+        files = write_demo(output, session, unseen, facts, judged, curve)
+        if feed is not None:
+            feed.written(files[0].read_bytes())
+        console.print()
+        console.print(coefficient_table(curve, ascii_only=screen.ascii_only, final=True))
+        console.print()
+        _say(console, verdict(curve), "bold")
+        _say(console, fit_text(judged))
+        console.print()
+        _say(console, f"written to {output}: {', '.join(path.name for path in files)}")
+        _say(console, "next, with a log of your own vehicle:")
+        _whole(console, f"  {commands(output)[0][1]}")
+        if live is not None and watched:
+            _stay(console)
+        elif browser and watched:
+            import webbrowser
 
-        webbrowser.open(files[0].resolve().as_uri())
-    return _document(session, facts, curve, judged, files, last)
+            webbrowser.open(files[0].resolve().as_uri())
+        return _document(session, facts, curve, judged, files, last)
 
 
 def _page(

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from towtank.app.commands.arguments import command_text
 from towtank.app.files import read_logs
 from towtank.app.live.facts import Knowledge, knowledge_of, stream_facts
-from towtank.app.reports import command_text, origin_of, write_report
+from towtank.app.reports import origin_of, write_report
 from towtank.core.arrays import Array
 from towtank.identification import Estimate, Learner
 from towtank.identification.offline.convergence import Convergence
