@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,11 +13,13 @@ from numpy.typing import ArrayLike
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
 from towtank.identification.online.checkpoint import read_checkpoint, write_checkpoint
-from towtank.identification.posterior.assembly import Current
 from towtank.identification.posterior.estimate import Estimate
 from towtank.recording import Recording
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from towtank.identification.posterior.assembly import Current
 
 __all__ = ["STREAMING_METHODS", "Learner", "sample_vector"]
 
