@@ -1,7 +1,4 @@
-"""The ways to judge a model: alone, against others, by folds; what each shows, says in the document and reports.
-
-The learning that cross-validation repeats.
-"""
+"""The ways to judge a model: alone, against others, by folds that learn anew; what each shows and reports."""
 
 from __future__ import annotations
 

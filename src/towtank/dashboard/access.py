@@ -1,7 +1,4 @@
-"""Who may do what: hosts, origins, and the token, compared in constant time.
-
-What was refused: counted, and said once for each peer.
-"""
+"""Who may do what: hosts, origins, and the token, compared in constant time; refusals are counted and named once."""
 
 from __future__ import annotations
 

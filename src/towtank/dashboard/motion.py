@@ -1,7 +1,4 @@
-"""The last half minute of all signals, out of the instants that a session hands over.
-
-The signals that the page draws, in the order of their columns.
-"""
+"""The last half minute of all signals that the page draws, out of the instants that a session hands over."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """What the model as learned makes of the last seconds: a free run from the measured state, driven by the commands.
 
-Everything that the page computes with, compiled before a session begins.
+All that the page computes with is compiled before a session begins.
 """
 
 from __future__ import annotations

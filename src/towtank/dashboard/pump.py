@@ -1,10 +1,7 @@
 """From the session to its viewers, at a steady pace: reads the feed, makes frames, and puts them into mailboxes.
 
-How numbers went over hours, in constant memory: when there is no room, every second one is given up.
-
-What goes through the socket: numbers in binary frames, everything else as JSON; described in docs/design/page.md.
-
-What waits for one viewer: bounded, so that one who is slow sees newer frames and misses older ones.
+Numbers go through the socket in binary frames, everything else as JSON (docs/design/page.md). Both sides are bounded:
+numbers over hours lose every second row where there is no room, and a viewer that is slow misses older frames.
 """
 
 from __future__ import annotations

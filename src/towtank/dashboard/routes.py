@@ -1,6 +1,6 @@
 """What can be asked of the page's server: a fixed table of files, a few numbers, and three controls.
 
-One viewer: a socket that is written to and never read from.
+Each viewer has a socket that is written to and never read from.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""What the demo leaves behind: model, recordings, figures and page.
-
-Figures as PNG: how an estimate converged, and a free-running prediction beside the measurement.
+"""What the demo leaves behind: model, recordings, page, and figures of its convergence and its prediction as PNG.
 
 matplotlib is imported on first use, draws with Agg and never opens a window.
 """

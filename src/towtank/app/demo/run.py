@@ -1,9 +1,7 @@
 """`towtank demo`: a simulated tank session, learned sample by sample, judged on a session never seen.
 
 It is what live data will do: `Learner.update` with every pose and its commands, an estimate to be read at any time,
-and at the end a vehicle file.
-
-Everything compiled before the clock of the demo starts, with a word to whoever waits.
+and at the end a vehicle file. Everything is compiled before its clock starts, with a word to whoever waits.
 """
 
 from __future__ import annotations

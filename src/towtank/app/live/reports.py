@@ -1,7 +1,4 @@
-"""The report of a live session: at its end, and for the page at any time.
-
-How the estimates of a stream went, kept for its report in constant memory.
-"""
+"""The report of a live session, at its end and for the page at any time, with estimates over time in little memory."""
 
 from __future__ import annotations
 

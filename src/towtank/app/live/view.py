@@ -1,7 +1,4 @@
-"""A live session on the terminal: coefficients as they settle; plain lines every few seconds where it is piped.
-
-Its words and rows serve the view, the lines of a pipe and the end.
-"""
+"""A live session on the terminal: coefficients as they settle; plain lines every few seconds where it is piped."""
 
 from __future__ import annotations
 

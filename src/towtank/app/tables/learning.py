@@ -1,7 +1,4 @@
-"""What was learned, as tables and as a document.
-
-Levels of noise and disturbance that learning found, as a table and as a document.
-"""
+"""What was learned, as tables and as a document, with the levels of noise and disturbance."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What was mended in recordings, and what learning warns of, as lines for a person.
-
-What a log held, table by table, for a person and as JSON.
-"""
+"""What a log held and what was repaired in it, with what learning warns of, as lines for a person and as JSON."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Where a command speaks: results on standard output, progress and messages on standard error.
 
-The one JSON document of a command: NaN and infinity become null, arrays lists, paths text.
+Its one JSON document has null for NaN and infinity, lists for arrays, text for paths.
 """
 
 from __future__ import annotations

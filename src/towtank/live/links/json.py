@@ -1,8 +1,6 @@
 """JSON lines over UDP or standard input: the bridge for whatever has no link of its own.
 
-One line of JSON as a sample: `{"t": 12.34, "x": 0.1, "psi": 1.2, "cmd": [1500, 1620]}`; described in docs/live.md.
-
-HOST:PORT as it stands on the command line.
+A line is a sample: `{"t": 12.34, "x": 0.1, "psi": 1.2, "cmd": [1500, 1620]}`; described in docs/live.md.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""What a live link hands over: samples in standard channels, the bytes that came, and how the link fares.
-
-How often what comes: counts by topic, and rates over the last seconds.
-"""
+"""What a live link hands over: samples in standard channels, the bytes that came, and how the link fares."""
 
 from __future__ import annotations
 

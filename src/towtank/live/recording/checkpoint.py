@@ -3,9 +3,8 @@
 The file holds one line of JSON and then what `Learner.save` writes. It is seen to the disk before it takes the place of
 the one before, and so is the folder: a power cut leaves one of the two. Only the learner's own part is written by the
 thread that learns; the rest, which waits for the disk, by a thread of its own. A learner that cannot be saved has none;
-then, as where the file is missing or damaged, the recording is learned from once more.
-
-What an earlier session learned, gone on from: its checkpoint and what its recording has after it.
+then, as where the file is missing or damaged, the recording is learned from once more. What an earlier session learned
+is gone on from: its checkpoint, and what its recording has after it.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
 """What a session publishes to viewers, in JSON with schemas: pose, velocity, wrench, coefficients, how it fares.
 
-The same messages stand in the recording and go to Foxglove, whose own schema the pose bears; anything that plots
-JSON by a schema shows the others field by field.
-
-What a recording keeps of what was learned: pose for viewers ten times a second, coefficients once.
+The same messages go to Foxglove, whose own schema the pose bears; anything that plots JSON by a schema shows the others
+field by field. A recording keeps the pose ten times a second, and the coefficients once.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Several models on the same logs: which predicts best, and whether that is more than chance.
+"""Several models on the same logs: which predicts best, and whether that is more than chance; cross-validation.
 
-Cross-validation: every window predicted by a model that has not seen it, and coefficients over the folds.
+In cross-validation every window is predicted by a model that has not seen it, with coefficients over the folds.
 """
 
 from __future__ import annotations

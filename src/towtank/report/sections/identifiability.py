@@ -1,7 +1,4 @@
-"""What the log could tell apart: the correlations of what was learned.
-
-A correlation matrix drawn: names, values, and colours that tell sign and size.
-"""
+"""What the log could tell apart: the correlations of what was learned, as a matrix of names, values and colours."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The vehicle as it was known: body, buoyancy, thrusters drawn, source.
-
-The thrusters of a vehicle from above and from the side: where each sits and which way it pushes.
-"""
+"""The vehicle as it was known: body, buoyancy, source, and thrusters drawn from above and from the side."""
 
 from __future__ import annotations
 

@@ -2,9 +2,7 @@
 
 The meanings are those of logs (`readers.mavlink_meaning`), a few rows at a time. What a log decides over its whole
 length (which source of a quantity, which outputs drive thrusters, where the filter is aided, whose messages count) is
-decided here from the last seconds, again and again.
-
-When MAVLink messages were sent: the stamps of each sender, on the clock of receipt.
+decided here from the last seconds, again and again. The stamps of each sender are put on the clock of receipt.
 """
 
 from __future__ import annotations

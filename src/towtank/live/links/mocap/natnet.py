@@ -114,9 +114,9 @@ class NatnetSource:
 
     def _joined(self) -> socket.socket:
         """Return a socket that hears the group on the interface that leads to the server."""
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way:
-            way.connect((self._server, self._port))
-            own = way.getsockname()[0]
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.connect((self._server, self._port))
+            own = probe.getsockname()[0]
         link = _bound(self._group, _DATA_PORT)
         try:
             member = socket.inet_aton(self._group) + socket.inet_aton(own)
