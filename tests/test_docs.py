@@ -1,7 +1,9 @@
-"""The documentation is true: every Python sample in it runs."""
+"""The documentation is true: every Python sample in it runs, those in docstrings too."""
 
 from __future__ import annotations
 
+import doctest
+import importlib
 import re
 from pathlib import Path
 
@@ -31,3 +33,17 @@ def test_samples_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert WITH_SAMPLES
     monkeypatch.chdir(tmp_path)
     exec(compile(samples(page), str(page), "exec"), {"__name__": "__main__"})
+
+
+def with_examples() -> list[str]:
+    """Return the modules of the package that hold an example in a docstring."""
+    source = REPOSITORY / "src"
+    files = [path for path in sorted(source.rglob("*.py")) if ">>> " in path.read_text(encoding="utf-8")]
+    return [".".join(path.relative_to(source).with_suffix("").parts) for path in files]
+
+
+@pytest.mark.parametrize("module", with_examples())
+def test_examples_in_docstrings_print_what_they_say(module: str) -> None:
+    result = doctest.testmod(importlib.import_module(module))
+    assert result.attempted > 0
+    assert result.failed == 0

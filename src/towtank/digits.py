@@ -1,10 +1,11 @@
-"""Numbers as text: as many digits as they are worth."""
+"""Numbers as text: as many digits as they are worth; names side by side."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 
-__all__ = ["measured", "percent", "short", "signed_list"]
+__all__ = ["estimate_text", "joined", "measured", "percent", "short", "signed_list", "some_of"]
 
 _DIGITS = 6
 _DIVERGES = -999.0
@@ -43,6 +44,16 @@ def measured(value: float, std: float | None) -> tuple[str, str]:
     return f"{value:.{places}f}", spread if float(spread) > 0.0 else f"{std:.1g}"
 
 
+def estimate_text(value: float, std: float | None, *, ascii_only: bool = False) -> str:
+    """Return value and deviation in one; "-" where there is no value.
+
+    >>> estimate_text(40.4213, 0.2116), estimate_text(40.4213, None), estimate_text(math.nan, 0.1)
+    ('40.42 ± 0.21', '40.4213', '-')
+    """
+    number, spread = measured(value, std)
+    return f"{number} {'+-' if ascii_only else '±'} {spread}" if spread else number
+
+
 def percent(value: float | None) -> str:
     """Return a fit in percent; "-" where there is none, "diverges" for the worst that is told."""
     if value is None:
@@ -53,3 +64,22 @@ def percent(value: float | None) -> str:
 def signed_list(values: tuple[float, ...]) -> str:
     """Return numbers side by side, as `0.1 -0.2 0`."""
     return " ".join(short(value) for value in values)
+
+
+def joined(names: Sequence[str]) -> str:
+    """Return one name or more, side by side.
+
+    >>> joined(["surge"]), joined(["surge", "sway", "yaw"])
+    ('surge', 'surge, sway and yaw')
+    """
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def some_of(names: Iterable[str], most: int) -> str:
+    """Return the first names, and how many more there are.
+
+    >>> some_of("abcd", 2)
+    'a, b and 2 more'
+    """
+    every = list(names)
+    return ", ".join(every[:most]) + (f" and {len(every) - most} more" if len(every) > most else "")

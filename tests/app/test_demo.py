@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from towtank.app.demo.progress import SETTLED, SETTLING, WAITING, Course, quantities, readings
+from towtank.app.demo.progress import SETTLED, SETTLING, WAITING, LearningCurve, quantities, readings
 from towtank.app.demo.run import run_demo
 from towtank.app.demo.stream import pose_and_commands, stream
 from towtank.app.demo.table import coefficient_table
@@ -144,7 +144,7 @@ def test_a_payload_is_noticed_told_and_learned(tmp_path: Path) -> None:
 def test_the_table_fits_an_old_terminal() -> None:
     truth = tank_session(2.0).truth
     shown = Console(file=io.StringIO(), width=80, highlight=False)
-    shown.print(coefficient_table(Course(quantities(truth)), "surge", ascii_only=True))
+    shown.print(coefficient_table(LearningCurve(quantities(truth)), "surge", ascii_only=True))
     text = text_of(shown)
     assert text.isascii()
     assert "…" not in text
@@ -177,7 +177,7 @@ def test_real_time_takes_the_time_of_the_session() -> None:
     session = tank_session(2.0)
     moments: list[float] = []
     began = time.perf_counter()
-    course = Course(quantities(session.truth))
+    course = LearningCurve(quantities(session.truth))
     stream(
         session,
         Learner(session.known, free=FREE),
@@ -221,15 +221,15 @@ def test_the_learner_is_told_no_coefficient() -> None:
 
 def test_the_states_of_a_course() -> None:
     truth = tank_session(2.0).truth
-    course = Course(quantities(truth)[:1])
+    course = LearningCurve(quantities(truth)[:1])
     assert course.states == (WAITING,)
     for t in range(12):
         course.t.append(float(t))
         course.values.append(np.array([np.nan if t < 2 else 40.0 + (3.0 if t < 5 else 0.0)]))
         course.std.append(np.array([0.5]))
     assert course.states == (SETTLED,)
-    assert Course(course.learned, course.t[:9], course.values[:9], course.std[:9]).states == (SETTLING,)
-    assert Course(course.learned, course.t[:2], course.values[:2], course.std[:2]).states == (WAITING,)
+    assert LearningCurve(course.learned, course.t[:9], course.values[:9], course.std[:9]).states == (SETTLING,)
+    assert LearningCurve(course.learned, course.t[:2], course.values[:2], course.std[:2]).states == (WAITING,)
 
 
 def test_the_session_teaches_what_the_demo_promises() -> None:

@@ -113,7 +113,7 @@ class Rig:
         self._thread = threading.Thread(target=self.session.run, args=(self._stop,))
 
     def new_page(self, port: int = 0, token: str | None = None) -> Page:
-        return Page(self.feed, Address("127.0.0.1", port), tell=self.told.append, token=token)
+        return Page(self.feed, Address("127.0.0.1", port), say=self.told.append, token=token)
 
     @property
     def base(self) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from towtank.app.demo.feed import DemoFeed
-from towtank.app.demo.progress import Course, quantities
+from towtank.app.demo.progress import LearningCurve, quantities
 from towtank.app.demo.stream import stream
 from towtank.dashboard import Address
 from towtank.dashboard.page import Page
@@ -26,7 +26,7 @@ pytestmark = [needs_page, needs_browser]
 @dataclass
 class Ran:
     session: Session
-    course: Course
+    course: LearningCurve
     page: Page
 
 
@@ -35,7 +35,7 @@ def ran() -> Iterator[Ran]:
     """What `demo --page --payload --fast` runs; the page stays until the tests are done."""
     session = tank_session(20.0, payload=True)
     learner = Learner(session.known, free=session.free)
-    course = Course(quantities(session.truth, weight=True))
+    course = LearningCurve(quantities(session.truth, weight=True))
     feed = DemoFeed(session, learner, course)
     page = Page(feed, Address("127.0.0.1", 0), reports=feed.report)
     settings: dict[str, Any] = {"paced": False, "show": lambda moment: None, "watch": feed}

@@ -14,8 +14,8 @@ from towtank.app.commands.page_option import PagedCommand
 from towtank.dashboard.access import Access, Address, Refusals
 from towtank.dashboard.motion import COMMANDS, WRENCH, Motion
 from towtank.dashboard.prediction import free_run
-from towtank.dashboard.pump import Course, Kind, Mailbox, decode, encode
-from towtank.dashboard.standing import AxisKnowledge, axes_known, verdict
+from towtank.dashboard.pump import Kind, Mailbox, Thinned, decode, encode
+from towtank.dashboard.state import AxisKnowledge, axes_known, verdict
 from towtank.errors import InputError
 from towtank.identification import Learner
 from towtank.live.pipeline.instants import Instants, rows_of
@@ -36,15 +36,15 @@ def test_frames_come_out_as_they_went_in() -> None:
         decode(encode(Kind.SIGNALS, t, values)[:-1])
 
 
-def test_a_course_keeps_hours_in_constant_memory() -> None:
-    course = Course(1, step=0.25, most=64)
+def test_rows_over_hours_are_kept_in_constant_memory() -> None:
+    kept = Thinned(1, step=0.25, most=64)
     for k in range(40_000):
-        course.add(0.25 * k, np.array([0.25 * k]))
-    assert 32 <= len(course) <= 64
-    assert np.array_equal(course.t, course.rows[:, 0])
-    assert course.t[0] == 0.0
-    assert course.t[-1] > 0.97 * 10_000
-    steps = np.diff(course.t)
+        kept.add(0.25 * k, np.array([0.25 * k]))
+    assert 32 <= len(kept) <= 64
+    assert np.array_equal(kept.t, kept.rows[:, 0])
+    assert kept.t[0] == 0.0
+    assert kept.t[-1] > 0.97 * 10_000
+    steps = np.diff(kept.t)
     assert steps.max() <= 2.0 * steps.min()  # evenly, not crowded at one end
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -43,8 +44,8 @@ def test_gyros_are_believed_where_the_thrusters_answer_late(lag: float) -> None:
     """A step of thrust that comes late looks like ten deviations of a gyro: the model is off, and not the sensor."""
     learner = JointLearner(TRUTH.with_coefficients({"N_rdot": -0.3, "N_rr": -1.0}), free=FREE, delay=0.0)
     learner.run(_yaw(lag))
-    state = learner._stream.state
-    assert state is not None
+    assert learner._stream.running is not None
+    state = learner._stream.running.state
     assert rejected_share(state)[11] < 0.1
     found = {each.name: each.value for each in learner.estimate.coefficients}
     off = 0.03 if lag == 0.0 else 0.35
@@ -60,15 +61,15 @@ def test_a_filter_that_lost_itself_goes_on_from_what_it_knew() -> None:
     learner = JointLearner(TRUTH, free=FREE, delay=0.0)
     learner.run(run.window(0.0, 10.0))
     stream, before = learner._stream, learner.estimate
-    assert stream.state is not None
-    stream.state.P[9, 9] = np.nan
+    assert stream.running is not None
+    stream.running.state.P[9, 9] = np.nan
     for k in range(1000):  # held commands: the last ones go on
         rates = [run[name].values[1000 + k] if k % 2 else np.nan for name in "pqr"]
         learner.update(10.01 + 0.01 * k, velocity=[np.nan, np.nan, np.nan, *rates])
-        if stream.mended:
+        if stream.recoveries:
             break
     assert k < 100
-    assert stream.mended == 1
+    assert stream.recoveries == 1
     after = learner.estimate
     assert after.values == pytest.approx(before.values, rel=1e-3)
     assert (after.std > before.std).all()
@@ -82,8 +83,8 @@ def test_axes_that_nothing_measures_are_not_learned() -> None:
     assert not names & {"X_udot", "X_uu", "Y_vdot", "Z_wdot", "W_minus_B"}
 
 
-def test_a_coefficient_that_becomes_known_late_calls_for_a_look() -> None:
-    """Yaw begins after 20 s: until the look at 32 s its drag was linearised about a guess six times too large."""
+def test_a_coefficient_that_becomes_known_late_calls_for_a_reestimation() -> None:
+    """Yaw begins after 20 s: until the one at 32 s its drag was linearised about a guess six times too large."""
     still, moving = np.zeros((2000, len(TRUTH.thrusters))), _yaw(0.0, 10.0)
     rest = simulate(TRUTH, commands=still, dt=0.01, sensors=Ins(gyro_bias=0.0), seed=2)
     moved = np.column_stack([moving[f"cmd_{each.name}"].values for each in TRUTH.thrusters])
@@ -104,7 +105,7 @@ def _fed(learner: JointLearner, run: Recording, first: int = 0, last: int | None
         learner.update(float(t[k]), velocity=[np.nan, np.nan, np.nan, *rates], commands=commands)
 
 
-def test_looks_beside_the_stream_end_where_looks_within_it_do() -> None:
+def test_reestimations_beside_the_stream_end_where_looks_within_it_do() -> None:
     run, start = _yaw(0.0, 12.0), TRUTH.with_coefficients({"N_rr": -1.0, "N_rdot": -0.3})
     within, beside = JointLearner(start, free=FREE), JointLearner(start, free=FREE, background=True)
     _fed(within, run)
@@ -138,6 +139,12 @@ def test_a_checkpoint_of_another_vehicle_or_a_damaged_one_is_refused(tmp_path: P
     learner.save(place)
     with pytest.raises(InputError, match="other numbers of the vehicle"):
         Learner.load(place, load_vehicle("seamor"))
+    with np.load(place) as file:
+        arrays = {name: file[name] for name in file.files}
+    arrays["about"] = np.frombuffer(json.dumps({"version": 6, "vehicle": TRUTH.name}).encode(), dtype=np.uint8)
+    np.savez(tmp_path / "old", **arrays)
+    with pytest.raises(InputError, match="found a checkpoint of version 6, expected"):
+        Learner.load(tmp_path / "old.npz", TRUTH)
     place.write_bytes(place.read_bytes()[:5000])
     with pytest.raises(InputError, match="not a checkpoint, or a damaged one"):
         Learner.load(place, TRUTH)

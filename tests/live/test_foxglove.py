@@ -45,7 +45,7 @@ SECONDS = 6.0
 class Link:
     """A link at the pace of the clock, eight times as fast."""
 
-    name, keeps_time = "test", True
+    name, keeps_time, patient = "test", True, False
 
     def __init__(self, samples: Sequence[Sample], pace: float = 8.0) -> None:
         self._samples, self._pace = list(samples), pace

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from towtank.app.live.reports import LearnedCourse, LiveReports
+from towtank.app.live.reports import LearnedCurve, LiveReports
 from towtank.app.live.session import LiveOptions
 from towtank.identification import Learner
 from towtank.live import open_source
@@ -95,13 +95,13 @@ def test_events_stand_in_the_order_of_their_time() -> None:
     assert event_section((), 0.0) == ""
 
 
-def test_the_course_is_kept_in_constant_memory() -> None:
+def test_estimates_over_time_are_kept_in_constant_memory() -> None:
     vehicle = load_vehicle(VEHICLE)
     learner = Learner(vehicle, free=("X_udot", "X_uu"))
-    course = LearnedCourse(learner)
+    curve = LearnedCurve(learner)
     for k in range(10_000):
-        course(0.5 * k, {})
-    kept = course.convergence(learner.estimate)
+        curve(0.5 * k, {})
+    kept = curve.convergence(learner.estimate)
     assert 400 <= kept.t.size <= 800
     assert kept.t[-1] > 4900.0
     assert np.all(np.diff(kept.t) >= 0.5)

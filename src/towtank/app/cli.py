@@ -1,6 +1,6 @@
 """The command `towtank`: its commands in the order in which a newcomer meets them.
 
-Memory of a process that takes and frees large arrays: what is free goes back to the system.
+What a process frees of large arrays goes back to the system.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from towtank.app.commands.arguments import Window
-from towtank.app.terminal.output import Output, Teller
+from towtank.app.terminal.output import Output, Progress
 from towtank.errors import InputError
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def read_configurations(folder: Path, output: Output) -> dict[str, Vehicle]:
     return {each.name: each.vehicle for each in found}
 
 
-def read_logs(logs: Sequence[Path], mapping: Path | None, tell: Teller) -> list[Recording]:
+def read_logs(logs: Sequence[Path], mapping: Path | None, progress: Progress) -> list[Recording]:
     """Return the recordings of some logs, all with one mapping; a velocity in the world is turned into the body."""
     from towtank.readers import read, recognised
 
@@ -69,7 +69,7 @@ def read_logs(logs: Sequence[Path], mapping: Path | None, tell: Teller) -> list[
     columns = None if mapping is None else load_mapping(mapping)
     recordings = []
     for k, log in enumerate(logs):
-        tell(f"reading {log.name}", k / len(logs))
+        progress(f"reading {log.name}", k / len(logs))
         recordings.append(with_body_velocity(read(log, columns)))
     return recordings
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from towtank.app.tables.learning import delay_deviation, disturbance_document
 from towtank.app.tables.repairs import contents_document, learning_warnings
-from towtank.app.terminal.output import Teller
+from towtank.app.terminal.output import Progress
 from towtank.identification import LogLearning, learn_paper
 from towtank.identification.data.noise import NoiseLevel, NoiseLevels, noise_levels
 from towtank.identification.least_squares.chain import uses_commands
@@ -108,7 +108,7 @@ class Inspection:
         }
 
 
-def inspect_recording(log: str, recording: Recording, vehicle: Vehicle | None, tell: Teller) -> Inspection:
+def inspect_recording(log: str, recording: Recording, vehicle: Vehicle | None, progress: Progress) -> Inspection:
     """Inspect a recording, with the vehicle that made it or without.
 
     Raises:
@@ -138,8 +138,8 @@ def inspect_recording(log: str, recording: Recording, vehicle: Vehicle | None, t
         return Inspection(log, recording, grid, facts, noise, look.delay, look.delay_std, origin, axes, [])
     windows = best_excited(grid, vehicle)
     parts = [recording] if len(windows) == 1 else [recording.window(*window) for window in windows]
-    learning = learn_paper(vehicle, parts, progress=lambda text, share: tell(text, 0.6 * share))
-    ahead = forecast(vehicle, parts, learning, progress=lambda share: tell("joint filter", 0.6 + 0.4 * share))
+    learning = learn_paper(vehicle, parts, progress=lambda text, share: progress(text, 0.6 * share))
+    ahead = forecast(vehicle, parts, learning, progress=lambda share: progress("joint filter", 0.6 + 0.4 * share))
     axes = {axis.name: _by_learning(axis, kind, learning, ahead) for axis, kind in _axes(sources)}
     warnings = learning_warnings(learning, parts, repairs=False)
     delay, std = (learning.delay, delay_deviation(learning)) if ahead is None else (ahead.delay, ahead.delay_std)
@@ -147,7 +147,7 @@ def inspect_recording(log: str, recording: Recording, vehicle: Vehicle | None, t
 
 
 def _excitation(found: Inspection) -> dict[str, Any]:
-    """Return what a learning will know, and from which stretches of the log that is told."""
+    """Return what a learning will know, and from which stretches of the log that is read."""
     ahead = found.forecast
     if ahead is None:
         return {}

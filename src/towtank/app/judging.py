@@ -1,7 +1,4 @@
-"""The ways to judge a model: alone, against others, by folds; what each shows, says in the document and reports.
-
-The learning that cross-validation repeats.
-"""
+"""The ways to judge a model: alone, against others, by folds that learn anew; what each shows and reports."""
 
 from __future__ import annotations
 
@@ -13,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from towtank.errors import InputError, nearest
 
 if TYPE_CHECKING:
-    from towtank.app.terminal.output import Output, Teller
+    from towtank.app.terminal.output import Output, Progress
     from towtank.identification import LogLearning
     from towtank.recording import Recording
     from towtank.validation import Validation
@@ -28,7 +25,7 @@ _METHODS = ("joint", "output-error", "paper")
 
 @dataclass(frozen=True)
 class Judged:
-    """What was found: scores, how to print it, its part of the document, and what a report tells of it."""
+    """What was found: scores, how to print it, its part of the document, and what a report says of it."""
 
     found: Validation
     show: Callable[[Output], None]
@@ -36,15 +33,15 @@ class Judged:
     reported: Mapping[str, Any] = field(default_factory=dict)
 
 
-def alone(vehicle: Vehicle, recordings: Sequence[Recording], options: dict[str, Any], tell: Teller) -> Judged:
+def alone(vehicle: Vehicle, recordings: Sequence[Recording], options: dict[str, Any], progress: Progress) -> Judged:
     """Judge one model."""
     from towtank.app.tables.fits import show_fits
     from towtank.app.tables.judging import residual_document, show_residuals
     from towtank.validation import residuals
     from towtank.validation import validate as judge
 
-    found = judge(vehicle, recordings, progress=tell, **options)
-    errors = residuals(found.predictions, progress=tell)
+    found = judge(vehicle, recordings, progress=progress, **options)
+    errors = residuals(found.predictions, progress=progress)
 
     def show(output: Output) -> None:
         output.line()
@@ -71,15 +68,15 @@ def _sparks(found: Validation, *, ascii_only: bool) -> dict[str, str]:
 
 
 def against_others(
-    vehicles: Mapping[str, Vehicle], recordings: Sequence[Recording], options: dict[str, Any], tell: Teller
+    vehicles: Mapping[str, Vehicle], recordings: Sequence[Recording], options: dict[str, Any], progress: Progress
 ) -> Judged:
     """Judge several models on the same logs."""
     from towtank.app.tables.judging import comparison_document, residual_document, show_comparison
     from towtank.validation import compare, residuals
 
-    found = compare(vehicles, recordings, progress=tell, **options)
+    found = compare(vehicles, recordings, progress=progress, **options)
     first = next(iter(found.validations.values()))
-    errors = residuals(first.predictions, progress=tell)
+    errors = residuals(first.predictions, progress=progress)
     document = {"residuals": residual_document(errors), "comparison": comparison_document(found)}
     reported = {"residuals": errors, "comparison": found}
     return Judged(first, lambda output: show_comparison(found, output), document, reported)
@@ -92,13 +89,13 @@ def by_folds(
     learn: Learn,
     logs: Sequence[Path],
     options: dict[str, Any],
-    tell: Teller,
+    progress: Progress,
 ) -> Judged:
     """Judge a model on windows, each learned anew on the others."""
     from towtank.app.tables.judging import fold_document, show_folds
     from towtank.validation import cross_validate
 
-    found = cross_validate(vehicle, recordings, windows=folds, learn=learn, progress=tell, **options)
+    found = cross_validate(vehicle, recordings, windows=folds, learn=learn, progress=progress, **options)
     document = {"cross_validation": fold_document(found, logs)}
     return Judged(found.scores, lambda output: show_folds(found, logs, output), document, {"folds": found})
 
@@ -110,9 +107,9 @@ def write_validate_report(
     judged: Judged,
     logs: Sequence[Path],
     commands: Sequence[str],
-    told: Mapping[str, Any],
+    further: Mapping[str, Any],
 ) -> None:
-    """Write the report of a validation; `told` are further facts of it. Raises InputError."""
+    """Write the report of a validation; `further` are facts of it. Raises InputError."""
     from towtank.app.reports import origin_of, write_report
     from towtank.report import ValidateFacts
     from towtank.report.validate_page import validate_html
@@ -123,7 +120,7 @@ def write_validate_report(
         judged=judged.found,
         origin=origin_of(logs, commands),
         **judged.reported,
-        **told,
+        **further,
     )
     write_report(path, validate_html(facts))
 

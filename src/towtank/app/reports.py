@@ -1,22 +1,16 @@
-"""What `towtank learn` found, put together for its report.
-
-`--report FILE`: where it may go, what it is made of, how it is written.
-"""
+"""`--report FILE`: what a report is made of, what `towtank learn` found among it, and how it is written."""
 
 from __future__ import annotations
 
 import hashlib
 import platform
-import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from towtank.app.commands.arguments import output_place
 from towtank.app.tables.learning import delay_deviation, disturbance_document, noise_document
-from towtank.errors import InputError
 from towtank.identification import LogLearning
 from towtank.identification.offline.convergence import convergence
 from towtank.recording import Recording
@@ -28,32 +22,15 @@ from towtank.vehicle import Vehicle
 if TYPE_CHECKING:
     from towtank.report import LogFile, Origin
 
-__all__ = ["command_text", "learn_facts", "origin_of", "report_place", "write_learn_report", "write_report"]
+__all__ = ["learn_facts", "origin_of", "write_learn_report", "write_report"]
 
 _LIBRARIES = ("numpy", "scipy", "numba")
 _CHUNK = 1 << 20
 
 
-def report_place(path: Path | None) -> Path | None:
-    """Return the place of a report. Raises InputError, before any work is done, if none can be written there."""
-    if output_place("--report", path, (".html", ".pdf")) is not None and path is not None and _pdf(path):
-        from towtank.report.browser import find_browser
-
-        if find_browser() is None:
-            raise InputError(
-                f"--report {path}: no browser to print a PDF with was found; install Chromium, Chrome or Edge, or ask "
-                "for .html and print it from any browser"
-            )
-    return path
-
-
-def _pdf(path: Path) -> bool:
-    return path.suffix.lower() == ".pdf"
-
-
 def write_report(path: Path, html: str) -> None:
     """Write a page as HTML or PDF, by the suffix, whole or not at all. Raises InputError."""
-    if _pdf(path):
+    if path.suffix.lower() == ".pdf":
         from towtank.report.browser import print_pdf
 
         print_pdf(html, path)
@@ -61,22 +38,6 @@ def write_report(path: Path, html: str) -> None:
         from towtank.outputs import write_text
 
         write_text(path, html)
-
-
-def command_text(command: str, words: Sequence[object], options: Mapping[str, Any]) -> str:
-    """Return a command as it is typed; options that are None or False are left out.
-
-    >>> command_text("learn", ["a b.csv"], {"--vehicle": "seamor", "--delay": None, "--current": True})
-    "towtank learn 'a b.csv' --vehicle seamor --current"
-    """
-    parts = ["towtank", command, *map(str, words)]
-    for name, value in options.items():
-        if value is True:
-            parts.append(name)
-        elif value is not None and value is not False:
-            for each in value if isinstance(value, list | tuple) else [value]:
-                parts += [name, str(each)]
-    return shlex.join(parts)
 
 
 def origin_of(logs: Sequence[Path], commands: Sequence[str]) -> Origin:
@@ -103,19 +64,8 @@ def _log_file(log: Path) -> LogFile:
     return LogFile(log.name, size, digest.hexdigest())
 
 
-def write_learn_report(
-    path: Path,
-    learning: LogLearning,
-    model: Vehicle,
-    scores: Validation | None,
-    recordings: Sequence[Recording],
-    logs: Sequence[Path],
-    warnings: Sequence[str],
-    prior: str | None,
-    commands: Sequence[str],
-) -> None:
+def write_learn_report(path: Path, facts: LearnFacts, logs: Sequence[Path], commands: Sequence[str]) -> None:
     """Write the report of a learning. Raises InputError where it cannot be written."""
-    facts = learn_facts(learning, model, scores, recordings, warnings=warnings, prior=prior)
     write_report(path, report_html(facts.of(origin_of(logs, commands))))
 
 

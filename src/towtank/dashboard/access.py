@@ -1,7 +1,4 @@
-"""Who may do what: hosts, origins, and the token, compared in constant time.
-
-What was refused: counted, and told once for each peer.
-"""
+"""Who may do what: hosts, origins, and the token, compared in constant time; refusals are counted and named once."""
 
 from __future__ import annotations
 
@@ -18,7 +15,7 @@ __all__ = ["DEFAULT_PAGE", "Access", "Address", "Refusals"]
 
 DEFAULT_PAGE = "127.0.0.1:8765"
 _PORTS = 65535
-_MOST = 256  # peers that are told of
+_MOST = 256  # peers that are named
 
 
 @dataclass(frozen=True)
@@ -79,9 +76,9 @@ class Access:
 
     def known(self, headers: Mapping[str, str], cookies: Mapping[str, str]) -> bool:
         """Whether the request bears the token, as a cookie or as `Authorization: Bearer`."""
-        scheme, _, told = headers.get("authorization", "").partition(" ")
+        scheme, _, token = headers.get("authorization", "").partition(" ")
         by_cookie = self.right(cookies.get(self.cookie, ""))
-        by_header = self.right(told.strip()) and scheme.lower() == "bearer"
+        by_header = self.right(token.strip()) and scheme.lower() == "bearer"
         return by_cookie or by_header
 
     def may_look(self, headers: Mapping[str, str], cookies: Mapping[str, str]) -> bool:
@@ -124,19 +121,19 @@ class Refusals:
     """Counts by reason.
 
     Args:
-        tell: called with one line for each peer and reason, the first time.
+        say: called with one line for each peer and reason, the first time.
     """
 
-    def __init__(self, tell: Callable[[str], None]) -> None:
+    def __init__(self, say: Callable[[str], None]) -> None:
         self.counts: Counter[str] = Counter()
-        self._tell, self._told = tell, set[tuple[str, str]]()
+        self._say, self._said = say, set[tuple[str, str]]()
 
     def add(self, peer: str, reason: str) -> None:
         """Count one refusal of a peer, by its address."""
         self.counts[reason] += 1
-        if (peer, reason) not in self._told and len(self._told) < _MOST:
-            self._told.add((peer, reason))
-            self._tell(f"page: {peer}: {reason}: refused, and counted from now on without a word")
+        if (peer, reason) not in self._said and len(self._said) < _MOST:
+            self._said.add((peer, reason))
+            self._say(f"page: {peer}: {reason}: refused, and counted from now on without a word")
 
     @property
     def total(self) -> int:

@@ -21,7 +21,7 @@ class About:
     """What a session is about.
 
     Attributes:
-        title: a line for the head of the page. vehicle: what the learner was told. method: of learning.
+        title: a line for the head of the page. vehicle: what the learner was given. method: of learning.
         reference: values to compare with, by coefficient. reference_word: what they are, "truth" or "before".
         earlier: until when [s] others were to be compared with, and which; None where these were right all along.
         seconds: length of the session where it is known.

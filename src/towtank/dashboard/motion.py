@@ -1,7 +1,4 @@
-"""The last half minute of all signals, out of the instants that a session hands over.
-
-The signals that the page draws, in the order of their columns.
-"""
+"""The last half minute of all signals that the page draws, out of the instants that a session hands over."""
 
 from __future__ import annotations
 
@@ -100,12 +97,12 @@ class Motion:
                 np.copyto(place, value, where=np.isfinite(value))
 
     def _fill_wrench(self, values: Array) -> None:
-        """Put in the wrench of the thrusters at steady state, where they were told something."""
+        """Put in the wrench of the thrusters at steady state, where they were commanded."""
         commands = values[:, COMMANDS:-1]
-        told = np.isfinite(commands).all(axis=1) if commands.shape[1] else np.zeros(len(values), dtype=bool)
-        if told.any():
-            voltage = values[told, -1] if np.isfinite(values[told, -1]).all() else None
-            values[told, WRENCH] = thruster_wrench(self._vehicle, commands[told], voltage)
+        commanded = np.isfinite(commands).all(axis=1) if commands.shape[1] else np.zeros(len(values), dtype=bool)
+        if commanded.any():
+            voltage = values[commanded, -1] if np.isfinite(values[commanded, -1]).all() else None
+            values[commanded, WRENCH] = thruster_wrench(self._vehicle, commands[commanded], voltage)
 
     def _keep(self, t: Array, rows: Array) -> None:
         t, rows = t[-_SPAN:], rows[-_SPAN:]

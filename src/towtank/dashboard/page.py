@@ -32,7 +32,7 @@ class Page:
     """Serves one session; a context manager.
 
     Args:
-        feed: the session. address: where to serve. tell: takes a line of what was refused.
+        feed: the session. address: where to serve. say: takes a line of what was refused.
         reports: makes the report, where there is one. token: to be known by; a new one where omitted.
 
     Raises:
@@ -44,7 +44,7 @@ class Page:
         feed: Feed,
         address: Address,
         *,
-        tell: Callable[[str], None] = lambda line: None,
+        say: Callable[[str], None] = lambda line: None,
         reports: Reports | None = None,
         token: str | None = None,
     ) -> None:
@@ -58,8 +58,8 @@ class Page:
         self._socket = _bound(address)
         self.address = Address(address.host, self._socket.getsockname()[1])
         self.access = Access(self.address, token or secrets.token_urlsafe(24))
-        self.refusals = Refusals(tell)
-        self.pump = Pump(feed, secrets.token_hex(8), report=reports is not None, page=self._standing)
+        self.refusals = Refusals(say)
+        self.pump = Pump(feed, secrets.token_hex(8), report=reports is not None, page=self._status)
         self._app = application(feed, self.pump, self.access, self.refusals, assets, reports)
         self._thread = threading.Thread(target=self._run, name="page", daemon=True)
         self._server: Any = None
@@ -131,11 +131,11 @@ class Page:
         finally:
             pumping.cancel()
 
-    def _standing(self) -> dict[str, Any]:
-        told = {"refused": self.refusals.total, "trouble": self.pump.trouble}
+    def _status(self) -> dict[str, Any]:
+        document = {"refused": self.refusals.total, "trouble": self.pump.trouble}
         with contextlib.suppress(AttributeError, OSError):  # not on every system
-            told["cpu_s"] = time.clock_gettime(time.pthread_getcpuclockid(self._thread.ident or 0))
-        return told
+            document["cpu_s"] = time.clock_gettime(time.pthread_getcpuclockid(self._thread.ident or 0))
+        return document
 
 
 def _bound(address: Address) -> socket.socket:

@@ -1,6 +1,6 @@
 """What the model as learned makes of the last seconds: a free run from the measured state, driven by the commands.
 
-Everything that the page computes with, compiled before a session begins.
+All that the page computes with is compiled before a session begins.
 """
 
 from __future__ import annotations
@@ -71,8 +71,8 @@ def _grid(vehicle: Vehicle, t: Array, rows: Array, seconds: float) -> Grid:
     relative_velocity = np.full((n, 3), np.nan)
     voltage = _between(times, t, rows[:, -1:])[:, 0]
     commands, wrench = rows[:, COMMANDS:-1], rows[:, WRENCH]
-    told = np.isfinite(commands).all(axis=1) if commands.shape[1] else np.zeros(t.size, dtype=bool)
-    pushed = np.isfinite(wrench).any(axis=1) & ~told.any()
+    commanded = np.isfinite(commands).all(axis=1) if commands.shape[1] else np.zeros(t.size, dtype=bool)
+    pushed = np.isfinite(wrench).any(axis=1) & ~commanded.any()
     return Grid(
         t=times,
         rate=_RATE,
@@ -83,8 +83,8 @@ def _grid(vehicle: Vehicle, t: Array, rows: Array, seconds: float) -> Grid:
         fresh=np.isfinite(np.hstack([pose, velocity, acceleration, relative_velocity])),
         voltage=voltage,
         thrusters=tuple(thruster.name for thruster in vehicle.thrusters),
-        command_t=t[told],
-        command_values=commands[told],
+        command_t=t[commanded],
+        command_values=commands[commanded],
         wrench_t=t[pushed],
         wrench_values=wrench[pushed],
         source="the last seconds",

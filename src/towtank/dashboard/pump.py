@@ -1,10 +1,7 @@
 """From the session to its viewers, at a steady pace: reads the feed, makes frames, and puts them into mailboxes.
 
-How numbers went over hours, in constant memory: when there is no room, every second one is given up.
-
-What goes through the socket: numbers in binary frames, everything else as JSON; told in docs/design/page.md.
-
-What waits for one viewer: bounded, so that one who is slow sees newer frames and misses older ones.
+Numbers go through the socket in binary frames, everything else as JSON (docs/design/page.md). Both sides are bounded:
+numbers over hours lose every second row where there is no room, and a viewer that is slow misses older frames.
 """
 
 from __future__ import annotations
@@ -25,11 +22,11 @@ from towtank.core.arrays import Array
 from towtank.dashboard.feed import Feed, Now
 from towtank.dashboard.motion import Motion
 from towtank.dashboard.prediction import SECONDS, FreeRun, free_run
-from towtank.dashboard.standing import axes_known, events_document, greeting, state_document
+from towtank.dashboard.state import axes_known, events_message, greeting, state_document
 from towtank.identification import Estimate
 from towtank.recording.event import Event
 
-__all__ = ["HEADER", "VERSION", "VIEWERS", "Course", "Kind", "Mailbox", "Pump", "decode", "encode"]
+__all__ = ["HEADER", "VERSION", "VIEWERS", "Kind", "Mailbox", "Pump", "Thinned", "decode", "encode"]
 
 VERSION = 1
 HEADER = struct.Struct("<BBHIII")  # version, kind, columns, rows, sequence, nothing
@@ -42,7 +39,7 @@ _EVENTS = 200  # that are shown
 _TOP = 98.0  # percentile of the speeds that counts as the largest: a jump of a marker is none
 
 
-class Course:
+class Thinned:
     """Rows over time, at most `most` of them.
 
     Attributes:
@@ -168,14 +165,14 @@ class Pump:
         self._about = feed.about
         self._names: tuple[str, ...] = ()
         self._units: dict[str, str] = {}
-        self._course = Course(0, step=_STATE)
-        self._track = Course(3, step=0.5)
+        self._history = Thinned(0, step=_STATE)
+        self._track = Thinned(3, step=0.5)
         self._events: tuple[Event, ...] = ()
         self._speeds = np.zeros(6)
         self._pose = np.full(6, np.nan)
         self._run: FreeRun | None = None
         self._prediction = b""
-        self._told = "{}"
+        self._events_text = "{}"
         self._sequence = 0
         self._boxes: set[Mailbox] = set()
         self._next_state = 0.0
@@ -199,8 +196,8 @@ class Pump:
     def join(self, box: Mailbox) -> None:
         """Add a viewer: names first, then all that was."""
         box.replace("hello", json.dumps(self._greeting()))
-        if len(self._course):
-            box.put(encode(Kind.COEFFICIENTS, self._course.t, self._course.rows))
+        if len(self._history):
+            box.put(encode(Kind.COEFFICIENTS, self._history.t, self._history.rows))
         if len(self._track):
             box.put(encode(Kind.TRACK, self._track.t, self._track.rows))
         t, rows = self._motion.last(_SHOWN)
@@ -208,7 +205,7 @@ class Pump:
             box.put(encode(Kind.SIGNALS, t, rows))
         if self._prediction:
             box.replace("prediction", self._prediction)
-        box.replace("events", self._told)
+        box.replace("events", self._events_text)
         box.replace("state", self.state)
         self._boxes.add(box)
 
@@ -217,7 +214,7 @@ class Pump:
         self._boxes.discard(box)
 
     async def run(self) -> None:
-        """Go on until cancelled; what fails is told and tried again."""
+        """Go on until cancelled; what fails is shown and tried again."""
         due = time.monotonic()
         while True:
             try:
@@ -284,11 +281,11 @@ class Pump:
             now, axes, self._run, tuple(self._pose), sequence=self._sequence, page=page, ended=self.ended
         )
         events = now.events[-_EVENTS:]
-        if events != self._events or self._told == "{}":
+        if events != self._events or self._events_text == "{}":
             self._events = events
-            self._told = json.dumps(events_document(events))
-            self._place("events", self._told)
-        self.state = json.dumps({**document, "events": events_document(events)["events"]}, allow_nan=False)
+            self._events_text = json.dumps(events_message(events))
+            self._place("events", self._events_text)
+        self.state = json.dumps({**document, "events": events_message(events)["events"]}, allow_nan=False)
         self._place("state", json.dumps(document, allow_nan=False))
 
     def _learnt(self, now: Now) -> None:
@@ -297,7 +294,7 @@ class Pump:
         if estimate.names != self._names:
             self._names = estimate.names
             self._units = {each.name: each.unit for each in estimate.coefficients}
-            self._course = Course(2 * len(self._names), step=_STATE)
+            self._history = Thinned(2 * len(self._names), step=_STATE)
             self._place("hello", json.dumps(self._greeting()))
         elif self._feed.about is not self._about:
             self._place("hello", json.dumps(self._greeting()))
@@ -306,7 +303,7 @@ class Pump:
         row = np.concatenate(
             [np.where(identified, estimate.values, np.nan), np.where(identified, estimate.std, np.nan)]
         )
-        if np.isfinite(now.t) and self._course.add(now.t, row):
+        if np.isfinite(now.t) and self._history.add(now.t, row):
             self._send(encode(Kind.COEFFICIENTS, np.array([now.t]), row[None], self._sequence))
 
     def _send(self, frame: bytes) -> None:

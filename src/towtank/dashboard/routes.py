@@ -1,6 +1,6 @@
 """What can be asked of the page's server: a fixed table of files, a few numbers, and three controls.
 
-One viewer: a socket that is written to and never read from.
+Each viewer has a socket that is written to and never read from.
 """
 
 from __future__ import annotations
@@ -131,11 +131,12 @@ class _Gate:
 
         async def answer(message: dict[str, object]) -> None:
             if message["type"] == "http.response.start":
-                given = message.setdefault("headers", [])
-                assert isinstance(given, list)
-                given += [(name.encode(), value.encode()) for name, value in _SAFE.items()]
+                given = message.get("headers")
+                headers = [*given] if isinstance(given, list | tuple) else []
+                headers += [(name.encode(), value.encode()) for name, value in _SAFE.items()]
                 if request.method != "GET" or refused is not None:
-                    given.append((b"connection", b"close"))  # whatever is still being sent is not read
+                    headers.append((b"connection", b"close"))  # whatever is still being sent is not read
+                message["headers"] = headers
             await send(message)
 
         await (self._app if refused is None else refused)(scope, receive, answer)  # type: ignore[arg-type]
@@ -201,7 +202,8 @@ class _Pages:
         )
 
     async def report(self, request: Request) -> Response:
-        assert self._reports is not None
+        if self._reports is None:
+            return PlainTextResponse(_WORDS[404], 404)
         try:
             text = await asyncio.to_thread(self._reports)
         except TimeoutError:

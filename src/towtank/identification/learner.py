@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
+from towtank.identification.online.checkpoint import read_checkpoint, write_checkpoint
 from towtank.identification.posterior.estimate import Estimate
 from towtank.recording import Recording
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from towtank.identification.posterior.assembly import Current
 
 __all__ = ["STREAMING_METHODS", "Learner", "sample_vector"]
 
@@ -31,29 +36,25 @@ class Learner:
         settings: of the method.
 
     Samples go to `update` with all that belongs to one instant; times may be irregular and sensors of several rates.
-    Out-of-order samples are passed over.
+    Out-of-order samples are passed over. What is handed in is neither kept nor changed; what is read changes nothing.
+
+    Attributes:
+        vehicle: what it was given. method: one of `STREAMING_METHODS`.
+        keeps_checkpoints: whether `save` and `to_arrays` can be asked for.
 
     Raises:
         InputError: an unknown method, name or setting.
     """
 
     vehicle: Vehicle
-    keeps_checkpoints = False  # whether `save` can be asked for
+    method: str
+    keeps_checkpoints = False
 
     def __new__(cls, vehicle: Vehicle | None = None, method: str = "joint", **settings: Any) -> Learner:
         """Return a learner of the method asked for; a pickle makes one of its class without arguments."""
         if cls is not Learner:
             return super().__new__(cls)
-        if method not in STREAMING_METHODS:
-            known = ", ".join(STREAMING_METHODS)
-            raise InputError(f'method: found "{method}", expected one of {known}{nearest(method, STREAMING_METHODS)}')
-        if method == "joint":
-            from towtank.identification.online.joint import JointLearner
-
-            return super().__new__(JointLearner)
-        from towtank.identification.online.least_squares import PaperLearner
-
-        return super().__new__(PaperLearner)
+        return super().__new__(_class_of(method))
 
     def __init__(self, vehicle: Vehicle, method: str = "joint", **settings: Any) -> None:
         raise NotImplementedError
@@ -96,13 +97,34 @@ class Learner:
     def settle(self) -> None:
         """Wait for what runs in the background, if anything does; `estimate` is then of every sample taken."""
 
+    def to_arrays(self) -> dict[str, Any]:
+        """Return all that it knows as arrays by name, for `from_arrays`; what runs in the background is not waited for.
+
+        Raises:
+            InputError: the method keeps no checkpoint.
+        """
+        raise InputError(f'method "{self.method}" keeps no checkpoint; "joint" does')
+
+    @classmethod
+    def from_arrays(
+        cls,
+        arrays: Mapping[str, Any],
+        vehicle: Vehicle,
+        *,
+        prior: Vehicle | None = None,
+        background: bool = False,
+        known: Mapping[str, Vehicle] | None = None,
+    ) -> Learner:
+        """Return a learner of this class that goes on as the one did that handed out the arrays; see `load`."""
+        raise InputError(f'{cls.__name__} keeps no checkpoint; method "joint" does')
+
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a checkpoint, whole or not at all, from which `Learner.load` goes on.
+        """Write a checkpoint, whole or not at all, from which `Learner.load` goes on; it goes on learning.
 
         Raises:
             InputError: the folder cannot be written, or the method keeps no checkpoint.
         """
-        raise InputError(f'method "{getattr(self, "method", "")}" keeps no checkpoint; "joint" does')
+        write_checkpoint(path, self.method, self.vehicle, self.to_arrays())
 
     @staticmethod
     def load(
@@ -121,14 +143,53 @@ class Learner:
         Raises:
             InputError: the file is missing, damaged, of another version, or of another vehicle.
         """
-        from towtank.identification.online.checkpoint import load_learner
 
-        return load_learner(path, vehicle, prior=prior, background=background, known=known)
+        def restored(method: str, arrays: Mapping[str, Any]) -> Learner:
+            return _class_of(method).from_arrays(arrays, vehicle, prior=prior, background=background, known=known)
+
+        return read_checkpoint(path, vehicle, restored)
+
+    # -- what is known by now; a method that has none of something says so by the value named
 
     @property
     def estimate(self) -> Estimate:
         """What has been learned so far."""
         raise NotImplementedError
+
+    @property
+    def delay(self) -> float:
+        """From input to force [s]; NaN where the method learns none."""
+        return math.nan
+
+    @property
+    def lag(self) -> float:
+        """Time constant of the thrusters [s]; NaN where none is learned."""
+        return math.nan
+
+    @property
+    def gains(self) -> dict[str, tuple[float, float]]:
+        """Gain of each thruster and its deviation, as multiples of its curve; empty where none is learned."""
+        return {}
+
+    @property
+    def noise(self) -> Array | None:
+        """Noise (15,) of each sample of x y z phi theta psi u v w p q r ax ay az; None where it is not estimated."""
+        return None
+
+    @property
+    def disturbance(self) -> Array | None:
+        """Level (6,) [N, N m], body FRD, of the random force beside the model; None where it is not estimated."""
+        return None
+
+    @property
+    def current(self) -> Current | None:
+        """Of the water; None where it is not estimated, or nothing has been seen."""
+        return None
+
+    @property
+    def likely(self) -> dict[str, float]:
+        """Known configurations and how probable each is, since the last change; empty where none is compared."""
+        return {}
 
     @property
     def events(self) -> tuple[Event, ...]:
@@ -138,6 +199,20 @@ class Learner:
     def model(self) -> Vehicle:
         """Return the vehicle with everything identified so far put in."""
         raise NotImplementedError
+
+
+def _class_of(method: str) -> type[Learner]:
+    """Return the class of a method; InputError where there is none."""
+    if method not in STREAMING_METHODS:
+        known = ", ".join(STREAMING_METHODS)
+        raise InputError(f'method: found "{method}", expected one of {known}{nearest(method, STREAMING_METHODS)}')
+    if method == "joint":
+        from towtank.identification.online.joint import JointLearner
+
+        return JointLearner
+    from towtank.identification.online.least_squares import PaperLearner
+
+    return PaperLearner
 
 
 def sample_vector(values: ArrayLike | None, n: int, name: str) -> Array:

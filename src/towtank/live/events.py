@@ -21,7 +21,7 @@ class EventLog:
     """Events in the order of noticing.
 
     Attributes:
-        listener: called with each event that is new or told anew, by the thread that adds it.
+        listener: called with each event that is new or has changed, by the thread that adds it.
     """
 
     def __init__(self, listener: Callable[[Event], None] | None = None) -> None:
@@ -38,7 +38,7 @@ class EventLog:
             self.listener(event)
 
     def take(self, events: Iterable[Event]) -> None:
-        """Take a learner's events in their order; one that is told anew takes the place of what was told before."""
+        """Take a learner's events in their order; one that has changed takes the place of what it was before."""
         for k, event in enumerate(events):
             if k == len(self._foreign):
                 self._foreign.append(event)

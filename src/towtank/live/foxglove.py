@@ -28,9 +28,9 @@ from towtank.live.recording.messages import (
     coefficients,
     pose,
     session,
+    vector,
 )
-from towtank.live.recording.messages import vector as told_vector
-from towtank.live.recording.recorder import Form, Told
+from towtank.live.recording.recorder import Form, Message
 from towtank.live.session import Session
 from towtank.recording.event import EVENT_SCHEMA, EVENT_TOPIC, event_json
 from towtank.vehicle import Vehicle, thruster_wrench
@@ -91,7 +91,7 @@ class FoxgloveServer:
         return f"{self._host}:{self._server.port}"
 
     def close(self) -> None:
-        """Tell what is left, and end."""
+        """Publish what is left, and end."""
         if self._server is None:
             return
         self._stop.set()
@@ -110,12 +110,12 @@ class FoxgloveServer:
             self._instants()
             if elapsed >= _SLOW:
                 elapsed = 0.0
-                self._standing()
+                self._publish_status()
         self._instants()
-        self._standing()
+        self._publish_status()
 
     def _instants(self) -> None:
-        """Tell every instant that has come, its wrench from the commands where these came."""
+        """Publish every instant that has come, its wrench from the commands where these came."""
         for _ in range(len(self._came)):
             t, arguments = self._came.popleft()
             values = arguments.get("pose")
@@ -123,34 +123,33 @@ class FoxgloveServer:
                 self._put(pose(t, self._epoch, values))
                 self._transform(t, values)
             if "velocity" in arguments:
-                self._put(told_vector(VELOCITY, t, arguments["velocity"]))
+                self._put(vector(VELOCITY, t, arguments["velocity"]))
             wrench = arguments.get("wrench")
             if "commands" in arguments:
                 wrench = thruster_wrench(self._vehicle, arguments["commands"])
             if wrench is not None:
-                self._put(told_vector(WRENCHES, t, np.asarray(wrench).tolist()))
+                self._put(vector(WRENCHES, t, np.asarray(wrench).tolist()))
 
-    def _standing(self) -> None:
+    def _publish_status(self) -> None:
         status = self._session.status()
         self._put(coefficients(status.learnt))
         self._put(session(status))
         for event in status.events[self._events :]:
-            self._put(Told(Form(EVENT_TOPIC, EVENT_SCHEMA), max(event.t, 0.0), event_json(event)))
+            self._put(Message(Form(EVENT_TOPIC, EVENT_SCHEMA), max(event.t, 0.0), event_json(event)))
         self._events = len(status.events)
 
-    def _put(self, told: Told | None) -> None:
-        if told is not None:
-            self._channels[told.form.topic].log(told.text, log_time=self._time(told.t))
+    def _put(self, message: Message | None) -> None:
+        if message is not None:
+            self._channels[message.form.topic].log(message.text, log_time=self._time(message.t))
 
     def _transform(self, t: float, values: Any) -> None:
-        """Tell where the body is in the world, and that the world's z points down."""
-        if not all(map(math.isfinite, values)):
+        """Publish where the body is in the world, and that the world's z points down."""
+        message = pose(t, self._epoch, values)
+        if message is None:
             return
         from foxglove.messages import FrameTransform, FrameTransforms, Quaternion, Timestamp, Vector3
 
-        told = pose(t, self._epoch, values)
-        assert told is not None
-        q = json.loads(told.text)["pose"]["orientation"]
+        q = json.loads(message.text)["pose"]["orientation"]
         when = Timestamp.from_epoch_secs(self._epoch + t)
         half = math.sqrt(0.5)
         down = FrameTransform(

@@ -1,8 +1,7 @@
 """The thread that learns: samples in order of time, those of one instant together, into the learner.
 
-Commands that have stopped while motion still comes: the last ones are not in force for ever.
-
-The last minute of what was learned from, as a recording: what the model of a session is judged on.
+Commands that have stopped while motion still comes are not in force for ever. The last minute of what was learned from
+is kept as a recording: what the model of a session is judged on.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from towtank.vehicle import Vehicle
 __all__ = ["Learning", "Learnt", "Recent", "Silence"]
 
 _LEAST, _PERIODS = 1.0, 5.0  # s, and usual periods of the commands, without any
-_FEWEST, _MOST = 10, 50  # periods that tell what is usual
+_FEWEST, _MOST = 10, 50  # periods that show what is usual
 _STEADY = 2.0  # times the usual period: nine of ten are shorter, else commands are sent when they change, and hold
 _SPAN = 60.0  # s
 _MOST_RECENT = 30_000  # instants
@@ -127,8 +126,8 @@ class Recent:
                     values.setdefault(name, []).append(value)
         channels = {}
         for name, own in times.items():
-            told = standard_of(name)
-            channels[name] = Channel(name, np.array(own), np.array(values[name]), told.unit, told.frame)
+            standard = standard_of(name)
+            channels[name] = Channel(name, np.array(own), np.array(values[name]), standard.unit, standard.frame)
         return Recording(channels, "the session's last minute") if channels else None
 
 
@@ -212,7 +211,7 @@ class Learning:
         self.errands = Errands()
         self.tap: Callable[[float, Mapping[str, Any]], None] | None = None
         self.listeners: tuple[Callable[[float, Mapping[str, Any]], None], ...] = ()
-        self.now = self._standing()
+        self.now = self._read_learner()
         self._read = self._saved = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="learning", daemon=True)
 
@@ -235,7 +234,7 @@ class Learning:
         self._resumed = math.isfinite(self._last)
         if self._resumed:
             self._events.add(Event(self._last, "resume", f"gone on with, {self._taken} instants learned from again"))
-        self.now = self._standing()
+        self.now = self._read_learner()
 
     def start(self) -> None:
         """Begin to learn."""
@@ -268,7 +267,7 @@ class Learning:
                 self._checkpoint.save(self.learner, self._last, wait=True)
         except Exception as error:  # recording goes on, whatever a learner does
             self._trouble = f"learning has stopped: {type(error).__name__}: {' '.join(str(error).split())}"
-        self.now = self._standing()
+        self.now = self._read_learner()
         self.errands.close()
         while more:  # no link waits for a learner that is gone
             more = self._lane.get(_IDLE)[1]
@@ -292,7 +291,7 @@ class Learning:
         self._drain(now)
         if now - self._read >= self._interval:
             self._read = now
-            self.now = self._standing()
+            self.now = self._read_learner()
         if self._checkpoint is not None and now - self._saved >= _CHECKPOINT and math.isfinite(self._last):
             self._saved = now
             self._checkpoint.save(self.learner, self._last)
@@ -354,19 +353,19 @@ class Learning:
             self.learner.restart()
             self._instants.forget()
 
-    def _standing(self) -> Learnt:
+    def _read_learner(self) -> Learnt:
         learner = self.learner
-        self._events.take(getattr(learner, "events", ()))
+        self._events.take(learner.events)
         return Learnt(
             t=self._last,
             instants=self._taken,
             estimate=learner.estimate,
-            delay=float(getattr(learner, "delay", math.nan)),
-            lag=float(getattr(learner, "lag", math.nan)),
+            delay=learner.delay,
+            lag=learner.lag,
             latency=self._latency.milliseconds(),
             processing=self._processing.milliseconds(),
             excitation=self._excitation.rms,
-            likely=getattr(learner, "likely", {}),
+            likely=learner.likely,
             trouble=self._trouble,
             paused=self._paused,
             silent=self._silence.since,

@@ -1,7 +1,4 @@
-"""A live session: a thread reads each link, one records, one learns, and none of them waits for another.
-
-Commands by number bound to the thrusters of the vehicle, sample by sample.
-"""
+"""A live session: a thread reads each link, one records, one learns, and none of them waits for another."""
 
 from __future__ import annotations
 
@@ -9,9 +6,10 @@ import contextlib
 import math
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from towtank.digits import some_of
 from towtank.identification import Learner
 from towtank.live.events import EventLog
 from towtank.live.learning import Learning
@@ -30,7 +28,8 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["CommandNames", "Session"]
 
-_MOST, _LONGEST = 20, 60  # names that are told, and their characters
+_MOST, _LONGEST = 20, 60  # names that are shown, and their characters
+_NAMED = 5  # of them in one warning
 _READ = 0.1  # s for which a link is waited for
 _SETTLING = 1.5  # s that samples wait at most for their source's clock
 _ROOM = 20_000  # samples that wait to be learned from
@@ -99,8 +98,8 @@ class Session:
     ) -> None:
         self._sources = tuple(sources)
         self._epoch = epoch
-        self._patient = all(_is(source, "patient") for _, source in sources)
-        self._clocks = tuple(SourceClock(keeps_time=_is(source, "keeps_time")) for _, source in sources)
+        self._patient = all(source.patient for _, source in sources)
+        self._clocks = tuple(SourceClock(keeps_time=source.keeps_time) for _, source in sources)
         self._commands = tuple(CommandNames(vehicle) for _ in sources)
         self._counts = [0] * len(self._sources)
         self._faults: dict[int, str] = {}
@@ -220,7 +219,7 @@ class Session:
             found.append(f"learning could not keep up: {self._lane.dropped} samples passed over (they are recorded)")
         for (text, _), names in zip(self._sources, self._commands, strict=True):
             if names.foreign:
-                found.append(f"{text}: the vehicle has no thruster for {_listed(names.foreign)}; passed over")
+                found.append(f"{text}: the vehicle has no thruster for {some_of(names.foreign, _NAMED)}; passed over")
         return tuple(found)
 
     def _follow(self, rank: int) -> None:
@@ -273,7 +272,7 @@ class Session:
             self._recorder.put(within, raw)
         if within:
             self._newest = max(self._newest, *(each.t for each in within), -math.inf)
-            self._lane.put(within, patient=_is(self._sources[rank][1], "patient"))
+            self._lane.put(within, patient=self._sources[rank][1].patient)
         return len(within) == len(arrivals)
 
     def _finish(self) -> None:
@@ -293,26 +292,16 @@ class Session:
         status = self.status()
         notes = []
         for each in status.sources:
-            told = f"{each.samples} samples"
+            note = f"{each.samples} samples"
             if each.offset == each.offset:
-                told += f", our clock less its own {each.offset:.6f} s, drift {1e6 * each.drift:.1f} ppm"
+                note += f", our clock less its own {each.offset:.6f} s, drift {1e6 * each.drift:.1f} ppm"
             if each.state.bad:
-                told += f", {each.state.bad} bad messages"
+                note += f", {each.state.bad} bad messages"
             if each.strange:
-                told += f", {each.strange} stamps not believed"
-            notes.append(f"live {each.text}: {told}")
+                note += f", {each.strange} stamps not believed"
+            notes.append(f"live {each.text}: {note}")
         if status.late:
             notes.append(f"{status.late} samples came too late to be learned from")
         if status.dropped:
             notes.append(f"{status.dropped} samples were passed over in learning, {status.gaps} times")
         return notes
-
-
-def _listed(names: Iterable[str], most: int = 5) -> str:
-    found = list(names)
-    return ", ".join(found[:most]) + (f" and {len(found) - most} more" if len(found) > most else "")
-
-
-def _is(source: Source, what: str) -> bool:
-    """Whether a source says that it `keeps_time` (its stamps are on our clock), or is `patient` (it can wait)."""
-    return bool(getattr(source, what, False))

@@ -30,7 +30,7 @@ def new_learner(
 
     Args:
         vehicle, method, free, prior: as of `Learner`.
-        background: let its second looks run beside the stream, where it can do that.
+        background: let its re-estimations run beside the stream, where it can do that.
         changes: of the vehicle are watched for, where the method can. known: configurations that it may become.
 
     Raises:
@@ -48,7 +48,7 @@ def new_learner(
     return Learner(vehicle, method, **settings)
 
 
-def warm_up(vehicle: Vehicle, learner: Learner, tell: Callable[[str, float], None]) -> None:
+def warm_up(vehicle: Vehicle, learner: Learner, progress: Callable[[str, float], None]) -> None:
     """Let a learner, which is of no use any more afterwards, go over a simulated second and a half."""
     import numpy as np
 
@@ -64,5 +64,5 @@ def warm_up(vehicle: Vehicle, learner: Learner, tell: Callable[[str, float], Non
             arguments.pop("wrench", None)
             arguments["commands"] = commands
         learner.update(moment, **arguments)
-        tell("compiling (first time only)", min(k / n, 1.0))
+        progress("compiling (first time only)", min(k / n, 1.0))
     learner.estimate  # noqa: B018

@@ -1,8 +1,6 @@
 """Charts as inline SVG: lines, bands and marks over one axis, coloured by the page's own style sheet.
 
-Long series drawn in few points: of every column of pixels the least and the greatest, in the order they came.
-
-Round numbers along an axis.
+Of a long series every column of pixels shows the least and the greatest, in the order they came.
 """
 
 from __future__ import annotations

@@ -11,12 +11,12 @@ from towtank.digits import measured, percent, short
 
 __all__ = [
     "Cell",
+    "bullets",
     "cell",
     "facts",
     "figure",
     "fit_number",
     "grid",
-    "listed",
     "number",
     "number_and_std",
     "paragraph",
@@ -136,7 +136,7 @@ def facts(pairs: Iterable[tuple[str, str]]) -> str:
     return f'<dl class="facts">{"".join(there)}</dl>' if there else ""
 
 
-def listed(texts: Iterable[str], style: str = "") -> str:
+def bullets(texts: Iterable[str], style: str = "") -> str:
     """Return texts one below the other."""
     items = "".join(f"<li>{sentence(text)}</li>" for text in texts)
     return f'<ul class="{style}">{items}</ul>' if items else ""

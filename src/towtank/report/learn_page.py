@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from towtank.digits import short
-from towtank.report.elements import fit_number, listed, number, section
+from towtank.report.elements import bullets, fit_number, number, section
 from towtank.report.facts import LearnFacts
 from towtank.report.page import page
 from towtank.report.sections.coefficients import coefficient_section, held_section
@@ -32,7 +32,7 @@ METHODS = {
 def report_html(facts: LearnFacts) -> str:
     """Return the report; parts that there is nothing to say of are left out. Pure: the same facts, the same text."""
     sections = [
-        section("warnings", "Warnings", listed(facts.warnings, "warnings")),
+        section("warnings", "Warnings", bullets(facts.warnings, "warnings")),
         coefficient_section(facts),
         held_section(facts),
         event_section(facts.events, facts.epoch),
@@ -43,7 +43,7 @@ def report_html(facts: LearnFacts) -> str:
         input_section(facts),
         log_section(facts.recordings, facts.noise, facts.disturbance),
         vehicle_section(facts.vehicle),
-        section("how", "How it was learned", listed(facts.remarks)),
+        section("how", "How it was learned", bullets(facts.remarks)),
         origin_section(facts.origin),
     ]
     verdict = learn_verdict(facts.estimate, facts.fit, facts.predicted)

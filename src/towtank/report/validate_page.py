@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from towtank.digits import short
-from towtank.report.elements import fit_number, listed, number, paragraph, section
+from towtank.report.elements import bullets, fit_number, number, paragraph, section
 from towtank.report.facts import ValidateFacts
 from towtank.report.page import page
 from towtank.report.sections.comparison import comparison_section, fold_section
@@ -21,7 +21,7 @@ def validate_html(facts: ValidateFacts) -> str:
     """Return the report. Pure: the same facts, the same text."""
     judged = facts.judged
     sections = [
-        section("warnings", "Warnings", listed(facts.warnings, "warnings")),
+        section("warnings", "Warnings", bullets(facts.warnings, "warnings")),
         section(
             "prediction",
             "Prediction against measurement",
@@ -59,15 +59,15 @@ def _how(facts: ValidateFacts) -> str:
 
 def _sums(facts: ValidateFacts) -> list[tuple[str, str]]:
     judged = facts.judged
-    told = {name: value for name, value in judged.fit.items() if value is not None}
+    fits = {name: value for name, value in judged.fit.items() if value is not None}
     start, end = judged.window
     window = f"{number(start, short(start, 5), key='window/0')} to {number(end, short(end, 5), key='window/1')} s"
     restart = "none" if facts.horizon is None else f"every {number(facts.horizon, key='horizon_s')} s"
     out = [("Window", window), ("Restarts", restart)]
-    if told:
-        best, worst = max(told, key=lambda name: told[name]), min(told, key=lambda name: told[name])
-        out.append((f"Best fit ({NAMES[best]})", f"{fit_number(told[best], f'fit/{best}')} %"))
+    if fits:
+        best, worst = max(fits, key=lambda name: fits[name]), min(fits, key=lambda name: fits[name])
+        out.append((f"Best fit ({NAMES[best]})", f"{fit_number(fits[best], f'fit/{best}')} %"))
         if worst != best:
-            unit = "" if told[worst] <= -999.0 else " %"
-            out.append((f"Least fit ({NAMES[worst]})", f"{fit_number(told[worst], f'fit/{worst}')}{unit}"))
+            unit = "" if fits[worst] <= -999.0 else " %"
+            out.append((f"Least fit ({NAMES[worst]})", f"{fit_number(fits[worst], f'fit/{worst}')}{unit}"))
     return out

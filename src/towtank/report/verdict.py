@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from towtank.digits import joined
 from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.estimate import Estimate, Learned
 from towtank.vehicle import index
@@ -59,16 +60,16 @@ def learn_verdict(estimate: Estimate, fit: Mapping[str, float | None], predicted
     known = [each for each in learned if state_of(each)[0] == "known"]
     share = "all" if len(known) == len(learned) else "none" if not known else f"{len(known)}"
     text = (
-        f"{_joined(axes).capitalize()} {'was' if len(axes) == 1 else 'were'} learned: {len(learned)} of "
+        f"{joined(axes).capitalize()} {'was' if len(axes) == 1 else 'were'} learned: {len(learned)} of "
         f"{len(estimate.names)} coefficients identified, {share} of them to 10 % or better"
     )
     moving = {axis.velocity for axis in AXES if axis.name in axes}
-    told = {name: value for name, value in fit.items() if value is not None and name in moving}
+    fits = {name: value for name, value in fit.items() if value is not None and name in moving}
     grade = "good" if 2 * len(known) >= len(learned) else "fair"
-    if told:
-        worst, best = min(told.values()), max(told.values())
-        spread = f"{best:.0f} %" if len(told) == 1 else f"{worst:.0f} to {best:.0f} %"
-        names = _joined([NAMES[name] for name in told]) if len(told) <= 3 else "the speeds"
+    if fits:
+        worst, best = min(fits.values()), max(fits.values())
+        spread = f"{best:.0f} %" if len(fits) == 1 else f"{worst:.0f} to {best:.0f} %"
+        names = joined([NAMES[name] for name in fits]) if len(fits) <= 3 else "the speeds"
         text += f"; the model predicts {names} of {predicted} with a fit of {spread}"
         grade = "fair" if worst < _USABLE and grade == "good" else grade
     return Verdict(grade, f"{text}.")
@@ -76,20 +77,20 @@ def learn_verdict(estimate: Estimate, fit: Mapping[str, float | None], predicted
 
 def validate_verdict(name: str, fit: Mapping[str, float | None], errors: Sequence[str]) -> Verdict:
     """Return how well a model predicts. errors: kinds of what the errors are, per channel."""
-    told = {channel: value for channel, value in fit.items() if value is not None}
-    if not told:
+    fits = {channel: value for channel, value in fit.items() if value is not None}
+    if not fits:
         return Verdict("poor", f"{name} could not be judged: no motion was measured.")
-    good = [channel for channel, value in told.items() if value >= _GOOD]
-    poor = [channel for channel, value in told.items() if value < _USABLE]
-    best, worst = max(told, key=lambda c: told[c]), min(told, key=lambda c: told[c])
-    text = f"{name} predicts {NAMES[best]} best (fit {_fit(told[best])})"
+    good = [channel for channel, value in fits.items() if value >= _GOOD]
+    poor = [channel for channel, value in fits.items() if value < _USABLE]
+    best, worst = max(fits, key=lambda c: fits[c]), min(fits, key=lambda c: fits[c])
+    text = f"{name} predicts {NAMES[best]} best (fit {_fit(fits[best])})"
     if worst != best:
-        text += f" and {NAMES[worst]} least well ({_fit(told[worst])})"
-    text += f"; {len(good)} of {len(told)} channels reach a fit of {_GOOD:.0f} %"
+        text += f" and {NAMES[worst]} least well ({_fit(fits[worst])})"
+    text += f"; {len(good)} of {len(fits)} channels reach a fit of {_GOOD:.0f} %"
     lacking = sum(kind == "follows the command" for kind in errors)
     if lacking:
         text += f". The errors of {lacking} follow the command: there the model lacks something"
-    grade = "good" if len(good) == len(told) and not lacking else "poor" if len(poor) == len(told) else "fair"
+    grade = "good" if len(good) == len(fits) and not lacking else "poor" if len(poor) == len(fits) else "fair"
     return Verdict(grade, f"{text}.")
 
 
@@ -100,7 +101,3 @@ def _fit(value: float) -> str:
 def _row(name: str) -> int:
     kind, i, _ = index(name)
     return 2 if kind == "weight" else (4, 3, 3)[i] if kind == "moment" else i
-
-
-def _joined(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -1,1 +1,1 @@
-"""The commands of `towtank`: their options and what they call."""
+"""The commands of `towtank`, a file each: options and what they call; `arguments` holds what several share."""

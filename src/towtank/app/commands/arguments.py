@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import shlex
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,7 +17,20 @@ from towtank.readers.registry import SUFFIXES
 if TYPE_CHECKING:
     from towtank.recording import Recording
 
-__all__ = ["LOG_KINDS", "Json", "Log", "Map", "Report", "Window", "WindowText", "numbers", "output_place", "positive"]
+__all__ = [
+    "LOG_KINDS",
+    "Json",
+    "Log",
+    "Map",
+    "Report",
+    "Window",
+    "WindowText",
+    "command_text",
+    "numbers",
+    "output_place",
+    "positive_option",
+    "report_place",
+]
 
 LOG_KINDS = ", ".join(SUFFIXES)
 Log = Annotated[Path, typer.Argument(metavar="LOG", help=f"Log file ({LOG_KINDS}) or the folder of a ROS 2 bag.")]
@@ -98,7 +113,7 @@ def _number(option: str, text: str) -> float:
     return value
 
 
-def positive(option: str, value: float | None, *, zero: bool = False) -> float | None:
+def positive_option(option: str, value: float | None, *, zero: bool = False) -> float | None:
     """Return the value of an option. Raises InputError unless it is a finite number above 0 (or 0)."""
     if value is not None and not (math.isfinite(value) and (value > 0.0 or (zero and value == 0.0))):
         raise InputError(f"{option}: found {value:g}, expected a number {'of 0 or more' if zero else 'above 0'}")
@@ -116,3 +131,36 @@ def output_place(option: str, path: Path | None, suffixes: tuple[str, ...]) -> P
     if path.is_dir():
         raise InputError(f"{path}: this is a folder, expected the name of a file to write")
     return path
+
+
+def report_place(path: Path | None) -> Path | None:
+    """Return the place of a report. Raises InputError, before any work is done, if none can be written there."""
+    if (
+        output_place("--report", path, (".html", ".pdf")) is not None
+        and path is not None
+        and path.suffix.lower() == ".pdf"
+    ):
+        from towtank.report.browser import find_browser
+
+        if find_browser() is None:
+            raise InputError(
+                f"--report {path}: no browser to print a PDF with was found; install Chromium, Chrome or Edge, or ask "
+                "for .html and print it from any browser"
+            )
+    return path
+
+
+def command_text(command: str, words: Sequence[object], options: Mapping[str, Any]) -> str:
+    """Return a command as it is typed; options that are None or False are left out.
+
+    >>> command_text("learn", ["a b.csv"], {"--vehicle": "seamor", "--delay": None, "--current": True})
+    "towtank learn 'a b.csv' --vehicle seamor --current"
+    """
+    parts = ["towtank", command, *map(str, words)]
+    for name, value in options.items():
+        if value is True:
+            parts.append(name)
+        elif value is not None and value is not False:
+            for each in value if isinstance(value, list | tuple) else [value]:
+                parts += [name, str(each)]
+    return shlex.join(parts)

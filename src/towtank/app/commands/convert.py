@@ -37,10 +37,10 @@ def convert(
     if target.exists() and source.exists() and target.samefile(source):
         raise InputError(f"{target}: this is the log itself, expected another name; a log is never written over")
     output = Output(json=json)
-    with output.progress("converting") as tell:
-        tell(f"reading {source.name}", 0.0)
+    with output.progress("converting") as progress:
+        progress(f"reading {source.name}", 0.0)
         recording = read(source, mapping)
-        tell(f"writing {target.name}", 0.5)
+        progress(f"writing {target.name}", 0.5)
         recording.write(target)
     output.line(f"{source} -> {target}", "bold")
     what = "channel" if len(recording) == 1 else "channels"

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from towtank.app.commands.arguments import Json, positive
+from towtank.app.commands.arguments import Json, positive_option
 from towtank.app.commands.page_option import PageOption
 
 __all__ = ["demo"]
@@ -47,7 +47,7 @@ def demo(
     from towtank.app.demo.run import run_demo
     from towtank.app.terminal.output import Output
 
-    positive("--seconds", seconds)
+    positive_option("--seconds", seconds)
     out = Output(json=json)
     console = Console(stderr=json, highlight=False)
     document = run_demo(

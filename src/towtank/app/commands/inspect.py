@@ -32,12 +32,14 @@ def inspect(
 
     stretch = Window.parse(window)
     output = Output(json=json)
-    with output.progress("inspecting") as tell:
-        [recording] = cut(read_logs([log], mapping, tell), stretch)
+    with output.progress("inspecting") as progress:
+        [recording] = cut(read_logs([log], mapping, progress), stretch)
         known = None if vehicle is None else read_vehicle(vehicle, output)
-        from towtank.app.inspection import inspect_recording  # a second of libraries: a file that is none is told first
+        from towtank.app.inspection import (
+            inspect_recording,  # a second of libraries: a file that is none is refused first
+        )
 
-        found = inspect_recording(str(log), recording, known, tell)
+        found = inspect_recording(str(log), recording, known, progress)
     from towtank.app.tables.inspection import show_inspection
 
     show_inspection(found, output)

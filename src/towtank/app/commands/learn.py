@@ -8,8 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from towtank.app.commands.arguments import LOG_KINDS, Json, Map, Report, Window, WindowText, output_place, positive
-from towtank.app.reports import command_text, report_place
+from towtank.app.commands.arguments import (
+    LOG_KINDS,
+    Json,
+    Map,
+    Report,
+    Window,
+    WindowText,
+    command_text,
+    output_place,
+    positive_option,
+    report_place,
+)
 from towtank.errors import InputError, nearest
 
 if TYPE_CHECKING:
@@ -89,11 +99,11 @@ def learn(
     stretch = Window.parse(window)
     output_place("--output", model_file, (".toml",))
     report_place(report)
-    positive("--delay", delay, zero=True)
+    positive_option("--delay", delay, zero=True)
     wanted = names_of(free)
 
     from towtank.app.files import cut, read_logs, read_prior, read_vehicle
-    from towtank.app.reports import write_learn_report
+    from towtank.app.reports import learn_facts, write_learn_report
     from towtank.app.tables.learning import learn_document, show_learning
     from towtank.app.tables.repairs import learning_warnings
     from towtank.app.terminal.output import Output
@@ -101,10 +111,10 @@ def learn(
     from towtank.vehicle import save_vehicle
 
     output = Output(json=json)
-    with output.progress("learning") as tell:
+    with output.progress("learning") as progress:
         known = read_vehicle(vehicle, output)
         beforehand = None if prior is None else read_prior(prior, output)
-        recordings = cut(read_logs(logs, mapping, tell), stretch)
+        recordings = cut(read_logs(logs, mapping, progress), stretch)
         learning = learn_recordings(
             known,
             recordings,
@@ -113,13 +123,13 @@ def learn(
             delay=delay,
             prior=beforehand,
             current=current,
-            progress=lambda text, share: tell(text, 0.9 * share),
+            progress=lambda text, share: progress(text, 0.9 * share),
         )
         model = _with_provenance(learning, logs, prior)
         warnings = [*output.warnings, *learning_warnings(learning, recordings)]
         if report is None:
             recordings = []  # room for the prediction
-        tell("predicting", 0.9)
+        progress("predicting", 0.9)
         scores, unfit = _fit(model, learning.grids)
         fit, rmse = ({}, {}) if scores is None else (scores.fit, scores.rmse)
         warnings += unfit
@@ -127,7 +137,7 @@ def learn(
             save_vehicle(model, model_file)
         judge = f"towtank validate {model_file or 'MODEL.toml'} ANOTHER_LOG" + (f" --map {mapping}" if mapping else "")
         if report is not None:
-            tell("report", 0.95)
+            progress("report", 0.95)
             again = {
                 "--vehicle": vehicle,
                 "--method": None if method == "joint" else method,
@@ -140,7 +150,8 @@ def learn(
                 "-o": model_file,
             }
             commands = [command_text("learn", logs, again), judge]
-            write_learn_report(report, learning, model, scores, recordings, logs, warnings, prior, commands)
+            facts = learn_facts(learning, model, scores, recordings, warnings=warnings, prior=prior)
+            write_learn_report(report, facts, logs, commands)
     show_learning(learning, fit, logs, warnings, output, asked=method, prior=prior)
     output.line()
     if model_file is not None:

@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from towtank.app.commands.arguments import Json, Map, Report, output_place, positive
+from towtank.app.commands.arguments import Json, Map, Report, output_place, positive_option, report_place
 from towtank.app.commands.page_option import FoxgloveOption, PageOption, page_address
-from towtank.app.reports import report_place
 from towtank.errors import InputError, nearest
 
 __all__ = ["live"]
@@ -131,8 +130,8 @@ def live(
         raise InputError("--no-changes and --configurations: found both; what changes is recognised, if it is watched")
     if len(set(sources)) < len(sources):
         raise InputError(f"SOURCE: found one of {', '.join(sources)} twice")
-    positive("--for", seconds)
-    positive("--window", window, zero=True)
+    positive_option("--for", seconds)
+    positive_option("--window", window, zero=True)
     output_place("--output", model_file, (".toml",))
     output_place("--record", record, (".mcap",))
     report_place(report)

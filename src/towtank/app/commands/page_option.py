@@ -79,7 +79,7 @@ def page_address(text: str | None) -> Any:
 
 @contextlib.contextmanager
 def serving(page: Page | None, say: Callable[[str], None], *, browser: bool = False) -> Iterator[Page | None]:
-    """Serve a page and tell where it is; open it where a browser is wanted."""
+    """Serve a page and say where it is; open it where a browser is wanted."""
     if page is None:
         yield None
         return
@@ -94,7 +94,7 @@ def serving(page: Page | None, say: Callable[[str], None], *, browser: bool = Fa
         yield page
 
 
-def new_page(feed: Feed, text: str | None, tell: Callable[[str], None], reports: Reports | None = None) -> Page | None:
+def new_page(feed: Feed, text: str | None, say: Callable[[str], None], reports: Reports | None = None) -> Page | None:
     """Return the page for a feed, bound to its address but not serving yet; None where none is asked for.
 
     Raises:
@@ -105,4 +105,4 @@ def new_page(feed: Feed, text: str | None, tell: Callable[[str], None], reports:
         return None
     from towtank.dashboard.page import Page
 
-    return Page(feed, address, tell=tell, reports=reports)
+    return Page(feed, address, say=say, reports=reports)

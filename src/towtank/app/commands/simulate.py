@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from towtank.app.commands.arguments import Json, Map, numbers, output_place, positive
+from towtank.app.commands.arguments import Json, Map, numbers, output_place, positive_option
 from towtank.app.terminal.guard import PlainCommand
 from towtank.errors import InputError
 
 if TYPE_CHECKING:
-    from towtank.app.terminal.output import Teller
+    from towtank.app.terminal.output import Progress
     from towtank.simulation import BuiltIn, Manoeuvre
     from towtank.vehicle import Vehicle
 
@@ -111,10 +111,10 @@ def simulate(
     from towtank.app.terminal.output import Output
 
     output_place("--output", file, (".csv", ".parquet", ".mcap"))
-    positive("--duration", duration)
-    positive("--rate", rate)
-    positive("--delay", delay, zero=True)
-    positive("--disturbance", disturbance, zero=True)
+    positive_option("--duration", duration)
+    positive_option("--rate", rate)
+    positive_option("--delay", delay, zero=True)
+    positive_option("--disturbance", disturbance, zero=True)
     water = numbers("--current", current, 3, "three numbers N,E,D in m/s, as 0.2,0,0")
     if seed < 0:
         raise InputError(f"--seed: found {seed}, expected 0 or more")
@@ -124,10 +124,10 @@ def simulate(
             f"{_MOST_STEPS:g}"
         )
     output = Output(json=json)
-    with output.progress("simulating") as tell:
+    with output.progress("simulating") as progress:
         found = read_vehicle(vehicle, output)
-        tell("simulating", 0.0)
-        inputs = _inputs(manoeuvre, found, mapping, duration, 1.0 / rate, seed, tell)
+        progress("simulating", 0.0)
+        inputs = _inputs(manoeuvre, found, mapping, duration, 1.0 / rate, seed, progress)
         from towtank.simulation import OrnsteinUhlenbeck
         from towtank.simulation import simulate as run
 
@@ -140,9 +140,9 @@ def simulate(
             delay=delay,
             seed=seed,
             substeps=max(1, round(inputs.dt / _LONGEST_STEP)),
-            progress=lambda done, n: tell("simulating", 0.9 * done / n),
+            progress=lambda done, n: progress("simulating", 0.9 * done / n),
         )
-        tell(f"writing {file.name}", 0.9)
+        progress(f"writing {file.name}", 0.9)
         recording.write(file)
     samples = max(len(channel) for channel in recording.channels.values())
     output.line(
@@ -172,7 +172,7 @@ def simulate(
 
 
 def _inputs(
-    name: str, vehicle: Vehicle, mapping: Path | None, duration: float | None, dt: float, seed: int, tell: Teller
+    name: str, vehicle: Vehicle, mapping: Path | None, duration: float | None, dt: float, seed: int, progress: Progress
 ) -> Manoeuvre:
     """Return the inputs of a built-in manoeuvre, or those of a file."""
     from towtank.app.files import read_logs
@@ -182,7 +182,7 @@ def _inputs(
     path = Path(name)
     if name in MANOEUVRES or not (path.suffix or path.exists()):
         return manoeuvre(name, vehicle, duration=duration, dt=dt, seed=seed)
-    recording = read_logs([path], mapping, tell)[0]
+    recording = read_logs([path], mapping, progress)[0]
     if mapping is not None:
         recording = bind_thrusters(recording, [thruster.name for thruster in vehicle.thrusters])
     return manoeuvre_from_recording(recording, vehicle, dt=dt, duration=duration)

@@ -8,8 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from towtank.app.commands.arguments import LOG_KINDS, Json, Map, Report, Window, WindowText, positive
-from towtank.app.reports import command_text, report_place
+from towtank.app.commands.arguments import (
+    LOG_KINDS,
+    Json,
+    Map,
+    Report,
+    Window,
+    WindowText,
+    command_text,
+    positive_option,
+    report_place,
+)
 from towtank.errors import InputError
 
 if TYPE_CHECKING:
@@ -63,8 +72,8 @@ def validate(
       towtank validate learned.toml surge.csv --against vlbv300
       towtank validate learned.toml surge.csv --folds 5
     """
-    positive("--horizon", horizon)
-    positive("--delay", delay, zero=True)
+    positive_option("--horizon", horizon)
+    positive_option("--delay", delay, zero=True)
     stretch = Window.parse(window)
     models = _models(model, against or [])
     _folds_alone(folds, method, against)
@@ -76,20 +85,20 @@ def validate(
     from towtank.digits import short
 
     output = Output(json=json)
-    with output.progress("predicting") as tell:
-        recordings, common = _windowed(read_logs(logs, mapping, tell), stretch)
+    with output.progress("predicting") as progress:
+        recordings, common = _windowed(read_logs(logs, mapping, progress), stretch)
         vehicles = {name: read_vehicle(name, output) for name in models}
         options = {"horizon": horizon, "delay": delay}
         if folds is not None:
             recordings = recordings if common is None else [recording.window(*common) for recording in recordings]
-            judged = by_folds(vehicles[model], recordings, folds, learn_by(method, delay), logs, options, tell)
+            judged = by_folds(vehicles[model], recordings, folds, learn_by(method, delay), logs, options, progress)
         elif len(vehicles) > 1:
-            judged = against_others(vehicles, recordings, {"window": common, **options}, tell)
+            judged = against_others(vehicles, recordings, {"window": common, **options}, progress)
         else:
-            judged = alone(vehicles[model], recordings, {"window": common, **options}, tell)
+            judged = alone(vehicles[model], recordings, {"window": common, **options}, progress)
         found = judged.found
         if report is not None:
-            tell("report", 0.95)
+            progress("report", 0.95)
             again = {
                 "--window": window,
                 "--horizon": horizon,
@@ -99,9 +108,9 @@ def validate(
                 "--method": method,
                 "--map": mapping,
             }
-            told = {"horizon": horizon, "delay": delay, "warnings": tuple(output.warnings), "recordings": recordings}
+            facts = {"horizon": horizon, "delay": delay, "warnings": tuple(output.warnings), "recordings": recordings}
             write_validate_report(
-                report, model, vehicles[model], judged, logs, [command_text("validate", [model, *logs], again)], told
+                report, model, vehicles[model], judged, logs, [command_text("validate", [model, *logs], again)], facts
             )
     output.line(f"{model} on {', '.join(log.name for log in logs)}", "bold")
     restart = "" if horizon is None else f", set back to the measured state every {short(horizon)} s"

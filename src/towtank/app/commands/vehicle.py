@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from towtank.app.commands.arguments import Json, output_place, positive
+from towtank.app.commands.arguments import Json, output_place, positive_option
 from towtank.app.terminal.guard import PlainCommand
 from towtank.errors import InputError
 
@@ -81,8 +81,8 @@ def check(
         raise
     wrong, doubtful = faults(found), doubts(found)
     count = len(wrong) + len(doubtful)
-    told = f"{count} warning{'s' if count > 1 else ''}" if count else "no warnings"
-    output.line(f"{file}: can be read, {'not physical' if wrong else 'physical'}, {told}")
+    warnings = f"{count} warning{'s' if count > 1 else ''}" if count else "no warnings"
+    output.line(f"{file}: can be read, {'not physical' if wrong else 'physical'}, {warnings}")
     for text in (*wrong, *doubtful):
         output.item(text)
     output.document({"file": file, "ok": not wrong, "warnings": [*wrong, *doubtful]})
@@ -130,7 +130,7 @@ def fit(
     output_place("--plot", plot, _FIGURES)
     curves = [path for path in output_files or () if path.suffix.lower() == ".toml"]
     figures = [path for path in (*(output_files or ()), *filter(None, [plot])) if path not in curves]
-    positive("--supply", supply)
+    positive_option("--supply", supply)
     output = Output(json=json)
     found = fit_thruster(
         bench, kind=kind, degree=degree, nominal_voltage=supply, command=command, force=force, voltage=voltage

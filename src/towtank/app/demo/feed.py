@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from towtank.app.demo.progress import Course, convergence_of
-from towtank.app.live.facts import Standing, standing, stream_facts
+from towtank.app.demo.progress import LearningCurve, convergence_of
+from towtank.app.live.facts import Knowledge, knowledge_of, stream_facts
 from towtank.dashboard.feed import About, Instant, Link, Now
 from towtank.dashboard.live_feed import Tap
 from towtank.identification import Estimate, Learner
@@ -31,7 +31,7 @@ _SHORTEST, _LOOKS_BACK = 1.0, 60.0  # s of the recording that a report looks at
 class DemoFeed:
     """Stands between the demo's stream and the page; `before`, `after` and `read` are called by the stream."""
 
-    def __init__(self, session: Session, learner: Learner, course: Course) -> None:
+    def __init__(self, session: Session, learner: Learner, curve: LearningCurve) -> None:
         truth = session.truth
         names = (*truth.hydrodynamics, "BG_z", *(() if session.later is None else (WEIGHT,)))
         self.about = About(
@@ -42,7 +42,7 @@ class DemoFeed:
             reference_word="truth",
             seconds=session.recording.duration,
         )
-        self._names, self._session, self._course = names, session, course
+        self._names, self._session, self._curve = names, session, curve
         self._written = b""
         self._learner, self._tap, self._errands = learner, Tap(), Errands()
         self._events, self._sight = EventLog(), Sight()
@@ -80,8 +80,7 @@ class DemoFeed:
     def read(self, estimate: Estimate) -> None:
         """Take the estimate of now."""
         self._estimate = estimate
-        self._delay = float(getattr(self._learner, "delay", math.nan))
-        self._lag = float(getattr(self._learner, "lag", math.nan))
+        self._delay, self._lag = self._learner.delay, self._learner.lag
         self._events.take(self._learner.events)
         self._ended = time.monotonic()
 
@@ -103,11 +102,11 @@ class DemoFeed:
         """Return the report as of now, for the page's thread. Raises TimeoutError where the learner is too busy."""
         if self._written:
             return self._written
-        now, course = self._errands.ask(self._standing)
+        now, convergence = self._errands.ask(self._knowledge)
         end = max(self._t, _SHORTEST)
         recording = self._session.recording.window(max(end - _LOOKS_BACK, 0.0), end)
         span = f"the last {recording.duration:.0f} s"
-        facts = stream_facts(now, recording, of=span, events=self._events.all, course=course)
+        facts = stream_facts(now, recording, of=span, events=self._events.all, convergence=convergence)
         return report_html(replace(facts, title="A vehicle learned in a simulated tank")).encode()
 
     def now(self) -> Now:
@@ -149,7 +148,7 @@ class DemoFeed:
         """Add an event of somebody's own."""
         self._events.add(Event(max(self._t, 0.0), "mark", text))
 
-    def _standing(self) -> tuple[Standing, Convergence]:
-        now = standing(self._learner)
+    def _knowledge(self) -> tuple[Knowledge, Convergence]:
+        now = knowledge_of(self._learner)
         known = [each.name for each in now.estimate.coefficients if each.identified]
-        return now, convergence_of(self._course, self._session.known, known)
+        return now, convergence_of(self._curve, self._session.known, known)

@@ -1,6 +1,4 @@
-"""What the demo leaves behind: model, recordings, figures and page.
-
-Figures as PNG: how an estimate converged, and a free-running prediction beside the measurement.
+"""What the demo leaves behind: model, recordings, page, and figures of its convergence and its prediction as PNG.
 
 matplotlib is imported on first use, draws with Agg and never opens a window.
 """
@@ -17,7 +15,7 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 
 from towtank import __version__
-from towtank.app.demo.progress import Course, convergence_of, quantities
+from towtank.app.demo.progress import LearningCurve, convergence_of, quantities
 from towtank.app.demo.words import LOG, MODEL, UNSEEN, commands, setting, verdict
 from towtank.core.arrays import Array
 from towtank.digits import percent
@@ -190,8 +188,8 @@ def prediction_figure(prediction: Prediction, fit: Mapping[str, float | None], t
         axes.set_xlim(float(prediction.t[0]), float(prediction.t[-1]))
         _dress(axes, _TITLES[name], unit)
         value = fit.get(name)
-        told = f"fit {percent(value)} %" if value is not None and value > -100.0 else "no fit"
-        axes.text(0.98, 0.95, told, transform=axes.transAxes, ha="right", va="top", fontsize=9, color=_INK)
+        label = f"fit {percent(value)} %" if value is not None and value > -100.0 else "no fit"
+        axes.text(0.98, 0.95, label, transform=axes.transAxes, ha="right", va="top", fontsize=9, color=_INK)
         if k // columns == (len(names) - 1) // columns:
             axes.set_xlabel("time s", fontsize=8.5, color=_INK)
         if k == 0:
@@ -200,23 +198,23 @@ def prediction_figure(prediction: Prediction, fit: Mapping[str, float | None], t
 
 
 def write_demo(
-    output: Path, session: Session, unseen: Session, facts: LearnFacts, judged: Validation, course: Course
+    output: Path, session: Session, unseen: Session, facts: LearnFacts, judged: Validation, curve: LearningCurve
 ) -> list[Path]:
     """Write everything into the folder and return the files, the page first. facts: of what was learned."""
     save_vehicle(facts.model, output / MODEL)
     session.recording.write(output / LOG)
     unseen.recording.write(output / UNSEEN)
-    t, values, std = np.array(course.t), np.array(course.values), np.array(course.std)
+    t, values, std = np.array(curve.t), np.array(curve.values), np.array(curve.std)
     first = quantities(session.truth, weight=session.later is not None)
     traces = [
         Trace(q.name, q.unit, q.axes, values[:, i], std[:, i], q.truth, _until(session, first[i].truth))
-        for i, q in enumerate(course.learned)
+        for i, q in enumerate(curve.learned)
     ]
     convergence = png(convergence_figure(t, traces, session.turns, "Estimates as the session goes on"))
     prediction = png(prediction_figure(judged.predictions[0], judged.fit, "Prediction of a session never seen"))
     for name, image in ((_CONVERGENCE, convergence), (_PREDICTION, prediction)):
         write_atomically(output / name, partial(_put, image))
-    write_text(output / _PAGE, report_html(_facts(session, facts, judged, course)))
+    write_text(output / _PAGE, report_html(_facts(session, facts, judged, curve)))
     return [output / name for name in (_PAGE, MODEL, LOG, UNSEEN, _CONVERGENCE, _PREDICTION)]
 
 
@@ -225,23 +223,23 @@ def _until(session: Session, value: float) -> tuple[float, float] | None:
     return None if session.later is None else (session.changed, value)
 
 
-def _facts(session: Session, facts: LearnFacts, judged: Validation, course: Course) -> LearnFacts:
-    """Return what the page tells: what was learned, beside the truth, with the course of the first pass."""
+def _facts(session: Session, facts: LearnFacts, judged: Validation, curve: LearningCurve) -> LearnFacts:
+    """Return what the page says: what was learned, beside the truth, with the curve of the first pass."""
     next_ = [f"# {purpose}\n{command}" for purpose, command in commands(Path())]
     return replace(
         facts,
         title="A vehicle learned in a simulated tank",
-        verdict=f"{verdict(course)}.",
+        verdict=f"{verdict(curve)}.",
         remarks=[setting(session), *facts.remarks],
         fit=judged.fit,
         rmse=judged.rmse,
         predictions=judged.predictions,
         residuals=residuals(judged.predictions),
         predicted="a session never seen, with other noise and other random forces",
-        convergence=convergence_of(course, session.known),
+        convergence=convergence_of(curve, session.known),
         truth=session.final,
         truth_before=None if session.later is None else (session.changed, session.truth),
-        events=course.events,
+        events=curve.events,
         origin=Origin(commands=next_, versions={"towtank": __version__}),
     )
 

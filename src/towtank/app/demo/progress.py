@@ -1,4 +1,4 @@
-"""How the demo's estimate comes along: what is learned, its truth, and its course over time."""
+"""How the demo's estimate comes along: what is learned, its truth, and its curve over time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from towtank.identification.offline.convergence import Convergence
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle, index, unit
 
-__all__ = ["SETTLED", "SETTLING", "WAITING", "Course", "Quantity", "convergence_of", "quantities", "readings"]
+__all__ = ["SETTLED", "SETTLING", "WAITING", "LearningCurve", "Quantity", "convergence_of", "quantities", "readings"]
 
 WAITING, SETTLING, SETTLED = "waiting", "settling", "settled"
 _LOOK_BACK = 5.0  # s over which a settled value must have kept still
@@ -73,7 +73,7 @@ def readings(estimate: Estimate, learned: tuple[Quantity, ...]) -> tuple[Array, 
 
 
 @dataclass
-class Course:
+class LearningCurve:
     """Estimates over time, one row for each reading.
 
     Attributes:
@@ -121,18 +121,18 @@ class Course:
             yield quantity, float(value), float(deviation)
 
 
-def convergence_of(course: Course, known: Vehicle, names: Collection[str] | None = None) -> Convergence:
-    """Return the course as that of coefficients: of the inertias without the rigid body's.
+def convergence_of(curve: LearningCurve, known: Vehicle, names: Collection[str] | None = None) -> Convergence:
+    """Return the curve as that of coefficients: of the inertias without the rigid body's.
 
     Args:
         known: the vehicle with that rigid body. names: of the coefficients; all by default.
     """
-    shape = len(course.t), len(course.learned)
-    values, std = np.array(course.values).reshape(shape), np.array(course.std).reshape(shape)
+    shape = len(curve.t), len(curve.learned)
+    values, std = np.array(curve.values).reshape(shape), np.array(curve.std).reshape(shape)
     rigid = np.diag(known.rigid_body_matrix)
-    for k, quantity in enumerate(course.learned):
+    for k, quantity in enumerate(curve.learned):
         if quantity.kind == "inertia":
             values[:, k] = rigid[index(quantity.coefficient)[1]] - values[:, k]
-    kept = [k for k, quantity in enumerate(course.learned) if names is None or quantity.coefficient in names]
-    chosen = tuple(course.learned[k].coefficient for k in kept)
-    return Convergence(chosen, np.array(course.t), values[:, kept], std[:, kept])
+    kept = [k for k, quantity in enumerate(curve.learned) if names is None or quantity.coefficient in names]
+    chosen = tuple(curve.learned[k].coefficient for k in kept)
+    return Convergence(chosen, np.array(curve.t), values[:, kept], std[:, kept])

@@ -1,9 +1,7 @@
 """`towtank demo`: a simulated tank session, learned sample by sample, judged on a session never seen.
 
 It is what live data will do: `Learner.update` with every pose and its commands, an estimate to be read at any time,
-and at the end a vehicle file.
-
-Everything compiled before the clock of the demo starts, with a word to whoever waits.
+and at the end a vehicle file. Everything is compiled before its clock starts, with a word to whoever waits.
 """
 
 from __future__ import annotations
@@ -11,7 +9,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,14 +19,14 @@ from rich.text import Text
 
 from towtank.app.commands.page_option import new_page, page_address, serving
 from towtank.app.demo.files import write_demo
-from towtank.app.demo.progress import Course, quantities
+from towtank.app.demo.progress import LearningCurve, quantities
 from towtank.app.demo.stream import Moment, stream
 from towtank.app.demo.table import Screen, coefficient_table
 from towtank.app.demo.words import commands, fit_text, plan, verdict
-from towtank.app.live.facts import standing, stream_facts
+from towtank.app.live.facts import knowledge_of, stream_facts
 from towtank.app.live.report import events_document
 from towtank.app.reports import learn_facts
-from towtank.app.terminal.output import Output
+from towtank.app.terminal.output import Output, watching_compilation
 from towtank.errors import InputError
 from towtank.identification import Learner, learn_recordings
 from towtank.outputs import write_text
@@ -49,23 +47,16 @@ _TITLE = "towtank demo: a small ROV in a simulated tank, learned while it moves"
 
 def warm_up(compiling: Callable[[], None]) -> None:
     """Run a session of two seconds through the whole demo; `compiling` is called once if a kernel must be compiled."""
-    from numba.core import event
+    pending = [compiling]
 
-    class Listener(event.Listener):  # type: ignore[misc]
-        told = False
+    def once() -> None:
+        if pending:
+            pending.pop()()
 
-        def on_start(self, event: Any) -> None:
-            if not self.told:
-                self.told = True
-                compiling()
-
-        def on_end(self, event: Any) -> None:
-            pass
-
-    with event.install_listener("numba:compile", Listener()):
+    with watching_compilation(once):
         session = tank_session(_SECONDS)
         learner = Learner(session.known, free=FREE)
-        stream(session, learner, Course(quantities(session.truth)), paced=False, show=lambda moment: None)
+        stream(session, learner, LearningCurve(quantities(session.truth)), paced=False, show=lambda moment: None)
         learn_recordings(session.known, [session.recording], free=FREE)
         validate(session.truth, [unseen_session().recording.window(0.0, _SECONDS)])
 
@@ -94,21 +85,6 @@ def run_demo(
     Raises:
         InputError: the folder or the page cannot be made, or the length is out of range.
     """
-    with ExitStack() as stack:
-        return _run(stack, output, seconds, fast, browser, page, payload, console, json_output)
-
-
-def _run(
-    stack: ExitStack,
-    output: Path,
-    seconds: float | None,
-    fast: bool,
-    browser: bool,
-    page: str | None,
-    payload: bool,
-    console: Console,
-    json_output: bool,
-) -> dict[str, Any]:
     duration = DURATION if seconds is None else float(seconds)
     if not _SHORTEST <= duration <= _LONGEST:
         raise InputError(f"--seconds: found {duration:g}, expected {_SHORTEST:g} to {_LONGEST:g}")
@@ -121,52 +97,52 @@ def _run(
     console.print()
 
     learner = Learner(session.known, free=session.free)
-    course = Course(quantities(session.truth, weight=payload))
+    curve = LearningCurve(quantities(session.truth, weight=payload))
     watched = not json_output and sys.stdout.isatty()
-    feed, live = _page(session, learner, course, page, console)
-    stack.enter_context(serving(live, lambda line: _whole(console, line), browser=browser and watched))
-    screen = Screen(console, session)
-    with screen.showing() as show:
-        last = stream(session, learner, course, paced=not fast, show=show, watch=feed)
+    feed, live = _page(session, learner, curve, page, console)
+    with serving(live, lambda line: _whole(console, line), browser=browser and watched):
+        screen = Screen(console, session)
+        with screen.showing() as show:
+            last = stream(session, learner, curve, paced=not fast, show=show, watch=feed)
 
-    if feed is not None:
-        feed.streamed()
-    facts = _as_it_is(session, learner) if payload else _second_pass(console, session, course)
-    if feed is not None:
-        again = "" if payload else "learned once more from the whole recording"
-        feed.finish(facts.estimate, facts.model, facts.delay, again)
-    unseen = unseen_session(payload=payload)
-    judged = validate(facts.model, [unseen.recording])
-    files = write_demo(output, session, unseen, facts, judged, course)
-    if feed is not None:
-        feed.written(files[0].read_bytes())
-    console.print()
-    console.print(coefficient_table(course, ascii_only=screen.ascii_only, final=True))
-    console.print()
-    _say(console, verdict(course), "bold")
-    _say(console, fit_text(judged))
-    console.print()
-    _say(console, f"written to {output}: {', '.join(path.name for path in files)}")
-    _say(console, "next, with a log of your own vehicle:")
-    _whole(console, f"  {commands(output)[0][1]}")
-    if live is not None and watched:
-        _stay(console)
-    elif browser and watched:
-        import webbrowser
+        if feed is not None:
+            feed.streamed()
+        facts = _as_it_is(session, learner) if payload else _second_pass(console, session, curve)
+        if feed is not None:
+            again = "" if payload else "learned once more from the whole recording"
+            feed.finish(facts.estimate, facts.model, facts.delay, again)
+        unseen = unseen_session(payload=payload)
+        judged = validate(facts.model, [unseen.recording])
+        files = write_demo(output, session, unseen, facts, judged, curve)
+        if feed is not None:
+            feed.written(files[0].read_bytes())
+        console.print()
+        console.print(coefficient_table(curve, ascii_only=screen.ascii_only, final=True))
+        console.print()
+        _say(console, verdict(curve), "bold")
+        _say(console, fit_text(judged))
+        console.print()
+        _say(console, f"written to {output}: {', '.join(path.name for path in files)}")
+        _say(console, "next, with a log of your own vehicle:")
+        _whole(console, f"  {commands(output)[0][1]}")
+        if live is not None and watched:
+            _stay(console)
+        elif browser and watched:
+            import webbrowser
 
-        webbrowser.open(files[0].resolve().as_uri())
-    return _document(session, facts, course, judged, files, last)
+            webbrowser.open(files[0].resolve().as_uri())
+        return _document(session, facts, curve, judged, files, last)
 
 
 def _page(
-    session: Session, learner: Learner, course: Course, place: str | None, console: Console
+    session: Session, learner: Learner, curve: LearningCurve, place: str | None, console: Console
 ) -> tuple[DemoFeed | None, Page | None]:
     """Return what the live page shows, and the page; nothing where none is asked for."""
     if place is None:
         return None, None
     from towtank.app.demo.feed import DemoFeed
 
-    feed = DemoFeed(session, learner, course)
+    feed = DemoFeed(session, learner, curve)
     return feed, new_page(feed, place, lambda line: _say(console, line), reports=feed.report)
 
 
@@ -180,16 +156,16 @@ def _stay(console: Console) -> None:
 def _as_it_is(session: Session, learner: Learner) -> LearnFacts:
     """Return what the learner knows of a vehicle that has changed: a log is learned from as if it never did."""
     learner.settle()
-    facts = stream_facts(standing(learner), None, of="", events=learner.events)
+    facts = stream_facts(knowledge_of(learner), None, of="", events=learner.events)
     return replace(facts, recordings=[session.recording])
 
 
-def _second_pass(console: Console, session: Session, course: Course) -> LearnFacts:
-    """Learn once more from the whole recording, as `towtank learn` does, and add the result to the course."""
+def _second_pass(console: Console, session: Session, curve: LearningCurve) -> LearnFacts:
+    """Learn once more from the whole recording, as `towtank learn` does, and add the result to the curve."""
     _say(console, "second pass over the recording, as `towtank learn` takes a log")
-    with Output().progress("second pass") as tell:
-        learning = learn_recordings(session.known, [session.recording], free=session.free, progress=tell)
-    course.read(session.recording.duration, learning.estimate)
+    with Output().progress("second pass") as progress:
+        learning = learn_recordings(session.known, [session.recording], free=session.free, progress=progress)
+    curve.read(session.recording.duration, learning.estimate)
     return learn_facts(learning, learning.model, None, [session.recording])
 
 
@@ -216,7 +192,7 @@ def _make_folder(output: Path) -> None:
 
 
 def _document(
-    session: Session, facts: LearnFacts, course: Course, judged: Validation, files: list[Path], last: Moment
+    session: Session, facts: LearnFacts, curve: LearningCurve, judged: Validation, files: list[Path], last: Moment
 ) -> dict[str, Any]:
     coefficients: dict[str, Any] = {}
     for each in facts.estimate.coefficients:
@@ -233,7 +209,7 @@ def _document(
             "identified": value == value,
             **_errors(quantity.truth, value, std),
         }
-        for quantity, value, std in course.latest()
+        for quantity, value, std in curve.latest()
         if quantity.kind == "inertia"
     }
     return {
@@ -247,7 +223,7 @@ def _document(
         "delay_std_s": facts.delay_std,
         "coefficients": coefficients,
         "sums": sums,
-        "events": events_document(course.events),
+        "events": events_document(curve.events),
         "fit": judged.fit,
         "files": files,
         "latency_ms": last.latency_ms,

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from towtank.app.demo.progress import Course, quantities
+from towtank.app.demo.progress import LearningCurve, quantities
 from towtank.core.arrays import Array
 from towtank.identification import Estimate, Learner
 from towtank.simulation.tank import Session
@@ -40,7 +40,7 @@ class Moment:
 
     Attributes:
         t, end: time in the session, and its end [s]. samples: taken so far. elapsed: by the clock [s].
-        latencies: of every update so far [s]. course: of the estimate.
+        latencies: of every update so far [s]. curve: of the estimate.
     """
 
     t: float
@@ -48,7 +48,7 @@ class Moment:
     samples: int
     elapsed: float
     latencies: Array
-    course: Course
+    curve: LearningCurve
 
     @property
     def rate(self) -> float:
@@ -76,7 +76,7 @@ def pose_and_commands(session: Session) -> tuple[Array, Array, Array]:
 def stream(
     session: Session,
     learner: Learner,
-    course: Course,
+    curve: LearningCurve,
     *,
     paced: bool,
     show: Callable[[Moment], None],
@@ -85,7 +85,7 @@ def stream(
     """Feed the session to the learner, in its own time where `paced`, else as fast as the machine can.
 
     Args:
-        course: takes a reading of the estimate every quarter of a second of the session.
+        curve: takes a reading of the estimate every quarter of a second of the session.
         show: called about five times a second of the clock, and at the end. watch: sees every instant.
     """
     times, poses, commands = pose_and_commands(session)
@@ -111,20 +111,20 @@ def stream(
         if t >= reading:
             reading += _READING
             estimate = learner.estimate
-            _take(course, session, learner, t)
+            _take(curve, session, learner, t)
             if watch is not None:
                 watch.read(estimate)
         if now - shown >= _SHOWING:
             shown = now
-            show(Moment(t, end, i + 1, now - began, latencies[: i + 1], course))
-    _take(course, session, learner, end)
-    last = Moment(end, end, n, time.perf_counter() - began, latencies, course)
+            show(Moment(t, end, i + 1, now - began, latencies[: i + 1], curve))
+    _take(curve, session, learner, end)
+    last = Moment(end, end, n, time.perf_counter() - began, latencies, curve)
     show(last)
     return last
 
 
-def _take(course: Course, session: Session, learner: Learner, t: float) -> None:
+def _take(curve: LearningCurve, session: Session, learner: Learner, t: float) -> None:
     """Add a reading, beside the truth of its time."""
-    course.learned = quantities(session.truth_at(t), weight=session.later is not None)
-    course.events = learner.events
-    course.read(t, learner.estimate)
+    curve.learned = quantities(session.truth_at(t), weight=session.later is not None)
+    curve.events = learner.events
+    curve.read(t, learner.estimate)

@@ -12,29 +12,21 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from towtank.app.demo.progress import SETTLED, SETTLING, WAITING, Course
+from towtank.app.demo.progress import SETTLED, SETTLING, WAITING, LearningCurve
 from towtank.app.demo.stream import Moment
 from towtank.app.live.view import event_line
 from towtank.app.terminal.spark import spark
-from towtank.digits import measured, short
+from towtank.digits import estimate_text, short
 from towtank.simulation.tank import ALL, Session
 
-__all__ = ["Screen", "coefficient_table", "estimate_text"]
+__all__ = ["Screen", "coefficient_table"]
 
 _STYLES = {WAITING: "dim", SETTLING: "yellow", SETTLED: "green"}
 _BAR = 30
 _SPARK, _EVENTS = 8, 3  # characters; events that are shown
 
 
-def estimate_text(value: float, std: float, ascii_only: bool = False) -> str:
-    """Return `40.42 ± 0.21`, or "-" where there is no value."""
-    if value != value:
-        return "-"
-    number, spread = measured(value, std)
-    return f"{number} {'+-' if ascii_only else '±'} {spread}"
-
-
-def coefficient_table(course: Course, axis: str = "", *, ascii_only: bool = False, final: bool = False) -> Table:
+def coefficient_table(curve: LearningCurve, axis: str = "", *, ascii_only: bool = False, final: bool = False) -> Table:
     """Return the table of coefficients; the rows of `axis` are marked as being excited.
 
     Args:
@@ -53,7 +45,7 @@ def coefficient_table(course: Course, axis: str = "", *, ascii_only: bool = Fals
     table.add_column("Course", no_wrap=True, min_width=_SPARK)
     if not final:
         table.add_column("State", no_wrap=True, min_width=8)
-    for i, ((quantity, value, std), state) in enumerate(zip(course.latest(), course.states, strict=True)):
+    for i, ((quantity, value, std), state) in enumerate(zip(curve.latest(), curve.states, strict=True)):
         known = value == value
         style = _STYLES[state]
         excited = axis in quantity.axes
@@ -62,10 +54,10 @@ def coefficient_table(course: Course, axis: str = "", *, ascii_only: bool = Fals
             Text(quantity.name, style="bold" if excited else ""),
             Text(quantity.unit, style="dim"),
             short(quantity.truth, 5),
-            Text(estimate_text(value, std, ascii_only), style=style if known else "dim"),
+            Text(estimate_text(value, std, ascii_only=ascii_only), style=style if known else "dim"),
             f"{100.0 * (value / quantity.truth - 1.0):+.2f}" if known and quantity.truth else "",
             *([f"{abs(value - quantity.truth) / std:.1f}" if known else ""] if final else []),
-            spark([row[i] for row in course.values], _SPARK, ascii_only=ascii_only),
+            spark([row[i] for row in curve.values], _SPARK, ascii_only=ascii_only),
             *([] if final else [Text(state, style=style)]),
         )
     return table
@@ -78,7 +70,7 @@ class Screen:
         self.console = console
         self.session = session
         self.ascii_only = not console.encoding.lower().startswith("utf")
-        self._told = 0
+        self._printed = 0
 
     @contextlib.contextmanager
     def showing(self) -> Iterator[Callable[[Moment], None]]:
@@ -91,12 +83,12 @@ class Screen:
 
     def _picture(self, moment: Moment) -> Group:
         axis = self.session.axis_at(moment.t)
-        table = coefficient_table(moment.course, axis, ascii_only=self.ascii_only)
+        table = coefficient_table(moment.curve, axis, ascii_only=self.ascii_only)
         return Group(table, Text(), *self._events(moment), self._where(moment, axis), self._speed(moment))
 
     def _events(self, moment: Moment) -> list[Text]:
         """Return what the learner noticed last."""
-        events = moment.course.events[-_EVENTS:]
+        events = moment.curve.events[-_EVENTS:]
         return [Text(event_line(event, math.nan, ascii_only=self.ascii_only), style="bold") for event in events]
 
     def _where(self, moment: Moment, axis: str) -> Text:
@@ -115,13 +107,13 @@ class Screen:
         )
 
     def _line(self, moment: Moment) -> None:
-        """Print what the turns that have ended since the last call have taught."""
-        latest = {quantity.name: (quantity, value, std) for quantity, value, std in moment.course.latest()}
-        while self._told < len(self.session.turns) and moment.t >= self.session.turns[self._told][2] - 1e-9:
-            axis, _, end = self.session.turns[self._told]
-            self._told += 1
+        """Print what the turns that have ended since the last call have shown."""
+        latest = {quantity.name: (quantity, value, std) for quantity, value, std in moment.curve.latest()}
+        while self._printed < len(self.session.turns) and moment.t >= self.session.turns[self._printed][2] - 1e-9:
+            axis, _, end = self.session.turns[self._printed]
+            self._printed += 1
             parts = [
-                f"{name} {estimate_text(value, std, self.ascii_only)}"
+                f"{name} {estimate_text(value, std, ascii_only=self.ascii_only)}"
                 for name, (quantity, value, std) in latest.items()
                 if axis in quantity.axes or axis == ALL
             ]
@@ -130,6 +122,6 @@ class Screen:
             for line in self._events(moment):
                 self.console.print(line)
             self.console.print()
-            self.console.print(coefficient_table(moment.course, ascii_only=self.ascii_only))
+            self.console.print(coefficient_table(moment.curve, ascii_only=self.ascii_only))
             self.console.print()
             self.console.print(self._speed(moment))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from towtank.app.demo.progress import Course
+from towtank.app.demo.progress import LearningCurve
 from towtank.digits import short
 from towtank.simulation.tank import DELAY, DISTURBANCE, MOCAP, SEED, Session
 from towtank.validation import Validation
@@ -50,11 +50,11 @@ def setting(session: Session) -> str:
     )
 
 
-def verdict(course: Course) -> str:
+def verdict(curve: LearningCurve) -> str:
     """Return the accuracy in one sentence."""
     worst: dict[str, float] = {}
     identified, furthest = 0, 0.0
-    for quantity, value, std in course.latest():
+    for quantity, value, std in curve.latest():
         if value == value:
             identified += 1
             error = abs(100.0 * (value / quantity.truth - 1.0)) if quantity.truth else 0.0
@@ -65,7 +65,7 @@ def verdict(course: Course) -> str:
     names = {"inertia": "inertias", "drag": "drags", "moment": "righting moment", "weight": "net weight"}
     parts = [f"{names[kind]} within {short(error, 2)} %" for kind, error in worst.items()]
     return (
-        f"{identified} of {len(course.learned)} coefficients learned: {', '.join(parts)} of the truth, none further "
+        f"{identified} of {len(curve.learned)} coefficients learned: {', '.join(parts)} of the truth, none further "
         f"from it than {furthest:.1f} of its own standard deviations"
     )
 

@@ -1,1 +1,1 @@
-"""The live session of the command line."""
+"""`towtank live`: the session run, its view on a terminal, its document at the end, its reports."""

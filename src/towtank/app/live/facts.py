@@ -1,7 +1,4 @@
-"""What a learner knows while it streams, put together for a report.
-
-How well the model of a live session predicts what the session saw, and the noise of its sensors.
-"""
+"""What a learner knows while it streams, put together for a report, and how well its model predicts what it saw."""
 
 from __future__ import annotations
 
@@ -23,18 +20,18 @@ from towtank.report import LearnFacts
 from towtank.validation import Validation, residuals, validate
 from towtank.vehicle import Vehicle
 
-__all__ = ["LiveFit", "Standing", "judged", "standing", "stream_facts"]
+__all__ = ["Knowledge", "LiveFit", "judged", "knowledge_of", "stream_facts"]
 
 _ENOUGH = 5.0  # s since the last change, for a prediction
 _ANOTHER_ONE = ("change", "thruster")  # events after which the vehicle is another one
 
 
 @dataclass(frozen=True)
-class Standing:
+class Knowledge:
     """What a learner knows at one moment; nothing in it changes afterwards.
 
     Attributes:
-        vehicle: what it was told. model, estimate, method: of the learner. delay, lag: [s], NaN where it has none.
+        vehicle: what it was given. model, estimate, method: of the learner. delay, lag: [s], NaN where it has none.
         gains: of thrusters. disturbance: level (6,) of the random force [N, N m], None where it has none.
     """
 
@@ -48,17 +45,17 @@ class Standing:
     disturbance: Array | None
 
 
-def standing(learner: Learner) -> Standing:
+def knowledge_of(learner: Learner) -> Knowledge:
     """Return what a learner knows; to be asked by the thread that owns it."""
-    return Standing(
+    return Knowledge(
         learner.vehicle,
         learner.model(),
         learner.estimate,
-        str(getattr(learner, "method", "")),
-        float(getattr(learner, "delay", math.nan)),
-        float(getattr(learner, "lag", math.nan)),
-        dict(getattr(learner, "gains", {})),
-        getattr(learner, "disturbance", None),
+        learner.method,
+        learner.delay,
+        learner.lag,
+        learner.gains,
+        learner.disturbance,
     )
 
 
@@ -88,12 +85,12 @@ def judged_since(
 
 
 def stream_facts(
-    now: Standing,
+    now: Knowledge,
     recording: Recording | None,
     *,
     of: str,
     events: Sequence[Event] = (),
-    course: Convergence | None = None,
+    convergence: Convergence | None = None,
     epoch: float = math.nan,
     prior: str | None = None,
     warnings: Sequence[str] = (),
@@ -101,7 +98,7 @@ def stream_facts(
     """Return what a report of a stream is made of.
 
     Args:
-        recording: what was learned from, or its recent part; of: which, in words. course: of the estimates.
+        recording: what was learned from, or its recent part; of: which, in words. convergence: of the estimates.
         epoch: Unix time [s] of the events' time 0. prior: what was known beforehand, as it was named.
     """
     scores, predicted, why = None, of, ""
@@ -128,7 +125,7 @@ def stream_facts(
         disturbance={}
         if level is None
         else {name: {"std": float(x), "unit": STANDARD[name].unit} for name, x in zip(WRENCH, level, strict=True) if x},
-        convergence=course,
+        convergence=convergence,
         events=events,
         epoch=epoch,
         warnings=[*warnings, *([f"no fit: {why}"] if why else [])],
@@ -178,14 +175,11 @@ def _session(learning: Learning, recorded: Path | None) -> tuple[Recording | Non
 
 
 def _noise(learner: Learner, run: Recording) -> dict[str, dict[str, Any]]:
-    """Return the noise that a learner with levels has found; a quaternion is measured as angles."""
-    from towtank.identification.online.joint import JointLearner
-
-    if not isinstance(learner, JointLearner):
+    """Return the noise of the sensors, where the learner estimates it; a quaternion is measured as angles."""
+    noise = learner.noise
+    if noise is None:
         return {}
     measured = set(run.channels) | (set(EULER) if set(QUATERNION) <= set(run.channels) else set())
     return {
-        name: {"std": float(learner.noise[k]), "unit": STANDARD[name].unit}
-        for k, name in enumerate(MOTION)
-        if name in measured
+        name: {"std": float(noise[k]), "unit": STANDARD[name].unit} for k, name in enumerate(MOTION) if name in measured
     }

@@ -36,7 +36,7 @@ def live_document(
     there is none.
     """
     learnt = status.learnt
-    level = getattr(learner, "disturbance", None)
+    level = learner.disturbance
     return {
         "vehicle": learner.vehicle.name,
         "logs": list(sources),
@@ -113,7 +113,7 @@ def live_part(status: Status) -> dict[str, Any]:
 
 
 def live_line(status: Status, events: Sequence[Event] = ()) -> dict[str, Any]:
-    """Return where a session stands, short enough for one line a second; events: that are new, or told anew."""
+    """Return where a session stands, short enough for one line a second; events: that are new, or have changed."""
     learnt = status.learnt
     known: Mapping[str, Any] = {
         each.name: {"value": each.value, "std": each.std} for each in learnt.estimate.coefficients if each.identified

@@ -1,7 +1,4 @@
-"""The report of a live session: at its end, and for the page at any time.
-
-How the estimates of a stream went, kept for its report in constant memory.
-"""
+"""The report of a live session, at its end and for the page at any time, with estimates over time in little memory."""
 
 from __future__ import annotations
 
@@ -12,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from towtank.app.commands.arguments import command_text
 from towtank.app.files import read_logs
-from towtank.app.live.facts import Standing, standing, stream_facts
-from towtank.app.reports import command_text, origin_of, write_report
+from towtank.app.live.facts import Knowledge, knowledge_of, stream_facts
+from towtank.app.reports import origin_of, write_report
 from towtank.core.arrays import Array
 from towtank.identification import Estimate, Learner
 from towtank.identification.offline.convergence import Convergence
@@ -28,12 +26,12 @@ from towtank.vehicle import Vehicle
 if TYPE_CHECKING:
     from towtank.app.live.session import LiveOptions
 
-__all__ = ["LearnedCourse", "LiveReports", "warm_up"]
+__all__ = ["LearnedCurve", "LiveReports", "warm_up"]
 
 _STEP, _MOST = 0.5, 800  # s between two readings at first; readings
 
 
-class LearnedCourse:
+class LearnedCurve:
     """Reads a learner from time to time; called, by its own thread, with time [s] and arguments of every instant."""
 
     def __init__(self, learner: Learner) -> None:
@@ -63,8 +61,8 @@ class LiveReports:
 
     def __init__(self, session: Session, options: LiveOptions) -> None:
         self._session, self._options = session, options
-        self._course = LearnedCourse(session.learning.learner)
-        session.learning.listeners += (self._course,)
+        self._curve = LearnedCurve(session.learning.learner)
+        session.learning.listeners += (self._curve,)
         self._one_at_a_time = threading.Lock()
 
     def now(self) -> bytes:
@@ -75,8 +73,8 @@ class LiveReports:
         """
         learning = self._session.learning
         with self._one_at_a_time:
-            now, course, recent = learning.errands.ask(lambda: (*self._standing(), learning.recent.copy()))
-            return self._html(now, course, recent.recording()).encode()
+            now, convergence, recent = learning.errands.ask(lambda: (*self._knowledge(), learning.recent.copy()))
+            return self._html(now, convergence, recent.recording()).encode()
 
     def write(self, path: Path, warnings: Sequence[str]) -> None:
         """Write the report of a session that has ended: of its recording, where there is one, else of the last minute.
@@ -88,16 +86,16 @@ class LiveReports:
         recording = self._session.learning.recent.recording()
         if kept is not None and recording is not None:
             (recording,) = read_logs([kept], None, lambda text, share: None)
-        write_report(path, self._html(*self._standing(), recording, kept=kept, warnings=warnings))
+        write_report(path, self._html(*self._knowledge(), recording, kept=kept, warnings=warnings))
 
-    def _standing(self) -> tuple[Standing, Convergence]:
-        now = standing(self._session.learning.learner)
-        return now, self._course.convergence(now.estimate)
+    def _knowledge(self) -> tuple[Knowledge, Convergence]:
+        now = knowledge_of(self._session.learning.learner)
+        return now, self._curve.convergence(now.estimate)
 
     def _html(
         self,
-        now: Standing,
-        course: Convergence,
+        now: Knowledge,
+        convergence: Convergence,
         recording: Recording | None,
         *,
         kept: Path | None = None,
@@ -110,7 +108,7 @@ class LiveReports:
             recording,
             of="the recording" if kept is not None else f"the last {span:.0f} s",
             events=status.events,
-            course=course,
+            convergence=convergence,
             epoch=status.epoch,
             prior=options.prior,
             warnings=[*warnings, *status.warnings],

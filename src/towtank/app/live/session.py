@@ -80,7 +80,7 @@ def run_live(options: LiveOptions, output: Output) -> None:
     mapping = None if options.mapping is None else load_mapping(options.mapping)
     sources = [(text, open_source(text, vehicle, mapping)) for text in options.sources]
 
-    background = not all(getattr(source, "patient", False) for _, source in sources)
+    background = not all(source.patient for _, source in sources)
 
     def fresh() -> Learner:
         return new_learner(
@@ -98,8 +98,8 @@ def run_live(options: LiveOptions, output: Output) -> None:
     if before is None and options.record is not None and options.record.exists():
         raise InputError(f"{options.record}: exists already; add --resume to go on with it, or choose another name")
     output.say("making ready: compiling what is not compiled yet (up to a minute the first time)")
-    with output.progress("making ready") as tell:
-        warm_up(vehicle, fresh(), tell)
+    with output.progress("making ready") as progress:
+        warm_up(vehicle, fresh(), progress)
         if options.page is not None:
             from towtank.dashboard.prediction import warm_up as warm_page_up
 
@@ -124,8 +124,8 @@ def run_live(options: LiveOptions, output: Output) -> None:
     reports = _reports(options, session)
     try:
         if before is not None:
-            with output.progress("learning from what was recorded") as tell:
-                session.learning.catch_up(before.rows(tell), since=before.since, inputs=before.inputs)
+            with output.progress("learning from what was recorded") as progress:
+                session.learning.catch_up(before.rows(progress), since=before.since, inputs=before.inputs)
             output.say(_gone_on(options, before, session))
         page = _page(options, session, vehicle, reports, output)
         viewers = _foxglove(options, session, vehicle, epoch, output)
@@ -219,11 +219,11 @@ def _gone_on(options: LiveOptions, before: Earlier, session: Session) -> str:
 
 def _run(session: Session, stop: threading.Event, options: LiveOptions, vehicle: Vehicle, output: Output) -> Status:
     if options.json_lines:
-        told: list[Event] = []
+        written: list[Event] = []
 
         def show_line(status: Status) -> None:
-            new = [event for event in status.events if event not in told]
-            told[:] = status.events
+            new = [event for event in status.events if event not in written]
+            written[:] = status.events
             _write(live_line(status, new))
 
         return session.run(stop, seconds=options.seconds, show=show_line, period=_LINES)

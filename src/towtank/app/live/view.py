@@ -1,7 +1,4 @@
-"""A live session on the terminal: coefficients as they settle; plain lines every few seconds where it is piped.
-
-A live session in words and rows, for the view, the lines of a pipe and the end.
-"""
+"""A live session on the terminal: coefficients as they settle; plain lines every few seconds where it is piped."""
 
 from __future__ import annotations
 
@@ -16,13 +13,13 @@ from rich.text import Text
 
 from towtank.app.terminal.output import Output
 from towtank.app.terminal.spark import spark
-from towtank.digits import measured, short
+from towtank.digits import estimate_text, short
 from towtank.live.learning import Learnt
 from towtank.live.status import SourceStatus, Status
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle
 
-__all__ = ["LiveView", "coefficient_rows", "estimate_text", "event_line", "likely_line", "link_lines", "measures"]
+__all__ = ["LiveView", "coefficient_rows", "event_line", "likely_line", "link_lines", "measures"]
 
 _SURE = 1e-9
 _MOST_RATES = 6
@@ -30,7 +27,7 @@ _MOST_LIKELY, _HARDLY = 3, 0.005
 _ASCII = str.maketrans({"±": "+-", "−": "-", "²": "^2"})
 _EVENTS = 3  # that are shown
 _LINE = 5.0  # s between two plain lines
-_SPARK, _LONGEST = 12, 480  # characters; values kept of a course
+_SPARK, _LONGEST = 12, 480  # characters; values kept of a coefficient
 _SURE_OF_TABLE, _FAIR = 0.05, 0.2  # relative deviations that are shown in green, in yellow
 
 
@@ -38,12 +35,6 @@ def clock(seconds: float) -> str:
     """Return a duration as 1:02:03."""
     whole = int(seconds)
     return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
-
-
-def estimate_text(value: float, std: float, *, ascii_only: bool = False) -> str:
-    """Return `40.42 ± 0.21`."""
-    number, spread = measured(value, std)
-    return f"{number} {'+-' if ascii_only else '±'} {spread}" if spread else number
 
 
 def coefficient_rows(
@@ -88,7 +79,7 @@ def event_line(event: Event, epoch: float, *, ascii_only: bool = False) -> str:
     """Return what happened, after the time of day.
 
     Args:
-        epoch: Unix time [s] of the session's time 0; where it is NaN the session's own time is told.
+        epoch: Unix time [s] of the session's time 0; where it is NaN the session's own time is shown.
     """
     when = clock(event.t) if math.isnan(epoch) else time.strftime("%H:%M:%S", time.localtime(epoch + event.t))
     text = f"{when}  {event.text}"
@@ -97,8 +88,8 @@ def event_line(event: Event, epoch: float, *, ascii_only: bool = False) -> str:
 
 def likely_line(likely: Mapping[str, float]) -> str:
     """Return how probable each known configuration is, the most probable first."""
-    told = sorted(likely.items(), key=lambda pair: -pair[1])[:_MOST_LIKELY]
-    shares = [f"{name} {100.0 * share:.0f} %" for name, share in told if share >= _HARDLY]
+    ranked = sorted(likely.items(), key=lambda pair: -pair[1])[:_MOST_LIKELY]
+    shares = [f"{name} {100.0 * share:.0f} %" for name, share in ranked if share >= _HARDLY]
     return f"configuration: {', '.join(shares)}" if shares else "configuration: none of those known"
 
 
@@ -108,8 +99,8 @@ def link_lines(status: Status) -> list[str]:
     for each in status.sources:
         state = each.state
         rates = sorted(state.rates.items(), key=lambda pair: -pair[1])[:_MOST_RATES]
-        told = ", ".join(_rate(topic, rate, state.asked.get(topic)) for topic, rate in rates) or "nothing yet"
-        lines.append(f"{each.text}: {each.samples} samples, {told}{_clock(each)}")
+        counted = ", ".join(_rate(topic, rate, state.asked.get(topic)) for topic, rate in rates) or "nothing yet"
+        lines.append(f"{each.text}: {each.samples} samples, {counted}{_clock(each)}")
         silent = [topic for topic in state.asked if topic not in state.rates]
         if silent:
             lines.append(f"  asked for and not got: {', '.join(silent[:_MOST_RATES])}")
@@ -138,8 +129,8 @@ class LiveView:
     def __init__(self, output: Output, vehicle: Vehicle, method: str) -> None:
         self._output, self._console = output, output.console
         self._title = f"{vehicle.name}, method {method}"
-        self._told = time.monotonic()
-        self._courses: dict[str, list[float]] = {}
+        self._printed = time.monotonic()
+        self._histories: dict[str, list[float]] = {}
 
     @contextlib.contextmanager
     def showing(self) -> Iterator[Callable[[Status], None] | None]:
@@ -165,14 +156,14 @@ class LiveView:
         parts.append(Text())
         header = ">Estimate +- std" if self._output.ascii else ">Estimate ± std"
         table = self._output.table("Coefficient", header, ">Rel. std", "Unit", "Course")
-        courses = self._followed(status)
+        histories = self._history(status)
         relative = [
             each.std / abs(each.value) for each in learnt.estimate.coefficients if each.identified and each.value
         ]
         styles = ["green" if x <= _SURE_OF_TABLE else "yellow" if x <= _FAIR else "dim" for x in relative]
         for k, row in enumerate(rows):
-            course = spark(courses[row[0]], _SPARK, ascii_only=self._output.ascii)
-            table.add_row(*row, course, style=styles[k] if len(styles) == len(rows) else "")
+            history = spark(histories[row[0]], _SPARK, ascii_only=self._output.ascii)
+            table.add_row(*row, history, style=styles[k] if len(styles) == len(rows) else "")
         parts.append(table if rows else Text("no coefficient is known yet", style="dim"))
         if rest:
             names = ", ".join(name for group in rest.values() for name in group)
@@ -186,21 +177,21 @@ class LiveView:
             parts.append(Text(likely_line(learnt.likely)))
         return Group(*parts)  # type: ignore[arg-type]
 
-    def _followed(self, status: Status) -> dict[str, list[float]]:
-        """Return the course of every coefficient that is identified, thinned where it becomes long."""
+    def _history(self, status: Status) -> dict[str, list[float]]:
+        """Return the history of every coefficient that is identified, thinned where it becomes long."""
         for each in status.learnt.estimate.coefficients:
             if each.identified:
-                course = self._courses.setdefault(each.name, [])
-                course.append(each.value)
-                if len(course) > _LONGEST:
-                    del course[::2]
-        return self._courses
+                history = self._histories.setdefault(each.name, [])
+                history.append(each.value)
+                if len(history) > _LONGEST:
+                    del history[::2]
+        return self._histories
 
     def _line(self, status: Status) -> None:
         now = time.monotonic()
-        if now - self._told < _LINE:
+        if now - self._printed < _LINE:
             return
-        self._told = now
+        self._printed = now
         rows, _ = coefficient_rows(status.learnt, ascii_only=self._output.ascii)
         known = ", ".join(f"{name} {estimate}" for name, estimate, _, _ in rows) or "no coefficient known yet"
         rates = sum(sum(each.state.rates.values()) for each in status.sources)

@@ -21,7 +21,7 @@ __all__ = [
     "show_list",
 ]
 
-_TOLD = 3  # differences that the list names
+_NAMED = 3  # differences that the list names
 _EDITED = "changed since it was saved"
 
 
@@ -60,8 +60,8 @@ def show_list(folder: Path, found: Sequence[Configuration], output: Output) -> N
 
 
 def _largest(found: Differences) -> str:
-    told = [in_words(one) for one in found.largest[:_TOLD]]
-    return "; ".join(told) if told else "nothing"
+    phrases = [in_words(one) for one in found.largest[:_NAMED]]
+    return "; ".join(phrases) if phrases else "nothing"
 
 
 def _cut(text: str, width: int) -> str:
@@ -88,16 +88,16 @@ def show_configuration(found: Configuration, output: Output) -> None:
 def show_comparison(base: Configuration, other: Configuration, found: Differences, output: Output) -> None:
     """Print all quantities of two configurations and, in words, what really differs."""
     output.heading(f'"{other.name}" (B) beside "{base.name}" (A)')
-    told = [one for one in found.quantities if one.difference != 0.0 or one.std is not None]
-    same = [one.name for one in found.quantities if one not in told]
-    if told:
+    shown = [one for one in found.quantities if one.difference != 0.0 or one.std is not None]
+    same = [one.name for one in found.quantities if one not in shown]
+    if shown:
         table = output.table("Quantity", ">A", ">± std", ">B", ">± std", ">B - A", ">in std", "Unit")
-        for one in told:
+        for one in shown:
             values = (*measured(one.base, one.base_std), *measured(one.other, one.other_std))
             away = "-" if one.deviations is None else f"{_deviations(one.deviations)}{'*' if one.significant else ' '}"
             table.add_row(one.name, *values, _signed(one.difference) if one.difference else "0", away, one.unit)
         output.show(table)
-        if any(one.significant for one in told):
+        if any(one.significant for one in shown):
             output.line("M_X .. M_N: total inertias; *: more than three standard deviations", "dim")
         output.line()
     if same:
@@ -114,11 +114,11 @@ def _verdict(found: Differences) -> list[str]:
         lines.append("no coefficient bears a std, so that nothing can be said of significance")
     else:
         chance = f"p = {found.p:.2g}" if found.p >= 1e-6 else "p < 1e-6"
-        told = f"chi-square {short(found.chi_square, 3)} on {found.degrees}, {chance}"
+        statistics = f"chi-square {short(found.chi_square, 3)} on {found.degrees}, {chance}"
         verdict = (
             "all together they differ significantly" if found.significant else "all together no significant difference"
         )
-        lines.append(f"{verdict} ({told})")
+        lines.append(f"{verdict} ({statistics})")
     if unsure and found.p is not None:
         lines.append(f"no std, so no verdict: {', '.join(unsure)}")
     return lines
@@ -144,7 +144,7 @@ def list_document(folder: Path, found: Sequence[Configuration]) -> dict[str, Any
     entries = []
     for each in found:
         entry = configuration_document(each)
-        largest = differences(found[0].vehicle, each.vehicle).largest[:_TOLD]
+        largest = differences(found[0].vehicle, each.vehicle).largest[:_NAMED]
         entries.append({**entry, "differs_most": [_difference_document(one) for one in largest]})
     return {"folder": folder, "configurations": entries}
 

@@ -147,10 +147,10 @@ def _show_forecast(found: Inspection, output: Output) -> None:
     if ahead is None:
         return
     output.heading("How well they will be known (standard deviation after learning)")
-    told: set[str] = set()
+    shown: set[str] = set()
     for verdict in found.axes.values():
-        lines = [predicted_accuracy.text for name, predicted_accuracy in verdict.prospects.items() if name not in told]
-        told.update(verdict.prospects)
+        lines = [predicted_accuracy.text for name, predicted_accuracy in verdict.prospects.items() if name not in shown]
+        shown.update(verdict.prospects)
         if lines:
             output.item(", ".join([lines[0], *(line.replace(" will be known to", " to") for line in lines[1:])]))
     if len(found.windows) > 1:

@@ -1,9 +1,4 @@
-"""Several models on the same logs, as a table and a part of the document.
-
-Cross-validation over windows, as tables and a part of the document.
-
-What the errors of a prediction are, as a table, a sentence per channel, and a part of the document.
-"""
+"""How models predict, as tables and parts of the document: several on the same logs, over folds, and their errors."""
 
 from __future__ import annotations
 

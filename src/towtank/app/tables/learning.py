@@ -1,7 +1,4 @@
-"""What was learned, as tables and as a document.
-
-Levels of noise and disturbance that learning found, as a table and as a document.
-"""
+"""What was learned, as tables and as a document, with the levels of noise and disturbance."""
 
 from __future__ import annotations
 
@@ -64,8 +61,8 @@ def disturbance_document(levels: NoiseLevels | None, sources: Sequence[Sources])
         return {}
     return {
         axis.wrench: {"std": float(level), "unit": STANDARD[axis.wrench].unit}
-        for axis, level, told in zip(AXES, levels.disturbance, _moving(sources), strict=True)
-        if told
+        for axis, level, moving in zip(AXES, levels.disturbance, _moving(sources), strict=True)
+        if moving
     }
 
 
@@ -85,14 +82,19 @@ def show_levels(
     known = _measured(grids)
     for label, columns, unit in _KINDS:
         if known[columns].any():
-            cells = [_brief(x) if told else "-" for x, told in zip(levels.noise[columns], known[columns], strict=True)]
+            cells = [
+                _brief(x) if measured else "-"
+                for x, measured in zip(levels.noise[columns], known[columns], strict=True)
+            ]
             table.add_row(label, *cells, *[""] * (6 - len(cells)), unit)
     output.show(table)
 
 
 def disturbance_cells(levels: NoiseLevels, sources: Sequence[Sources]) -> list[str]:
     """Return the disturbance of each axis as text, "-" where its speed is not known."""
-    return [_brief(level) if told else "-" for level, told in zip(levels.disturbance, _moving(sources), strict=True)]
+    return [
+        _brief(level) if moving else "-" for level, moving in zip(levels.disturbance, _moving(sources), strict=True)
+    ]
 
 
 def _moving(sources: Sequence[Sources]) -> list[bool]:
@@ -199,8 +201,8 @@ def _show_input(learning: LogLearning, output: Output) -> None:
         if lags:
             output.line(f"lag {', '.join(short(1e3 * lag) for lag in lags)} ms, first order (of the vehicle file)")
     if learning.gains:
-        told = (f"{name} {gain:.3f} ± {std:.3f}" for name, (gain, std) in learning.gains.items())
-        output.line(f"gain of thrusters, times their curves: {', '.join(told)}")
+        gains = (f"{name} {gain:.3f} ± {std:.3f}" for name, (gain, std) in learning.gains.items())
+        output.line(f"gain of thrusters, times their curves: {', '.join(gains)}")
     if learning.vehicle.scale_std and learning.vehicle.thrusters:
         output.line(
             f"scale of thrust known to {100.0 * learning.vehicle.scale_std:.3g} %, within every deviation above"

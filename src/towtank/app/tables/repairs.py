@@ -1,7 +1,4 @@
-"""What was mended in recordings, and what learning warns of, as lines for a person.
-
-What a log held, table by table, for a person and as JSON.
-"""
+"""What a log held and what was repaired in it, with what learning warns of, as lines for a person and as JSON."""
 
 from __future__ import annotations
 
@@ -28,19 +25,19 @@ def file_name(source: str) -> str:
 
 def learning_warnings(learning: LogLearning, recordings: Sequence[Recording], *, repairs: bool = True) -> list[str]:
     """Return the warnings, then (with `repairs`) what was mended and noted in each log."""
-    told = [text for text in learning.warnings if not any(_tells_repairs(text, grid) for grid in learning.grids)]
+    lines = [text for text in learning.warnings if not any(_is_of_repairs(text, grid) for grid in learning.grids)]
     if not repairs:
-        return told
+        return lines
     for grid, recording in zip(learning.grids, recordings, strict=True):
         name = file_name(recording.source)
         if grid.repairs:
-            told.append(f"{name}: {grid.repairs.summary}")
-        told += [f"{name}: {note}" for note in recording.notes if not note.startswith(_HARMLESS)]
-    return list(dict.fromkeys(told))
+            lines.append(f"{name}: {grid.repairs.summary}")
+        lines += [f"{name}: {note}" for note in recording.notes if not note.startswith(_HARMLESS)]
+    return list(dict.fromkeys(lines))
 
 
-def _tells_repairs(text: str, grid: object) -> bool:
-    """True for a line that only says what was mended, which is told line by line instead."""
+def _is_of_repairs(text: str, grid: object) -> bool:
+    """True for a line that only says what was mended, which has a line of its own instead."""
     repairs = getattr(grid, "repairs", None)
     return repairs is not None and (text.endswith(str(repairs)) or text.endswith(repairs.summary))
 

@@ -1,10 +1,6 @@
-"""The fit of a thruster curve as tables, a plot of characters, and a document.
-
-The figure of a thruster fit: what the bench measured and the curve through it, one colour per supply voltage.
+"""The fit of a thruster curve as tables, a plot of characters, a document, and a figure of the bench's points.
 
 matplotlib is imported on first use and draws without a display.
-
-A small plot of characters: measured points and a curve through them.
 """
 
 from __future__ import annotations

@@ -143,8 +143,8 @@ def _show_thrusters(vehicle: Vehicle, output: Output) -> None:
     kinds: dict[str, list[str]] = {}
     for thruster in vehicle.thrusters:
         kinds.setdefault(thruster.curve.kind, []).append(thruster.name)
-    told = [kind if len(kinds) == 1 else f"{kind} for {', '.join(names)}" for kind, names in kinds.items()]
-    output.line(f"Curves from command to force: {'; '.join(told)}")
+    groups = [kind if len(kinds) == 1 else f"{kind} for {', '.join(names)}" for kind, names in kinds.items()]
+    output.line(f"Curves from command to force: {'; '.join(groups)}")
 
 
 def _forces(thruster: Thruster) -> tuple[float | None, float | None]:

@@ -1,1 +1,1 @@
-"""Output, errors and exit codes of a command."""
+"""Output, errors and exit codes of a command; spark lines."""

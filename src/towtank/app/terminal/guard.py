@@ -104,8 +104,8 @@ def _report(line: str, code: int) -> int:
 def _fault_line(error: Exception) -> str:
     what = " ".join(str(error).split())
     kind = "out of memory" if isinstance(error, MemoryError) else type(error).__name__
-    told = f"{kind}: {what}" if what else kind
-    return f"towtank: {told} (set TOWTANK_TRACEBACK=1 to see where)"
+    reason = f"{kind}: {what}" if what else kind
+    return f"towtank: {reason} (set TOWTANK_TRACEBACK=1 to see where)"
 
 
 def _usage_line(error: Any) -> str:

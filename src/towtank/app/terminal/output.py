@@ -1,6 +1,6 @@
 """Where a command speaks: results on standard output, progress and messages on standard error.
 
-The one JSON document of a command: NaN and infinity become null, arrays lists, paths text.
+Its one JSON document has null for NaN and infinity, lists for arrays, text for paths.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ from typing import Any
 
 from rich.box import ASCII, SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["Output", "Teller", "json_text", "plain"]
+__all__ = ["Output", "Progress", "json_text", "plain", "watching_compilation"]
 
-Teller = Callable[[str, float], None]
+Progress = Callable[[str, float], None]
 _PATIENCE = 0.7  # s that a person waits without a word
 _COMPILING = "compiling kernels (first run only)"
 
@@ -131,7 +132,7 @@ class Output:
         return ("#" if self.ascii else "█") * full
 
     @contextlib.contextmanager
-    def progress(self, text: str) -> Iterator[Teller]:
+    def progress(self, text: str) -> Iterator[Progress]:
         """Show a bar on standard error while something takes long, where that is a terminal.
 
         Yields a function to be called with a text and the share done, 0 .. 1.
@@ -142,23 +143,23 @@ class Output:
         console = Console(stderr=True, highlight=False, markup=False, emoji=False)
         times = (TimeElapsedColumn(), TimeRemainingColumn(compact=True), TextColumn("left"))
         columns = (TextColumn("{task.description}"), BarColumn(bar_width=20), *times)
-        with Progress(*columns, console=console, transient=True) as bar:
+        with ProgressBar(*columns, console=console, transient=True) as bar:
             task = bar.add_task(text, total=1.0, visible=False)
             began = time.monotonic()
 
-            def tell(text: str, share: float) -> None:
+            def show(text: str, share: float) -> None:
                 late = time.monotonic() - began > _PATIENCE
                 bar.update(task, description=text, completed=share, **({"visible": True} if late else {}))
 
             def compiling() -> None:
                 bar.update(task, description=_COMPILING, visible=True)
 
-            with _watch_compilation(compiling):
-                yield tell
+            with watching_compilation(compiling):
+                yield show
 
 
 @contextlib.contextmanager
-def _watch_compilation(begins: Callable[[], None]) -> Iterator[None]:
+def watching_compilation(begins: Callable[[], None]) -> Iterator[None]:
     """Call `begins` whenever Numba compiles a kernel that it has not kept on disk."""
     from numba.core import event
 

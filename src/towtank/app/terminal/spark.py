@@ -21,7 +21,7 @@ def spark(values: Sequence[float] | Array, width: int, *, ascii_only: bool = Fal
         floor: value of the lowest character, by default the least there is.
 
     >>> spark([0.0, 1.0, 2.0, 3.0], 4, ascii_only=True)
-    '_:=#'
+    '_:+#'
     """
     series = np.asarray(values, dtype=np.float64)
     if not series.size:

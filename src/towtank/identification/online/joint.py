@@ -1,12 +1,13 @@
 """The joint estimator on a stream: one Kalman filter over motion, disturbance and coefficients, sample by sample.
 
-The estimate of the streaming joint filter, read from its state at any time.
+Its estimate is read from the filter's state at any time.
 """
 
 from __future__ import annotations
 
-import os
+import json
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from towtank.identification.learner import Learner, sample_vector
 from towtank.identification.model.linearisation import N_FIXED
 from towtank.identification.model.parameters import (
     DELAY,
+    FORWARD,
     GAIN_PREFIX,
     LAG,
     LINEAR,
@@ -43,10 +45,10 @@ from towtank.recording import Recording
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle
 
-__all__ = ["JointLearner"]
+__all__ = ["JointLearner", "JointSettings"]
 
 
-def reading(
+def estimate_of(
     vehicle: Vehicle,
     free: FreeParameters,
     state: JointState,
@@ -58,14 +60,14 @@ def reading(
     """Return what the filter knows.
 
     Args:
-        asked: names to tell of, None for all. prior: information (n, n) put in.
+        requested: names to report, None for all. prior: information (n, n) put in.
         left_out: why damping terms are taken as 0.
     """
     n = len(free)
     covariance = state.P[N_FIXED : N_FIXED + n, N_FIXED : N_FIXED + n].copy()
     scale = size_of(vehicle, free)
     deviation = prior_deviation(free, scale)
-    covariance = _cautious(covariance, deviation, prior, _grown(free, state))
+    covariance = _inflated(covariance, deviation, prior, _inflation(free, state))
     posterior = Posterior(free, state.theta, covariance)
     findings = judge(posterior, deviation, scale, prior=prior)
     why = {name: reason for name, reason in findings.reasons.items() if not _is_input(name)}
@@ -75,17 +77,17 @@ def reading(
     return assemble(vehicle, Outcome(posterior, to_learn, why, tuple(left_out), axes, duration, rows)).estimate
 
 
-def _cautious(covariance: Array, deviation: Array, prior: Array | None, grown: Array) -> Array:
-    """Return the covariance (n, n) with what the data told, and that alone, less sure by the factors grown (n,)."""
+def _inflated(covariance: Array, deviation: Array, prior: Array | None, inflation: Array) -> Array:
+    """Return the covariance (n, n) with what the data say, and that alone, less sure by factors `inflation` (n,)."""
     before = np.diag(deviation**-2.0) + (0.0 if prior is None else prior)
-    told = information_of_data(covariance, before) / np.outer(grown, grown)
-    return np.asarray(np.linalg.inv(told + before))
+    of_data = information_of_data(covariance, before) / np.outer(inflation, inflation)
+    return np.asarray(np.linalg.inv(of_data + before))
 
 
-def _grown(free: FreeParameters, state: JointState) -> Array:
+def _inflation(free: FreeParameters, state: JointState) -> Array:
     """Return by how much deviations (n,) grow, since the disturbance's level is not known but estimated as well."""
     each = variance_inflation(state.disturbance_statistics["effective_samples"])
-    axes = [int(code[1]) if code[0] in (MASS, LINEAR, QUADRATIC) else -1 for code in free.codes]
+    axes = [int(code[1]) if code[0] in (MASS, LINEAR, QUADRATIC, FORWARD) else -1 for code in free.codes]
     used = [axis for axis in axes if axis >= 0] or list(range(6))
     most = float(each[used].max())
     return np.array([each[axis] if axis >= 0 else most for axis in axes])
@@ -113,6 +115,26 @@ def nothing_yet(vehicle: Vehicle, names: Collection[str]) -> Estimate:
     )
 
 
+@dataclass(frozen=True)
+class JointSettings:
+    """Settings of the joint method, see `JointLearner`."""
+
+    free: Collection[str] | None = None
+    delay: float | None = None
+    prior: Vehicle | None = None
+    background: bool = False
+    current: bool = False
+    changes: bool = True
+    known: Mapping[str, Vehicle] | None = None
+
+    def __post_init__(self) -> None:
+        if self.delay is not None and not 0.0 <= self.delay < np.inf:
+            raise InputError(f"delay: found {self.delay}, expected a number of seconds, 0 or more")
+
+
+_SETTINGS = frozenset(each.name for each in fields(JointSettings))
+
+
 class JointLearner(Learner):
     """The joint estimator, streaming.
 
@@ -123,11 +145,11 @@ class JointLearner(Learner):
             damping terms that the vehicle has (both where it has none), righting moments and net weight.
         delay: from input to force [s]; found where omitted and the inputs are commands.
         prior: a vehicle whose coefficients bear deviations: what is known beforehand.
-        background: second looks run in a thread, so that no sample waits for one; `settle` waits for the last.
+        background: re-estimations run in a thread, so that no sample waits for one; `settle` waits for the last.
         current: of the water, estimated along: where speed over ground or position, and heading, are measured.
-        changes: of the vehicle (a payload, a fouled thruster) are watched for, and told of by `events`.
+        changes: of the vehicle (a payload, a fouled thruster) are watched for, and reported by `events`.
         known: models of configurations that it may become, by name.
-        paper: further settings of the least squares that runs beside it.
+        settings: these (`JointSettings`), and further ones of the least squares that runs beside it.
 
     Raises:
         InputError: an unknown name or setting.
@@ -135,41 +157,28 @@ class JointLearner(Learner):
 
     keeps_checkpoints = True
 
-    def __init__(
-        self,
-        vehicle: Vehicle,
-        method: str = "joint",
-        *,
-        free: Collection[str] | None = None,
-        delay: float | None = None,
-        prior: Vehicle | None = None,
-        background: bool = False,
-        current: bool = False,
-        changes: bool = True,
-        known: Mapping[str, Vehicle] | None = None,
-        **paper: Any,
-    ) -> None:
+    def __init__(self, vehicle: Vehicle, method: str = "joint", **settings: Any) -> None:
         if method != "joint":
             raise InputError(f'method: found "{method}", expected "joint"')
-        if delay is not None and not 0.0 <= delay < np.inf:
-            raise InputError(f"delay: found {delay}, expected a number of seconds, 0 or more")
-        self.vehicle, self.method, self.prior, self._current = vehicle, method, prior, current
-        self._requested = None if free is None else tuple(free)
+        own = JointSettings(**{name: value for name, value in settings.items() if name in _SETTINGS})
+        paper = {name: value for name, value in settings.items() if name not in _SETTINGS}
+        self.vehicle, self.method, self._settings = vehicle, method, own
+        self._requested = None if own.free is None else tuple(own.free)
+        rows: list[str] | None = None
         if self._requested is not None:
             free_parameters(vehicle, self._requested)  # names are right
             rows = [name for name in self._requested if name in paper_names()]
-            self._paper: PaperLearner | None = PaperLearner(vehicle, free=rows, delay=delay, **paper) if rows else None
-        else:
-            self._paper = PaperLearner(vehicle, delay=delay, **paper)
+        beside = rows is None or bool(rows)
+        self._paper = PaperLearner(vehicle, free=rows, delay=own.delay, **paper) if beside else None
         self._stream = JointStream(
             vehicle,
             self._requested,
-            delay=delay,
-            prior=prior,
+            delay=own.delay,
+            prior=own.prior,
             paper=self._paper,
-            background=background,
-            current=current,
-            known=(known or {}) if changes else None,
+            background=own.background,
+            current=own.current,
+            known=(own.known or {}) if own.changes else None,
         )
         self._estimate: Estimate | None = None
 
@@ -239,11 +248,37 @@ class JointLearner(Learner):
         self._stream.settle()
         self._estimate = None
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a checkpoint; see `Learner.save`."""
-        from towtank.identification.online.checkpoint import save_learner
+    def to_arrays(self) -> dict[str, Any]:
+        """Return all that it knows; see `Learner.to_arrays`."""
+        own, (plain, arrays) = self._settings, self._stream.to_arrays()
+        about = {"requested": self._requested, "delay": own.delay, "current": own.current, "stream": plain}
+        return {"learner": np.frombuffer(json.dumps(about).encode(), dtype=np.uint8), **arrays}
 
-        save_learner(self, path)
+    @classmethod
+    def from_arrays(
+        cls,
+        arrays: Mapping[str, Any],
+        vehicle: Vehicle,
+        *,
+        prior: Vehicle | None = None,
+        background: bool = False,
+        known: Mapping[str, Vehicle] | None = None,
+    ) -> JointLearner:
+        """Return a learner that goes on; see `Learner.from_arrays`."""
+        about = json.loads(arrays["learner"].tobytes())
+        learner = cls(
+            vehicle,
+            free=about["requested"],
+            delay=about["delay"],
+            prior=prior,
+            background=background,
+            current=about["current"],
+            changes=about["stream"]["watching"],
+            known=known,
+        )
+        learner._stream.restore(about["stream"], arrays)
+        learner._feed_paper()
+        return learner
 
     # -- results out
 
@@ -260,16 +295,16 @@ class JointLearner(Learner):
     @property
     def gains(self) -> dict[str, tuple[float, float]]:
         """Gain of each thruster that has one free and its deviation, as multiples of its curve."""
-        free, state = self._stream.free, self._stream.state
-        if free is None or state is None:
+        running = self._stream.running
+        if running is None:
             return {}
-        std = coefficient_std(state)
-        return learned_gains(self.vehicle, free, state.theta, std)
+        return learned_gains(self.vehicle, running.free, running.state.theta, coefficient_std(running.state))
 
     @property
     def current(self) -> Current | None:
         """Of the water, where it is estimated and something has been seen."""
-        return current_of(self._stream.state) if self._current and self._stream.state is not None else None
+        running = self._stream.running
+        return current_of(running.state) if self._settings.current and running is not None else None
 
     @property
     def noise(self) -> Array:
@@ -279,8 +314,8 @@ class JointLearner(Learner):
     @property
     def disturbance(self) -> Array:
         """Level (6,) [N, N m] of the random force that the motion shows."""
-        state = self._stream.state
-        return self._stream.levels.disturbance.copy() if state is None else state.disturbance.copy()
+        running = self._stream.running
+        return (self._stream.levels if running is None else running.state).disturbance.copy()
 
     @property
     def events(self) -> tuple[Event, ...]:
@@ -309,11 +344,28 @@ class JointLearner(Learner):
 
     # -- inside
 
+    def _feed_paper(self) -> None:
+        """Give the least squares that runs beside what the stream goes over; of that alone it is made anew."""
+        if self._paper is None or not self._stream.reestimating:
+            return
+        for k, samples in enumerate(self._stream.stretches):
+            pushed = 0
+            if k:
+                self._paper.restart()
+            for t, z in zip(samples.t, samples.values, strict=True):
+                while pushed < samples.input_t.size and samples.input_t[pushed] <= t:
+                    force = samples.input_force[pushed]
+                    self._paper.push(float(samples.input_t[pushed]), force, commands=samples.commands)
+                    pushed += 1
+                self._paper.update(float(t), pose=z[:6], velocity=z[6:12], acceleration=z[12:])
+
     def _assembled(self) -> Estimate:
-        stream = self._stream
-        if stream.state is None or stream.free is None:
+        stream, running = self._stream, self._stream.running
+        if running is None:
             return self._paper.estimate if self._paper is not None else nothing_yet(self.vehicle, self._requested or ())
-        prior = None if self.prior is None else prior_information(self.prior, stream.free)[1]
+        free, state = running.free, running.state
+        before = self._settings.prior
+        prior = None if before is None else prior_information(before, free)[1]
         axes = self._paper.estimate.axes if self._paper is not None and stream.reestimating else ()
-        found = reading(self.vehicle, stream.free, stream.state, self._requested, prior, axes, stream.left_out)
-        return with_thrust_scale(found, self.vehicle) if stream.commanded else found
+        estimate = estimate_of(self.vehicle, free, state, self._requested, prior, axes, stream.left_out)
+        return with_thrust_scale(estimate, self.vehicle) if stream.commanded else estimate

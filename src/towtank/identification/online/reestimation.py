@@ -1,11 +1,8 @@
-"""A second look of the streaming estimator: passes over what was seen so far, from several starts.
+"""Re-estimation of a stream: passes of the filter over what was seen so far, from several starts.
 
-Where a second look of the streaming filter begins: coefficients by what is known, levels by what rows show.
-
-Still water: the supposition that nothing disturbs the vehicle, which a look of the streaming filter tries.
-
-A level of the disturbance that is estimated never falls to nothing in a few seconds, and a slow stair of thrust looks
-like a slow force: in still water a stream would wait for two times as long as it need. So beside the usual level a look
+A pass starts with coefficients by what is known, and with noise levels by what the rows show. A level of the
+disturbance that is estimated never falls to nothing in a few seconds, and a slow stair of thrust looks like a slow
+force: in still water a stream would wait for two times as long as it need. So beside the usual level a re-estimation
 supposes that there is no disturbance, and keeps to that where it is likelier. A marker that jumps by three deviations
 of its noise is mistaken for a force by the one and costs the other dear; so, where the supposition is not plainly
 wrong, a free run judges as well, whose residuals are white in still water.
@@ -15,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +20,7 @@ from towtank.core.arrays import Array
 from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.data.samples import Samples
 from towtank.identification.data.zero_order_hold import ZeroOrderHold
+from towtank.identification.kalman.alternatives import Prior
 from towtank.identification.kalman.iterated import (
     FilterProblem,
     informed_or_start,
@@ -38,28 +37,34 @@ from towtank.identification.kalman.noise_adaptation import (
     noise_of_rows,
     velocity_walk_of_rows,
 )
-from towtank.identification.kalman.state import FilterSettings, JointState, coefficient_std
+from towtank.identification.kalman.state import (
+    FilterSettings,
+    JointState,
+    coefficient_std,
+)
 from towtank.identification.model.linearisation import N_FIXED
 from towtank.identification.model.parameters import DELAY, MASS, FreeParameters
 from towtank.identification.model.prior import size_of, start_theta
 from towtank.identification.model.terms import candidates
 from towtank.identification.posterior.estimate import Estimate
 from towtank.identification.simulation_error.cross_validation import FreeRuns, columns_of
-from towtank.identification.simulation_error.segments import CandidateModel
+from towtank.identification.simulation_error.fit import CandidateModel
 from towtank.vehicle import Vehicle
 
 __all__ = [
     "Reestimation",
-    "axes_seen",
+    "Start",
+    "Task",
     "bank_of_delays",
     "begun_later",
-    "look",
-    "names_now",
+    "measured_axes",
+    "names_to_learn",
     "noise_levels_of_rows",
+    "reestimate",
     "starting_points",
 ]
 
-PLAINLY_WRONG = -100.0  # log likelihood ratio beyond which no free run is asked
+_PLAINLY_WRONG = -100.0  # log likelihood ratio beyond which no free run is asked
 _STILL = 0.1  # of the usual disturbance
 _SHOWS = 1.5  # time constants after which a random force has begun to show,
 _SHOWS_FREELY = 2.25  # and after which free runs show it: until then coefficients bend to it
@@ -109,31 +114,41 @@ def still_water(state: JointState, levels: NoiseLevels, free: FreeParameters, se
     return Still(replace(levels, disturbance=disturbance), replace(settings, usual=tuple(usual)), tuple(axes))
 
 
-def freely_white(
-    stretches: Sequence[Samples],
-    vehicle: Vehicle,
-    free: FreeParameters,
-    state: JointState,
-    noise: Array,
-    *,
-    delay: float,
-    prior: tuple[Array, Array] | None,
-) -> Array | None:
-    """Return coefficients (n,) of a free run, fitted from those of `state`, that leaves white residuals, or None."""
-    if state.clock[0].duration < _SHOWS_FREELY * state.settings[0].time_constant:
-        return None
-    runs = FreeRuns.over(vehicle, stretches, noise, free.names, prior=lambda _: prior)
-    fit = runs.fit(CandidateModel(vehicle, free, state.theta, delay))
-    if fit is None:
-        return None
-    return fit.theta if fit.autocorrelation.white(columns_of(free.names)) else None
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What every pass of a re-estimation goes over, and what is known beforehand.
+
+    delay: of the inputs [s] where it is not free. prior: mean and information of coefficients, if any.
+    """
+
+    stretches: Sequence[Samples]
+    vehicle: Vehicle
+    settings: FilterSettings
+    delay: float
+    prior: Prior
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where the passes begin.
+
+    own: theta (n,) of the filter by now. A pass from there stays linear: it does not deceive itself.
+    others: thetas (n,), followed as they become known. levels: that the first pass tries.
+    reserve: a start (n,) for where a pass from `own` rejects much of what it sees: it has diverged.
+    """
+
+    free: FreeParameters
+    own: Array | None
+    others: Sequence[Array]
+    levels: NoiseLevels
+    reserve: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Reestimation:
-    """The filter after the likeliest pass, its inputs, the levels that it shows, those that the next look tries, merit.
+    """The filter after the likeliest pass, its inputs, the levels that it shows, those that the next one tries.
 
-    The next look tries others where the water is taken as still: it asks again. stirred: it plainly is not.
+    The next one tries others where the water is taken as still: it asks again. stirred: it plainly is not.
     left_out: seconds at the beginning that hold a false start. free: the coefficients.
     damping: why damping terms are left out, None where that was not asked.
     """
@@ -149,104 +164,121 @@ class Reestimation:
     damping: Mapping[str, str] | None = None
 
 
-def look(
-    stretches: Sequence[Samples],
-    vehicle: Vehicle,
-    free: FreeParameters,
-    own: Array | None,
-    starts: Sequence[Array],
-    levels: NoiseLevels,
-    settings: FilterSettings,
-    *,
-    delay: float,
-    prior: tuple[Array, Array] | None,
-    reserve: Array | None = None,
-    still: bool = False,
-    may_begin_later: bool = False,
-) -> Reestimation | None:
-    """Pass over all stretches from each start, from the likeliest once more with the levels it shows; None if all fail.
+class _Pass(NamedTuple):
+    """The filter and its inputs at the end of a pass."""
 
-    Args:
-        own: theta (n,) of the filter by now. A pass from there stays linear: it does not deceive itself.
-        starts: other thetas (n,), followed as they become known.
-        delay: of the inputs [s] where it is not free. prior: mean and information.
-        reserve: a start (n,) for where a pass from `own` refuses much of what it sees: it has gone astray.
-        still: also suppose that nothing disturbs the vehicle, and keep to that where it is likelier.
-        may_begin_later: leave the first half second out where a pass from the other starts goes astray with it and not
-            without, however sound one from `own` is: it may have raised the disturbance to explain what it saw.
-    """
-    p, shown, usual, rounds = np.array(vehicle.parameters), levels.noise, np.array(settings.usual), _ROUNDS
-    deviation = prior_deviation(free, size_of(vehicle, free))
-    problem = FilterProblem(stretches, p, free, deviation, prior, delay)
+    state: JointState
+    held: ZeroOrderHold
 
-    def passed(theta: Array, levels: NoiseLevels, *, follow: bool) -> tuple[JointState, ZeroOrderHold] | None:
-        state, held = one_pass(problem, theta, levels, replace(settings, relinearise=follow))
-        sound = np.isfinite(state.theta).all() and np.isfinite(state.P).all() and (np.diag(state.P) >= 0.0).all()
-        return (state, held) if sound else None
+    @property
+    def likelihood(self) -> float:
+        """Its logarithm."""
+        return float(self.state.clock[0].log_likelihood)
 
-    found = []
-    if own is not None:
-        found.append(passed(own, levels, follow=False))
-        if not starts and reserve is not None and (found[0] is None or diverged(found[0][0])):
-            starts = [reserve]
-    least = replace(levels, disturbance=np.minimum(levels.disturbance, np.where(usual > 0.0, usual, np.inf)))
-    others = [each for each in (passed(start, least, follow=True) for start in starts) if each is not None]
-    if others:  # likelihoods of passes that follow and of linear ones do not compare
-        state, held = max(others, key=_likelihood)
-        found.append(passed(limit_step(free, state.theta, state.theta), least, follow=False) or (state, held))
-    sound = [each for each in found if each is not None]
-    if not sound:
-        return None
-    if may_begin_later and others and diverged(sound[-1][0]) and stretches[0].duration > _LONG_ENOUGH:
-        later = begun_later(stretches, _FALSE_START)
-        again = look(later, vehicle, free, None, starts, levels, settings, delay=delay, prior=prior, still=still)
-        if again is not None and not diverged(again.state):
-            return replace(again, left_out=_FALSE_START)
-    state, held = max(sound, key=_likelihood)
-    if own is None or sound[0][0] is not state:
-        levels = least
-        rounds = max(rounds, _ROUNDS_ELSEWHERE)  # linearised about what may be far away
-    if inconsistent(state):
-        rounds = max(rounds, _ROUNDS_AT_ODDS)
 
-    def settled(
-        seen: tuple[JointState, ZeroOrderHold], levels: NoiseLevels, rounds: int, calm: Still | None
-    ) -> Reestimation:
-        (state, held), way = seen, settings if calm is None else calm.settings
+class _Passes:
+    """Passes over the same data with the same free coefficients; noise (15,) is what the rows show."""
 
-        def following() -> NoiseLevels:
-            found = adapt_noise(state, levels, way, shown)
-            return found if calm is None else calm.kept(found)
+    def __init__(self, task: Task, free: FreeParameters, noise: Array) -> None:
+        self._task, self._free, self._noise = task, free, noise
+        p, deviation = np.array(task.vehicle.parameters), prior_deviation(free, size_of(task.vehicle, free))
+        self._problem = FilterProblem(task.stretches, p, free, deviation, task.prior(free), task.delay)
+
+    def once(self, theta: Array, levels: NoiseLevels, *, relinearise: bool) -> _Pass | None:
+        """Return one pass; None where it fails."""
+        settings = replace(self._task.settings, relinearise=relinearise)
+        state, held = one_pass(self._problem, theta, levels, settings)
+        healthy = np.isfinite(state.theta).all() and np.isfinite(state.P).all() and (np.diag(state.P) >= 0.0).all()
+        return _Pass(state, held) if healthy else None
+
+    def settled(self, last: _Pass, levels: NoiseLevels, rounds: int, calm: Still | None = None) -> Reestimation:
+        """Pass again, `rounds` times at most, with the levels that the last pass shows, until they stay."""
+        settings = self._task.settings if calm is None else calm.settings
+
+        def shown() -> NoiseLevels:
+            adapted = adapt_noise(last.state, levels, settings, self._noise)
+            return adapted if calm is None else calm.kept(adapted)
 
         for _ in range(rounds):
-            shows = following()
-            about = limit_step(free, state.theta, state.linearised_at, linear=state.settings[0].relinearise == 0.0)
+            shows, state = shown(), last.state
+            about = self.next_point(state)
             std = coefficient_std(state)
             if converged(shows, levels) and np.all(np.abs(about - state.linearised_at) <= _SETTLED * std):
                 break
-            again = passed(about, shows, follow=False)
-            if again is None or _log_posterior(again[0], shows, way) < _log_posterior(state, levels, way) - _WORSE:
+            again, least = self.once(about, shows, relinearise=False), _log_posterior(last, levels, settings) - _WORSE
+            if again is None or _log_posterior(again, shows, settings) < least:
                 break
-            (state, held), levels = again, shows
-        shows = following()
-        return Reestimation(free, state, held, shows, shows, _log_posterior(state, levels, way))
+            last, levels = again, shows
+        shows = shown()
+        return Reestimation(self._free, last.state, last.held, shows, shows, _log_posterior(last, levels, settings))
 
-    usually = settled((state, held), levels, rounds, None)
-    calm = still_water(usually.state, usually.levels, free, settings) if still else None
+    def still(self, theta: Array, calm: Still) -> Reestimation | None:
+        """Return passes that suppose still water, from theta (n,); None where the first fails."""
+        begun = self.once(theta, calm.levels, relinearise=False)
+        return None if begun is None else self.settled(begun, calm.levels, _ROUNDS_STILL, calm)
+
+    def next_point(self, state: JointState) -> Array:
+        """Return what the pass after this one is linearised about (n,)."""
+        return limit_step(self._free, state.theta, state.linearised_at, linear=state.settings[0].relinearise == 0.0)
+
+    def white_free_run(self, state: JointState) -> Array | None:
+        """Return coefficients (n,) of a free run, fitted from those of `state`, whose residuals are white, or None."""
+        if state.clock[0].duration < _SHOWS_FREELY * state.settings[0].time_constant:
+            return None
+        vehicle, delay = self._task.vehicle, self._task.delay
+        prior = self._problem.prior
+        runs = FreeRuns.over(vehicle, self._task.stretches, self._noise, self._free.names, prior=lambda _: prior)
+        fit = runs.fit(CandidateModel(vehicle, self._free, state.theta, delay))
+        if fit is None:
+            return None
+        return fit.theta if fit.autocorrelation.white(columns_of(self._free.names)) else None
+
+
+def reestimate(task: Task, start: Start, *, still: bool = False, may_begin_later: bool = False) -> Reestimation | None:
+    """Pass over all stretches from each start, from the likeliest once more with the levels it shows; None if all fail.
+
+    Args:
+        still: also suppose that nothing disturbs the vehicle, and keep to that where it is likelier.
+        may_begin_later: leave the first half second out where a pass from the other starts diverges with it and not
+            without, however healthy one from `own` is: it may have raised the disturbance to explain what it saw.
+    """
+    free, own, others, levels = start.free, start.own, start.others, start.levels
+    passes, usual, rounds = _Passes(task, free, levels.noise), np.array(task.settings.usual), _ROUNDS
+    tried: list[_Pass | None] = []
+    if own is not None:
+        tried.append(passes.once(own, levels, relinearise=False))
+        if not others and start.reserve is not None and (tried[0] is None or diverged(tried[0].state)):
+            others = [start.reserve]
+    least = replace(levels, disturbance=np.minimum(levels.disturbance, np.where(usual > 0.0, usual, np.inf)))
+    elsewhere = [each for each in (passes.once(theta, least, relinearise=True) for theta in others) if each is not None]
+    if elsewhere:  # likelihoods of passes that follow and of linear ones do not compare
+        followed = max(elsewhere, key=lambda each: each.likelihood)
+        theta = followed.state.theta
+        tried.append(passes.once(limit_step(free, theta, theta), least, relinearise=False) or followed)
+    healthy = [each for each in tried if each is not None]
+    if not healthy:
+        return None
+    if may_begin_later and elsewhere and diverged(healthy[-1].state) and task.stretches[0].duration > _LONG_ENOUGH:
+        later = replace(task, stretches=begun_later(task.stretches, _FALSE_START))
+        again = reestimate(later, Start(free, None, others, levels), still=still)
+        if again is not None and not diverged(again.state):
+            return replace(again, left_out=_FALSE_START)
+    best = max(healthy, key=lambda each: each.likelihood)
+    if own is None or healthy[0] is not best:
+        levels = least
+        rounds = max(rounds, _ROUNDS_ELSEWHERE)  # linearised about what may be far away
+    if inconsistent(best.state):
+        rounds = max(rounds, _ROUNDS_AT_ODDS)
+    usually = passes.settled(best, levels, rounds)
+    calm = still_water(usually.state, usually.levels, free, task.settings) if still else None
     if calm is None:
         return usually
-
-    def calmly(theta: Array) -> Reestimation | None:
-        begun = passed(theta, calm.levels, follow=False)
-        return None if begun is None else settled(begun, calm.levels, _ROUNDS_STILL, calm)
-
-    linear = usually.state.settings[0].relinearise == 0.0
-    other = calmly(limit_step(free, usually.state.theta, usually.state.linearised_at, linear=linear))
-    if other is None or other.log_posterior < usually.log_posterior + PLAINLY_WRONG:
+    other = passes.still(passes.next_point(usually.state), calm)
+    if other is None or other.log_posterior < usually.log_posterior + _PLAINLY_WRONG:
         return replace(usually, stirred=True)
     if other.log_posterior < usually.log_posterior:
-        theta = freely_white(stretches, vehicle, free, other.state, shown, delay=delay, prior=prior)
-        other = None if theta is None else calmly(theta)
+        fitted = passes.white_free_run(other.state)
+        other = None if fitted is None else passes.still(fitted, calm)
     return usually if other is None else replace(other, next=usually.levels)
 
 
@@ -260,12 +292,8 @@ def begun_later(stretches: Sequence[Samples], seconds: float) -> list[Samples]:
     return [first.part(int(np.searchsorted(first.t, first.t[0] + seconds)), 0), *stretches[1:]]
 
 
-def _likelihood(passed: tuple[JointState, ZeroOrderHold]) -> float:
-    return float(passed[0].clock[0].log_likelihood)
-
-
-def _log_posterior(state: JointState, levels: NoiseLevels, settings: FilterSettings) -> float:
-    return float(state.clock[0].log_likelihood) + log_prior_of_levels(levels, settings)
+def _log_posterior(last: _Pass, levels: NoiseLevels, settings: FilterSettings) -> float:
+    return last.likelihood + log_prior_of_levels(levels, settings)
 
 
 def bank_of_delays(free: FreeParameters, theta: Array) -> list[Array]:
@@ -274,37 +302,38 @@ def bank_of_delays(free: FreeParameters, theta: Array) -> list[Array]:
     return [np.concatenate([theta[:k], [delay], theta[k + 1 :]]) for delay in _BANK]
 
 
-def axes_seen(stretches: Sequence[Samples]) -> list[bool]:
+def measured_axes(stretches: Sequence[Samples]) -> list[bool]:
     """Return whether the pose or the speed of each of the six axes is measured."""
     measured = np.any([each.measured for each in stretches], axis=0)
     return [bool(measured[i] or measured[6 + i]) for i in range(6)]
 
 
-def names_now(
+def names_to_learn(
     vehicle: Vehicle,
     requested: Sequence[str] | None,
-    found: Estimate | None,
-    seen: Sequence[bool],
+    regression: Estimate | None,
+    measured: Sequence[bool],
     *,
     with_delay: bool,
 ) -> list[str]:
-    """Return what is free: as asked, or of the axes that are seen what least squares has not put aside."""
+    """Return what is free: as asked, or of the axes that are measured what least squares has not put aside."""
     if requested is not None:
         names = list(requested)
     else:
         names = []
         for candidate in candidates(vehicle, None):
             axis = candidate.axis
-            if not seen[axis.index]:
+            if not measured[axis.index]:
                 continue
             columns = (*axis.columns, axis.added_mass)
             for c in (4, 0, 1, 2, 3):
                 name = columns[c]
                 if not candidate.to_learn[c] or name in names:
                     continue
-                known = found is not None and name in found and found[name].identified
-                put_aside = found is not None and name in found and not known and found[name].value == 0.0
-                if (c == 3 and not known) or (c in (0, 1) and put_aside and _partner_known(found, columns, c)):
+                by_rows = regression[name] if regression is not None and name in regression else None
+                known = by_rows is not None and by_rows.identified
+                put_aside = by_rows is not None and not known and by_rows.value == 0.0
+                if (c == 3 and not known) or (c in (0, 1) and put_aside and _partner_known(regression, columns, c)):
                     continue
                 names.append(name)
     if with_delay and DELAY not in names:
@@ -312,29 +341,29 @@ def names_now(
     return names
 
 
-def _partner_known(found: Estimate | None, columns: tuple[str, ...], c: int) -> bool:
+def _partner_known(regression: Estimate | None, columns: tuple[str, ...], c: int) -> bool:
     partner = columns[1 - c]
-    return found is not None and partner in found and found[partner].identified
+    return regression is not None and partner in regression and regression[partner].identified
 
 
 def starting_points(
     vehicle: Vehicle,
     known: tuple[FreeParameters, JointState] | None,
     free: FreeParameters,
-    found: Estimate | None,
+    regression: Estimate | None,
     delay: float,
 ) -> tuple[Array | None, Array]:
     """Return what the filter knows by now (n,), None before it knows anything, and what least squares says (n,).
 
     Args:
-        known: coordinates of the filter by now, and the filter. free: coordinates (n,) of the look.
-        found: by least squares. delay: [s] where it is not free.
+        known: coordinates of the filter by now, and the filter. free: coordinates (n,) of the re-estimation.
+        regression: by least squares. delay: [s] where it is not free.
     """
-    velocity_walk = vehicle
-    if found is not None:
-        changes = {each.name: each.value for each in found.coefficients if each.identified}
-        velocity_walk = vehicle.with_coefficients(changes) if changes else vehicle
-    cold = start_theta(vehicle, velocity_walk, free, delay=delay, lag=_LAG)
+    informed = vehicle
+    if regression is not None:
+        changes = {each.name: each.value for each in regression.coefficients if each.identified}
+        informed = vehicle.with_coefficients(changes) if changes else vehicle
+    cold = start_theta(vehicle, informed, free, delay=delay, lag=_LAG)
     if known is None:
         return None, cold
     names, state = known[0].names, known[1]
@@ -348,7 +377,7 @@ def starting_points(
 
 
 def noise_levels_of_rows(rows: Samples, levels: NoiseLevels, *, first: bool) -> NoiseLevels:
-    """Return the levels that a look starts with: noise as the rows show it, the rest as found before."""
+    """Return the levels that a re-estimation starts with: noise as the rows show it, the rest as before."""
     noise, velocity_walk = noise_of_rows(rows.t, rows.values), levels.velocity_walk
     beside = rows.measured[6:12] if not first else np.zeros(6, dtype=bool)
     noise[:6] = np.where(beside, np.maximum(noise[:6], levels.noise[:6]), noise[:6])

@@ -1,8 +1,6 @@
 """JSON lines over UDP or standard input: the bridge for whatever has no link of its own.
 
-One line of JSON as a sample: `{"t": 12.34, "x": 0.1, "psi": 1.2, "cmd": [1500, 1620]}`; told in docs/live.md.
-
-HOST:PORT as it stands on the command line.
+A line is a sample: `{"t": 12.34, "x": 0.1, "psi": 1.2, "cmd": [1500, 1620]}`; described in docs/live.md.
 """
 
 from __future__ import annotations
@@ -131,8 +129,8 @@ class JsonMessages:
     def _frames(self, frame: Any) -> tuple[str, str]:
         if frame is None:
             return self._body, self._world
-        told = frame if isinstance(frame, dict) else {}
-        body, world = told.get("body", self._body), told.get("world", self._world)
+        given = frame if isinstance(frame, dict) else {}
+        body, world = given.get("body", self._body), given.get("world", self._world)
         if not isinstance(frame, dict) or body not in _FRAMES["body"] or world not in _FRAMES["world"]:
             self._refuse('"frame" is not {"body": "FRD" or "FLU", "world": "NED" or "ENU"}; the usual frames are taken')
             return self._body, self._world

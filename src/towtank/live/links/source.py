@@ -1,7 +1,4 @@
-"""What a live link hands over: samples in standard channels, the bytes that came, and how the link fares.
-
-How often what comes: counts by topic, and rates over the last seconds.
-"""
+"""What a live link hands over: samples in standard channels, the bytes that came, and how the link fares."""
 
 from __future__ import annotations
 
@@ -76,6 +73,16 @@ class SourceState:
 
 class Source(Protocol):
     """A live link. All methods but `state` are called by one thread."""
+
+    @property
+    def keeps_time(self) -> bool:
+        """Whether its stamps are on our clock already."""
+        ...
+
+    @property
+    def patient(self) -> bool:
+        """Whether it can wait: nothing is lost where it is read late."""
+        ...
 
     @property
     def name(self) -> str:

@@ -54,6 +54,7 @@ class SourceClock:
         if not math.isfinite(late):
             self.strange += 1
             return False
+        first = t if self._first is None else self._first
         if self._first is None:
             self._begin(t, late)
         elif not -_EARLY <= late - self.offset <= _LATE:
@@ -64,8 +65,9 @@ class SourceClock:
             self.restarts += 1
             self._forget()
             self._begin(t, late)
+            first = t
         self._in_a_row = 0
-        self._see(t, late)
+        self._see(t, late, t - first)
         return True
 
     def ours(self, t: float, received: float) -> float:
@@ -89,10 +91,10 @@ class SourceClock:
         self._floor = (t, late)  # the line: lateness at a stamp, rising by `drift`
         self.offset = late
 
-    def _see(self, t: float, late: float) -> None:
+    def _see(self, t: float, late: float, known: float) -> None:
+        """Follow a stamp t [s]; known: since the first one [s]."""
         if late < self._quickest[1]:
             self._quickest = (t, late)
-        assert self._first is not None
         target = self._floor[1] + self.drift * (t - self._floor[0])
         if late < target:
             self._floor = (t, late)
@@ -103,7 +105,7 @@ class SourceClock:
             self._fit()
             target = self._floor[1] + self.drift * (t - self._floor[0])
         most = _SLEW * min(max(t - self._last, 0.0), _BLOCK)
-        settled = t - self._first > _BLOCK
+        settled = known > _BLOCK
         self._last = max(t, self._last)
         self.offset += min(max(target - self.offset, -most), most) if settled else min(target - self.offset, 0.0)
 

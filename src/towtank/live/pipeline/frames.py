@@ -1,11 +1,8 @@
 """One sample's numbers brought from other frames to NED and FRD, and from a marker to the body origin.
 
-The same as `recording.to_ned_frd` and `marker_to_origin` do for a whole recording.
-
-Velocity as links give it, in the world or of a sensor off the origin, turned into that of the body origin.
-
-The attitude that came last is carried on by the body rates to the instant of the velocity, so that nothing waits for
-the next attitude.
+The same as `recording.to_ned_frd` and `marker_to_origin` do for a whole recording. Velocity comes in the world or of a
+sensor off the origin; the attitude that came last is carried on by the body rates to its instant, so that nothing waits
+for the next attitude.
 """
 
 from __future__ import annotations
@@ -86,13 +83,13 @@ class MarkerArm:
         return out
 
 
-def _move(out: dict[str, float], names: tuple[str, ...], way: Array | None) -> None:
+def _move(out: dict[str, float], names: tuple[str, ...], shift: Array | None) -> None:
     for k, name in enumerate(names):
         if name in out:
-            if way is None:
+            if shift is None:
                 del out[name]
             else:
-                out[name] += float(way[k])
+                out[name] += float(shift[k])
 
 
 class BodyVelocity:

@@ -1,6 +1,6 @@
 """What belongs to one instant, as the learner takes it: pose, velocity, commands, from names and values.
 
-A recording as the samples that a live link would have given, in order of time.
+A recording is taken apart into the samples that a live link would have given, in order of time.
 """
 
 from __future__ import annotations

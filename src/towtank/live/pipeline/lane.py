@@ -1,6 +1,6 @@
-"""The way from the links to the learner: bounded, so that one that cannot keep up costs learning and nothing else.
+"""The queue from the links to the learner: bounded, so that one that cannot keep up costs learning and nothing else.
 
-What other threads ask of the one that owns the learner, done between two samples.
+What other threads ask of the one that owns the learner is done between two samples.
 """
 
 from __future__ import annotations

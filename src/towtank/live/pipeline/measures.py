@@ -1,6 +1,7 @@
-"""How hard the vehicle is driven: the forces that were asked for over the last seconds.
+"""How hard the vehicle is driven, and how late the learner is.
 
-Latencies in a histogram of constant size, by which median and percentiles are known to 5 %.
+Forces asked for are summed over the last seconds; latencies stand in a histogram of constant size, by which median and
+percentiles are known to 5 %.
 """
 
 from __future__ import annotations

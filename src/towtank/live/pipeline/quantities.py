@@ -42,8 +42,8 @@ class Quantities:
         by_table: dict[str, list[str]] = {}
         for quantity, table in self.used.items():
             by_table.setdefault(table, []).append(quantity)
-        told = ", ".join(f"{(labels or {}).get(table, table)} ({', '.join(what)})" for table, what in by_table.items())
-        return ([f"uses {told}"] if told else []) + [f"not used: {what}: {why}" for what, why in self.reasons.items()]
+        used = ", ".join(f"{(labels or {}).get(table, table)} ({', '.join(what)})" for table, what in by_table.items())
+        return ([f"uses {used}"] if used else []) + [f"not used: {what}: {why}" for what, why in self.reasons.items()]
 
 
 def _score(source: Source) -> float:

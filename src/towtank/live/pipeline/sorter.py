@@ -1,6 +1,6 @@
 """Samples of several sources in order of time: each is held back for a moment, for those that come late.
 
-Which source a quantity is learned from where several measure it: the one named first, while it sends.
+A quantity that several measure is learned from the one named first, while it sends.
 """
 
 from __future__ import annotations

@@ -3,9 +3,8 @@
 The file holds one line of JSON and then what `Learner.save` writes. It is seen to the disk before it takes the place of
 the one before, and so is the folder: a power cut leaves one of the two. Only the learner's own part is written by the
 thread that learns; the rest, which waits for the disk, by a thread of its own. A learner that cannot be saved has none;
-then, as where the file is missing or damaged, the recording is learned from once more.
-
-What an earlier session learned, gone on from: its checkpoint and what its recording has after it.
+then, as where the file is missing or damaged, the recording is learned from once more. What an earlier session learned
+is gone on from: its checkpoint, and what its recording has after it.
 """
 
 from __future__ import annotations
@@ -175,14 +174,14 @@ class Earlier:
     inputs: Mapping[str, float] = field(default_factory=dict)
     recording: Recording | None = None
 
-    def rows(self, tell: Callable[[str, float], None]) -> Iterator[Row]:
+    def rows(self, progress: Callable[[str, float], None]) -> Iterator[Row]:
         """Yield what was recorded after the checkpoint."""
         if self.recording is None:
             return
         start = max(self.since, self.recording.start)
         span = max(self.recording.end - start, 1e-9)
         for row in rows_of(self.recording, self.since):
-            tell("learning from what was recorded", (row[0] - start) / span)
+            progress("learning from what was recorded", (row[0] - start) / span)
             yield row
 
 

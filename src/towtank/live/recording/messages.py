@@ -1,9 +1,7 @@
-"""What a session tells viewers, in JSON with schemas: pose, velocity, wrench, coefficients, how it fares.
+"""What a session publishes to viewers, in JSON with schemas: pose, velocity, wrench, coefficients, how it fares.
 
-The same messages stand in the recording and go to Foxglove, whose own schema the pose bears; anything that plots
-JSON by a schema shows the others field by field.
-
-What a recording keeps of what was learned: pose for viewers ten times a second, coefficients once.
+The same messages go to Foxglove, whose own schema the pose bears; anything that plots JSON by a schema shows the others
+field by field. A recording keeps the pose ten times a second, and the coefficients once.
 """
 
 from __future__ import annotations
@@ -15,7 +13,7 @@ from typing import Any
 
 from towtank.core.attitude import quaternion_from_euler
 from towtank.live.learning import Learnt
-from towtank.live.recording.recorder import Form, Told
+from towtank.live.recording.recorder import Form, Message
 from towtank.live.status import Status
 from towtank.recording.standard import VELOCITIES, WRENCH
 
@@ -107,7 +105,7 @@ SESSION = _form(
 )
 
 
-def pose(t: float, epoch: float, values: Sequence[float]) -> Told | None:
+def pose(t: float, epoch: float, values: Sequence[float]) -> Message | None:
     """Return x y z [m, NED] phi theta psi [rad] as a pose in the world; None where not all is known.
 
     Args:
@@ -117,7 +115,7 @@ def pose(t: float, epoch: float, values: Sequence[float]) -> Told | None:
         return None
     w, x, y, z = quaternion_from_euler(*values[3:6])
     nanoseconds = round((epoch + t) * 1e9)
-    return _told(
+    return _message(
         POSE,
         t,
         {
@@ -131,22 +129,22 @@ def pose(t: float, epoch: float, values: Sequence[float]) -> Told | None:
     )
 
 
-def vector(form: Form, t: float, values: Sequence[float]) -> Told | None:
+def vector(form: Form, t: float, values: Sequence[float]) -> Message | None:
     """Return a velocity or a wrench (6,); None where nothing of it is known."""
     if not any(map(math.isfinite, values)):
         return None
     names = VELOCITIES if form is VELOCITY else WRENCH
-    return _told(form, t, {"t": t, **dict(zip(names, map(_plain, values), strict=True))})
+    return _message(form, t, {"t": t, **dict(zip(names, map(_plain, values), strict=True))})
 
 
-def coefficients(learnt: Learnt) -> Told | None:
+def coefficients(learnt: Learnt) -> Message | None:
     """Return every coefficient with its deviation and 95 % interval; None before the first sample."""
     if not math.isfinite(learnt.t):
         return None
-    told: dict[str, Any] = {"t": learnt.t, "delay_s": _plain(learnt.delay)}
+    fields: dict[str, Any] = {"t": learnt.t, "delay_s": _plain(learnt.delay)}
     for each in learnt.estimate.coefficients:
         spread = _TWO_SIDED_95 * each.std
-        told[each.name] = {
+        fields[each.name] = {
             "value": _plain(each.value),
             "std": _plain(each.std),
             "low": _plain(each.value - spread),
@@ -154,15 +152,15 @@ def coefficients(learnt: Learnt) -> Told | None:
             "unit": each.unit,
             "identified": bool(each.identified),
         }
-    return _told(COEFFICIENTS, learnt.t, told)
+    return _message(COEFFICIENTS, learnt.t, fields)
 
 
-def session(status: Status) -> Told:
+def session(status: Status) -> Message:
     """Return how a session fares."""
     learnt = status.learnt
     t = learnt.t if math.isfinite(learnt.t) else 0.0
     excitation = learnt.excitation or (math.nan,) * 6
-    return _told(
+    return _message(
         SESSION,
         t,
         {
@@ -180,8 +178,8 @@ def session(status: Status) -> Told:
     )
 
 
-def _told(form: Form, t: float, message: Mapping[str, Any]) -> Told:
-    return Told(form, t, json.dumps(message, allow_nan=False))
+def _message(form: Form, t: float, message: Mapping[str, Any]) -> Message:
+    return Message(form, t, json.dumps(message, allow_nan=False))
 
 
 def _plain(value: float) -> float | None:
@@ -192,23 +190,23 @@ class Kept:
     """Listens to the instants of a session.
 
     Args:
-        put: takes what is to be kept. learnt: tells where learning stands. epoch: Unix time of t = 0 [s].
+        put: takes what is to be kept. learnt: returns where learning stands. epoch: Unix time of t = 0 [s].
     """
 
-    def __init__(self, put: Callable[[Told], None], learnt: Callable[[], Learnt], epoch: float) -> None:
+    def __init__(self, put: Callable[[Message], None], learnt: Callable[[], Learnt], epoch: float) -> None:
         self._put, self._learnt, self._epoch = put, learnt, epoch
-        self._posed = self._told = -math.inf
+        self._posed = self._summed_up = -math.inf
 
     def see(self, t: float, arguments: Mapping[str, Any]) -> None:
         """Take the learner's arguments of time t [s]."""
         values = arguments.get("pose")
         if values is not None and not 0.0 <= t - self._posed < _POSES:
-            found = pose(t, self._epoch, values)
-            if found is not None:
+            message = pose(t, self._epoch, values)
+            if message is not None:
                 self._posed = t
-                self._put(found)
-        if not 0.0 <= t - self._told < _COEFFICIENTS:
-            self._told = t
-            told = coefficients(self._learnt())
-            if told is not None:
-                self._put(told)
+                self._put(message)
+        if not 0.0 <= t - self._summed_up < _COEFFICIENTS:
+            self._summed_up = t
+            message = coefficients(self._learnt())
+            if message is not None:
+                self._put(message)

@@ -1,7 +1,4 @@
-"""The recording of a session: a thread of its own, so that neither a slow disk nor learning holds up the links.
-
-Something told in JSON: a kind with its schema, and a message of it.
-"""
+"""The recording of a session: a thread of its own, so that neither a slow disk nor learning holds up the links."""
 
 from __future__ import annotations
 
@@ -18,7 +15,7 @@ from towtank.recording.mcap.format import Quantity
 from towtank.recording.mcap.log import McapLog
 from towtank.recording.standard import standard_of
 
-__all__ = ["Form", "Recorder", "RecordingState", "Told"]
+__all__ = ["Form", "Message", "Recorder", "RecordingState"]
 
 _PATIENCE = 1 << 26  # bytes that wait for the disk
 _OFTEN = 0.2  # s between two looks at whether to flush
@@ -33,8 +30,8 @@ class Form:
 
 
 @dataclass(frozen=True)
-class Told:
-    """One message: its kind, its time [s of the session], and itself."""
+class Message:
+    """A published message, in JSON: its kind, its time [s of the session], and itself."""
 
     form: Form
     t: float
@@ -61,7 +58,7 @@ class Recorder:
 
     def __init__(self, log: McapLog) -> None:
         self._log = log
-        self._queue: deque[Arrival | Event | Told | tuple[float, Raw]] = deque()
+        self._queue: deque[Arrival | Event | Message | tuple[float, Raw]] = deque()
         self._waiting = self._lost = self._count = 0  # bytes, items, items
         self._changed = threading.Condition()
         self._closing = False
@@ -92,11 +89,11 @@ class Recorder:
             self._count += len(arrivals) + len(raw)
             self._changed.notify()
 
-    def put_text(self, told: Told) -> None:
-        """Take something told in JSON."""
+    def put_text(self, message: Message) -> None:
+        """Take a message."""
         with self._changed:
             if self._waiting <= _PATIENCE:
-                self._queue.append(told)
+                self._queue.append(message)
                 self._changed.notify()
 
     def put_event(self, event: Event) -> None:
@@ -136,12 +133,12 @@ class Recorder:
                     self._fault = f"{type(error).__name__}: {' '.join(str(error).split())}"
             self._log.flush_if_due()
 
-    def _write(self, item: Arrival | Event | Told | tuple[float, Raw]) -> None:
+    def _write(self, item: Arrival | Event | Message | tuple[float, Raw]) -> None:
         if isinstance(item, Arrival):
             self._sample(item)
         elif isinstance(item, Event):
             self._log.write_event(item)
-        elif isinstance(item, Told):
+        elif isinstance(item, Message):
             self._log.write_text(item.form.topic, item.form.schema, item.t, item.text)
         else:
             self._log.write_raw(f"{item[1].source}/{item[1].topic.strip('/')}", item[0], item[1].data)

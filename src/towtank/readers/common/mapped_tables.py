@@ -26,6 +26,7 @@ from towtank.recording.recording import Recording
 __all__ = ["mapped_recording"]
 
 _STAMP = "stamp"
+_MOST_NAMED = 30  # fields in one message
 _BRACKETS = re.compile(r"\[[^]]*\]|@[\d.]*\d")  # instance and sender in the name of a table
 
 

@@ -1,6 +1,6 @@
-"""Several models on the same logs: which predicts best, and whether that is more than chance.
+"""Several models on the same logs: which predicts best, and whether that is more than chance; cross-validation.
 
-Cross-validation: every window predicted by a model that has not seen it, and coefficients over the folds.
+In cross-validation every window is predicted by a model that has not seen it, with coefficients over the folds.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from html import escape
 
 from towtank.digits import measured, percent, short
 from towtank.recording.standard import STANDARD
-from towtank.report.elements import Cell, cell, listed, number, paragraph, section, table, unit_text
+from towtank.report.elements import Cell, bullets, cell, number, paragraph, section, table, unit_text
 from towtank.report.verdict import NAMES
 from towtank.validation import ChannelComparison, Comparison, CrossValidation
 
@@ -83,7 +83,7 @@ def fold_section(found: CrossValidation | None) -> str:
         "Cross-validation",
         paragraph(note, "note"),
         table(["Window", *(f">{name}" for name in channels)], rows),
-        listed(fold.note for fold in found.folds if fold.note),
+        bullets(fold.note for fold in found.folds if fold.note),
         _coefficients(found),
     )
 

@@ -25,11 +25,11 @@ _METHODS = {
 
 def convergence_section(facts: LearnFacts) -> str:
     """Return a chart for each coefficient; nothing where its course is not known."""
-    course = facts.convergence
-    if course is None or course.t.size < 2:
+    curve = facts.convergence
+    if curve is None or curve.t.size < 2:
         return ""
-    figures = [_figure(facts, facts.estimate[name], k) for k, name in enumerate(course.names)]
-    cuts = " Vertical lines: from one log to the next." if course.ends else ""
+    figures = [_figure(facts, facts.estimate[name], k) for k, name in enumerate(curve.names)]
+    cuts = " Vertical lines: from one log to the next." if curve.ends else ""
     cuts += " Vertical lines: the vehicle changed." if _changes(facts) else ""
     note = (
         f"Estimate and 95 % band while the log went by, from wide ignorance at the start; the course is "
@@ -51,18 +51,18 @@ def _changes(facts: LearnFacts) -> list[float]:
 
 
 def _figure(facts: LearnFacts, result: Learned, k: int) -> str:
-    course = facts.convergence
-    if course is None:
+    curve = facts.convergence
+    if curve is None:
         return ""
-    value, std = course.values[:, k], course.std[:, k]
+    value, std = curve.values[:, k], curve.std[:, k]
     low, high = value - _WIDTH * std, value + _WIDTH * std
-    end = float(course.t[-1])
+    end = float(curve.t[-1])
     levels = [(facts.vehicle.coefficient(result.name), "before")]
     truth, steps = None if facts.truth is None else facts.truth.coefficient(result.name), []
     if truth is not None and facts.truth_before is not None:
         when, earlier = facts.truth_before
         first = earlier.coefficient(result.name)
-        x, y = np.array([course.t[0], when, when, end]), np.array([first, first, truth, truth])
+        x, y = np.array([curve.t[0], when, when, end]), np.array([first, first, truth, truth])
         steps = [Line(x, y, "truth")]
     elif truth is not None:
         levels.append((truth, "truth"))
@@ -70,16 +70,16 @@ def _figure(facts: LearnFacts, result: Learned, k: int) -> str:
     chart = Chart(
         label=f"{result.name} over time",
         parts=[
-            Band(course.t, low, high),
+            Band(curve.t, low, high),
             *steps,
-            Line(course.t, value, "estimate"),
+            Line(curve.t, value, "estimate"),
             Point(end, result.value, result.value - spread, result.value + spread),
         ],
         x_name="s",
         x_range=(0.0, 1.02 * end),
-        y_range=_range(course.t, low, high, result, [] if truth is None else [truth]),
+        y_range=_range(curve.t, low, high, result, [] if truth is None else [truth]),
         levels=levels,
-        cuts=(*course.ends, *_changes(facts)),
+        cuts=(*curve.ends, *_changes(facts)),
         width=330,
         height=180,
     )

@@ -1,7 +1,4 @@
-"""What the log could tell apart: the correlations of what was learned.
-
-A correlation matrix drawn: names, values, and colours that tell sign and size.
-"""
+"""What the log could tell apart: the correlations of what was learned, as a matrix of names, values and colours."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.posterior.estimate import Estimate
-from towtank.report.elements import listed, paragraph, section
+from towtank.report.elements import bullets, paragraph, section
 
 __all__ = ["correlation", "heatmap_svg", "identifiability_section", "strongest"]
 
@@ -88,4 +85,4 @@ def identifiability_section(estimate: Estimate) -> str:
     )
     calm = "" if pairs else paragraph(f"No two coefficients are correlated beyond {_STRONG:g}: all are told apart.")
     drawing = f'<figure class="wide">{heatmap_svg(names, matrix)}</figure>'
-    return section("identifiability", "What was told apart", paragraph(note, "note"), drawing, listed(said), calm)
+    return section("identifiability", "What was told apart", paragraph(note, "note"), drawing, bullets(said), calm)

@@ -12,11 +12,11 @@ from towtank.identification.data.noise import NoiseLevel, noise_levels
 from towtank.identification.model.terms import AXES
 from towtank.recording import Recording
 from towtank.recording.facts import ChannelFacts, channel_facts
-from towtank.report.elements import Cell, cell, listed, number, paragraph, section, table, unit_text
+from towtank.report.elements import Cell, bullets, cell, number, paragraph, section, table, unit_text
 
 __all__ = ["log_section"]
 
-_MOST = 6  # logs that are told in full
+_MOST = 6  # logs that are shown in full
 
 
 def log_section(
@@ -37,7 +37,7 @@ def _log(recording: Recording) -> str:
     facts = channel_facts(recording)
     rows = [_channel(each, noise.get(each.name)) for each in facts]
     lines = [*recording.repairs.lines, *recording.notes]
-    mended = listed(lines) if lines else paragraph("Nothing had to be repaired.", "note")
+    mended = bullets(lines) if lines else paragraph("Nothing had to be repaired.", "note")
     return "".join(
         [
             f"<h3>{escape(name)}</h3>",
@@ -86,12 +86,12 @@ def _levels(noise: Mapping[str, Mapping[str, object]], disturbance: Mapping[str,
         ("Disturbance", disturbance, "disturbance", "The random force and moment that the model does not explain: "),
         ("Noise of the sensors, as learning saw it", noise, "noise", "Standard deviation of one sample: "),
     ):
-        told = []
+        items = []
         for name, level in levels.items():
             std = level.get("std")
             if isinstance(std, float) and math.isfinite(std):
                 text = number(std, f"{std:.2g}", key=f"{key}/{name}/std")
-                told.append(f"{names.get(name, name)} {text} {unit_text(str(level.get('unit', '')))}")
-        if told:
-            parts.append(f"<h3>{title}</h3><p>{said}{', '.join(told)}.</p>")
+                items.append(f"{names.get(name, name)} {text} {unit_text(str(level.get('unit', '')))}")
+        if items:
+            parts.append(f"<h3>{title}</h3><p>{said}{', '.join(items)}.</p>")
     return "".join(parts)

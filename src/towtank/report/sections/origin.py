@@ -27,8 +27,8 @@ def origin_section(origin: Origin) -> str:
         ]
         parts.append(table(["Log", ">Size", "SHA-256"], rows))
     if origin.versions:
-        told = ", ".join(f"{name} {version}" for name, version in origin.versions.items())
-        parts.append(paragraph(f"With {told}.", "note"))
+        versions = ", ".join(f"{name} {version}" for name, version in origin.versions.items())
+        parts.append(paragraph(f"With {versions}.", "note"))
     return section("origin", "How to make it again", *parts)
 
 

@@ -1,7 +1,4 @@
-"""Free-running prediction beside the measurement, with its fit; and its error over time.
-
-The error of a prediction over time, and how it grows after each restart.
-"""
+"""Free-running prediction beside the measurement, with its fit; its error over time and after each restart."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from towtank.digits import measured, short
 from towtank.recording.standard import STANDARD
 from towtank.report.chart import Band, Chart, Stem, chart_svg
-from towtank.report.elements import Cell, cell, figure, grid, listed, number, paragraph, section, table, unit_text
+from towtank.report.elements import Cell, bullets, cell, figure, grid, number, paragraph, section, table, unit_text
 from towtank.report.verdict import NAMES
 from towtank.validation import Residual
 from towtank.validation.verdicts import CHANCE
@@ -27,7 +27,7 @@ def residual_section(residuals: Mapping[str, Residual], key: str = "") -> str:
     return section(
         "residuals",
         "What the errors are",
-        listed(one.verdict.text for one in residuals.values()),
+        bullets(one.verdict.text for one in residuals.values()),
         _table(residuals, key),
         paragraph(note, "note"),
         grid((_figure(one) for one in residuals.values()), "small"),
@@ -39,24 +39,24 @@ def _table(residuals: Mapping[str, Residual], key: str) -> str:
     for name, one in residuals.items():
         place = f"{key}/{name}" if key else ""
 
-        def told(value: float | None, text: str | None = None, field: str = "", place: str = place) -> str:
+        def shown(value: float | None, text: str | None = None, field: str = "", place: str = place) -> str:
             return number(value, text, key=f"{place}/{field}" if place and field else "")
 
         memory = one.memory
         time, spread = ("–", "") if one.time is None else measured(one.time, one.time_std)
-        lasts = told(one.time, time, "correlation_time_s")
-        lasts += f" ± {told(one.time_std, spread, 'correlation_time_std_s')}" if one.time is not None else ""
+        lasts = shown(one.time, time, "correlation_time_s")
+        lasts += f" ± {shown(one.time_std, spread, 'correlation_time_std_s')}" if one.time is not None else ""
         slow = None if memory is None or one.time is None else memory.slow
         white = None if memory is None else memory.white
         bias = None if memory is None else memory.bias
         rows.append(
             [
                 cell(f"{name}<small>{NAMES[name]}</small>", "name"),
-                cell(told(one.samples, f"{one.samples}", "samples"), "n"),
+                cell(shown(one.samples, f"{one.samples}", "samples"), "n"),
                 cell(lasts, "n"),
-                cell(told(slow, short(slow, 2), "slow"), "n"),
-                cell(told(white, short(white, 2), "noise"), "n"),
-                cell(told(bias, short(bias, 2), "constant"), "n"),
+                cell(shown(slow, short(slow, 2), "slow"), "n"),
+                cell(shown(white, short(white, 2), "noise"), "n"),
+                cell(shown(bias, short(bias, 2), "constant"), "n"),
                 cell(unit_text(STANDARD[name].unit), "u"),
                 cell(_white(one)),
             ]

@@ -52,8 +52,8 @@ def _lag(facts: LearnFacts) -> str:
 
 
 def _gains(facts: LearnFacts) -> str:
-    told = []
+    gains = []
     for name, (gain, std) in facts.gains.items():
         value = number(gain, f"{gain:.3f}", key=f"gains/{name}/value")
-        told.append(f"{escape(name)} {value} ± {number(std, f'{std:.3f}', key=f'gains/{name}/std')}")
-    return ", ".join(told)
+        gains.append(f"{escape(name)} {value} ± {number(std, f'{std:.3f}', key=f'gains/{name}/std')}")
+    return ", ".join(gains)

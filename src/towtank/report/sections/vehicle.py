@@ -1,7 +1,4 @@
-"""The vehicle as it was known: body, buoyancy, thrusters drawn, source.
-
-The thrusters of a vehicle from above and from the side: where each sits and which way it pushes.
-"""
+"""The vehicle as it was known: body, buoyancy, source, and thrusters drawn from above and from the side."""
 
 from __future__ import annotations
 
@@ -104,7 +101,7 @@ def vehicle_section(vehicle: Vehicle) -> str:
     """Return what the vehicle file says of everything that was not learned."""
     body = vehicle.rigid_body
     inertia = body.inertia if isinstance(body.inertia[0], float) else tuple(body.tensor.diagonal())
-    told = facts(
+    properties = facts(
         [
             ("Description", escape(vehicle.description)),
             ("Mass", f"{short(body.mass)} kg (weight {short(vehicle.weight)} N)"),
@@ -136,7 +133,7 @@ def vehicle_section(vehicle: Vehicle) -> str:
     return section(
         "vehicle",
         "The vehicle",
-        told,
+        properties,
         grid(drawings, "plans"),
         paragraph(note, "note") if drawings else "",
         table(heads, thrusters)

@@ -1,6 +1,6 @@
 """The connections that MAVLink comes over: UDP that listens or speaks first, TCP, serial lines.
 
-MAVLink over connections of bytes, TCP and serial lines, which are made again where they break.
+TCP and serial lines are made again where they break.
 """
 
 from __future__ import annotations

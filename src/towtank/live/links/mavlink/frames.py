@@ -85,8 +85,8 @@ class Framer:
             number, sender, version = data[at + 5], Sender(data[at + 3], data[at + 4]), 1
         layout = self._layouts.get(number)
         if layout is not None:
-            told = data[end] | data[end + 1] << 8
-            right = checksum(data[at + 1 : end] + layout.crc_extra) == told
+            sent = data[end] | data[end + 1] << 8
+            right = checksum(data[at + 1 : end] + layout.crc_extra) == sent
             if right and (version == 1 or data[at + 2] <= _SIGNED):
                 found.append(Frame(number, sender, data[at + head : end], version))
                 self._lost = False

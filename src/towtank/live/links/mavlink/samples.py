@@ -2,9 +2,7 @@
 
 The meanings are those of logs (`readers.mavlink_meaning`), a few rows at a time. What a log decides over its whole
 length (which source of a quantity, which outputs drive thrusters, where the filter is aided, whose messages count) is
-decided here from the last seconds, again and again.
-
-When MAVLink messages were sent: the stamps of each sender, on the clock of receipt.
+decided here from the last seconds, again and again. The stamps of each sender are put on the clock of receipt.
 """
 
 from __future__ import annotations
@@ -75,8 +73,8 @@ class MavlinkStamps:
             if not abs(received[-1] - own[-1] - clock.offset) <= _SAME:
                 clock = self._clocks.setdefault((sender, field), SourceClock())
                 own = _unwrapped(_FIELDS[field] * table[field], received - clock.offset)
-        told = zip(own.tolist(), received.tolist(), strict=True)
-        return np.array([clock.ours(each, at) if each > 0.0 else np.nan for each, at in told])
+        stamps = zip(own.tolist(), received.tolist(), strict=True)
+        return np.array([clock.ours(each, at) if each > 0.0 else np.nan for each, at in stamps])
 
     def restarts(self, sender: Sender | None) -> int:
         """Return how often a sender's clock has started anew."""

@@ -38,7 +38,7 @@ class MavlinkSource:
     """
 
     name = "mavlink"
-    keeps_time = True
+    keeps_time, patient = True, False
 
     def __init__(self, text: str, vehicle: Vehicle) -> None:
         self._text = text

@@ -36,6 +36,7 @@ class NatnetSource:
     """`natnet:HOST[:PORT][/BODY][?up=z][&multicast=GROUP]`: one rigid body of Motive, unicast or multicast alike."""
 
     name = "natnet"
+    keeps_time = patient = False
 
     def __init__(self, text: str, mapping: ColumnMapping | None = None) -> None:
         self._text = text
@@ -50,7 +51,7 @@ class NatnetSource:
         self._title = self._named = ""
         self._number = -1
         self._names: dict[int, str] = {}
-        self._told = 0.0
+        self._kept_alive = 0.0
         self._bad = 0
         self._rates = Rates()
 
@@ -80,7 +81,7 @@ class NatnetSource:
         out: list[Sample | Raw] = []
         if not self._sockets:
             return out
-        if time.monotonic() - self._told >= _STAY:
+        if time.monotonic() - self._kept_alive >= _STAY:
             self._tell(_ALIVE, b"\0")
         for link in select.select(self._sockets, [], [], timeout)[0]:
             for _ in range(_BATCH):
@@ -113,9 +114,9 @@ class NatnetSource:
 
     def _joined(self) -> socket.socket:
         """Return a socket that hears the group on the interface that leads to the server."""
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way:
-            way.connect((self._server, self._port))
-            own = way.getsockname()[0]
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.connect((self._server, self._port))
+            own = probe.getsockname()[0]
         link = _bound(self._group, _DATA_PORT)
         try:
             member = socket.inet_aton(self._group) + socket.inet_aton(own)
@@ -136,7 +137,7 @@ class NatnetSource:
         return bool(answered())
 
     def _tell(self, message: int, body: bytes) -> None:
-        self._told = time.monotonic()
+        self._kept_alive = time.monotonic()
         with contextlib.suppress(OSError):
             self._sockets[0].sendto(struct.pack("<HH", message, len(body)) + body, (self._server, self._port))
 

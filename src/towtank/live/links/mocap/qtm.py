@@ -30,6 +30,7 @@ class QtmSource:
     """`qtm:HOST[:PORT][/BODY]`: one body of QTM, every frame; positions come in mm, attitudes as matrices."""
 
     name = "qtm"
+    keeps_time = patient = False
 
     def __init__(self, text: str, mapping: ColumnMapping | None = None) -> None:
         self._text = text

@@ -35,14 +35,14 @@ class TrackedBody:
 
     def __init__(self, mapping: ColumnMapping | None, up: str = "z") -> None:
         """`up`: the axis of the capture's world that points up, "y" or "z"."""
-        told = set() if mapping is None else mapping.model_fields_set
-        self._world = mapping.world if mapping is not None and "world" in told else "ENU"
-        self._body = mapping.body if mapping is not None and "body" in told else "FLU"
+        given = set() if mapping is None else mapping.model_fields_set
+        self._world = mapping.world if mapping is not None and "world" in given else "ENU"
+        self._body = mapping.body if mapping is not None and "body" in given else "FLU"
         self._turned = up == "y"
         self._arm = MarkerArm(mapping.marker) if mapping is not None and mapping.marker is not None else None
         self.seen = self.hidden = 0
         turned = "y up turned to z up, " if self._turned else ""
-        assumed = "" if {"world", "body"} <= told else "; a mapping may say otherwise"
+        assumed = "" if {"world", "body"} <= given else "; a mapping may say otherwise"
         self.convention = f"{turned}world taken as {self._world}, body as {self._body}{assumed}"
 
     def channels(self, position: Sequence[float], q: Sequence[float]) -> dict[str, float]:

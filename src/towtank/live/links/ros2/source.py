@@ -30,7 +30,7 @@ class Ros2Source:
     """
 
     name = "ros2"
-    keeps_time = True
+    keeps_time, patient = True, False
 
     def __init__(self, text: str, mapping: ColumnMapping | None = None) -> None:
         self._text, self._mapping = text, mapping
@@ -39,7 +39,7 @@ class Ros2Source:
         self._rates = Rates()
         self._known: dict[str, str] = {}  # topic -> why it is not listened to, "" where it is
         self._first = math.nan
-        self._looked = self._told = self._decided = -math.inf
+        self._looked = self._renewed = self._decided = -math.inf
         self._opened = False
         self._state = SourceState()
 
@@ -68,7 +68,7 @@ class Ros2Source:
             if now - self._first >= _FIRST and now - self._decided >= _EVERY:
                 self._decided = now
                 self._samples.decide(now)
-        if now - self._told >= _STATE:
+        if now - self._renewed >= _STATE:
             self._tell(now)
         return found
 
@@ -80,7 +80,7 @@ class Ros2Source:
 
     def _tell(self, now: float) -> None:
         """Write down how things stand, for whoever asks."""
-        self._told = now
+        self._renewed = now
         said = [self._link.name]
         heard = [topic for topic, why in self._known.items() if not why]
         said.append(f"listens to {', '.join(heard)}" if heard else "no topic that could be used is published")

@@ -1,11 +1,8 @@
-"""ROS 2 by the two ways there are: rclpy where a ROS installation or its wheels are at hand, else zenoh.
+"""ROS 2 by the ways there are: rclpy where it can be imported, else zenoh, or straight over DDS (Cyclone DDS).
 
-Both hand over messages as they are on the wire (CDR), so that nothing of ROS is needed to know what they mean. Nothing
-is published; subscriptions are best effort, so that a slow listener holds up nobody.
-
-ROS 2 straight over DDS (Cyclone DDS), for machines without rclpy and systems without zenoh.
-
-Topics are known by the endpoints that DDS tells of itself; messages are handed over as they are on the wire.
+All hand over messages as they are on the wire (CDR), so that nothing of ROS is needed to know what they mean. Nothing
+is published; subscriptions are best effort, so that a slow listener holds up nobody. DDS is for machines without rclpy
+and systems without zenoh; topics are known by the endpoints that it announces.
 """
 
 from __future__ import annotations
@@ -100,8 +97,8 @@ def domain_of(domain: int | None) -> int:
     """Return the domain that was given, else that of ROS_DOMAIN_ID, else 0."""
     import os
 
-    told = os.environ.get("ROS_DOMAIN_ID", "")
-    return domain if domain is not None else int(told) if told.isdigit() else 0
+    number = os.environ.get("ROS_DOMAIN_ID", "")
+    return domain if domain is not None else int(number) if number.isdigit() else 0
 
 
 class RclpyLink:
@@ -384,9 +381,9 @@ def _lenient(domains: Any, core: Any, number: int) -> Any:
     """
     import os
 
-    told = [os.environ.get("CYCLONEDDS_URI", ""), _CONFIG]
+    configuration = [os.environ.get("CYCLONEDDS_URI", ""), _CONFIG]
     with contextlib.suppress(core.DDSException):
-        return domains.Domain(number, ",".join(filter(None, told)))
+        return domains.Domain(number, ",".join(filter(None, configuration)))
     return None
 
 

@@ -1,6 +1,6 @@
 """Where a session stands as one JSON document: what `GET /api/state` answers and the page shows.
 
-How well each axis is known, in one number that means something: its inertia, and its drag at a speed it has had.
+It says how well each axis is known in numbers that mean something: its inertia, and its drag at a speed it has had.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ import numpy as np
 from towtank.dashboard.feed import About, Now
 from towtank.dashboard.motion import signals_of
 from towtank.dashboard.prediction import SECONDS, FreeRun
+from towtank.digits import joined
 from towtank.identification import Estimate
 from towtank.identification.model.terms import AXES, Axis
 from towtank.recording.event import Event
 
-__all__ = ["AxisKnowledge", "axes_known", "events_document", "greeting", "number", "state_document", "verdict"]
+__all__ = ["AxisKnowledge", "axes_known", "events_message", "greeting", "number", "state_document", "verdict"]
 
 _WELL = 0.05  # relative deviation
 _SLOWEST = 1e-3  # m/s, rad/s
@@ -48,8 +49,8 @@ class AxisKnowledge:
     @property
     def known(self) -> float:
         """The worse of the two; NaN where one of those that are learned is not known."""
-        told = self.learned and math.isfinite(self.inertia) and math.isfinite(self.drag)
-        return max(self.inertia, self.drag) if told else math.nan
+        known = self.learned and math.isfinite(self.inertia) and math.isfinite(self.drag)
+        return max(self.inertia, self.drag) if known else math.nan
 
 
 def axes_known(estimate: Estimate, speeds: Sequence[float], asked: Sequence[float]) -> tuple[AxisKnowledge, ...]:
@@ -97,15 +98,11 @@ def verdict(axes: Sequence[AxisKnowledge]) -> str:
     unknown = [each for each in wanted if math.isnan(each.known)]
     rest = unknown or [max((e for e in wanted if e.known > _WELL), key=lambda each: each.known)]
     doing = [each for each in wanted if each.asked > 0.0 and not each.known <= _WELL]
-    names = _listed([each.axis for each in rest])
-    told = f"{len(well)} of {len(wanted)} axes known to 5 % or better."
+    names = joined([each.axis for each in rest])
+    count = f"{len(well)} of {len(wanted)} axes known to 5 % or better."
     if doing and all(each.axis in {e.axis for e in doing} for each in rest):
-        return f"{told} Keep driving {names}, with changes of speed."
-    return f"{told} Next: drive {names}."
-
-
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+        return f"{count} Keep driving {names}, with changes of speed."
+    return f"{count} Next: drive {names}."
 
 
 def number(value: float, scale: float = 1.0) -> float | None:
@@ -116,7 +113,7 @@ def number(value: float, scale: float = 1.0) -> float | None:
 def greeting(
     about: About, names: Sequence[str], units: Mapping[str, str], session: str, *, report: bool
 ) -> dict[str, Any]:
-    """Return what a viewer is told once: names, units and what the session is about."""
+    """Return what a viewer gets once: names, units and what the session is about."""
     reference = {name: number(value) for name, value in about.reference.items() if name in units}
     until, values = about.earlier or (math.nan, {})
     earlier = {name: number(value) for name, value in values.items()}
@@ -222,7 +219,7 @@ def state_document(
     }
 
 
-def events_document(events: Sequence[Event]) -> dict[str, Any]:
+def events_message(events: Sequence[Event]) -> dict[str, Any]:
     """Return the latest events, oldest first."""
     return {"type": "events", "events": [{"t": e.t, "kind": e.kind, "text": e.text} for e in events]}
 
