@@ -30,10 +30,9 @@ from scipy.linalg import expm
 
 from towtank.core.arrays import Array
 from towtank.core.attitude import euler_rates_matrix, rotation_from_euler
-from towtank.identification.data.samples import Samples
+from towtank.identification.data.samples import Samples, Sources
 from towtank.identification.least_squares.batch import DelayCost, scan_delay
 from towtank.identification.model.terms import AXES
-from towtank.identification.posterior.assembly import Sources
 from towtank.recording import Grid
 from towtank.recording.frames.rotations import conjugate, rotate
 from towtank.vehicle import Vehicle, configuration_matrix
