@@ -5,7 +5,7 @@
 
 First the stream must find every inertia within 2 % and every coefficient within four of its deviations. One core.
 "pass" is the filter alone over rows that are all there. "stream" is `Learner.run` from the first sample on, with its
-second looks, its bank of delays and the least squares that runs beside it, per sample of the whole: of five minutes,
+re-estimations, its bank of delays and the least squares that runs beside it, per sample of the whole: of five minutes,
 and of the first minute, in which it looks back most; "watched" the latter with the watch over changes of the vehicle.
 Beside it, a Kalman filter of the same size in NumPy: covariance by matrix products, six updates by scalars, and no
 model at all.
@@ -29,7 +29,7 @@ from figures import Figure, interleaved, report
 
 from towtank.identification import Learner
 from towtank.identification.data.samples import samples_of
-from towtank.identification.kalman.iterated import one_pass, prior_deviation
+from towtank.identification.kalman.iterated import FilterProblem, one_pass, prior_deviation
 from towtank.identification.kalman.noise_adaptation import filter_settings, initial_noise_levels
 from towtank.identification.model.parameters import DELAY, free_parameters
 from towtank.identification.model.prior import size_of
@@ -80,22 +80,18 @@ def peer(rows: int, size: int) -> None:
 def measured() -> Sequence[Figure]:
     truth, known, recording = session()
     free = free_parameters(known, (*FREE, DELAY))
-    samples, levels, tuning = (
-        samples_of(recording, known),
-        initial_noise_levels(recording, known),
-        filter_settings(known),
-    )
+    samples, levels = samples_of(recording, known), initial_noise_levels(recording, known)
+    settings = filter_settings(known)
     theta = free.theta(truth, delay=0.05, lag=0.05)
     deviation = prior_deviation(free, size_of(known, free))
+    problem = FilterProblem([samples], np.array(known.parameters), free, deviation, delay=0.05)
     learner = Learner(known, free=FREE)
     learner.run(recording)
     proved(learner, truth)
     rows, long = len(samples), session(LONG)[2]
     took = interleaved(
         {
-            "pass": lambda: one_pass(
-                [samples], np.array(known.parameters), free, theta, deviation, levels, tuning, delay=0.05
-            ),
+            "pass": lambda: one_pass(problem, theta, levels, settings),
             "stream": lambda: Learner(known, free=FREE, changes=False).run(long),
             "minute": lambda: Learner(known, free=FREE, changes=False).run(recording),
             "watched": lambda: Learner(known, free=FREE).run(recording),

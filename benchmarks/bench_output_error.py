@@ -104,7 +104,7 @@ class Plain:
 
 
 def simulator(vehicle: Vehicle, free: FreeParameters, samples: Samples) -> Callable[[Array], Array]:
-    tau = (samples.input_force @ samples.shape.T)[: len(samples) - 1, None, :]
+    tau = (samples.input_force @ samples.B.T)[: len(samples) - 1, None, :]
 
     def run(unknowns: Array) -> Array:
         p, state = vehicle.parameters.copy(), np.zeros(13)
@@ -117,7 +117,7 @@ def simulator(vehicle: Vehicle, free: FreeParameters, samples: Samples) -> Calla
 
 def integrator(samples: Samples) -> Callable[[Array], Array]:
     """From one change of the held force to the next."""
-    force = (samples.input_force @ samples.shape.T)[:, 0]
+    force = (samples.input_force @ samples.B.T)[:, 0]
     edges = np.concatenate([[0], np.flatnonzero(np.diff(force)) + 1, [len(samples) - 1]])
 
     def run(unknowns: Array) -> Array:

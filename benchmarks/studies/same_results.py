@@ -37,7 +37,8 @@ __all__ = ["CASES", "Case", "differences", "main"]
 
 _ROOT = Path(__file__).resolve().parents[2]
 _METHODS = ("joint", "output-error", "paper")
-_WALL_CLOCK = ("seconds_of_work", "latency_ms", "arrived", "behind", "wall", "rate_hz")  # keys that a clock decides
+_WALL_CLOCK = ("elapsed_s", "rates_hz", "latency_ms")  # keys that a clock decides
+_ONE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # orders of sums
 
 _POOL = """
 thrusters = ["pwm1", "pwm2", "pwm3", "pwm4", "pwm5", "pwm6"]
@@ -135,7 +136,7 @@ def _commands(case: Case) -> Iterator[tuple[str, tuple[str, ...]]]:
 
 def _keep(out: Path, tree: Path, case: str, name: str, arguments: Sequence[str]) -> None:
     """Run a command and keep its document, its errors and its exit code in one file."""
-    environment = os.environ | {"PYTHONPATH": str(tree / "src"), "NUMBA_NUM_THREADS": "1", "COLUMNS": "100"}
+    environment = os.environ | dict.fromkeys(_ONE_THREAD, "1") | {"PYTHONPATH": str(tree / "src"), "COLUMNS": "100"}
     done = subprocess.run(
         [sys.executable, "-m", "towtank", *arguments], cwd=out, env=environment, capture_output=True, text=True
     )

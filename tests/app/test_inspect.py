@@ -33,6 +33,15 @@ def test_channels(workshop: Path) -> None:
     assert found["repairs"]["lines"] == []
 
 
+def test_velocity_through_the_water_is_listed(tmp_path: Path) -> None:
+    path = tmp_path / "adcp.csv"
+    ran = command("simulate", "vlbv300", "yaw-stairs", "-o", path, "--sensors", "ins-water", "--current", "0.2,0,0")
+    assert ran.code == 0, ran
+    channels = {entry["name"]: entry for entry in document("inspect", path)["channels"]}
+    assert [channels[name]["unit"] for name in ("u_w", "v_w", "w_w")] == ["m/s"] * 3
+    assert channels["u_w"]["rate_hz"] == pytest.approx(5.0)
+
+
 def test_delay_and_axes_without_a_vehicle(delayed: Path) -> None:
     found = document("inspect", delayed)
     assert found["delay_from"] == "correlation"

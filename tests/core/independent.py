@@ -81,6 +81,7 @@ class Body:
     r_G: Vector
     r_B: Vector
     constant: Vector = field(default_factory=lambda: np.zeros(6))
+    lift: Vector = field(default_factory=lambda: np.zeros(9))  # Y_uv Y_ur N_uv N_ur K_up Z_uw Z_uq M_uw M_uq
 
     @property
     def M(self) -> Vector:
@@ -88,9 +89,9 @@ class Body:
 
     @cached_property
     def p(self) -> Vector:
-        """The kernels' parameter vector (154,)."""
+        """The kernels' parameter vector (163,)."""
         return pack_parameters(
-            self.M, self.L, self.Q, self.W - self.B, self.W * self.r_G - self.B * self.r_B, self.constant
+            self.M, self.L, self.Q, self.W - self.B, self.W * self.r_G - self.B * self.r_B, self.constant, self.lift
         )
 
     def potential(self, eta: Vector) -> Vector:
@@ -105,7 +106,15 @@ class Body:
         return np.concatenate([weight + buoyancy, np.cross(self.r_G, weight) + np.cross(self.r_B, buoyancy)])
 
     def damping(self, nu: Vector) -> Vector:
-        return self.L @ nu + self.Q @ (np.abs(nu) * nu)
+        """Damping, and the lift of hull and wings: all forces that depend on the velocity but for the inertial ones."""
+        return self.L @ nu + self.Q @ (np.abs(nu) * nu) + self.forward_speed(nu)
+
+    def forward_speed(self, nu: Vector) -> Vector:
+        Y_uv, Y_ur, N_uv, N_ur, K_up, Z_uw, Z_uq, M_uw, M_uq = self.lift
+        u, v, w, p, q, r = nu
+        Y, N = Y_uv * u * v + Y_ur * u * r, N_uv * u * v + N_ur * u * r
+        Z, M = Z_uw * u * w + Z_uq * u * q, M_uw * u * w + M_uq * u * q
+        return np.array([0.0 * u, Y, Z, K_up * u * p, M, N])
 
     def motion(self, eta0: Vector, nu0: Vector, wrench: Callable[[float], Vector], end: float) -> Vector:
         """Motion [eta, nu] (12,) at time `end`, by momenta and Euler angles, DOP853; water at rest."""
@@ -173,6 +182,8 @@ def body(seed: int, *, damped: bool = True) -> Body:
         r_G=centre,
         r_B=centre + rng.uniform(-0.01, 0.01, 3) - [0.0, 0.0, 0.03],
         constant=rng.uniform(-1.0, 1.0, 6) * [2.0, 2.0, 2.0, 0.1, 0.1, 0.1] * damped,
+        lift=rng.uniform(-1.0, 1.0, 9) * [9.0, 3.0, 3.0, 1.0, 1.0, 9.0, 3.0, 3.0, 1.0] * damped
+        - np.array([9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 0.0, 0.0, 1.0]) * damped,
     )
 
 

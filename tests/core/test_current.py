@@ -75,7 +75,7 @@ def test_left_alone_a_neutral_vehicle_ends_up_drifting_with_the_water() -> None:
     p = b.p.copy()
     p[144] = 0.0
     p[145:148] = [0.0, 0.0, 20.0]
-    p[148:] = 0.0
+    p[148:154] = 0.0
     n = sized(6000, 800)
     end = simulate_run(p, state(np.zeros(6), np.zeros(6)), np.zeros((n, 1, 6)), 0.1, current)[-1]
     speed = (end[:3] - simulate_run(p, end, np.zeros((1, 1, 6)), 0.1, current)[-1][:3]) / -0.1

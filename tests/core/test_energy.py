@@ -71,7 +71,7 @@ def test_work_of_thrust_and_damping_is_the_change_of_energy(seed: int, current: 
     b = body(seed)
     t, x = run(b, pushed=True, current=current)
     nu = x[:, 7:]
-    damping = nu @ b.L.T + (np.abs(nu) * nu) @ b.Q.T
+    damping = np.array([b.damping(each) for each in nu])
     power = (nu * (thrust(t) + damping + b.constant)).sum(axis=1)
     gained = energy(b, x)[-1] - energy(b, x)[0]
     work = simpson(power, dx=DT)

@@ -130,7 +130,7 @@ def test_each_lane_of_a_step_is_its_own_vehicle() -> None:
     starts = [state(ETA0 + 0.1 * i, NU0 - 0.2 * i) for i in range(lanes)]
     x = np.ascontiguousarray(np.array(starts).T)
     tau = np.ascontiguousarray(np.stack([smooth(np.array([0.0, 0.5, 1.0]) + i) for i in range(lanes)], axis=2))
-    step_into(p, x, tau, STILL, dt, np.empty((3, N_STATES, lanes)), True)
+    step_into(p, x, tau, STILL, dt, np.empty((3, N_STATES, lanes)), True, True)
     for i in range(lanes):
         single = simulate_run(bodies[i].p, starts[i], tau[None, :, :, i].copy(), dt, STILL)[-1]
         assert np.abs(x[:, i] - single).max() < 1e-13
@@ -149,7 +149,7 @@ def test_the_short_form_for_diagonal_matrices_is_the_full_one() -> None:
     ends = []
     for coupled in (False, True):
         x = np.ascontiguousarray(state(ETA0, NU0)[:, None])
-        step_into(columns, x, tau, STILL, 0.05, np.empty((3, N_STATES, 1)), coupled)
+        step_into(columns, x, tau, STILL, 0.05, np.empty((3, N_STATES, 1)), coupled, False)
         ends.append(x)
     assert np.abs(ends[0] - ends[1]).max() < 1e-14
 

@@ -1,4 +1,4 @@
-"""What a window of samples says of a change, against exact Bayes factors of a linear model."""
+"""What an increment of samples says of a change, against exact Bayes factors of a linear model."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from towtank.core.arrays import Array
-from towtank.identification.changes.evidence import Doubt, Window, window_between
+from towtank.identification.changes.evidence import InformationIncrement, Overdispersion, increment_between
 from towtank.identification.changes.hypotheses import Known, likeness
 
 N, ROWS = 3, 12
 
 
-def _linear(seed: int, *, doubt: float = 1.0, known: float = 1.0) -> tuple[Array, Array, Array, Array, Array, Window]:
-    """Return theta0, P0, steps, rows H, y with unit noise, and the window of a filter that was widened by steps."""
+def _linear(
+    seed: int, *, overdispersion: float = 1.0, known: float = 1.0
+) -> tuple[Array, Array, Array, Array, Array, InformationIncrement]:
+    """Return theta0, P0, steps, rows H, y with unit noise, and the increment of a filter that was widened by steps."""
     random = np.random.default_rng(seed)
     theta0 = random.standard_normal(N)
     root = 0.1 * random.standard_normal((N, N))
@@ -22,32 +24,32 @@ def _linear(seed: int, *, doubt: float = 1.0, known: float = 1.0) -> tuple[Array
     steps = np.array([0.5, 1.0, 0.3])
     H = random.standard_normal((ROWS, N)) * np.array([1.0, 2.0, 0.1])
     truth = random.multivariate_normal(theta0, P0)
-    y = H @ truth + np.sqrt(doubt) * random.standard_normal(ROWS)
+    y = H @ truth + np.sqrt(overdispersion) * random.standard_normal(ROWS)
     before = P0 + np.diag(steps**2)
     P = np.linalg.inv(np.linalg.inv(before) + H.T @ H)
     theta = P @ (np.linalg.solve(before, theta0) + H.T @ y)
-    return theta0, P0, steps, H, y, window_between(theta0, P0, steps, theta, P)
+    return theta0, P0, steps, H, y, increment_between(theta0, P0, steps, theta, P)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_information_and_score_are_those_of_the_samples_alone(seed: int) -> None:
-    theta0, _, _, H, y, window = _linear(seed)
-    np.testing.assert_allclose(window.information, H.T @ H, rtol=1e-7, atol=1e-8)
-    np.testing.assert_allclose(window.score, H.T @ (y - H @ theta0), rtol=1e-6, atol=1e-7)
+    theta0, _, _, H, y, increment = _linear(seed)
+    np.testing.assert_allclose(increment.information, H.T @ H, rtol=1e-7, atol=1e-8)
+    np.testing.assert_allclose(increment.score, H.T @ (y - H @ theta0), rtol=1e-6, atol=1e-7)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_evidence_is_the_exact_marginal_likelihood(seed: int) -> None:
-    theta0, P0, steps, H, y, window = _linear(seed)
+    theta0, P0, steps, H, y, increment = _linear(seed)
     none = multivariate_normal(H @ theta0, H @ P0 @ H.T + np.eye(ROWS)).logpdf(y)
     for taken in (np.array([1, 0, 0]), np.array([0, 1, 1]), np.ones(3)):
         some = P0 + np.diag((taken * steps) ** 2)
         exact = multivariate_normal(H @ theta0, H @ some @ H.T + np.eye(ROWS)).logpdf(y) - none
-        assert window.change(taken * steps) == pytest.approx(exact, abs=1e-6)
-        assert exact <= window.most(steps) + 1e-9  # what decides whether a window is worth weighing
+        assert increment.change(taken * steps) == pytest.approx(exact, abs=1e-6)
+        assert exact <= increment.most(steps) + 1e-9  # what decides whether a increment is worth weighing
     mean, C = np.array([0.3, -0.2, 0.1]), 0.01 * np.eye(N)
     exact = multivariate_normal(H @ (theta0 + mean), H @ C @ H.T + np.eye(ROWS)).logpdf(y) - none
-    assert window.evidence(C, mean) - window.evidence(P0) == pytest.approx(exact, abs=1e-6)
+    assert increment.evidence(C, mean) - increment.evidence(P0) == pytest.approx(exact, abs=1e-6)
 
 
 def test_where_nothing_changes_the_bayes_factor_keeps_villes_bound() -> None:
@@ -58,37 +60,39 @@ def test_where_nothing_changes_the_bayes_factor_keeps_villes_bound() -> None:
         assert np.mean(factors >= np.log(bound)) <= 1.0 / bound
 
 
-@pytest.mark.parametrize("doubt", [1.0, 4.0, 20.0])
-def test_doubt_is_what_windows_err_more_than_said(doubt: float) -> None:
-    found = Doubt()
+@pytest.mark.parametrize("overdispersion", [1.0, 4.0, 20.0])
+def test_overdispersion_is_what_increments_err_more_than_they_say(overdispersion: float) -> None:
+    found = Overdispersion()
     for seed in range(400):
-        *_, window = _linear(seed, doubt=doubt, known=1e-4)
-        found.learn(window, np.array([0.5, 1.0, 0.3]))
+        *_, increment = _linear(seed, overdispersion=overdispersion, known=1e-4)
+        found.learn(increment, np.array([0.5, 1.0, 0.3]))
     assert found.known
-    assert found.factor == pytest.approx(doubt, rel=0.25)
-    again = Doubt()
+    assert found.factor == pytest.approx(overdispersion, rel=0.25)
+    again = Overdispersion()
     again.restore(found.numbers)
     assert again.factor == found.factor
 
 
-def test_doubt_does_not_hide_one_change() -> None:
-    found = Doubt()
+def test_overdispersion_does_not_hide_one_change() -> None:
+    found = Overdispersion()
     for seed in range(100):
         found.learn(_linear(seed)[-1], np.array([0.5, 1.0, 0.3]))
     before = found.factor
-    theta0, P0, steps, _, _, window = _linear(0)
-    shock = Window(theta0, P0, window.information, window.score + window.information @ np.array([3.0, 0.0, 0.0]))
+    theta0, P0, steps, _, _, increment = _linear(0)
+    shock = InformationIncrement(
+        theta0, P0, increment.information, increment.score + increment.information @ np.array([3.0, 0.0, 0.0])
+    )
     found.learn(shock, steps)
     assert found.factor < before + 0.2
 
 
-def test_windows_without_samples_say_nothing() -> None:
+def test_increments_without_samples_say_nothing() -> None:
     P0 = np.diag([0.01, 0.0, 0.04])
     steps = np.array([0.1, 0.2, 0.0])
-    window = window_between(np.zeros(3), P0, steps, np.zeros(3), P0 + np.diag(steps**2))
-    assert np.abs(window.information).max() < 1e-6 / 0.01**2
-    assert window.change(steps) == pytest.approx(0.0, abs=1e-6)
-    assert window.usual(steps) == pytest.approx(0.0, abs=1e-6)
+    increment = increment_between(np.zeros(3), P0, steps, np.zeros(3), P0 + np.diag(steps**2))
+    assert np.abs(increment.information).max() < 1e-6 / 0.01**2
+    assert increment.change(steps) == pytest.approx(0.0, abs=1e-6)
+    assert increment.usual(steps) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_the_right_configuration_is_the_likeliest_and_none_where_none_fits() -> None:
@@ -100,8 +104,8 @@ def test_the_right_configuration_is_the_likeliest_and_none_where_none_fits() -> 
         y = H @ (theta0 + way)
         P = np.linalg.inv(np.linalg.inv(before) + 25.0 * H.T @ H)
         theta = P @ (np.linalg.solve(before, theta0) + 25.0 * H.T @ y)
-        window = window_between(theta0, P0, steps, theta, P)
-        shares = likeness(window, known, window.evidence(before))
+        increment = increment_between(theta0, P0, steps, theta, P)
+        shares = likeness(increment, known, increment.evidence(before))
         assert shares.sum() == pytest.approx(1.0)
         assert int(np.argmax(shares)) == expected
         assert shares[expected] > 0.95

@@ -191,11 +191,11 @@ def test_words_name_what_is_sure_and_by_how_much() -> None:
     now = theta + np.array([0.0, np.log(1.3), -0.22 * theta[2], 4.1, 0.0])
     now[0] = np.log(np.exp(theta[0]) + 1.9)
     std = np.array([0.4 / np.exp(now[0]), 0.03, 0.05 * abs(theta[2]), 0.3, 1e-9])
-    text = change_words(vehicle, free, (theta, small), (now, std), thruster=None)
+    text = change_words(free, (theta, small), (now, std), thruster=None)
     assert "net weight +4.10 ± 0.30 N" in text or "net weight +4.1 ± 0.3 N" in text
     assert "heave inertia +1.9 ± 0.4 kg" in text
     assert "heave drag +30 ± 4 %" in text
     assert "roll and pitch stiffness −22 ± 5 %" in text
     now[4], std[4] = np.log(0.6), 0.02
-    text = change_words(vehicle, free, (theta, small), (now, std), thruster=vehicle.thrusters[0].name)
+    text = change_words(free, (theta, small), (now, std), thruster=vehicle.thrusters[0].name)
     assert text == f"thruster {vehicle.thrusters[0].name}: 60 ± 1 % of its thrust"

@@ -12,7 +12,7 @@ from towtank.core.arrays import Array
 from towtank.identification import Learner, learn_recordings
 from towtank.identification.data.samples import Samples, samples_of, spread_over
 from towtank.identification.kalman.alternatives import Choice, choose_damping, damping_in_question
-from towtank.identification.kalman.iterated import JointFit, joint_passes
+from towtank.identification.kalman.iterated import FilterProblem, JointFit, joint_passes, prior_deviation
 from towtank.identification.kalman.noise_adaptation import common_noise_levels, filter_settings
 from towtank.identification.model.parameters import free_parameters
 from towtank.identification.model.prior import size_of, start_theta
@@ -40,23 +40,15 @@ def surge(linear: float, quadratic: float, amplitude: float = 30.0) -> Recording
 def chosen(log: Recording, *damping: str, requested: bool = False) -> tuple[JointFit, Choice | None]:
     """The choice that follows a fit with these damping terms of surge free, all else known."""
     vehicle = unknown(box(), **{name: value for name, value in TRUTH.items() if name[0] != "X"})
-    samples, tuning = [samples_of(log, vehicle)], filter_settings(vehicle)
+    samples, settings = [samples_of(log, vehicle)], filter_settings(vehicle)
     free = free_parameters(vehicle, ("X_udot", *damping))
     levels = common_noise_levels([log], samples, vehicle)
     p = np.array(vehicle.parameters)
     theta = start_theta(vehicle, vehicle, free, delay=0.0, lag=0.05)
-    fit = joint_passes(samples, p, free, theta, levels, tuning, scale=size_of(vehicle, free), inflate=False)
-    shown = levels.noise
+    problem = FilterProblem(samples, p, free, prior_deviation(free, size_of(vehicle, free)), own_noise=levels.noise)
+    fit = joint_passes(problem, theta, levels, settings, inflate=False)
     return fit, choose_damping(
-        samples,
-        vehicle,
-        fit,
-        [SURGE],
-        tuning=tuning,
-        delay=0.0,
-        prior=lambda free: None,
-        shown=shown,
-        requested=requested,
+        problem, vehicle, fit, [SURGE], settings=settings, prior=lambda free: None, requested=requested
     )
 
 
@@ -141,7 +133,7 @@ def test_an_inertia_that_least_squares_doubts_is_learned_where_the_filter_is_sur
         prior=None,
         requested=False,
         speeds=np.full((6, 2), 0.5),
-        told=lambda share: None,
+        progress=lambda share: None,
     )
     values = dict(zip(found.fit.free.names, found.fit.free.values(found.fit.theta), strict=True))
     if amplitude > 1.0:

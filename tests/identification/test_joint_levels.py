@@ -1,4 +1,4 @@
-"""Levels that the joint filter finds where speeds are measured: noise, the roughness of the motion, disturbance."""
+"""Levels that the joint filter finds where speeds are measured: noise, velocity walk, disturbance."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import pytest
 from towtank.identification import learn_recordings
 from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.data.samples import samples_of
-from towtank.identification.kalman.iterated import one_pass
-from towtank.identification.kalman.state import C_SINCE, FilterSettings, JointState, new_joint_state
+from towtank.identification.kalman.iterated import FilterProblem, one_pass
+from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state
 from towtank.identification.kalman.update import count_speed
 from towtank.identification.model.parameters import free_parameters
 from towtank.simulation import Ins, OrnsteinUhlenbeck, simulate
@@ -18,16 +18,16 @@ from .runs import TRUTH, box, unknown, waves
 
 TANK = OrnsteinUhlenbeck(std=(0.5, 0.5, 0.5, 0.05, 0.05, 0.05))
 NOISE, WALK, STEP = 0.01, 0.02, 0.1  # m/s, m/s sqrt(1/s), s
+LEVELS = NoiseLevels(np.full(15, NOISE), np.ones(6), np.full(6, WALK))
 
 
 def counting(since: float) -> JointState:
     """A filter whose counts are all that matters."""
     free = free_parameters(box(), ("X_uu",))
     state = new_joint_state(
-        np.array(box().parameters), free, np.zeros(1), np.ones(1), np.zeros((6, 0)), np.full(15, NOISE), np.ones(6),
-        np.full(6, WALK), FilterSettings(), biases=False,
+        np.array(box().parameters), free, np.zeros(1), np.ones(1), np.zeros((6, 0)), LEVELS, FilterSettings(),
     )  # fmt: skip
-    state.clock[C_SINCE] = since
+    state.clock["since_accepted"] = since
     return state
 
 
@@ -46,40 +46,38 @@ def followed(gain: float, n: int, seed: int) -> JointState:
 
 @pytest.mark.parametrize("gain", [0.05, 0.2, 0.45, 0.9])
 def test_neighbouring_innovations_tell_a_sensor_s_noise_whatever_the_gain(gain: float) -> None:
-    n, square = followed(gain, 20_000, 1).stats[6, 7:9]
-    assert square / n == pytest.approx(NOISE**2, rel=0.05)
+    counted = followed(gain, 20_000, 1).statistics[6]
+    assert counted.neighbour_sum / counted.neighbours == pytest.approx(NOISE**2, rel=0.05)
 
 
-def test_roughness_is_found_by_steps_of_scoring() -> None:
-    rough = 5.0 * WALK
+def test_a_velocity_walk_is_found_by_steps_of_scoring() -> None:
+    walk = 5.0 * WALK
     for _ in range(6):
         # the gain of the steady state: M^2 / (M + R) = q dt
-        q = rough**2 * STEP
+        q = walk**2 * STEP
         M = 0.5 * (q + np.sqrt(q * q + 4.0 * q * NOISE**2))
         state = followed(float(M / (M + NOISE**2)), 20_000, 2)
-        score, information = state.stats[6, 9:11]
-        rough = float(np.sqrt(max(rough**2 + score / information, 0.0)))
-    assert rough == pytest.approx(WALK, rel=0.05)
+        own = state.statistics[6]
+        walk = float(np.sqrt(max(walk**2 + own.steady_score / own.steady_information, 0.0)))
+    assert walk == pytest.approx(WALK, rel=0.05)
 
 
 def test_a_pause_between_two_samples_tells_nothing_of_the_noise() -> None:
     state = counting(5.0)
     for nu in (0.1, -0.1, 0.1):
         count_speed(state, 6, nu, 1.0, 0.5)
-    assert state.stats[6, 7] == 0.0
+    assert state.statistics[6].neighbours == 0.0
 
 
 def test_speeds_of_two_recordings_are_no_neighbours() -> None:
     wrench = waves(300, 0.01, (0, 10.0, 1.2))
     logs = [samples_of(simulate(box(), wrench=wrench, sensors=Ins(), seed=seed), box()) for seed in range(2)]
     free = free_parameters(box(), ("X_uu",))
-    levels = NoiseLevels(np.full(15, NOISE), np.ones(6), np.full(6, WALK))
-    state, _ = one_pass(
-        logs, np.array(box().parameters), free, np.array([3.4]), np.array([0.5]), levels, FilterSettings()
-    )
-    believed, pairs = state.stats[6, 4], state.stats[6, 7]
-    assert believed > 20.0
-    assert pairs == believed - 2.0
+    problem = FilterProblem(logs, np.array(box().parameters), free, np.array([0.5]))
+    state, _ = one_pass(problem, np.array([3.4]), LEVELS, FilterSettings())
+    accepted, pairs = state.statistics[6].accepted, state.statistics[6].neighbours
+    assert accepted > 20.0
+    assert pairs == accepted - 2.0
 
 
 @pytest.mark.parametrize("seed", range(3))

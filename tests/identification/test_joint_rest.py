@@ -1,4 +1,4 @@
-"""Coefficients that rest: left as they are while the motion tells next to nothing of them, and counted as unsure."""
+"""Coefficients that are considered but not updated: left as they are while little is learned of them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification import Learner
+from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state
 from towtank.identification.kalman.update import scalar_update
 from towtank.identification.model.linearisation import N_FIXED
@@ -25,8 +26,8 @@ def state_with(P: Array, is_considered: tuple[int, ...]) -> JointState:
     free = free_parameters(vehicle, NAMES)
     theta = free.theta(vehicle, delay=0.0, lag=0.0)
     state = new_joint_state(
-        np.array(vehicle.parameters), free, theta, np.ones(len(free)), np.eye(6), np.full(15, 0.1), np.ones(6),
-        np.zeros(6), FilterSettings(), biases=False,
+        np.array(vehicle.parameters), free, theta, np.ones(len(free)), np.eye(6),
+        NoiseLevels(np.full(15, 0.1), np.ones(6), np.zeros(6)), FilterSettings(),
     )  # fmt: skip
     state.P[:] = P
     for k in is_considered:
@@ -34,7 +35,7 @@ def state_with(P: Array, is_considered: tuple[int, ...]) -> JointState:
     return state
 
 
-def test_the_covariance_of_one_that_rests_is_josephs_with_its_gain_left_out() -> None:
+def test_the_covariance_of_one_that_is_considered_is_josephs_with_its_gain_left_out() -> None:
     random = np.random.default_rng(3)
     size = N_FIXED + len(NAMES)
     root = random.standard_normal((size, size))
@@ -76,7 +77,7 @@ def test_a_vehicle_that_is_held_in_place_learns_nothing_wrong_and_goes_on_when_i
     others = {name: value for name, value in TRUTH.items() if name not in NAMES}
     learner = Learner(unknown(vehicle, **others), free=NAMES, changes=False)
 
-    def told() -> tuple[Array, Array]:
+    def known() -> tuple[Array, Array]:
         return np.array(learner.estimate.values), np.array(learner.estimate.std)
 
     channels = {name: run[name] for name in ("x", "y", "z", "phi", "theta", "psi")}
@@ -85,9 +86,9 @@ def test_a_vehicle_that_is_held_in_place_learns_nothing_wrong_and_goes_on_when_i
         pose = [channels[name].values[k] for name in channels]
         learner.update(k * DT, pose=pose, wrench=wrench[k])
         if k in (n, n + round(60.0 / DT), n + held - 1):
-            readings[k] = told()
+            readings[k] = known()
     truth = np.array([TRUTH[name] for name in learner.estimate.names])
-    (_, (calm, spread), (after, still)), (last, least) = readings.values(), told()
+    (_, (calm, spread), (after, still)), (last, least) = readings.values(), known()
     np.testing.assert_array_equal(after, calm)
     np.testing.assert_allclose(still, spread, rtol=0.1)  # the disturbance's level is known better by then
     assert np.all(np.abs(calm - truth) < 4.0 * spread)

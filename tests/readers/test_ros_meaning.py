@@ -289,6 +289,9 @@ def test_a_dvl_on_water_track_is_no_velocity_over_ground(tmp_path: Path) -> None
     run = log(tmp_path, "/dvl", "marine_acoustic_msgs/msg/Dvl", lambda k: {**said(k), "beam_unit_vec": unit})
     kept = (np.arange(N) < 100) & (np.arange(N) % 10 > 0)
     assert np.allclose(vectors(run, "u", "v", "w"), BODY[kept])
+    tracked = (np.arange(N) >= 100) & (np.arange(N) % 10 > 0)
+    assert np.allclose(vectors(run, "u_w", "v_w", "w_w"), BODY[tracked])
+    assert any(note.startswith("/dvl: velocity through the water in FRD, at the DVL's own") for note in run.notes)
 
 
 def test_depth_from_pressure_and_why_not(tmp_path: Path) -> None:

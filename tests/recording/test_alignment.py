@@ -215,7 +215,7 @@ def test_ten_minutes_of_thirty_channels_take_well_under_a_second() -> None:
     columns |= {f"cmd_{i}": walk for i in range(8)}
     run = Recording.from_table(t, columns)
     align(run.window(0, 1))
-    start = time.perf_counter()
+    start = time.process_time()
     grid = align(run)
-    assert time.perf_counter() - start < 0.8
+    assert time.process_time() - start < 0.8
     assert len(grid) == n

@@ -10,7 +10,7 @@ import pytest
 from towtank.core.attitude import rotation_from_euler
 from towtank.errors import InputError
 from towtank.recording import Recording
-from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, Perfect, simulate, stream
+from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, Perfect, Together, WaterTrack, simulate, stream
 from towtank.simulation.sensors.mocap import intervals
 
 from .vessels import table, vessel
@@ -98,6 +98,36 @@ def test_streams_do_not_touch_each_other() -> None:
     assert stream(1, "a", "b").random() != stream(1, "b", "a").random()
 
 
+def test_velocity_through_the_water_is_that_over_ground_less_the_current() -> None:
+    current = np.array([0.3, -0.2, 0.05])
+    start = {"eta0": (0.0, 0.0, 2.0, 0.2, -0.1, 1.0), "nu0": (0.5, 0.1, 0.0, 0.0, 0.1, 0.3)}
+    both = Together((Perfect(), WaterTrack(rate=10.0, noise=0.0)))
+    run = simulate(vessel(), current=current, sensors=both, duration=5.0, **start)
+    assert len(run["u_w"]) == 51
+    rows = np.searchsorted(run["u"].t, run["u_w"].t)
+    ground, angles = table(run, "uvw")[rows], table(run, ("phi", "theta", "psi"))[rows]
+    water = np.array([rotation_from_euler(*each).T @ current for each in angles])
+    np.testing.assert_allclose(table(run, ("u_w", "v_w", "w_w")), ground - water, atol=1e-14)
+
+
+def test_water_track_noise_and_axes() -> None:
+    run = at_rest(WaterTrack(rate=10.0, noise=0.02))
+    values = table(run, ("u_w", "v_w", "w_w"))
+    np.testing.assert_allclose(values.std(axis=0), 0.02, rtol=0.05)
+    assert np.abs(np.corrcoef(values.T) - np.eye(3)).max() < 0.05
+    pitot = at_rest(WaterTrack(rate=10.0, noise=0.02, axes=("u_w",)))
+    assert {"v_w", "w_w"}.isdisjoint(pitot.names)
+    assert np.array_equal(pitot["u_w"].values, run["u_w"].values)
+
+
+def test_a_water_track_beside_the_ins_changes_none_of_its_channels() -> None:
+    alone, both = (simulate(vessel(), sensors=name, seed=4, **LONG) for name in ("ins", "ins-water"))
+    assert set(both.names) - set(alone.names) == {"u_w", "v_w", "w_w"}
+    assert all(both[name] == alone[name] for name in alone.names)
+    with pytest.raises(InputError, match='"z" is measured by 2 of them'):
+        at_rest(Together((Perfect(), Ins())))
+
+
 def test_specific_force_at_rest_is_minus_gravity() -> None:
     run = simulate(vessel(), duration=1.0, sensors=Perfect(accelerometer=True))
     np.testing.assert_allclose(table(run, ("ax", "ay", "az")), np.tile([0.0, 0.0, -9.81], (101, 1)), atol=1e-12)
@@ -148,6 +178,10 @@ def test_ornstein_uhlenbeck_statistics() -> None:
         (lambda: Mocap(jump_s=(0.5, 0.1)), "jump_s"),
         (lambda: Ins(dvl_rate=float("nan")), "dvl_rate"),
         (lambda: Ins(gyro_noise=-0.1), "gyro_noise"),
+        (lambda: WaterTrack(rate=0.0), "WaterTrack: rate"),
+        (lambda: WaterTrack(noise=-0.1), "noise"),
+        (lambda: WaterTrack(axes=()), "axes: found"),
+        (lambda: WaterTrack(axes=("u",)), "expected one or more of u_w v_w w_w, each once"),
         (lambda: OrnsteinUhlenbeck(-1.0), "std"),
         (lambda: OrnsteinUhlenbeck(time_constant=0.0), "time constant"),
         (lambda: OrnsteinUhlenbeck(axes=("W",)), 'unknown axis "W"'),

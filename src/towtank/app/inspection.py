@@ -41,7 +41,7 @@ class AxisVerdict:
     reason: str | None
     explained: float | None
     coefficients: Mapping[str, str | None]
-    predicted_accuracies: Mapping[str, PredictedAccuracy]
+    prospects: Mapping[str, PredictedAccuracy]
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ _FAST = {"contract", "nsz"}
 
 
 _ROOT = Path(__file__).parent.parent
-_IMPORT = re.compile(rb"^\s*from towtank\.?([\w.]*) import ([^#\n(]*|\([^)]*\))", re.MULTILINE)
+_IMPORT = re.compile(rb"^\s*from towtank\.?([\w.]*) import (\([^)]*\)|[^#\n]*)", re.MULTILINE)
 
 
 @cache

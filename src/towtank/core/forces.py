@@ -3,6 +3,16 @@
 The force on the vehicle is L nu + Q |nu| nu with L_ij = X_u .. N_r and Q_ij = X_{u|u|} .. N_{r|r|}, negative on the
 diagonal of a physical vehicle. Fossen's D(nu) nu is its opposite. The printed paper's (30) lacks a velocity factor.
 
+Forward-speed terms u (F nu), lift of hull and wings at a small angle to the flow: in proportion to the speed ahead and
+to the motion across it, u v and not |u| v. Symmetry to port and starboard leaves nine:
+
+    Y = u (Y_uv v + Y_ur r),  N = u (N_uv v + N_ur r),  K = u K_up p,  Z = u (Z_uw w + Z_uq q),  M = u (M_uw w + M_uq q)
+
+Their power is u [Y_uv v^2 + (Y_ur + N_uv) v r + N_ur r^2 + K_up p^2 + Z_uw w^2 + (Z_uq + M_uw) w q + M_uq q^2]. Where
+these forms are negative, as fins make them, energy goes out while the vehicle goes ahead, and comes in while it goes
+astern; a pair Y_ur = -N_uv does no work. The Munk moment is in C(nu) and no part of them. Fossen (2021), section 6.4;
+Prestero, Verification of a six-degree of freedom simulation model for the REMUS AUV, MIT (2001), chapter 4.
+
 Restoring forces of gravity and buoyancy for any centres and any net weight.
 
 With k = R^T e_z and b = r_G W - r_B B, Fossen (4.5) is g(eta) = -[(W - B) k ; b x k]. The printed paper's (20), row 4,
@@ -23,8 +33,16 @@ import numpy as np
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import rotation_from_quaternion
+from towtank.core.layout import FORWARD_COLUMNS, FORWARD_ROWS, I_FORWARD, N_FORWARD
 
-__all__ = ["current_acceleration", "current_in_body", "damping_force", "restoring_wrench"]
+__all__ = [
+    "add_forward_speed_force_into",
+    "add_forward_speed_slope_into",
+    "current_acceleration",
+    "current_in_body",
+    "damping_force",
+    "restoring_wrench",
+]
 
 
 @kernel
@@ -35,6 +53,23 @@ def damping_force(linear: Array, quadratic: Array, nu: Array) -> Array:
         for j in range(6):
             out[i] += (linear[i, j] + quadratic[i, j] * math.fabs(nu[j])) * nu[j]
     return out
+
+
+@kernel
+def add_forward_speed_force_into(p: Array, nu: Array, factor: float, out: Array) -> None:
+    """Add `factor` times u (F nu), F in the kernel vector p (163,), to the wrench `out` (6,) [N, N m]."""
+    for n in range(N_FORWARD):
+        out[FORWARD_ROWS[n]] += factor * p[I_FORWARD + n] * nu[0] * nu[FORWARD_COLUMNS[n]]
+
+
+@kernel
+def add_forward_speed_slope_into(p: Array, nu: Array, j: int, out: Array) -> None:
+    """Add the derivative of u (F nu) by nu_j to `out` (6,)."""
+    for n in range(N_FORWARD):
+        if FORWARD_COLUMNS[n] == j:
+            out[FORWARD_ROWS[n]] += p[I_FORWARD + n] * nu[0]
+        elif j == 0:
+            out[FORWARD_ROWS[n]] += p[I_FORWARD + n] * nu[FORWARD_COLUMNS[n]]
 
 
 @kernel

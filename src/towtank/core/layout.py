@@ -1,4 +1,4 @@
-"""The kernel's view of a vehicle: one vector of 154 numbers.
+"""The kernel's view of a vehicle: one vector of 163 numbers, and where in it each coefficient has its place.
 
 p[0:36]     M    total mass matrix M_RB + M_A, row-major 6x6, symmetric        [kg, kg m, kg m^2]
 p[36:72]    its inverse
@@ -7,25 +7,46 @@ p[108:144]  Q    quadratic SNAME derivatives, force_i += Q_ij |nu_j| nu_j       
 p[144]      W - B                                                               [N]
 p[145:148]  b = r_G W - r_B B (BG_x, BG_y, BG_z)                                [N m]
 p[148:154]  constant wrench (X_0 .. N_0), fixed in the body: thrusters that differ, a tether   [N, N m]
+p[154:163]  forward-speed derivatives, force_i += F_ij u nu_j, those of a hull and wings that are the same to port and
+            starboard: Y_uv Y_ur N_uv N_ur K_up Z_uw Z_uq M_uw M_uq             [kg/m, kg, kg m]
+
+A kind of coefficient is a number, `MASS` to `FORWARD`, and a coefficient its kind, row (force) and column (velocity).
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numba.extending import register_jitable
 
 from towtank.core.arrays import Array
 
 __all__ = [
+    "CONSTANT",
+    "FORWARD",
+    "FORWARD_COLUMNS",
+    "FORWARD_ROWS",
     "I_CONSTANT",
+    "I_FORWARD",
     "I_LINEAR",
     "I_MASS",
     "I_MASS_INVERSE",
     "I_MOMENT",
     "I_QUADRATIC",
     "I_WEIGHT",
+    "LINEAR",
+    "MASS",
+    "MOMENT",
+    "N_FORWARD",
+    "N_KINDS",
     "N_PARAMETERS",
+    "QUADRATIC",
+    "WEIGHT",
+    "address",
     "pack_parameters",
 ]
+
+MASS, LINEAR, QUADRATIC, WEIGHT, MOMENT, CONSTANT, FORWARD = range(7)
+N_KINDS = 7
 
 I_MASS = 0
 I_MASS_INVERSE = 36
@@ -34,13 +55,48 @@ I_QUADRATIC = 108
 I_WEIGHT = 144
 I_MOMENT = 145
 I_CONSTANT = 148
-N_PARAMETERS = 154
+I_FORWARD = 154
+N_FORWARD = 9
+N_PARAMETERS = 163
+FORWARD_ROWS = (1, 1, 5, 5, 3, 2, 2, 4, 4)
+FORWARD_COLUMNS = (1, 5, 1, 5, 3, 2, 4, 2, 4)
+
+
+@register_jitable  # type: ignore[untyped-decorator]
+def address(kind: int, row: int, column: int) -> int:
+    """Return the place of a coefficient in the vector; -1 where there is none. Plain Python, and usable in kernels.
+
+    An added mass has a second place, that of its mirrored element.
+    """
+    if kind == MASS:
+        return I_MASS + 6 * row + column
+    if kind == LINEAR:
+        return I_LINEAR + 6 * row + column
+    if kind == QUADRATIC:
+        return I_QUADRATIC + 6 * row + column
+    if kind == WEIGHT:
+        return I_WEIGHT
+    if kind == MOMENT:
+        return I_MOMENT + row
+    if kind == CONSTANT:
+        return I_CONSTANT + row
+    if kind == FORWARD:
+        for n in range(N_FORWARD):
+            if FORWARD_ROWS[n] == row and FORWARD_COLUMNS[n] == column:
+                return I_FORWARD + n
+    return -1
 
 
 def pack_parameters(
-    mass: Array, linear: Array, quadratic: Array, weight: float, moment: Array, constant: Array | None = None
+    mass: Array,
+    linear: Array,
+    quadratic: Array,
+    weight: float,
+    moment: Array,
+    constant: Array | None = None,
+    forward: Array | None = None,
 ) -> Array:
-    """Return the kernel vector (154,) of a vehicle.
+    """Return the kernel vector (163,) of a vehicle.
 
     Args:
         mass: total mass matrix M = M_RB + M_A (6, 6), symmetric, invertible.
@@ -48,6 +104,7 @@ def pack_parameters(
         weight: W - B [N].
         moment: r_G W - r_B B (3,) [N m], body FRD.
         constant: wrench (6,) [N, N m] that always acts, body FRD; none where omitted.
+        forward: forward-speed derivatives (9,) in the order of the vector; none where omitted.
 
     Raises:
         numpy.linalg.LinAlgError: the mass matrix is singular.
@@ -59,5 +116,6 @@ def pack_parameters(
     p[I_QUADRATIC:I_WEIGHT] = np.asarray(quadratic, dtype=np.float64).ravel()
     p[I_WEIGHT] = weight
     p[I_MOMENT:I_CONSTANT] = moment
-    p[I_CONSTANT:] = 0.0 if constant is None else constant
+    p[I_CONSTANT:I_FORWARD] = 0.0 if constant is None else constant
+    p[I_FORWARD:] = 0.0 if forward is None else forward
     return p

@@ -68,6 +68,7 @@ def _grid(vehicle: Vehicle, t: Array, rows: Array, seconds: float) -> Grid:
     pose = _between(times, t, rows[:, POSE], turning=True)
     velocity = _between(times, t, rows[:, VELOCITY])
     acceleration = _between(times, t, rows[:, ACCELERATION])
+    relative_velocity = np.full((n, 3), np.nan)
     voltage = _between(times, t, rows[:, -1:])[:, 0]
     commands, wrench = rows[:, COMMANDS:-1], rows[:, WRENCH]
     told = np.isfinite(commands).all(axis=1) if commands.shape[1] else np.zeros(t.size, dtype=bool)
@@ -78,7 +79,8 @@ def _grid(vehicle: Vehicle, t: Array, rows: Array, seconds: float) -> Grid:
         pose=pose,
         velocity=velocity,
         acceleration=acceleration,
-        fresh=np.isfinite(np.hstack([pose, velocity, acceleration])),
+        relative_velocity=relative_velocity,
+        fresh=np.isfinite(np.hstack([pose, velocity, acceleration, relative_velocity])),
         voltage=voltage,
         thrusters=tuple(thruster.name for thruster in vehicle.thrusters),
         command_t=t[told],

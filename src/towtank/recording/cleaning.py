@@ -18,7 +18,7 @@ from towtank.recording.channel import Channel
 from towtank.recording.frames.conversion import wrap_angle
 from towtank.recording.grids.timing import gap_limit
 from towtank.recording.recording import Recording
-from towtank.recording.standard import ACCELERATIONS, EULER, POSITION
+from towtank.recording.standard import ACCELERATIONS, EULER, LINEAR_VELOCITY, POSITION, RATES, RELATIVE_VELOCITY
 
 __all__ = ["Kind", "dead_channels", "find_spikes"]
 
@@ -28,7 +28,7 @@ _AGREEMENT = 0.5  # of the spike's height that its neighbours may differ by
 _WINDOW = 15  # samples on either side that make the usual increment
 _MOST = 0.02  # of the samples: with more of them it is the signal's nature, not an accident
 _PASSES = 3
-_GROUPS = (POSITION, EULER, ("u", "v", "w"), ("p", "q", "r"), ACCELERATIONS)
+_GROUPS = (POSITION, EULER, LINEAR_VELOCITY, RATES, ACCELERATIONS, RELATIVE_VELOCITY)
 
 
 def find_spikes(t: Array, x: Array, kind: Kind = "linear", gap: float | None = None) -> NDArray[np.intp]:
@@ -41,16 +41,16 @@ def find_spikes(t: Array, x: Array, kind: Kind = "linear", gap: float | None = N
         gap: longest step [s] over which samples are neighbours.
     """
     kept = np.arange(t.size)
-    found: list[NDArray[np.intp]] = []
+    outliers: list[NDArray[np.intp]] = []
     for _ in range(_PASSES):
         if kept.size < 5:
             break
         spikes = _one_pass(t[kept], x[kept], kind, gap)
         if not spikes.size:
             break
-        found.append(kept[spikes])
+        outliers.append(kept[spikes])
         kept = np.delete(kept, spikes)
-    indices = np.sort(np.concatenate(found)) if found else np.empty(0, dtype=np.intp)
+    indices = np.sort(np.concatenate(outliers)) if outliers else np.empty(0, dtype=np.intp)
     return indices if indices.size <= max(1, int(_MOST * t.size)) else np.empty(0, dtype=np.intp)
 
 
@@ -99,7 +99,7 @@ def dead_channels(recording: Recording) -> tuple[str, ...]:
     """Names of motion channels that stand exactly still, always or from some time to the end, as a dead
     sensor does.
 
-    Only told where another channel of the same sensor carries noise: a simulated vehicle that does not roll,
+    Only reported where another channel of the same sensor carries noise: a simulated vehicle that does not roll,
     a heading that is held, a channel without noise are not dead. A channel that dies must have carried noise
     itself before.
     """

@@ -1,10 +1,8 @@
-"""Which columns of a table become which channels: by their standard names, or by a mapping.
+"""From the columns of a table to a Recording, by standard names or by a mapping: what all readers of tables share.
 
-From the columns of a file to a Recording: the checks and repairs that every table reader shares.
-
-Rows are put in order of time, rows of one time are merged (the last value that is not NaN wins), infinities
-count as missing, and everything mended is counted. Columns may hold several rates interleaved: a channel
-keeps the times where it has a value.
+Rows are put in order of time, rows of one time are merged (the last value that is not NaN wins), infinities count as
+missing, and every repair is counted. Columns may hold several rates interleaved: a channel keeps the times where it has
+a value.
 """
 
 from __future__ import annotations
@@ -29,7 +27,7 @@ from towtank.recording.recording import Recording
 from towtank.recording.repairs import Content, Repairs
 from towtank.recording.standard import WORLD_VELOCITY, is_standard
 
-__all__ = ["MINIMUM_SAMPLES", "Carried", "assemble", "in_standard_frames", "recording_of_columns"]
+__all__ = ["MINIMUM_SAMPLES", "Carried", "assemble", "in_standard_frames", "name_list", "recording_of_columns"]
 
 MINIMUM_SAMPLES = 4
 _RESTART_OVERLAP = 1.0  # s that two stretches of a channel must share before the clock counts as restarted
@@ -88,7 +86,7 @@ def assemble(
     if not channels:
         raise InputError(f"{place}: no column holds any value, expected at least one measurement")
     known_holes = repairs is not None  # counted when the data was first read
-    mended = (repairs or Repairs()) + Repairs(
+    repaired = (repairs or Repairs()) + Repairs(
         disorder=table.disorder,
         duplicates=table.duplicates,
         untimed=untimed,
@@ -96,7 +94,7 @@ def assemble(
         infinities=table.infinities,
         details=tuple(table.details),
     )
-    return Recording(channels, source, tuple(remarks), attributes or {}, mended, contents)
+    return Recording(channels, source, tuple(remarks), attributes or {}, repaired, contents)
 
 
 def _ordered_times(t: Array) -> tuple[Array, NDArray[np.intp] | None]:
@@ -224,21 +222,22 @@ def recording_of_columns(
 
 
 def _by_name(path: Path, names: Sequence[str], read: ReadNumbers, carried: Carried) -> Recording:
-    wanted = [name for name in names if is_standard(name) or name in carried.units]
+    needed = [name for name in names if is_standard(name) or name in carried.units]
     if "t" not in names:
         hint = " (standard names are case sensitive)" if "T" in names else ""
         raise InputError(
-            f'{path}:1: no column "t" (time in s){hint}; found {_listed(names)}; name the columns with --map FILE.toml'
-        )
-    if not wanted:
-        raise InputError(
-            f"{path}:1: no column with a standard name (u, psi, cmd_..., ...); found {_listed(names)}; "
+            f'{path}:1: no column "t" (time in s){hint}; found {name_list(names)}; '
             "name the columns with --map FILE.toml"
         )
-    _check_once(path, names, ["t", *wanted])
-    ignored = [name for name in names if name and name != "t" and name not in wanted]
+    if not needed:
+        raise InputError(
+            f"{path}:1: no column with a standard name (u, psi, cmd_..., ...); found {name_list(names)}; "
+            "name the columns with --map FILE.toml"
+        )
+    _check_once(path, names, ["t", *needed])
+    ignored = [name for name in names if name and name != "t" and name not in needed]
     notes = (*carried.notes, *_ignored_note(ignored))
-    numbers = dict(read(["t", *wanted]))
+    numbers = dict(read(["t", *needed]))
     t = numbers.pop("t")
     return assemble(
         t,
@@ -260,11 +259,11 @@ def _by_mapping(path: Path, names: Sequence[str], read: ReadNumbers, mapping: Co
         needed.setdefault(time.source)
     for name in needed:
         if name not in names:
-            raise InputError(f'{where}no column "{name}" in {path}{nearest(name, names)}; it has {_listed(names)}')
+            raise InputError(f'{where}no column "{name}" in {path}{nearest(name, names)}; it has {name_list(names)}')
     if time is None:
         raise InputError(
             f'{where}{path} has no column "t"; name its time under [columns] as t = "...", '
-            f"or give the rate of its rows as rate = ... (Hz); it has {_listed(names)}"
+            f"or give the rate of its rows as rate = ... (Hz); it has {name_list(names)}"
         )
     if not sources:
         raise InputError(f"{where}the mapping names no measurement of {path}; add [columns] or thrusters")
@@ -294,17 +293,18 @@ def in_standard_frames(recording: Recording, mapping: ColumnMapping) -> Recordin
     return recording
 
 
-def _check_once(path: Path, names: Sequence[str], wanted: Sequence[str]) -> None:
+def _check_once(path: Path, names: Sequence[str], needed: Sequence[str]) -> None:
     counts = Counter(names)
-    for name in wanted:
+    for name in needed:
         if counts[name] > 1:
             raise InputError(f'{path}:1: column "{name}" stands {counts[name]} times, expected once; rename the others')
 
 
 def _ignored_note(names: Sequence[str]) -> tuple[str, ...]:
-    return (f"ignored columns: {_listed(names)}",) if names else ()
+    return (f"ignored columns: {name_list(names)}",) if names else ()
 
 
-def _listed(names: Sequence[str], most: int = 30) -> str:
+def name_list(names: Sequence[str], most: int = 30) -> str:
+    """Return names for a message, of many the first ones and how many more there are."""
     shown = [name or '""' for name in names[:most]]
     return ", ".join(shown) + (f" and {len(names) - most} more" if len(names) > most else "")

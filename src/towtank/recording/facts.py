@@ -20,7 +20,7 @@ class ChannelFacts:
 
     Attributes:
         missing: samples that the usual step would have had and that are not there, in holes long or short.
-        gaps: holes too long to interpolate over; none are told for an input, which holds.
+        gaps: holes too long to interpolate over; none for an input, which holds.
         changes: how often an input changes; None for a measurement.
     """
 

@@ -7,13 +7,12 @@
     [columns]
     t = "time"
     psi = { from = "yaw_deg", scale = 0.017453292519943295, offset = 0.0 }    # scale * column + offset
-    [marker]                           # what x y z (and u v w) are measured at
+    [marker]                           # what x y z (and u v w, u_w v_w w_w) are measured at
     position = [0.10, 0.0, -0.20]      # m from the body origin, body FRD
     of = ["position", "velocity"]      # what is moved to the body origin; default both
 
-Channel names stand on the left, columns of the table on the right.
-
-Commands by their place in a mapping bound to the thrusters of a vehicle.
+Channel names stand on the left, columns of the table on the right. Thrusters are commands by their place, until they
+are bound to those of a vehicle.
 """
 
 from __future__ import annotations
@@ -186,34 +185,34 @@ def bind_thrusters(recording: Recording, thrusters: Sequence[str]) -> Recording:
     Raises:
         InputError: the recording has more, fewer or other thrusters than the vehicle.
     """
-    found = [name.removeprefix(COMMAND_PREFIX) for name in recording.names if is_command(name)]
-    if not found:
+    commanded = [name.removeprefix(COMMAND_PREFIX) for name in recording.names if is_command(name)]
+    if not commanded:
         return recording
     prefix = f"{recording.source}: " if recording.source else ""
-    if set(found) == set(thrusters):
+    if set(commanded) == set(thrusters):
         names = {name: name for name in thrusters}
-    elif set(found) == {str(k) for k in range(1, len(found) + 1)}:
-        if len(found) != len(thrusters):
-            many = "thruster" if len(found) == 1 else "thrusters"
+    elif set(commanded) == {str(k) for k in range(1, len(commanded) + 1)}:
+        if len(commanded) != len(thrusters):
+            many = "thruster" if len(commanded) == 1 else "thrusters"
             raise InputError(
-                f"{prefix}found commands of {len(found)} {many}, the vehicle has {len(thrusters)} "
+                f"{prefix}found commands of {len(commanded)} {many}, the vehicle has {len(thrusters)} "
                 f"({', '.join(thrusters) or 'none'})"
             )
         names = {str(k): name for k, name in enumerate(thrusters, 1)}
     else:
-        _refuse(prefix, found, thrusters)
+        _refuse(prefix, commanded, thrusters)
     bound = [recording[COMMAND_PREFIX + old].renamed(COMMAND_PREFIX + new) for old, new in names.items()]
     rest = [channel for name, channel in recording.channels.items() if not is_command(name)]
     return recording.with_channels([*rest, *bound])
 
 
-def _refuse(prefix: str, found: Sequence[str], thrusters: Sequence[str]) -> NoReturn:
+def _refuse(prefix: str, commanded: Sequence[str], thrusters: Sequence[str]) -> NoReturn:
     known = ", ".join(thrusters) or "none"
-    for name in found:
+    for name in commanded:
         if name not in thrusters:
             raise InputError(
                 f'{prefix}the vehicle has no thruster "{name}" for "{COMMAND_PREFIX}{name}"'
                 f"{nearest(name, thrusters)}; its thrusters: {known}"
             )
-    missing = [COMMAND_PREFIX + name for name in thrusters if name not in found]
+    missing = [COMMAND_PREFIX + name for name in thrusters if name not in commanded]
     raise InputError(f"{prefix}no {', '.join(missing)}; expected a command for each thruster of the vehicle ({known})")

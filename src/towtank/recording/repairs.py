@@ -1,7 +1,4 @@
-"""What was wrong in a recording and was mended, counted.
-
-What a log held, table by table: what each was used for, and why the others were not.
-"""
+"""What was repaired in a recording, counted; what a log held, table by table, and what each was used for."""
 
 from __future__ import annotations
 
@@ -65,7 +62,7 @@ class Repairs:
     @property
     def lines(self) -> tuple[str, ...]:
         """One line per kind of repair, then the details; empty when nothing was wrong."""
-        found = [
+        counted = [
             (self.damaged, "damaged message (left out)", "damaged messages (left out)"),
             (self.disorder, "sample out of order (sorted)", "samples out of order (sorted)"),
             (self.duplicates, "repeated time stamp (merged)", "repeated time stamps (merged)"),
@@ -75,7 +72,7 @@ class Repairs:
             (self.spikes, "spike (taken as missing)", "spikes (taken as missing)"),
             (self.gaps, "gap (not bridged)", "gaps (not bridged)"),
         ]
-        lines = [_count(number, one, many) for number, one, many in found if number]
+        lines = [_count(number, one, many) for number, one, many in counted if number]
         if self.dead:
             lines.append(f"dead: {', '.join(self.dead)} (constant while the channels beside carry noise)")
         return (*lines, *self.details)

@@ -9,10 +9,13 @@ __all__ = [
     "COMMAND_PREFIX",
     "EULER",
     "LINEAR_VELOCITY",
+    "MEASURED",
     "MOTION",
     "POSE",
     "POSITION",
     "QUATERNION",
+    "RATES",
+    "RELATIVE_VELOCITY",
     "STANDARD",
     "VELOCITIES",
     "WORLD_VELOCITY",
@@ -29,11 +32,14 @@ EULER = ("phi", "theta", "psi")
 QUATERNION = ("qw", "qx", "qy", "qz")
 POSE = POSITION + EULER
 LINEAR_VELOCITY = ("u", "v", "w")
-VELOCITIES = (*LINEAR_VELOCITY, "p", "q", "r")
+RATES = ("p", "q", "r")
+VELOCITIES = LINEAR_VELOCITY + RATES
+RELATIVE_VELOCITY = ("u_w", "v_w", "w_w")
 WORLD_VELOCITY = ("vn", "ve", "vd")
 ACCELERATIONS = ("ax", "ay", "az")
 WRENCH = ("X", "Y", "Z", "K", "M", "N")
 MOTION = POSE + VELOCITIES + ACCELERATIONS
+MEASURED = MOTION + RELATIVE_VELOCITY  # the columns of all that sensors measure of the motion
 COMMAND_PREFIX = "cmd_"
 
 
@@ -59,6 +65,9 @@ STANDARD: dict[str, Standard] = {
     "u": Standard("m/s", "FRD", "surge velocity of the body origin over ground"),
     "v": Standard("m/s", "FRD", "sway velocity of the body origin over ground"),
     "w": Standard("m/s", "FRD", "heave velocity of the body origin over ground"),
+    "u_w": Standard("m/s", "FRD", "surge velocity of the body origin through the water"),
+    "v_w": Standard("m/s", "FRD", "sway velocity of the body origin through the water"),
+    "w_w": Standard("m/s", "FRD", "heave velocity of the body origin through the water"),
     "vn": Standard("m/s", "NED", "velocity north of the body origin over ground"),
     "ve": Standard("m/s", "NED", "velocity east of the body origin over ground"),
     "vd": Standard("m/s", "NED", "velocity down of the body origin over ground"),

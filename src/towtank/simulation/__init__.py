@@ -9,7 +9,8 @@ from towtank.simulation.motion import Motion
 from towtank.simulation.sensors.ins import Ins
 from towtank.simulation.sensors.mocap import Mocap
 from towtank.simulation.sensors.presets import SENSORS
-from towtank.simulation.sensors.sensor import Perfect, Sensors
+from towtank.simulation.sensors.sensor import Perfect, Sensors, Together
+from towtank.simulation.sensors.water_track import WaterTrack
 from towtank.simulation.signals import FORMS
 from towtank.simulation.simulate import Progress, simulate
 
@@ -28,6 +29,8 @@ __all__ = [
     "Perfect",
     "Progress",
     "Sensors",
+    "Together",
+    "WaterTrack",
     "available_rows",
     "manoeuvre",
     "manoeuvre_from_recording",

@@ -144,7 +144,8 @@ def simulate(
         eta0, nu0: pose and velocity over ground (6,) at the start, default zero.
         current: velocity of the water (3,) [m/s], NED, constant.
         voltage: supply voltage [V], a number or (n,) held; it acts through the thrusters' curves.
-        sensors: "perfect" (default), "mocap", "ins", or a record such as `Mocap(noise_mm=5)`.
+        sensors: "perfect" (default), "mocap", "ins", "ins-water", or a record such as `Mocap(noise_mm=5)`; several by
+            `Together`.
         disturbance: random wrench on the body, held over each step; not part of the channels X .. N.
         delay: from a held input to its effect [s], any part of a step, exact; before the first effect the thrusters are
             off. Default: `vehicle.command_delay` for commands, none for a wrench.

@@ -14,7 +14,7 @@ from towtank.vehicle.files import (
     vehicle_text,
 )
 from towtank.vehicle.motion import forward_dynamics, inverse_dynamics
-from towtank.vehicle.names import COEFFICIENTS, HYDRODYNAMIC, RESTORING, describe, index, mirror, unit
+from towtank.vehicle.names import COEFFICIENTS, FORWARD_SPEED, HYDRODYNAMIC, RESTORING, describe, index, mirror, unit
 from towtank.vehicle.records import Buoyancy, Coefficient, Provenance, Restoring, RigidBody, Thruster
 from towtank.vehicle.thrusters.bench import Bench, read_bench
 from towtank.vehicle.thrusters.curves import Curve, PolynomialCurve, QuadraticCurve, TableCurve, Voltage, force_range
@@ -32,6 +32,7 @@ from towtank.vehicle.vehicle import Vehicle
 
 __all__ = [
     "COEFFICIENTS",
+    "FORWARD_SPEED",
     "HYDRODYNAMIC",
     "RESTORING",
     "Bench",

@@ -24,12 +24,13 @@ _SAMPLES = 257
 
 def faults(vehicle: Vehicle) -> tuple[str, ...]:
     """Return what no physical vehicle has, one line each."""
-    return tuple(_mass(vehicle) + _added_mass(vehicle) + _damping(vehicle) + _inertia(vehicle) + _righting(vehicle))
+    found = _mass(vehicle) + _added_mass(vehicle) + _damping(vehicle) + _lift(vehicle)
+    return tuple(found + _inertia(vehicle) + _righting(vehicle))
 
 
 def doubts(vehicle: Vehicle) -> tuple[str, ...]:
     """Return what is possible and still deserves a look, one line each."""
-    return tuple(_net_weight(vehicle) + _mirrors(vehicle) + _places(vehicle) + _curves(vehicle))
+    return tuple(_net_weight(vehicle) + _mirrors(vehicle) + _munk(vehicle) + _places(vehicle) + _curves(vehicle))
 
 
 def _negative(matrix: Array) -> float | None:
@@ -66,7 +67,7 @@ def _added_mass(vehicle: Vehicle) -> list[str]:
 
 
 def _damping(vehicle: Vehicle) -> list[str]:
-    linear, quadratic = matrices.damping_matrices({n: c.value for n, c in vehicle.hydrodynamics.items()})
+    linear, quadratic = matrices.damping_matrices(_values(vehicle))
     lines = []
     for matrix, suffix in ((linear, 1), (quadratic, 2)):
         for i in range(6):
@@ -79,6 +80,34 @@ def _damping(vehicle: Vehicle) -> list[str]:
             f" (couplings {', '.join(_couplings(linear))})"
         )
     return lines
+
+
+def _lift(vehicle: Vehicle) -> list[str]:
+    matrix = matrices.forward_speed_matrix(_values(vehicle))
+    return [
+        f"{ROWS[i]}_u{COLUMNS[i]} = {matrix[i, i]:+g} is positive: it feeds energy in while the vehicle goes ahead"
+        for i in range(6)
+        if matrix[i, i] > 0.0
+    ]
+
+
+def _munk(vehicle: Vehicle) -> list[str]:
+    """Say where the forward-speed terms of a plane feed energy in together, as those that hold the Munk moment do."""
+    matrix = matrices.forward_speed_matrix(_values(vehicle))
+    lines = []
+    for plane in ([1, 5], [2, 4]):
+        part = matrix[np.ix_(plane, plane)]
+        if not np.any(np.diag(part) > 0.0) and _negative(-part) is not None:
+            names = ", ".join(f"{ROWS[i]}_u{COLUMNS[j]}" for i in plane for j in plane)
+            lines.append(
+                f"{names} together can feed energy in while the vehicle goes ahead: if they hold parts of added mass"
+                " such as the Munk moment, take these out, they follow from the added mass already"
+            )
+    return lines
+
+
+def _values(vehicle: Vehicle) -> dict[str, float]:
+    return {name: coefficient.value for name, coefficient in vehicle.hydrodynamics.items()}
 
 
 def _couplings(matrix: Array) -> list[str]:
@@ -117,7 +146,7 @@ def _net_weight(vehicle: Vehicle) -> list[str]:
 
 
 def _mirrors(vehicle: Vehicle) -> list[str]:
-    values = {name: coefficient.value for name, coefficient in vehicle.hydrodynamics.items()}
+    values = _values(vehicle)
     return [
         f"{a} = {values[a]:g} and {b} = {values[b]:g} differ: added mass is symmetric, their mean is used"
         for a, b in matrices.asymmetries(values)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from towtank.vehicle.names import COLUMNS, HYDRODYNAMIC, RESTORING, ROWS, index, unit
+from towtank.vehicle.names import COLUMNS, HYDRODYNAMIC, RESTORING, ROWS, index, short_words, unit
 from towtank.vehicle.vehicle import Vehicle
 
 __all__ = ["Difference", "Differences", "differences", "spoken"]
@@ -18,7 +18,6 @@ __all__ = ["Difference", "Differences", "differences", "spoken"]
 _SIGNIFICANT = 3.0  # deviations of one quantity
 _LEVEL = 0.01  # of the chi-square
 _AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-_DAMPING = {"linear": "linear drag", "quadratic": "quadratic drag"}
 
 
 @dataclass(frozen=True)
@@ -101,16 +100,7 @@ def spoken(name: str) -> str:
     """
     if name.startswith("M_") and name[2:] in ROWS and len(name) == 3:
         return f"{_AXES[ROWS.index(name[2])]} inertia"
-    kind, i, j = index(name)
-    if kind == "weight":
-        return "net weight W - B"
-    if kind == "moment":
-        return "righting moment BG_z" if name == "BG_z" else f"trim moment {name}"
-    if kind == "constant":
-        return f"constant {_AXES[i]} {'force' if i < 3 else 'moment'}"
-    if kind == "mass":
-        return f"added-mass coupling {name}"
-    return f"{_AXES[i]} {_DAMPING[kind]}" if i == j else f"{kind} damping {name}"
+    return short_words(name)
 
 
 def differences(base: Vehicle, other: Vehicle) -> Differences:

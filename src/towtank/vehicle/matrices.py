@@ -7,15 +7,17 @@ from collections.abc import Mapping
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.vehicle.names import COLUMNS, ROWS, index
+from towtank.core.layout import address, pack_parameters
+from towtank.vehicle.names import COLUMNS, KINDS, ROWS, index
 
 __all__ = [
     "GRAVITY",
     "added_mass_matrix",
     "asymmetries",
-    "constant_wrench",
     "damping_matrices",
     "effective",
+    "forward_speed_matrix",
+    "parameters",
     "singular_row",
 ]
 
@@ -69,9 +71,28 @@ def damping_matrices(values: Mapping[str, float]) -> tuple[Array, Array]:
     return linear, quadratic
 
 
-def constant_wrench(values: Mapping[str, float]) -> Array:
-    """Return the wrench X_0 .. N_0 (6,) [N, N m] that always acts, body FRD."""
-    return np.array([values.get(f"{row}_0", 0.0) for row in ROWS])
+def forward_speed_matrix(values: Mapping[str, float]) -> Array:
+    """Return F (6, 6) of the forward-speed derivatives: force = u (F nu)."""
+    matrix = np.zeros((6, 6))
+    for name, value in values.items():
+        kind, i, j = index(name)
+        if kind == "forward":
+            matrix[i, j] = value
+    return matrix
+
+
+def parameters(mass: Array, values: Mapping[str, float], weight: float, moment: Array) -> Array:
+    """Return the kernels' vector (163,): the total mass matrix (6, 6), and every other coefficient in its place.
+
+    Args:
+        weight: W - B [N]. moment: BG_x, BG_y, BG_z (3,) [N m/rad].
+    """
+    p = pack_parameters(mass, np.zeros((6, 6)), np.zeros((6, 6)), weight, moment)
+    for name, value in values.items():
+        kind, i, j = index(name)
+        if kind != "mass":
+            p[address(KINDS[kind].code, i, j)] = value
+    return p
 
 
 def effective(values: Mapping[str, float], name: str) -> float:

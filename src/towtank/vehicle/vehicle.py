@@ -15,7 +15,6 @@ from pydantic_core import PydanticCustomError
 
 from towtank.core.arrays import Array
 from towtank.core.inertia import rigid_body_mass
-from towtank.core.layout import pack_parameters
 from towtank.errors import InputError
 from towtank.vehicle import matrices
 from towtank.vehicle.base import NonNegative, Record, Share, described, first_line, misplaced, unknown_key
@@ -174,7 +173,7 @@ class Vehicle(Record):
 
     @cached_property
     def parameters(self) -> Array:
-        """The kernels' vector (154,), read-only; see `towtank.core.layout`.
+        """The kernels' vector (163,), read-only; see `towtank.core.layout`.
 
         Raises:
             InputError: the total mass matrix is singular.
@@ -185,11 +184,8 @@ class Vehicle(Record):
                 f"{self.name}: the total mass matrix is singular in row {ROWS[row]}, so no motion can be computed"
                 "; give rigid_body.inertia or the added mass of that axis a value above 0"
             )
-        linear, quadratic = matrices.damping_matrices(self._values)
         moment = np.array(self.restoring_moment)
-        constant = matrices.constant_wrench(self._values)
-        weight = self.weight_minus_buoyancy
-        return _read_only(pack_parameters(self.mass_matrix, linear, quadratic, weight, moment, constant))
+        return _read_only(matrices.parameters(self.mass_matrix, self._values, self.weight_minus_buoyancy, moment))
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:

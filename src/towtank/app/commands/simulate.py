@@ -79,8 +79,12 @@ def simulate(
         float, typer.Option("--rate", metavar="HZ", help="Rate of the commands and of perfect sensors.")
     ] = _DEFAULT_RATE,
     sensors: Annotated[
-        Literal["perfect", "mocap", "ins"],
-        typer.Option("--sensors", help="What measures: everything exactly, motion capture, or IMU with DVL and depth."),
+        Literal["perfect", "mocap", "ins", "ins-water"],
+        typer.Option(
+            "--sensors",
+            help="What measures: everything exactly, motion capture, IMU with DVL and depth, and speed through the "
+            "water besides.",
+        ),
     ] = "perfect",
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="The same seed gives the same file.")] = 0,
     delay: Annotated[

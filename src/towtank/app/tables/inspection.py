@@ -151,10 +151,10 @@ def _show_forecast(found: Inspection, output: Output) -> None:
     for verdict in found.axes.values():
         lines = [
             predicted_accuracy.text
-            for name, predicted_accuracy in verdict.predicted_accuracies.items()
+            for name, predicted_accuracy in verdict.prospects.items()
             if name not in told
         ]
-        told.update(verdict.predicted_accuracies)
+        told.update(verdict.prospects)
         if lines:
             output.item(", ".join([lines[0], *(line.replace(" will be known to", " to") for line in lines[1:])]))
     if len(found.windows) > 1:

@@ -1,1 +1,1 @@
-"""Changes of the vehicle: branches of the filter, the evidence for them, and the events told of them."""
+"""Changes of the vehicle: branches of the filter, the evidence for a change, hypotheses, detector, events."""

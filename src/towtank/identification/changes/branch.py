@@ -1,6 +1,6 @@
-"""Filters split off the joint filter: with more coordinates, wider ones, or told something after the event.
+"""Branches of the joint filter: split off with more coordinates, wider ones, or informed after the event.
 
-The last seconds of rows and inputs, as they came, to be gone over again.
+Also the rows and inputs of the last seconds, which branches go over.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import TypeVar
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.changes.evidence import Window, window_between
+from towtank.identification.changes.evidence import InformationIncrement, increment_between
 from towtank.identification.data.samples import Buffer, Samples
-from towtank.identification.data.zero_order_hold import ZeroOrderHold, hold_force
-from towtank.identification.kalman.filter import joint_events
-from towtank.identification.kalman.state import C_RESETS, O_FOLLOW, O_REST, JointState
+from towtank.identification.data.zero_order_hold import ZeroOrderHold
+from towtank.identification.kalman.filter import joint_events, rows_of, take_all
+from towtank.identification.kalman.state import KNOWN_STD, JointState, coefficient_block
 from towtank.identification.kalman.update import inject
 from towtank.identification.model.linearisation import N_FIXED, transition_scratch
 from towtank.identification.model.parameters import UNTRANSFORMED, FreeParameters
@@ -25,7 +25,7 @@ __all__ = [
     "Branch",
     "Recent",
     "copied",
-    "informed",
+    "inform",
     "split_later",
     "split_off",
     "with_coordinates",
@@ -33,21 +33,20 @@ __all__ = [
 ]
 
 _Record = TypeVar("_Record", JointState, ZeroOrderHold)
-_UNKNOWN = 0.3  # deviation of a logarithm of which little is known
-_HELD = 1e-4  # deviation of what a hypothesis leaves alone, as a share of the step that it might have made
+_FIXED_SHARE = 1e-4  # of the step that a coefficient might have made: its deviation where a hypothesis leaves it alone
 
 
 @dataclass(eq=False)
 class Branch:
-    """A filter that runs beside the first one since it was split off, free to follow a change at that moment.
+    """A filter that runs beside the first one since it was split off, free to change at that moment.
 
     Attributes:
         t: when it was split off [s]. free: its coordinates, those of the first filter and more. steps: deviations (n,)
             by which they were widened. state, held: the filter and its inputs.
         theta0, P0: coordinates (n,) and covariance (n, n) before they were widened.
-        first, inputs: copies of the filter that it was split off, as it was then.
+        parent, parent_held: copies of the filter that it was split off, as it was then.
         until: when it ends [s]. resets: times that its motion had begun anew by then.
-        said, most: what it said when it was read last, and the most that any change can have for it then.
+        increment: what its samples said when that was last worked out. at_most: log Bayes factor of any change by it.
     """
 
     t: float
@@ -57,25 +56,22 @@ class Branch:
     held: ZeroOrderHold
     theta0: Array
     P0: Array
-    first: JointState
-    inputs: ZeroOrderHold
+    parent: JointState
+    parent_held: ZeroOrderHold
     until: float
     resets: float
-    said: Window | None = None
-    most: float = 0.0
+    increment: InformationIncrement | None = None
+    at_most: float = 0.0
 
     def take(self, rows: Samples) -> None:
         """Take rows and inputs that came since."""
-        state, held = self.state, self.held
-        pushed = joint_events(state, held, rows.t, rows.values, rows.input_t, rows.input_force, True, 0, len(rows), 0)
-        for k in range(pushed, rows.input_t.size):
-            hold_force(held, rows.input_t[k], rows.input_force[k])
+        take_all(self.state, self.held, rows)
 
     @property
-    def sound(self) -> bool:
-        """Whether it has followed the motion without a break, its numbers finite and its variances positive."""
+    def healthy(self) -> bool:
+        """Whether it has tracked the motion without a break, its numbers finite and its variances positive."""
         return bool(
-            self.state.clock[C_RESETS] == self.resets
+            self.state.clock[0].resets == self.resets
             and np.isfinite(self.state.theta).all()
             and np.isfinite(self.state.P).all()
             and (np.diag(self.state.P)[: N_FIXED + len(self.free)] >= 0.0).all()
@@ -85,19 +81,17 @@ class Branch:
     def partly_unknown(self) -> bool:
         """Whether little was known of a coefficient when it was split off."""
         std = np.sqrt(np.maximum(np.diag(self.P0), 0.0))
-        return bool(np.any((self.free.codes[:, 3] != UNTRANSFORMED) & (std > _UNKNOWN)))
+        return bool(np.any((self.free.codes[:, 3] != UNTRANSFORMED) & (std > KNOWN_STD)))
 
-    def read(self) -> None:
-        """Keep what the samples so far say."""
-        if self.sound:
-            self.said = self.window()
-            self.most = self.said.most(self.steps)
+    def refresh(self) -> None:
+        """Work out what the samples so far say."""
+        if self.healthy:
+            self.increment = self.increment_now()
+            self.at_most = self.increment.most(self.steps)
 
-    def window(self) -> Window:
+    def increment_now(self) -> InformationIncrement:
         """Return what the samples since it was split off say by themselves."""
-        n = len(self.free)
-        block = self.state.P[N_FIXED : N_FIXED + n, N_FIXED : N_FIXED + n]
-        return window_between(self.theta0, self.P0, self.steps, self.state.theta, block)
+        return increment_between(self.theta0, self.P0, self.steps, self.state.theta, coefficient_block(self.state))
 
 
 def split_off(
@@ -111,16 +105,16 @@ def split_off(
 ) -> Branch:
     """Return a filter that goes on from here with the coordinates `wide`, `free` first, widened by `steps` (n,).
 
-    It stays linear about the anchor of `state`, so that a wide prior cannot lead it astray.
+    It stays linear about the linearisation point of `state`, so that a wide prior cannot lead it off.
     """
     n = len(wide)
     split = with_coordinates(state, wide, [*range(len(free)), *[-1] * (n - len(free))])
     block = slice(N_FIXED, N_FIXED + n)
     theta0, P0 = split.theta.copy(), split.P[block, block].copy()
     split.P[block, block] += np.diag(steps**2)
-    split.options[O_FOLLOW] = split.options[O_REST] = 0.0
+    split.settings["relinearise"] = split.settings["considered_share"] = 0.0
     split.information_time[:] = 0.0
-    resets = float(state.clock[C_RESETS])
+    resets = float(state.clock[0].resets)
     return Branch(t, wide, steps, split, copied(held), theta0, P0, copied(state), copied(held), until, resets)
 
 
@@ -130,19 +124,17 @@ def split_later(branch: Branch, free: FreeParameters, rows: Samples, when: Seque
     Args:
         free: coordinates of the filter that it was split off. rows: what came since; the filters have taken it all.
     """
-    state, held = copied(branch.first), copied(branch.inputs)
-    state.options[O_FOLLOW] = 0.0
+    state, held = copied(branch.parent), copied(branch.parent_held)
+    state.settings["relinearise"] = 0.0
     out = []
-    pushed = done = 0
+    taken = done = 0
     for t in when:
         last = int(np.searchsorted(rows.t, t, side="right"))
-        pushed = joint_events(
-            state, held, rows.t, rows.values, rows.input_t, rows.input_force, True, done, last, pushed
-        )
+        taken = joint_events(state, held, rows_of(rows), done, last, taken)
         done = max(done, last)
         later = split_off(t, state, held, free, branch.free, branch.steps, branch.until)
-        later.take(rows.part(done, pushed))
-        if later.sound:
+        later.take(rows.part(done, taken))
+        if later.healthy:
             out.append(later)
     return out
 
@@ -161,10 +153,10 @@ def with_coordinates(state: JointState, free: FreeParameters, source: Sequence[i
     size = N_FIXED + n + biases
     P = np.zeros((size, size))
     P[np.ix_(into, into)] = state.P[np.ix_(out_of, out_of)]
-    given = [(i, k) for i, k in enumerate(source) if k >= 0]
-    vectors = {name: np.zeros(n) for name in ("theta", "linearised_at", "walk", "information_time", "information_rate")}
+    kept = [(i, k) for i, k in enumerate(source) if k >= 0]
+    vectors = {name: np.zeros(n) for name in ("theta", "linearised_at", "information_time", "information_rate")}
     for name, vector in vectors.items():
-        for i, k in given:
+        for i, k in kept:
             vector[i] = getattr(state, name)[k]
     dx = np.zeros(size)
     dx[into] = state.dx[out_of]
@@ -172,7 +164,7 @@ def with_coordinates(state: JointState, free: FreeParameters, source: Sequence[i
     fresh = {
         "P": P,
         "codes": np.ascontiguousarray(free.codes),
-        "step": np.zeros((N_FIXED + n, 12)),
+        "F_transposed": np.zeros((N_FIXED + n, 12)),
         "F": F,
         "A": A,
         "work": work,
@@ -194,8 +186,8 @@ def copied(record: _Record) -> _Record:
     return record._replace(**{name: np.array(value) for name, value in record._asdict().items()})
 
 
-def informed(state: JointState, rows: Array, covariance: Array, residual: Array) -> None:
-    """Tell the filter rows (m, n) of its coordinates, measured with a covariance (m, m) and residuals (m,) from now."""
+def inform(state: JointState, rows: Array, covariance: Array, residual: Array) -> None:
+    """Update by rows (m, n) of the filter's coordinates, measured with a covariance (m, m) and residuals (m,)."""
     n = state.theta.size
     spread = state.P[:, N_FIXED : N_FIXED + n] @ rows.T
     S = rows @ spread[N_FIXED : N_FIXED + n] + covariance
@@ -207,18 +199,20 @@ def informed(state: JointState, rows: Array, covariance: Array, residual: Array)
 
 
 def without_change_of(branch: Branch, steps: Array) -> JointState:
-    """Return the fork's filter as it would be, had it been widened by `steps` (n,) only: fewer of its own."""
+    """Return the branch's filter as it would be, had it been widened by `steps` (n,) only: fewer of its own."""
     state = copied(branch.state)
     left = np.flatnonzero(steps < branch.steps)
     if left.size == 0:
         return state
     root = np.zeros((len(branch.free), left.size))
     root[left, np.arange(left.size)] = np.sqrt(branch.steps[left] ** 2 - steps[left] ** 2)
-    narrow = branch.P0 + np.diag(np.maximum(steps, np.where(branch.steps > 0.0, _HELD * branch.steps, 1e-9)) ** 2)
+    narrow = branch.P0 + np.diag(
+        np.maximum(steps, np.where(branch.steps > 0.0, _FIXED_SHARE * branch.steps, 1e-9)) ** 2
+    )
     rows = np.asarray(np.linalg.solve(0.5 * (narrow + narrow.T), root).T, dtype=np.float64)
-    overdispersion = np.eye(left.size)
-    overdispersion += rows @ root
-    informed(state, rows, overdispersion, rows @ (branch.theta0 - state.theta))
+    covariance = np.eye(left.size)
+    covariance += rows @ root
+    inform(state, rows, covariance, rows @ (branch.theta0 - state.theta))
     return state
 
 

@@ -1,15 +1,13 @@
-"""Watches a joint filter for a change of the vehicle: filters split off time and again, each free to have seen one.
+"""Detection of a change of the vehicle: filters split off time and again, each free to change at that moment.
 
 Every half second a filter is split off the first one, with inertia, drag, weight, righting moment and, where commands
 are known, the gains of the thrusters widened by what a payload or a fouled thruster would do to them. What its samples
 say by themselves (`changes.evidence`) is the evidence of a change at that moment, of any parts. A change is one that
 has an evidence beyond `_SURE` twice in a row, and of which it is clear whether body or thruster is to blame. Then the
-filter that saw it goes on in place of the first one, told what has not changed, so that nothing is learned twice. The
-moment is sought in steps of 0.1 s, by replay: a filter that began before the change has seen both vehicles, and blames
-whatever bends most easily. Without motion a split filter learns nothing, its evidence stays zero, and the first filter,
-whose coefficients do not walk, waits as it is.
-
-Follows a stream for changes of its vehicle: the watch, fed as the filter is fed, and the story of what it saw.
+filter that saw it goes on in place of the first one, informed of what has not changed, so that nothing is learned
+twice. The moment is sought in steps of 0.1 s, by replay: a filter that began before the change has seen both vehicles,
+and blames whatever bends most easily. Without motion a split filter learns nothing, its evidence stays zero, and the
+first filter, whose coefficients do not walk, waits as it is.
 """
 
 from __future__ import annotations
@@ -24,7 +22,7 @@ from towtank.identification.changes.branch import (
     Branch,
     Recent,
     copied,
-    informed,
+    inform,
     split_later,
     split_off,
     with_coordinates,
@@ -47,7 +45,7 @@ from towtank.identification.changes.hypotheses import (
 )
 from towtank.identification.data.samples import Buffer, Samples
 from towtank.identification.data.zero_order_hold import ZeroOrderHold
-from towtank.identification.kalman.state import O_FOLLOW, JointState
+from towtank.identification.kalman.state import JointState
 from towtank.identification.model.parameters import GAIN_PREFIX, FreeParameters, free_parameters
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle
@@ -55,31 +53,32 @@ from towtank.vehicle import Vehicle
 __all__ = ["ChangeTracker"]
 
 _EVERY, _LIVES = 0.5, 3.0  # s: a filter is split off so often, and lives for so long;
-_OLD_ONE, _LIVES_LONG = 4, 8.0  # every so many-th lives longer, for what shows slowly
-_YOUNG = 0.4  # s of age that a filter must have to be asked
-_LOOKS = 0.25  # s from one look to the next
+_OLD_ONE, _LIVES_LONG = 4, 8.0  # every so many-th lives longer [s], for what shows slowly
+_YOUNGEST = 0.4  # s of age from which a filter counts
+_CHECKED = 0.25  # s from one check of the evidence to the next
 _SURE = 11.0  # log Bayes factor of a change; Ville's inequality alone: one false alarm in 8 h
 _CLEAR, _WAITS = 5.0, 3.0  # log odds between body and thrusters, and for how long they are waited for [s]
 _FINELY, _EARLIER, _LATER = 0.1, 0.5, 1.0  # s: the beginning is sought so finely, so far about the best one,
-_PERSISTS, _AGED = 0.4, 0.2  # when it has lasted so long, if thrusters may be to blame, and so long ago at least
-_AGAIN = 2  # looks in a row
-_BELIEVED = 20.0  # s after a look was asked for in which a change is believed
-_REFEREE = 15.0  # s for which a change is compared with known configurations
+_PERSISTS, _AGED = 0.4, 0.2  # s: when it has lasted so long, if thrusters may be to blame, and so long ago at least
+_AGAIN = 2  # checks in a row
+_TRUSTED = 20.0  # s after a re-estimation was requested for which a change is accepted
+_COMPARED = 15.0  # s for which a change is compared with known configurations
 _TAKEN, _DROPPED = 0.98, 0.3  # probability at which a known configuration is taken as prior, and given up
-_WATCHED = 15.0  # s of motion from which on changes are watched for
+_LEAST_MOTION = 15.0  # s of motion from which on changes are looked for
 
 
 class ChangeDetector:
-    """The filters that watch.
+    """The branches of one filter, and what they show.
 
     Args:
-        vehicle: what is known. buffer: an empty one, of the inputs that are used; commands tell thrusters apart.
-        known: configurations by name. doubt: how much windows err, learned along.
+        vehicle: what is known. buffer: an empty one, of the inputs that are used; commands separate thrusters.
+        known: configurations by name. overdispersion: of increments, learned along.
 
     Attributes:
-        may_look: the stream can go over all that it saw once more. asked: when it was asked to [s]: while little is
-            known of a coefficient, an axis that begins to move surprises as a change does, and the filter, linear about
-            a mere guess, cannot tell. What is seen again after that look is believed.
+        may_reestimate: the stream can go over all that it saw once more. requested: when it was to [s]: while little is
+            known of a coefficient, an axis that begins to move surprises as a change does to a filter that is linear
+            about a mere guess. What is seen again after that re-estimation is accepted.
+        likely: configurations, with their probabilities, since the last change.
     """
 
     def __init__(
@@ -96,22 +95,22 @@ class ChangeDetector:
         self._hypotheses: tuple[Hypothesis, ...] = ()
         self._steps = np.empty(0)
         self._wide: FreeParameters | None = None
-        self._next_split = self._next_look = -np.inf
+        self._next_split = self._next_check = -np.inf
         self._count = 0
         self._suspect: tuple[Branch, int, float] | None = None
         self._matching: ConfigurationMatch | None = None
-        self.may_look = False
+        self.may_reestimate = False
         self.requested = -np.inf
-        self.likely: dict[str, float] = {}  # configurations, with their probabilities, since the last change
+        self.likely: dict[str, float] = {}
 
     def restart(self, *, matching: bool = False) -> None:
-        """Forget all filters: the first one has begun anew. The referee stays where that is wanted."""
+        """Forget all branches: the first filter has begun anew; a configuration match too, but with `matching`."""
         self._branches.clear()
         self._rows.clear()
         self._recent.clear()
         self._waiting.clear()
         self._batch = self._suspect = None
-        self._next_split = self._next_look = -np.inf
+        self._next_split = self._next_check = -np.inf
         if not matching:
             self._matching = None
 
@@ -125,26 +124,26 @@ class ChangeDetector:
         if self._branches or self._matching is not None:
             self._rows.add_row(t, z)
 
-    def look(
+    def step(
         self, t: float, state: JointState, held: ZeroOrderHold, free: FreeParameters
     ) -> Change | Recognised | None:
-        """Do what is due at t [s], a little with every row: let filters catch up, ask them, split off the next one."""
+        """Do what is due at t [s], a little with every row: let branches catch up, judge them, split off the next."""
         span, self._last = t - self._last, t
         if self._waiting:
-            share = min(1.0, max(span / _LOOKS, 0.0))
+            share = min(1.0, max(span / _CHECKED, 0.0))
             for _ in range(max(1, math.ceil(2.0 * share * len(self._branches)))):
                 if self._waiting:
                     self._serve(self._waiting.pop())
             if self._waiting:
                 return None
-            found = self._ask(t, free)
-            if found is not None:
-                return found
-            return self._compare(t, state, held) if self._matching is not None else None
-        if t >= self._next_look:
-            self._next_look = t + _LOOKS
+            change = self._judge(t, free)
+            if change is not None:
+                return change
+            return self._compare(t, self._matching, state, held) if self._matching is not None else None
+        if t >= self._next_check:
+            self._next_check = t + _CHECKED
             self._batch = self._recent.add(self._rows)
-            self._waiting = [branch for branch in self._all if branch.sound]
+            self._waiting = [branch for branch in self._all if branch.healthy]
             if t >= self._next_split:
                 self._split(t, state, held, free)
         return None
@@ -156,10 +155,10 @@ class ChangeDetector:
         return self._branches if self._matching is None else [*self._branches, self._matching.branch]
 
     def _serve(self, branch: Branch) -> None:
-        """Let a filter take the rows of the batch, and read what it says."""
+        """Let a filter take the rows of the batch, and work out what they say."""
         if self._batch is not None:
             branch.take(self._batch)
-            branch.read()
+            branch.refresh()
 
     def _catch_up(self) -> None:
         """Let every filter take all that there is."""
@@ -168,7 +167,7 @@ class ChangeDetector:
         self._batch = self._recent.add(self._rows)
         for branch in self._all:
             self._serve(branch)
-        self._branches = [branch for branch in self._branches if branch.sound]
+        self._branches = [branch for branch in self._branches if branch.healthy]
 
     def _split(self, t: float, state: JointState, held: ZeroOrderHold, free: FreeParameters) -> None:
         if self._wide is None or self._wide.names[: len(free)] != free.names:
@@ -178,18 +177,18 @@ class ChangeDetector:
             self._hypotheses = hypotheses(self._wide, self._steps)
         self._count += 1
         lives = _LIVES_LONG if self._count % _OLD_ONE == 0 else _LIVES
-        doubted = None if self._suspect is None else self._suspect[0]
-        for branch in self._branches:
-            short = branch.until - branch.t < _LIVES_LONG
-            if self._suspect is None and branch.until <= t and short and branch.sound and branch.said is not None:
-                self.overdispersion.learn(branch.said, branch.steps)
+        suspected = None if self._suspect is None else self._suspect[0]
+        for branch in self._branches if self._suspect is None else ():
+            done = branch.until <= t and branch.until - branch.t < _LIVES_LONG
+            if done and branch.healthy and branch.increment is not None:
+                self.overdispersion.learn(branch.increment, branch.steps)
         self._branches = [
-            branch for branch in self._branches if branch.sound and (branch.until > t or branch is doubted)
+            branch for branch in self._branches if branch.healthy and (branch.until > t or branch is suspected)
         ]
         self._branches.append(split_off(t, state, held, free, self._wide, self._steps, t + lives))
         self._next_split = t + _EVERY
 
-    def _ask(self, t: float, free: FreeParameters) -> Change | None:
+    def _judge(self, t: float, free: FreeParameters) -> Change | None:
         if not self.overdispersion.known:
             return None
         verdict, branch = self._verdict(t)
@@ -198,7 +197,7 @@ class ChangeDetector:
             return None
         times, since = (1, t) if self._suspect is None else (self._suspect[1] + 1, self._suspect[2])
         self._suspect = branch, times, since
-        thrusters = any(way.thruster is not None for way in self._hypotheses)
+        thrusters = any(each.thruster is not None for each in self._hypotheses)
         if times < _AGAIN or (thrusters and t - since < _PERSISTS):
             return None
         self._catch_up()
@@ -206,11 +205,12 @@ class ChangeDetector:
         if verdict is None or branch is None:
             return None
         finer = self._finely(branch, free, t)
-        verdict = judged([each.window().tempered(self.overdispersion.factor) for each in finer], self._hypotheses)
+        factor = self.overdispersion.factor
+        verdict = judged([each.increment_now().tempered(factor) for each in finer], self._hypotheses)
         if verdict.clear < _CLEAR and t - since < _WAITS:
             return None
-        branch = finer[verdict.window]
-        if self.may_look and branch.partly_unknown and not t - self.requested < _BELIEVED:
+        branch = finer[verdict.best]
+        if self.may_reestimate and branch.partly_unknown and not t - self.requested < _TRUSTED:
             self.requested = t
             self.restart()
             return None
@@ -219,26 +219,26 @@ class ChangeDetector:
     def _verdict(self, t: float) -> tuple[Verdict | None, Branch | None]:
         """Return what the filters say at t [s], and which fits best; None where nothing is sure."""
         overdispersion = self.overdispersion.factor
-        sure = _SURE * math.sqrt(overdispersion)  # where windows err more, they err wildly more often, too
-        requested = [
-            (branch, branch.said)
+        sure = _SURE * math.sqrt(overdispersion)  # where increments err more, they err wildly more often
+        counted = [
+            (branch, branch.increment)
             for branch in self._branches
-            if t - branch.t >= _YOUNG
-            and branch.said is not None
-            and branch.sound
-            and branch.most > sure * overdispersion
+            if t - branch.t >= _YOUNGEST
+            and branch.increment is not None
+            and branch.healthy
+            and branch.at_most > sure * overdispersion
         ]
-        if not requested:
+        if not counted:
             return None, None
-        verdict = judged([window.tempered(overdispersion) for _, window in requested], self._hypotheses)
-        return (verdict, requested[verdict.window][0]) if verdict.evidence > sure else (None, None)
+        verdict = judged([increment.tempered(overdispersion) for _, increment in counted], self._hypotheses)
+        return (verdict, counted[verdict.best][0]) if verdict.evidence > sure else (None, None)
 
     def _finely(self, best: Branch, free: FreeParameters, t: float) -> list[Branch]:
         """Return filters that were split off about when the best one was, in small steps of time."""
         out = [best]
         near = [branch for branch in self._branches if best.t - _EARLIER - 0.05 <= branch.t <= best.t + _LATER]
-        for branch, following in zip(near, [*near[1:], None], strict=True):
-            end = branch.t + _EVERY if following is None else following.t
+        for branch, later in zip(near, [*near[1:], None], strict=True):
+            end = branch.t + _EVERY if later is None else later.t
             times = np.arange(branch.t + _FINELY, min(end, t - _AGED) - 0.5 * _FINELY, _FINELY)
             out += split_later(branch, free, self._recent.since(branch.t), [float(each) for each in times])
         return out
@@ -248,7 +248,7 @@ class ChangeDetector:
         keep = [k for k in range(len(branch.free)) if k < len(free) or verdict.steps[k] > 0.0]
         kept = branch.free.subset([branch.free.names[k] for k in keep])
         state = with_coordinates(whole, kept, keep)
-        state.options[O_FOLLOW] = 1.0
+        state.settings["relinearise"] = 1.0
         before = branch.theta0[keep], np.sqrt(np.maximum(np.diag(branch.P0)[keep], 0.0))
         self.restart()
         self.likely = {}
@@ -258,18 +258,18 @@ class ChangeDetector:
                 for name, model in self.known.items()
             ]
             self._matching = ConfigurationMatch(
-                branch, self._hypotheses, kept, verdict.steps, t + _REFEREE, known=known
+                branch, self._hypotheses, kept, verdict.steps, t + _COMPARED, known=known
             )
         return Change(branch.t, t, verdict, kept, state, copied(branch.held), before)
 
-    def _compare(self, t: float, state: JointState, held: ZeroOrderHold) -> Recognised | None:
-        matching = self._matching
-        assert matching is not None
-        if not matching.branch.sound or matching.branch.said is None:
+    def _compare(
+        self, t: float, matching: ConfigurationMatch, state: JointState, held: ZeroOrderHold
+    ) -> Recognised | None:
+        if not matching.branch.healthy or matching.branch.increment is None:
             return None
-        window = matching.branch.said.tempered(self.overdispersion.factor)
-        verdict = judged([window], matching.hypotheses)
-        shares = likeness(window, matching.known, verdict.changed)
+        increment = matching.branch.increment.tempered(self.overdispersion.factor)
+        verdict = judged([increment], matching.hypotheses)
+        shares = likeness(increment, matching.known, verdict.changed)
         self.likely = {one.name: float(share) for one, share in zip(matching.known, shares, strict=False)}
         best = int(np.argmax(shares[:-1]))
         name, share = matching.known[best].name, float(shares[best])
@@ -286,15 +286,15 @@ class ChangeDetector:
     def _take(
         self, t: float, matching: ConfigurationMatch, known: Known, share: float, state: JointState, held: ZeroOrderHold
     ) -> Recognised:
-        """Tell the filter what is known of the configuration."""
+        """Inform the filter of what is known of the configuration."""
         self._catch_up()
         at = [matching.branch.free.names.index(name) for name in matching.keeps.names]
-        told = copied(state)
+        taken = copied(state)
         covariance = known.covariance[np.ix_(at, at)]
         covariance = covariance + np.diag(1e-12 + 1e-6 * np.diag(covariance))
-        informed(told, np.eye(len(at)), covariance, known.theta[at] - told.theta)
+        inform(taken, np.eye(len(at)), covariance, known.theta[at] - taken.theta)
         self.restart(matching=True)
-        return Recognised(t, known.name, share, True, matching.keeps, told, held)
+        return Recognised(t, known.name, share, True, matching.keeps, taken, held)
 
     def _give_up(self, t: float, matching: ConfigurationMatch, name: str) -> Recognised:
         """Go on from what the samples alone say."""
@@ -302,34 +302,34 @@ class ChangeDetector:
         whole = without_change_of(matching.branch, matching.steps)
         at = [matching.branch.free.names.index(each) for each in matching.keeps.names]
         state = with_coordinates(whole, matching.keeps, at)
-        state.options[O_FOLLOW] = 1.0
+        state.settings["relinearise"] = 1.0
         held = copied(matching.branch.held)
         self.restart(matching=True)
         return Recognised(t, name, self.likely[name], False, matching.keeps, state, held)
 
 
 class ChangeTracker:
-    """What watches, once the inputs are known.
+    """A detector on a stream, once its inputs are known, and the log of what it detected.
 
     Args:
-        vehicle: what is known of it. known: configurations that it may become, by name; None: nobody watches.
+        vehicle: what is known of it. known: configurations that it may become, by name; None: nothing is looked for.
     """
 
     def __init__(self, vehicle: Vehicle, known: Mapping[str, Vehicle] | None) -> None:
         self._vehicle, self._known = vehicle, known
-        self.watch: ChangeDetector | None = None
-        self.change_log = ChangeLog(vehicle)
+        self.detector: ChangeDetector | None = None
+        self.change_log = ChangeLog()
         self._overdispersion = Overdispersion()
 
     @property
     def watching(self) -> bool:
-        """Whether changes are watched for."""
+        """Whether changes are looked for."""
         return self._known is not None
 
     @property
     def requested(self) -> float:
-        """When a look was asked for, since what was seen may be no change [s]."""
-        return -np.inf if self.watch is None else self.watch.requested
+        """When a re-estimation was requested [s], since what was seen may be no change."""
+        return -np.inf if self.detector is None else self.detector.requested
 
     @property
     def events(self) -> tuple[Event, ...]:
@@ -339,11 +339,11 @@ class ChangeTracker:
     @property
     def likely(self) -> dict[str, float]:
         """Known configurations and how probable each is, since the last change."""
-        return {} if self.watch is None else dict(self.watch.likely)
+        return {} if self.detector is None else dict(self.detector.likely)
 
     @property
     def overdispersion(self) -> tuple[float, ...]:
-        """What was learned of how much windows err."""
+        """What was learned of the overdispersion of increments."""
         return self._overdispersion.numbers
 
     def restore(self, events: Sequence[Event], overdispersion: Sequence[float]) -> None:
@@ -354,18 +354,18 @@ class ChangeTracker:
     def restart(self) -> None:
         """Begin anew: the filter is another one, or its motion is."""
         self.change_log.settle()
-        if self.watch is not None:
-            self.watch.restart()
+        if self.detector is not None:
+            self.detector.restart()
 
-    def mended(self, t: float) -> None:
-        """Begin anew, since the filter had to be mended at t [s]."""
+    def recovered(self, t: float) -> None:
+        """Begin anew, since the filter had to recover at t [s]."""
         self.restart()
-        self.change_log.mended(t)
+        self.change_log.recovered(t)
 
     def take_input(self, t: float, force: Array) -> None:
         """Take the forces (m,) asked for from t [s] on."""
-        if self.watch is not None:
-            self.watch.take_input(t, force)
+        if self.detector is not None:
+            self.detector.take_input(t, force)
 
     def take_row(
         self,
@@ -375,25 +375,25 @@ class ChangeTracker:
         filter_: tuple[FreeParameters, JointState, ZeroOrderHold],
         like: Buffer,
         *,
-        may_look: bool,
+        may_reestimate: bool,
     ) -> Change | Recognised | None:
         """Take the row z (15,) of time t [s], after the filter; return what goes on in its place, where one does.
 
         Args:
             seen: motion so far [s]. filter_: its coordinates, itself, its inputs. like: a buffer of such inputs.
-            may_look: see `ChangeDetector`.
+            may_reestimate: see `ChangeDetector`.
         """
         if self._known is None:
             return None
-        if self.watch is None:
-            self.watch = ChangeDetector(self._vehicle, like.fresh(), self._known, self._overdispersion)
-        self.watch.take_row(t, z)
-        self.watch.may_look = may_look
-        if seen < _WATCHED:
+        if self.detector is None:
+            self.detector = ChangeDetector(self._vehicle, like.fresh(), self._known, self._overdispersion)
+        self.detector.take_row(t, z)
+        self.detector.may_reestimate = may_reestimate
+        if seen < _LEAST_MOTION:
             return None
         free, state, held = filter_
-        self.change_log.tell(t, free, state)
-        found = self.watch.look(t, state, held, free)
-        if found is not None:
-            self.change_log.add(found, found.state)
-        return found
+        self.change_log.revise(t, free, state)
+        detected = self.detector.step(t, state, held, free)
+        if detected is not None:
+            self.change_log.add(detected)
+        return detected

@@ -1,6 +1,6 @@
-"""What happened to the vehicle, told as events; the numbers of the last one are told anew while they settle.
+"""What happened to the vehicle, as events: which coefficients changed, by how much, how sure.
 
-A change of the vehicle in words and numbers: which coefficients, by how much, how sure.
+The numbers of the last change are revised while they settle.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.changes.hypotheses import Change, Recognised
-from towtank.identification.kalman.state import JointState, known_to
+from towtank.identification.kalman.state import JointState, coefficient_std
 from towtank.identification.model.parameters import (
     CONSTANT,
     GAIN_PREFIX,
@@ -25,18 +25,15 @@ from towtank.identification.model.parameters import (
     FreeParameters,
 )
 from towtank.recording.event import Event
-from towtank.vehicle import Vehicle
 
 __all__ = ["ChangeLog", "change_words"]
 
 _AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-_SHOWN, _SURELY = 4, 2.0  # coefficients at most; deviations
-_SIGN = {"-": "−"}
-_FIRST, _SETTLES = 1.0, 8.0  # s after which a change is told anew, ever later, and at last
+_MOST_NAMED, _SURE_STEP = 4, 2.0  # coefficients at most; deviations
+_REVISED, _SETTLES = 1.0, 8.0  # s after which a change is revised, ever later, and at last
 
 
 def change_words(
-    vehicle: Vehicle,
     free: FreeParameters,
     before: tuple[Array, Array],
     now: tuple[Array, Array],
@@ -55,20 +52,18 @@ def change_words(
         share = 100.0 * math.exp(step[k])
         digits = 0 if share * std[k] >= 1.0 else 1
         return f"thruster {thruster}: {share:.{digits}f} ± {share * std[k]:.{digits}f} % of its thrust"
-    told = [
-        (abs(step[k]) / max(std[k], 1e-12), _one(vehicle, free, k, before[0][k], now[0][k], std[k]))
+    steps = [
+        (abs(step[k]) / max(std[k], 1e-12), _one(free, k, before[0][k], now[0][k], std[k]))
         for k in range(len(free))
         if std[k] > 0.0
     ]
-    sure = [text for size, text in sorted(told, key=lambda each: -each[0]) if size > _SURELY and text]
+    sure = [text for size, text in sorted(steps, key=lambda each: -each[0]) if size > _SURE_STEP and text]
     if sure:
-        return ", ".join(sure[:_SHOWN])
+        return ", ".join(sure[:_MOST_NAMED])
     return "something about the body, not yet known what"
 
 
-def change_details(
-    vehicle: Vehicle, free: FreeParameters, before: tuple[Array, Array], now: tuple[Array, Array]
-) -> dict[str, float]:
+def change_details(free: FreeParameters, before: tuple[Array, Array], now: tuple[Array, Array]) -> dict[str, float]:
     """Return the step of every coefficient and its deviation, as X_udot and X_udot_std; gains as shares of before."""
     out: dict[str, float] = {}
     old, new = free.values(before[0]), free.values(now[0])
@@ -79,7 +74,7 @@ def change_details(
     return out
 
 
-def _one(vehicle: Vehicle, free: FreeParameters, k: int, old: float, new: float, std: float) -> str:
+def _one(free: FreeParameters, k: int, old: float, new: float, std: float) -> str:
     kind, i, _, transform = (int(code) for code in free.codes[k])
     name = free.names[k]
     if kind == MASS and transform != UNTRANSFORMED:
@@ -111,51 +106,47 @@ class ChangeLog:
     """Events in the order in which they were noticed.
 
     A change that is noticed again while its numbers settle is the same one, seen better.
-
-    Args:
-        vehicle: that they happen to.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self.vehicle = vehicle
+    def __init__(self) -> None:
         self.events: tuple[Event, ...] = ()
         self._open: tuple[Change, int] | None = None  # the last change, its place among the events
-        self._again = _FIRST  # s after it was noticed that it is told anew
+        self._again = _REVISED  # s after it was noticed that it is revised
 
-    def add(self, found: Change | Recognised, state: JointState) -> None:
+    def add(self, detected: Change | Recognised) -> None:
         """Add a change, or a configuration that was recognised."""
-        if isinstance(found, Recognised):
-            if found.taken:
-                text = f"this is {found.name}, met before (probability {100.0 * found.probability:.1f} %)"
+        if isinstance(detected, Recognised):
+            if detected.taken:
+                text = f"this is {detected.name}, met before (probability {100.0 * detected.probability:.1f} %)"
             else:
-                text = f"this is not {found.name} after all (probability {100.0 * found.probability:.1f} %)"
+                text = f"this is not {detected.name} after all (probability {100.0 * detected.probability:.1f} %)"
             details: dict[str, float | str] = {
-                "configuration": found.name,
-                "probability": found.probability,
-                "taken": float(found.taken),
+                "configuration": detected.name,
+                "probability": detected.probability,
+                "taken": float(detected.taken),
             }
-            self._put(Event(found.t, "configuration", text, details))
+            self._put(Event(detected.t, "configuration", text, details))
             return
         before = self._open
-        if before is not None and _goes_on(before[0], found):
-            self._open = replace(found, t=before[0].t, noticed=before[0].noticed, before=before[0].before), before[1]
-            self.tell(found.noticed, found.free, state)
+        if before is not None and _is_same(before[0], detected):
+            self._open = replace(detected, t=before[0].t, noticed=before[0].noticed, before=before[0].before), before[1]
+            self.revise(detected.noticed, detected.free, detected.state)
             return
-        self._open, self._again = (found, len(self.events)), _FIRST
-        self._put(self._event(found, found.free, state))
+        self._open, self._again = (detected, len(self.events)), _REVISED
+        self._put(self._event(detected, detected.free, detected.state))
 
     def settle(self) -> None:
-        """Leave the last change as it has been told."""
+        """Leave the last change as it stands."""
         self._open = None
 
-    def mended(self, t: float) -> None:
-        """Add that the filter had lost itself and was set right."""
+    def recovered(self, t: float) -> None:
+        """Add that the filter had lost itself and has recovered."""
         self.settle()
         text = "the filter had lost itself; it goes on with what it knew, less sure"
         self._put(Event(t, "mended", text))
 
-    def tell(self, t: float, free: FreeParameters, state: JointState) -> None:
-        """Tell the last change anew with what is known at t [s]."""
+    def revise(self, t: float, free: FreeParameters, state: JointState) -> None:
+        """Revise the last change with what is known at t [s]."""
         if self._open is None:
             return
         change, place = self._open
@@ -169,27 +160,27 @@ class ChangeLog:
         self.events = (*self.events[:place], self._event(change, free, state), *self.events[place + 1 :])
 
     def restore(self, events: tuple[Event, ...]) -> None:
-        """Put in what was told before."""
+        """Put in the events of another one."""
         self.events, self._open = events, None
 
     def _put(self, event: Event) -> None:
         self.events = (*self.events, event)
 
     def _event(self, change: Change, free: FreeParameters, state: JointState) -> Event:
-        before, now = change.before, (state.theta.copy(), known_to(state))
+        before, now = change.before, (state.theta.copy(), coefficient_std(state))
         verdict = change.verdict
-        text = change_words(self.vehicle, free, before, now, thruster=verdict.thruster)
+        text = change_words(free, before, now, thruster=verdict.thruster)
         details: dict[str, float | str] = {
             "noticed": change.noticed,
             "log_evidence": verdict.evidence,
             "log_odds": float(np.nan_to_num(verdict.clear, posinf=99.0)),
             **({"thruster": verdict.thruster} if verdict.thruster else verdict.parts),
-            **change_details(self.vehicle, free, before, now),
+            **change_details(free, before, now),
         }
         return Event(change.t, "thruster" if verdict.thruster else "change", text, details)
 
 
-def _goes_on(one: Change, other: Change) -> bool:
-    """Whether a change is the same one, seen better: of the same kind, while its numbers settle."""
-    alike = one.verdict.thruster == other.verdict.thruster and one.free.names == other.free.names
-    return alike and other.noticed <= one.noticed + _SETTLES
+def _is_same(one: Change, other: Change) -> bool:
+    """Return whether a change is the same one, seen better: of the same kind, while its numbers settle."""
+    same_kind = one.verdict.thruster == other.verdict.thruster and one.free.names == other.free.names
+    return same_kind and other.noticed <= one.noticed + _SETTLES

@@ -1,13 +1,7 @@
-"""What windows say about a change: whether there was one and since when, of which parts, or of which thruster.
-
-What can change about a vehicle, by how much at a time, and which coefficients that touches.
+"""What may have changed about a vehicle, by how much at a time, and what increments of information say of it.
 
 A payload or a fouled hull: inertia, drag, weight in water, righting moment, in any combination. A thruster that is
-fouled, worn or dead: its gain, one thruster at a time.
-
-Configurations met before: whether what a vehicle has become is one of them.
-
-What the watch finds: a change, or a configuration met before, with the filter that goes on.
+fouled, worn or dead: its gain, one thruster at a time. A configuration met before: whether the vehicle has become it.
 """
 
 from __future__ import annotations
@@ -21,7 +15,7 @@ from scipy.special import logsumexp
 
 from towtank.core.arrays import Array
 from towtank.identification.changes.branch import Branch
-from towtank.identification.changes.evidence import Window
+from towtank.identification.changes.evidence import InformationIncrement
 from towtank.identification.data.zero_order_hold import ZeroOrderHold
 from towtank.identification.kalman.state import JointState
 from towtank.identification.model.parameters import (
@@ -58,23 +52,24 @@ __all__ = [
 
 BODY_PARTS = ("inertia", "drag", "weight", "righting")  # what a payload changes
 _PARTS = {MASS: "inertia", LINEAR: "drag", QUADRATIC: "drag", WEIGHT: "weight", CONSTANT: "weight", MOMENT: "righting"}
-_STEP = {MASS: 0.10, LINEAR: 0.25, QUADRATIC: 0.25, IN_GAIN: 0.4}  # of a logarithm
-_SHARE = {MASS: 0.3, LINEAR: 0.5, QUADRATIC: 0.5, WEIGHT: 0.2, MOMENT: 0.2, CONSTANT: 0.5}  # of the size of the rest
+_LOG_STEP = {MASS: 0.10, LINEAR: 0.25, QUADRATIC: 0.25, IN_GAIN: 0.4}  # of a logarithm
+# share of the usual size of the rest
+_SIZE_STEP = {MASS: 0.3, LINEAR: 0.5, QUADRATIC: 0.5, WEIGHT: 0.2, MOMENT: 0.2, CONSTANT: 0.5}
 _TOUCHED = 0.05  # probability of a part from which on it is thought to have changed too,
 _ALONG = 0.2  # and the share of its step that any other part of the body may have made: a payload touches all
 _REPEATS = 0.01  # share by which a vehicle differs from itself, taken up again
 _NO_STD = 0.05  # share by which a coefficient is known that bears no deviation
-_UNKNOWN = 0.5  # probability, to begin with, that a changed vehicle has not been met before
+_NEW = 0.5  # probability, to begin with, that a changed vehicle has not been met before
 
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """One way in which a vehicle may have changed.
+    """What may have changed about a vehicle.
 
     Attributes:
         parts: of `BODY_PARTS`, or the name of one free gain, as gain_port.
         steps: deviations (n,) of the step of every coordinate, 0 for those that it leaves alone.
-        weight: logarithm of its probability among all ways.
+        weight: logarithm of its prior probability among all.
     """
 
     parts: tuple[str, ...]
@@ -83,7 +78,7 @@ class Hypothesis:
 
     @property
     def thruster(self) -> str | None:
-        """Name of the thruster that it blames; None for a change of the body."""
+        """Name of the thruster that has changed; None for a change of the body."""
         return self.parts[0].removeprefix(GAIN_PREFIX) if self.parts[0].startswith(GAIN_PREFIX) else None
 
 
@@ -94,14 +89,14 @@ def steps_of(vehicle: Vehicle, free: FreeParameters) -> Array:
     for k in range(len(free)):
         kind, transform = int(free.codes[k, 0]), free.codes[k, 3]
         if transform == UNTRANSFORMED:
-            out[k] = _SHARE.get(kind, 0.0) * size[k]
+            out[k] = _SIZE_STEP.get(kind, 0.0) * size[k]
         else:
-            out[k] = _STEP.get(kind, 0.0)
+            out[k] = _LOG_STEP.get(kind, 0.0)
     return out
 
 
 def hypotheses(free: FreeParameters, steps: Array) -> tuple[Hypothesis, ...]:
-    """Return every way: each combination of the parts of the body that are free, and each gain that is."""
+    """Return every hypothesis: each combination of the parts of the body that are free, and each gain that is."""
     part = [_PARTS.get(int(code[0]), "") for code in free.codes]
     there = [name for name in BODY_PARTS if name in part]
     body = [chosen for count in range(1, len(there) + 1) for chosen in itertools.combinations(there, count)]
@@ -120,20 +115,20 @@ def hypotheses(free: FreeParameters, steps: Array) -> tuple[Hypothesis, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """What the windows say.
+    """What increments of several beginnings say.
 
     Attributes:
-        evidence: log Bayes factor of any change against none, of the window that has the largest.
-        window: index of the one that what is blamed fits best: it began where the change did.
+        evidence: log Bayes factor of any change against none, of the increment that has the largest.
+        best: index of the one that what is blamed fits best: it began where the change did.
         parts: of the body, with the probability that each changed, given that the body did.
         thruster: the one that is blamed, None where it is the body.
         clear: log odds of what is blamed, the body or that one gain, against all else.
         steps: deviations (n,) of what changed by the likelier family.
-        changed: log evidence of any change in that window, on the scale of `Window.evidence`.
+        changed: log evidence of any change in that increment, on the scale of `InformationIncrement.evidence`.
     """
 
     evidence: float
-    window: int
+    best: int
     parts: dict[str, float]
     thruster: str | None
     clear: float
@@ -141,20 +136,20 @@ class Verdict:
     changed: float
 
 
-def judged(windows: Sequence[Window], hypotheses: Sequence[Hypothesis]) -> Verdict:
-    """Weigh every way of a change at the beginning of every window by its evidence.
+def judged(increments: Sequence[InformationIncrement], hypotheses: Sequence[Hypothesis]) -> Verdict:
+    """Weigh every hypothesis of a change at the beginning of every increment by its evidence.
 
-    What came before a window began is the same under all of them, so that windows compare as they are.
+    What came before one began is the same under all hypotheses, so that increments compare as they are.
     """
-    none = np.array([window.evidence(window.P0) for window in windows])
+    none = np.array([each.evidence(each.P0) for each in increments])
     scores = np.array(
         [
-            [way.weight + window.evidence(window.P0 + np.diag(way.steps**2)) - least for way in hypotheses]
-            for window, least in zip(windows, none, strict=True)
+            [change.weight + each.evidence(each.P0 + np.diag(change.steps**2)) - least for change in hypotheses]
+            for each, least in zip(increments, none, strict=True)
         ]
     )
-    each = np.asarray(logsumexp(scores, axis=1))
-    thrusters = np.array([way.thruster is not None for way in hypotheses])
+    total = np.asarray(logsumexp(scores, axis=1))
+    thrusters = np.array([each.thruster is not None for each in hypotheses])
     body = float(logsumexp(scores[:, ~thrusters])) if not thrusters.all() else -np.inf
     gain = {int(k): float(logsumexp(scores[:, k])) for k in np.flatnonzero(thrusters)}
     best = max(gain, key=lambda k: gain[k]) if gain else None
@@ -163,16 +158,16 @@ def judged(windows: Sequence[Window], hypotheses: Sequence[Hypothesis]) -> Verdi
     blamed = ~thrusters if best is None else np.arange(len(hypotheses)) == best
     blame = float(logsumexp(scores[:, blamed]))
     clear = blame - (float(logsumexp(scores[:, ~blamed])) if not blamed.all() else -np.inf)
-    fits = int(np.argmax(logsumexp(scores[:, blamed], axis=1)))
-    parts = _parts(hypotheses, scores[fits], ~thrusters)
+    begun = int(np.argmax(logsumexp(scores[:, blamed], axis=1)))
+    parts = _parts(hypotheses, scores[begun], ~thrusters)
     return Verdict(
-        evidence=float(each.max()),
-        window=fits,
+        evidence=float(total.max()),
+        best=begun,
         parts=parts,
         thruster=None if best is None else hypotheses[best].thruster,
         clear=clear,
-        steps=hypotheses[best].steps if best is not None else _union(hypotheses, parts, windows[fits].score.size),
-        changed=float(each[fits] + none[fits]),
+        steps=hypotheses[best].steps if best is not None else _union(hypotheses, parts, increments[begun].score.size),
+        changed=float(total[begun] + none[begun]),
     )
 
 
@@ -190,10 +185,10 @@ def _parts(hypotheses: Sequence[Hypothesis], scores: Array, body: Array) -> dict
 def _union(hypotheses: Sequence[Hypothesis], parts: dict[str, float], size: int) -> Array:
     """Return the deviations of every part that may well have changed, and a share of those of all others."""
     steps = np.zeros(size)
-    for way in hypotheses:
-        if way.thruster is None:
-            touched = all(parts[part] > _TOUCHED for part in way.parts)
-            steps = np.maximum(steps, way.steps if touched else _ALONG * way.steps)
+    for each in hypotheses:
+        if each.thruster is None:
+            touched = all(parts[part] > _TOUCHED for part in each.parts)
+            steps = np.maximum(steps, each.steps if touched else _ALONG * each.steps)
     return steps
 
 
@@ -207,45 +202,44 @@ class Known:
 
 
 def known_as(name: str, model: Vehicle, vehicle: Vehicle, free: FreeParameters, theta0: Array, P0: Array) -> Known:
-    """Return a stored model as a configuration. What it does not tell of is as before: theta0 (n,), P0 (n, n)."""
+    """Return a stored model as a configuration. What is not in it is as before: theta0 (n,), P0 (n, n)."""
     n = len(free)
     theta = free.theta(model, delay=model.command_delay, lag=0.05)
     slopes, size = np.abs(free.slopes(theta)), size_of(vehicle, free)
     gains = {each.name: each.gain for each in model.thrusters}
     before = {each.name: each.gain for each in vehicle.thrusters}
     std = np.zeros(n)
-    told = np.zeros(n, dtype=bool)
+    given = np.zeros(n, dtype=bool)
     for k, coefficient in enumerate(free.names):
         if free.codes[k, 0] == IN_GAIN:
             thruster = coefficient.removeprefix(GAIN_PREFIX)
             theta[k] = np.log(max(gains.get(thruster, before[thruster]) / before[thruster], 1e-3))
-            std[k], told[k] = _REPEATS, True
+            std[k], given[k] = _REPEATS, True
             continue
         if coefficient in (DELAY, LAG) or coefficient not in COEFFICIENTS or not np.isfinite(theta[k]):
             continue
         value = abs(model.coefficient(coefficient))
-        given = model.deviation(coefficient)
-        plain = free.codes[k, 3] == UNTRANSFORMED
-        if value == 0.0 and given is None and not plain:
+        deviation = model.deviation(coefficient)
+        untransformed = free.codes[k, 3] == UNTRANSFORMED
+        if value == 0.0 and deviation is None and not untransformed:
             continue  # it has none in the file
-        scale = max(value, 0.1 * size[k]) if plain else slopes[k]
-        std[k] = np.hypot(given if given is not None else _NO_STD * scale, _REPEATS * scale) / slopes[k]
-        told[k] = True
-    covariance = np.where(np.outer(told, told), np.diag(std**2), 0.0)
-    left = np.outer(~told, ~told)
-    covariance = np.where(left, P0, covariance)
-    return Known(name, np.where(told, theta, theta0), covariance)
+        scale = max(value, 0.1 * size[k]) if untransformed else slopes[k]
+        std[k] = np.hypot(deviation if deviation is not None else _NO_STD * scale, _REPEATS * scale) / slopes[k]
+        given[k] = True
+    covariance = np.where(np.outer(given, given), np.diag(std**2), 0.0)
+    covariance = np.where(np.outer(~given, ~given), P0, covariance)
+    return Known(name, np.where(given, theta, theta0), covariance)
 
 
-def likeness(window: Window, known: Sequence[Known], otherwise: float) -> Array:
+def likeness(increment: InformationIncrement, known: Sequence[Known], otherwise: float) -> Array:
     """Return the probability of each configuration and, last, of none of them (k + 1,).
 
     Args:
-        otherwise: log evidence of a vehicle that has not been met before, on the scale of `Window.evidence`.
+        otherwise: log evidence of a vehicle that has not been met before, on the same scale as those.
     """
-    each = -np.log(max(len(known), 1)) + np.log1p(-_UNKNOWN)
-    scores = [each + window.evidence(one.covariance, one.theta - window.theta0) for one in known]
-    scores.append(float(np.log(_UNKNOWN)) + otherwise)
+    each = -np.log(max(len(known), 1)) + np.log1p(-_NEW)
+    scores = [each + increment.evidence(one.covariance, one.theta - increment.theta0) for one in known]
+    scores.append(float(np.log(_NEW)) + otherwise)
     return np.asarray(np.exp(np.array(scores) - np.logaddexp.reduce(scores)))
 
 
@@ -287,7 +281,12 @@ class Recognised:
 
 @dataclass(eq=False)
 class ConfigurationMatch:
-    """A split filter that goes on beside a change, to compare it with what is known."""
+    """A branch that goes on beside the filter after a change, to compare it with known configurations.
+
+    Attributes:
+        hypotheses, steps: of the change. keeps: coordinates of the filter that goes on. until: when it ends [s].
+        taken: name of the configuration that is the prior by now. known: the configurations.
+    """
 
     branch: Branch
     hypotheses: tuple[Hypothesis, ...]

@@ -3,21 +3,18 @@
 A difference of order k, scaled to unit weights, takes out every polynomial below degree k and leaves white noise with
 its own deviation: d = sum w_i x_i, sum w_i t_i^j = 0 for j < k, sum w_i^2 = 1 (for regular samples the third difference
 over sqrt(20)). The robust size of these differences is the noise plus whatever of the motion a polynomial over k + 1
-samples does not follow. Motion only ever adds, so of the orders 2 to 5 the smallest counts (von Neumann's difference
-estimator; Gasser, Sroka and Jennen-Steinmetz, Biometrika 73, 1986).
+samples misses. Motion only ever adds, so of the orders 2 to 5 the smallest counts (von Neumann's difference estimator;
+Gasser, Sroka and Jennen-Steinmetz, Biometrika 73, 1986). The figure is that of the white part: drift, bias and noise
+that a filter on board has smoothed are invisible to it.
 
-The figure is that of the white part. Drift, bias and noise that a filter on board has smoothed are invisible to it.
-
-Samples that carry news: what a slow or coarse instrument shows once it was logged faster or in small integers.
-
-A logger repeats the last value (held), draws straight lines between values (interpolated), or the instrument knows only
-multiples of a quantum. Taken for independent samples, each of these looks like far less noise than there is.
+Only fresh samples count. A logger repeats the last value, draws straight lines between values, or the instrument knows
+only multiples of a quantum. Taken for independent samples, each of these seems far less noisy than it is.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,14 +26,11 @@ from towtank.recording import Recording
 from towtank.recording.grids.timing import gap_limit, median_step, quaternion_samples, sampling_rate
 from towtank.recording.standard import EULER, MOTION, QUATERNION
 
-if TYPE_CHECKING:
-    pass
-
 __all__ = ["NoiseLevel", "NoiseLevels", "fresh_samples", "noise_level", "noise_levels", "quantum_of"]
 
-_FEWEST = 12
-_HELD = 0.2  # share of repeats from which they are looked into
-_FAR = 2.5  # quanta of a usual increment from which standing still is no coincidence
+_FEWEST = 12  # samples
+_REPEATED = 0.2  # share of repeats from which samples may be repeated
+_MOVES = 2.5  # quanta of a usual increment from which standing still is no coincidence
 _COARSE = 30.0  # quanta of a usual increment beyond which the quantum does not matter
 _WHOLE = 0.1  # of a quantum that increments may be off a multiple
 _ROUNDED = 1e-9  # of the range; what is smaller is rounding within the machine
@@ -46,16 +40,15 @@ _SHARP = 3.0  # times what rounding explains that a usual knot bends
 _SHORT = 3  # samples that one knot may bend
 _LONGEST = 4  # usual lengths of a line that knots may hide in
 _MOSTLY = 0.8  # share of the knots that must be so short
-_ORDERS = (2, 3, 4, 5)
-_MOST = 60_000  # samples looked at, in blocks spread over the channel
-_BLOCK = 2_000
+_ORDERS = (2, 3, 4, 5)  # of the differences
+_MOST, _BLOCK = 60_000, 2_000  # samples that count of a long channel, in blocks spread over it
 _BULK, _BULK_SIZE = 0.8, 1.2815515655446004  # that share of standard normal numbers is smaller than this
-_ROUNDS = 3
-_CLIP, _CLIPPED = 3.0, 0.9733369246625416  # variance of a standard normal within +-3
-_REGULAR = 1e-3  # of a step
+_ROUNDS = 3  # of clipping
+_CLIP, _CLIPPED_VARIANCE = 3.0, 0.9733369246625416  # deviations; variance of a standard normal within +-3
+_JITTER = 1e-3  # share of a step
 _STANDS_OUT = 5.0  # deviations
 _PLATEAU = 1.0  # s; the longest that an offset counts as an outlier
-_PEAK = 1.4  # times its own size that a jump may have beside it: the two of a single wrong sample are alike
+_PEAK = 1.4  # times its own size that a jump may have beside it: the two of a single wrong sample have one size
 _RETURN = 0.5  # of its height that an offset must come back
 
 
@@ -90,19 +83,19 @@ def fresh_samples(t: Array, x: Array, quantum: float = 0.0) -> tuple[Array, Arra
         quantum: of `quantum_of`; a coarse channel may stand still for a while and be fresh.
     """
     steps = np.diff(x)
-    if _is_held(steps, quantum):
+    if _is_repeated(steps, quantum):
         changed = np.append(True, steps != 0.0)
         return t[changed], x[changed]
     knots = _knots(t, x)
     return (t, x) if knots is None else knots
 
 
-def _is_held(steps: Array, quantum: float) -> bool:
-    """Return whether samples are repeated, not merely alike: many stand still, and the others move far."""
+def _is_repeated(steps: Array, quantum: float) -> bool:
+    """Return whether samples are repeated, not merely equal: many stand still, and the others move far."""
     moving = np.abs(steps[steps != 0.0])
-    if moving.size > (1.0 - _HELD) * steps.size or not moving.size:
+    if moving.size > (1.0 - _REPEATED) * steps.size or not moving.size:
         return False
-    return quantum == 0.0 or float(np.median(moving)) > _FAR * quantum
+    return quantum == 0.0 or float(np.median(moving)) > _MOVES * quantum
 
 
 def _knots(t: Array, x: Array) -> tuple[Array, Array] | None:
@@ -169,14 +162,14 @@ class NoiseLevel:
     """The white noise of one channel, in the channel's unit.
 
     Attributes:
-        std: standard deviation of a fresh sample; 0 where dead, NaN where there are too few samples to tell.
+        std: standard deviation of a fresh sample; 0 where dead, NaN where there are too few samples.
         rate: fresh samples per second [Hz]; below the channel's own rate where each is repeated or lines are drawn
             between them. See `of_each`.
-        share_of_outliers: share of the fresh samples on an offset (a spike, a hidden marker) of more than about 10 std.
+        share_of_outliers: share of the fresh samples on an offset (a spike, a lost marker) of more than about 10 std.
         quantum: step of a channel so coarse that it shows; 0 otherwise.
-        samples: fresh samples looked at.
+        samples: fresh samples that count.
         white: the orders agree, so that this is noise. Otherwise it is an upper limit (motion that no polynomial
-            follows) or the floor of a stair; a channel that was smoothed on board ends up here too.
+            fits) or the floor of a stair; a channel that was smoothed on board ends up here too.
         dead: not one sample differs from another.
     """
 
@@ -235,7 +228,7 @@ def noise_level(t: Array, values: Array, kind: Literal["linear", "angle"] = "lin
 
 
 def noise_levels(recording: Recording) -> dict[str, NoiseLevel]:
-    """Return the noise level of every motion channel; an attitude in quaternions is told as phi, theta, psi [rad]."""
+    """Return the noise level of every motion channel; an attitude in quaternions as phi, theta, psi [rad]."""
     levels = {
         name: noise_level(recording[name].t, recording[name].values, "angle" if name in EULER else "linear")
         for name in MOTION
@@ -283,12 +276,12 @@ def _differences(t: Array, x: Array, order: int, gap: float) -> Array:
     if n < 1:
         return np.empty(0)
     usual = median_step(t)
-    regular = np.abs(steps - usual) <= _REGULAR * usual
+    regular = np.abs(steps - usual) <= _JITTER * usual
     close = _every(steps <= gap, order)
     if _every(regular, order)[close].all():
-        plain = np.diff(x, order)[close]
+        differences = np.diff(x, order)[close]
         weights = np.array([_binomial(order, i) for i in range(order + 1)], dtype=np.float64)
-        regularly: Array = plain / np.linalg.norm(weights)
+        regularly: Array = differences / np.linalg.norm(weights)
         return regularly
     at = np.flatnonzero(close)
     since = [t[at + i] - t[at] for i in range(order + 1)]
@@ -322,12 +315,12 @@ def _binomial(n: int, k: int) -> float:
 def _robust_size(d: Array) -> float:
     """Return the deviation of the bulk of `d`: a quantile of its size, then the mean square within three of these."""
     size = np.abs(d)
-    found = float(np.quantile(size, _BULK)) / _BULK_SIZE
+    std = float(np.quantile(size, _BULK)) / _BULK_SIZE
     for _ in range(_ROUNDS):
-        if found > 0.0:
-            inside = size[size <= _CLIP * found] / found
-            found *= float(np.sqrt(np.dot(inside, inside) / (inside.size * _CLIPPED)))
-    return found
+        if std > 0.0:
+            inside = size[size <= _CLIP * std] / std
+            std *= float(np.sqrt(np.dot(inside, inside) / (inside.size * _CLIPPED_VARIANCE)))
+    return std
 
 
 def _outliers(t: Array, x: Array, std: float, gap: float) -> int:
@@ -358,10 +351,10 @@ def _outliers(t: Array, x: Array, std: float, gap: float) -> int:
 
 @dataclass(frozen=True, eq=False)
 class NoiseLevels:
-    """Noise of the measured columns (15,), levels of the disturbance (6,) [N, N m], and what is rough in the motion.
+    """Noise of the measured columns (15,), levels of the disturbance (6,) [N, N m], and the velocity walk.
 
-    rough: random walk (6,) of each speed [m/s^2 sqrt(s), rad/s^2 sqrt(s)] that no force of the model accounts for,
-        NaN where nothing tells.
+    velocity_walk: random walk (6,) of each speed [m/s^2 sqrt(s), rad/s^2 sqrt(s)] that no force of the model accounts
+        for, NaN where nothing is known of it.
     """
 
     noise: Array

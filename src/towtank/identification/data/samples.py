@@ -1,11 +1,8 @@
 """A recording as the nonlinear estimators take it: rows of measurements at their own times, and held inputs.
 
 No common grid: a row is an instant at which something was measured, NaN stands for what was not. Sensors of several
-rates, irregular times and gaps need nothing else.
-
-Recordings in pieces: of a length, or, where they are long, a few that stand for the whole.
-
-What a streaming learner has seen, kept for as long as it may still go over it again.
+rates, irregular times and gaps need nothing else. A long recording is cut into pieces, of which a few stand for the
+whole; a streaming learner keeps what it has seen in a buffer for as long as it may go over it again.
 """
 
 from __future__ import annotations
@@ -44,7 +41,7 @@ _TOGETHER = 1e-6  # s: stamps closer than this are one instant
 INPUTS_BEFORE = 5.0  # s of inputs before a stretch that still matter
 _ENOUGH, _FEW_MORE = 60_000, 1.5  # rows that stand for a long recording; so many times as many are no long one
 _STRETCH = 60.0  # s
-_FIRST = 1024
+_FIRST_ROWS = 1024  # room of an empty buffer
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +53,7 @@ class Samples:
         values: (n, 15) x y z phi theta psi u v w p q r ax ay az, NaN where not measured; psi and phi as recorded.
         input_t: stamps (k,) [s] of the inputs. input_force: steady force that each asks for (k, m): of the thrusters,
             or the wrench itself.
-        shape: wrench (6, m) of each unit of input. lag: time constants (m,) [s].
+        B: wrench (6, m) of each unit of input. lag: time constants (m,) [s].
         commands: whether the inputs are thruster commands. source: for messages.
     """
 
@@ -64,7 +61,7 @@ class Samples:
     values: Array
     input_t: Array
     input_force: Array
-    shape: Array
+    B: Array
     lag: Array
     commands: bool
     source: str = ""
@@ -138,8 +135,8 @@ def samples_of(recording: Recording, vehicle: Vehicle) -> Samples:
     for (j, _, measured), row in zip(columns, rows, strict=True):
         values[row, j] = measured
     del columns, rows, measured, row  # room for the inputs
-    input_t, force, shape, lag, commands = _inputs(bound, vehicle, prefix)
-    return Samples(t, values, input_t, force, shape, lag, commands, recording.source)
+    input_t, force, B, lag, commands = _inputs(bound, vehicle, prefix)
+    return Samples(t, values, input_t, force, B, lag, commands, recording.source)
 
 
 def held_forces(vehicle: Vehicle, commands: Array, voltage: Array | float | None) -> Array:
@@ -154,10 +151,8 @@ def _instants(stamps: list[Array]) -> tuple[Array, list[Array]]:
     if union.size > 1:
         first = np.concatenate([[True], np.diff(union) > _TOGETHER])
         union = union[first]
-    found = {
-        key: np.maximum(np.searchsorted(union, t + 0.5 * _TOGETHER, "right") - 1, 0) for key, t in distinct.items()
-    }
-    return np.ascontiguousarray(union), [found[id(t)] for t in stamps]
+    rows = {key: np.maximum(np.searchsorted(union, t + 0.5 * _TOGETHER, "right") - 1, 0) for key, t in distinct.items()}
+    return np.ascontiguousarray(union), [rows[id(t)] for t in stamps]
 
 
 def _inputs(recording: Recording, vehicle: Vehicle, prefix: str) -> tuple[Array, Array, Array, Array, bool]:
@@ -216,13 +211,13 @@ class Buffer:
     """Rows and inputs in growing arrays, in stretches that owe nothing to each other.
 
     Args:
-        shape: wrench (6, m) of each input. lag: time constants (m,) [s]. commands: whether inputs are commands.
+        B: wrench (6, m) of each input. lag: time constants (m,) [s]. commands: whether inputs are commands.
     """
 
-    def __init__(self, shape: Array, lag: Array, *, commands: bool) -> None:
-        self.shape, self.lag, self.commands = shape, lag, commands
-        self.t, self.values = np.empty(_FIRST), np.empty((_FIRST, N_MEASURED))
-        self.input_t, self.input_force = np.empty(_FIRST), np.empty((_FIRST, shape.shape[1]))
+    def __init__(self, B: Array, lag: Array, *, commands: bool) -> None:
+        self.B, self.lag, self.commands = B, lag, commands
+        self.t, self.values = np.empty(_FIRST_ROWS), np.empty((_FIRST_ROWS, N_MEASURED))
+        self.input_t, self.input_force = np.empty(_FIRST_ROWS), np.empty((_FIRST_ROWS, B.shape[1]))
         self.rows = self.inputs = 0
         self._starts: list[tuple[int, int]] = [(0, 0)]
 
@@ -242,7 +237,7 @@ class Buffer:
 
     def fresh(self) -> Buffer:
         """Return an empty one of the same inputs."""
-        return Buffer(self.shape, self.lag, commands=self.commands)
+        return Buffer(self.B, self.lag, commands=self.commands)
 
     def clear(self) -> None:
         """Forget everything."""
@@ -270,7 +265,7 @@ class Buffer:
             self.values[a:b],
             self.input_t[c:d],
             self.input_force[c:d],
-            self.shape,
+            self.B,
             self.lag,
             self.commands,
         )
@@ -303,7 +298,7 @@ class Buffer:
 
 
 def _roomy(array: Array) -> Array:
-    out = np.empty((max(_FIRST, 2 * array.shape[0]), *array.shape[1:]))
+    out = np.empty((max(_FIRST_ROWS, 2 * array.shape[0]), *array.shape[1:]))
     out[: array.shape[0]] = array
     return out
 

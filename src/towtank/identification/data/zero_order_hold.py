@@ -14,15 +14,25 @@ The ring of past commands is bounded; memory does not grow with the log.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from towtank.core.arrays import Array, kernel
 
-__all__ = ["ZeroOrderHold", "force_integral_into", "hold_force", "mean_forces_into", "new_zero_order_hold"]
+__all__ = [
+    "ZeroOrderHold",
+    "force_integral_into",
+    "hold_force",
+    "mean_forces_into",
+    "new_zero_order_hold",
+    "restored_hold",
+]
 
-_RING = 1024
+_RING = 1024  # commands
+_COUNTERS = np.dtype((np.record, [("received", np.float64), ("in_force", np.float64)]))
 
 
 class ZeroOrderHold(NamedTuple):
@@ -30,7 +40,7 @@ class ZeroOrderHold(NamedTuple):
 
     times: Array  # (ring,) time stamp of each command, the delay added
     values: Array  # (ring, m) steady force that each command asks for
-    counters: Array  # (2,) commands pushed, index of the command in force
+    counters: NDArray[Any]  # (1,) record: commands received, index of the command in force
     force: Array  # (m,) force now
     slope: Array  # (m,) d force now / d time constant [N/s]
     lag: Array  # (m,) time constants [s]
@@ -43,7 +53,7 @@ def new_zero_order_hold(m: int, lag: Array, delay: float) -> ZeroOrderHold:
     return ZeroOrderHold(
         times=np.full(_RING, np.nan),
         values=np.zeros((_RING, m)),
-        counters=np.zeros(2),
+        counters=np.zeros(1, dtype=_COUNTERS),
         force=np.zeros(m),
         slope=np.zeros(m),
         lag=np.ascontiguousarray(lag, dtype=np.float64),
@@ -52,53 +62,60 @@ def new_zero_order_hold(m: int, lag: Array, delay: float) -> ZeroOrderHold:
     )
 
 
+def restored_hold(arrays: Mapping[str, Any], prefix: str) -> ZeroOrderHold:
+    """Return an input from its arrays, kept by name behind a prefix."""
+    kept = {name: arrays[prefix + name] for name in ZeroOrderHold._fields}
+    return ZeroOrderHold(**{**kept, "counters": kept["counters"].view(_COUNTERS)})
+
+
 @kernel
 def hold_force(held: ZeroOrderHold, t: float, value: Array) -> None:
     """Add the steady force `value` (m,) asked for at time t [s]; not finite or out of order is passed over."""
     ring = held.times.shape[0]
-    pushed = int(held.counters[0])
+    counters = held.counters[0]
+    received = int(counters.received)
     due = t + held.delay[0]
     if not math.isfinite(due):
         return
     for j in range(value.shape[0]):
         if not math.isfinite(value[j]):
             return
-    if pushed > 0 and not due >= held.times[(pushed - 1) % ring]:
+    if received > 0 and not due >= held.times[(received - 1) % ring]:
         return
-    held.times[pushed % ring] = due
+    held.times[received % ring] = due
     for j in range(value.shape[0]):
-        held.values[pushed % ring, j] = value[j]
-    if pushed == 0:
+        held.values[received % ring, j] = value[j]
+    if received == 0:
         for j in range(value.shape[0]):
             held.force[j] = value[j]
-    held.counters[0] = pushed + 1.0
-    if pushed + 1 - int(held.counters[1]) > ring:
-        held.counters[1] = pushed + 1.0 - ring
+    counters.received = received + 1.0
+    if received + 1 - int(counters.in_force) > ring:
+        counters.in_force = received + 1.0 - ring
 
 
 @kernel
 def force_integral_into(held: ZeroOrderHold, end: float, out: Array) -> bool:
     """Write int force dt (m,) from the clock to `end` into `out` and advance the clock; it never goes back.
 
-    Before the first command the first command is taken as held. False where no command has come yet: nothing is known.
+    Before the first command the first command is taken as held. Returns whether any command has come yet.
     """
     m = held.force.shape[0]
     ring = held.times.shape[0]
     for j in range(m):
         out[j] = 0.0
-    pushed = int(held.counters[0])
+    received = int(held.counters[0].received)
     now = held.clock[0]
     if end <= now:
-        return pushed > 0
+        return received > 0
     held.clock[0] = end
-    if pushed == 0:
+    if received == 0:
         return False
     if not math.isfinite(now):
         return True
-    active = int(held.counters[1])
+    active = int(held.counters[0].in_force)
     while now < end:
         until = end
-        if active + 1 < pushed:
+        if active + 1 < received:
             change = held.times[(active + 1) % ring]
             if change <= now:
                 active += 1
@@ -118,7 +135,7 @@ def force_integral_into(held: ZeroOrderHold, end: float, out: Array) -> bool:
                 out[j] += target * h
                 held.force[j] = target
         now = until
-    held.counters[1] = float(active)
+    held.counters[0].in_force = float(active)
     return True
 
 
@@ -126,7 +143,7 @@ def force_integral_into(held: ZeroOrderHold, end: float, out: Array) -> bool:
 def mean_forces_into(held: ZeroOrderHold, end: float, out: Array) -> bool:
     """Write over the time from the clock to `end`: mean force, d mean / d delay, d mean / d ln T, into `out` (3, m).
 
-    The clock advances, as with `force_integral_into`; False where no command has come yet.
+    The clock advances, as with `force_integral_into`; returns whether any command has come yet.
     """
     m = held.force.shape[0]
     h = end - held.clock[0]

@@ -1,16 +1,14 @@
-"""Linear damping, quadratic, or both: the joint filter asks again where least squares had to choose.
+"""What a recording may hold beside the model: the other damping term of an axis, water that moves.
 
-Least squares chooses early: axis by axis, from filtered samples, with couplings that it is only finding. On recordings
-of all axes at once it takes one for the other although they hold a hundred times what it needs to tell them apart. So
-the filter is run once more with both terms of every axis free, and no longer as logarithms: a term that is not there
-comes out as nothing, or as less than nothing, give or take its deviation.
+Damping: least squares chooses early, axis by axis, from filtered samples, with couplings that it is only finding. On
+recordings of all axes at once it takes linear for quadratic or the reverse although they hold a hundred times what
+separates them. So the filter is run once more with both terms of every axis free, and no longer as logarithms: a term
+that is not there comes out as nothing, or as less than nothing, give or take its deviation.
 
-Water that moves: whether a recording shows a current, and which one.
-
-Drag acts through the water, sensors see the ground. A current of 0.18 m/s that nobody knows of costs 40 % of the drag
-of a vehicle that goes to and fro; estimated along, a random walk in north, east and down, it costs nothing. It shows
-where the speed over ground, or the position, is measured together with the heading. With water at rest the likelihood
-of the innovations gains no more than chance; in a current it gains hundreds.
+Current: drag acts through the water, sensors see the ground. A current of 0.18 m/s that is left out costs 40 % of the
+drag of a vehicle that goes to and fro; estimated along, a random walk in north, east and down, it costs nothing. It
+shows where the speed over ground, or the position, is measured together with the heading. With water at rest the
+likelihood of the innovations gains no more than chance; in a current it gains hundreds.
 """
 
 from __future__ import annotations
@@ -23,7 +21,14 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.data.samples import Samples
-from towtank.identification.kalman.iterated import JointFit, joint_passes, log_posterior, one_pass
+from towtank.identification.kalman.iterated import (
+    FilterProblem,
+    JointFit,
+    joint_passes,
+    log_posterior,
+    one_pass,
+    prior_deviation,
+)
 from towtank.identification.kalman.state import FilterSettings, JointState
 from towtank.identification.model.parameters import FreeParameters, free_parameters
 from towtank.identification.model.prior import size_of
@@ -44,15 +49,15 @@ __all__ = [
 
 _BOTH = 4.0  # deviations that each term needs to stay beside the other: it is known to a quarter then
 _NOTHING = 2.0  # deviations below which a term is not different from 0
-_PLAINLY = 10.0  # by which -2 ln L must be less for the other one to take a term's place
+_REPLACES = 10.0  # by which -2 ln L must be less for the other one to take a term's place
 _WORTH, _LOSS = 2.0, 8.0  # of ln L, that each term more must gain, and each one less may lose: 4 deviations
-_PASSES = 8
+_CHOICE_PASSES = 8
 _ROOM = 20.0  # usual sizes that a term may have
+_CURRENT = slice(18, 21)  # of the filter's errors
+_CURRENT_GAIN = 20.0  # of the log likelihood: far beyond chance with three numbers
+_SLOWEST = 0.01  # m/s
 Pair = tuple[str, str]
 Prior = Callable[[FreeParameters], tuple[Array, Array] | None]
-_CURRENT = slice(18, 21)  # of the filter's errors
-_GAIN = 20.0  # of the logarithm of the likelihood: far beyond chance with three numbers
-_SLOWEST = 0.01  # m/s
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +69,8 @@ class Choice:
 
 
 @dataclass(frozen=True, eq=False)
-class _Told:
-    """What a run with both terms of an axis says: values (2,) and covariance (2, 2), linear first."""
+class _BothTerms:
+    """What a run with both terms of an axis shows: values (2,) and covariance (2, 2), linear first."""
 
     names: Pair
     values: Array
@@ -91,11 +96,11 @@ class _Told:
         """Why the other term is left out."""
         other = 1 - kept
         name, stays = self.names[other], f"{self.names[kept]} stands for both"
-        found = f"{self.values[other]:.3g} +- {self.std[other]:.2g}"
+        value = f"{self.values[other]:.3g} +- {self.std[other]:.2g}"
         if abs(self.strength[other]) < _NOTHING:
-            return f"{name} is {found} beside {self.names[kept]}, not different from 0; {stays}"
+            return f"{name} is {value} beside {self.names[kept]}, not different from 0; {stays}"
         if self.strength[other] < 0.0:
-            return f"{name} came out as +{found} beside {self.names[kept]}, which would feed energy in; {stays}"
+            return f"{name} came out as +{value} beside {self.names[kept]}, which would feed energy in; {stays}"
         r = self.covariance[0, 1] / (self.std[0] * self.std[1])
         apart = f"a wider range of {self.names[0][2:]} would separate them"
         linear, quadratic = self.names
@@ -106,37 +111,36 @@ def damping_in_question(vehicle: Vehicle, free: Sequence[str], *, requested: boo
     """Return the damping terms of each axis where both may be free and one at least is, linear first.
 
     Args:
-        free: names that are. asked: somebody named them, and wants none else.
+        free: names that are. requested: somebody named them and none else.
     """
     pairs = []
     for each in candidates(vehicle):
-        pair, wanted = (each.axis.linear, each.axis.quadratic), each.to_learn[C_LINEAR] and each.to_learn[C_QUADRATIC]
+        pair, possible = (each.axis.linear, each.axis.quadratic), each.to_learn[C_LINEAR] and each.to_learn[C_QUADRATIC]
         among = [name in free for name in pair]
-        if all(among) if requested else wanted and any(among):
+        if all(among) if requested else possible and any(among):
             pairs.append(pair)
     return pairs
 
 
 def choose_damping(
-    samples: Sequence[Samples],
+    problem: FilterProblem,
     vehicle: Vehicle,
     fit: JointFit,
     pairs: Sequence[Pair],
     *,
     settings: FilterSettings,
-    delay: float,
     prior: Prior,
-    shown: Array,
     requested: bool,
-    most: int = _PASSES,
+    most: int = _CHOICE_PASSES,
 ) -> Choice | None:
     """Return the fit with the damping terms that the recordings speak for; None where `fit` has them.
 
     Args:
-        vehicle: values of what is held, 0 for terms that were left out. fit: of these samples.
+        problem: its samples, delay and own noise count; what is free follows the question.
+        vehicle: values of what is fixed, 0 for terms that were left out. fit: of these samples.
         pairs: names of the linear and the quadratic term of each axis in question. At least one of them is free.
-        delay: of the inputs [s] where it is not free. prior: mean and information. shown: see `joint_passes`.
-        asked: somebody named the terms: only one that is not different from 0 is left out.
+        prior: mean and information of what is free.
+        requested: somebody named the terms: only one that is not different from 0 is left out.
         most: passes at most, for either question.
     """
     kernel, names = np.array(vehicle.parameters), fit.free.names
@@ -145,66 +149,54 @@ def choose_damping(
     def fitted(free: FreeParameters, theta: Array, levels: NoiseLevels) -> JointFit:
         scale = size_of(vehicle, free)
         scale = np.where([name in questioned for name in free.names], _ROOM * scale, scale)
-        return joint_passes(
-            samples,
-            kernel,
-            free,
-            theta,
-            levels,
-            settings,
-            scale=scale,
-            delay=delay,
-            prior=prior(free),
-            shown=shown,
-            most=most,
-            begin=False,
-            inflate=False,
-        )
+        deviation = prior_deviation(free, scale)
+        in_question = replace(problem, p=kernel, free=free, deviation=deviation, prior=prior(free))
+        return joint_passes(in_question, theta, levels, settings, most=most, begin=False, inflate=False)
 
     both = free_parameters(vehicle, (*names, *(name for name in questioned if name not in names)))
-    plain = both.untransformed(questioned)
+    untransformed = both.untransformed(questioned)
     now = dict(zip(names, fit.free.untransformed(questioned).thetas(fit.free.values(fit.theta)), strict=True))
-    seen = fitted(plain, np.array([now.get(name, 0.0) for name in plain.names]), fit.levels)
-    if not (np.isfinite(seen.theta).all() and np.isfinite(seen.likely).all()):
+    both_fit = fitted(untransformed, np.array([now.get(name, 0.0) for name in untransformed.names]), fit.levels)
+    if not (np.isfinite(both_fit.theta).all() and np.isfinite(both_fit.uninflated).all()):
         return None
-    values = dict(zip(plain.names, plain.values(seen.theta), strict=True))
+    values = dict(zip(untransformed.names, untransformed.values(both_fit.theta), strict=True))
     was = dict(zip(names, fit.free.values(fit.theta), strict=True))
     left_out: dict[str, str] = {}
     for pair in pairs:
-        rows = [plain.names.index(name) for name in pair]
-        told = _Told(pair, seen.theta[rows], seen.likely[np.ix_(rows, rows)])
+        rows = [untransformed.names.index(name) for name in pair]
+        shown = _BothTerms(pair, both_fit.theta[rows], both_fit.uninflated[np.ix_(rows, rows)])
         before = tuple(k for k in (0, 1) if pair[k] in names)
-        kept = _kept(told, before, requested=requested)
+        kept = _kept(shown, before, requested=requested)
         for k in (0, 1):
             if k not in kept:
-                left_out[pair[k]], values[pair[1 - k]] = told.without(1 - k), told.alone(1 - k)[0]
+                left_out[pair[k]], values[pair[1 - k]] = shown.without(1 - k), shown.alone(1 - k)[0]
         if kept == before:  # which may be no more than a guess
             values.update({pair[k]: was[pair[k]] for k in kept})
     free = both.subset([name for name in both.names if name not in left_out])
     if set(free.names) == set(names):
         return Choice(fit, left_out)
-    again = fitted(free, free.thetas(np.array([values[name] for name in free.names])), seen.levels)
+    again = fitted(free, free.thetas(np.array([values[name] for name in free.names])), both_fit.levels)
     more = sum(sum(name in free.names for name in pair) - sum(name in names for name in pair) for pair in pairs)
     least = _WORTH * more if more > 0 else _LOSS * more
     return Choice(again, left_out) if log_posterior(again, settings) > log_posterior(fit, settings) + least else None
 
 
-def _kept(told: _Told, before: tuple[int, ...], *, requested: bool) -> tuple[int, ...]:
+def _kept(shown: _BothTerms, before: tuple[int, ...], *, requested: bool) -> tuple[int, ...]:
     """Return the columns, of (linear, quadratic), that stay; those that were free `before` where nothing is sure."""
-    strength = told.strength
+    strength = shown.strength
     if (strength >= _BOTH).all():
         return 0, 1
     stays = int(np.abs(strength[1]) > np.abs(strength[0]))
-    if told.alone(stays)[1] < _BOTH:
+    if shown.alone(stays)[1] < _BOTH:
         return before
     if requested:
         return (stays,) if strength[1 - stays] < _NOTHING and strength[stays] >= _BOTH else before
-    information_rate = strength[stays] ** 2 - strength[1 - stays] ** 2
-    return (stays,) if len(before) == 2 or information_rate > _PLAINLY else before
+    gain = strength[stays] ** 2 - strength[1 - stays] ** 2
+    return (stays,) if len(before) == 2 or gain > _REPLACES else before
 
 
 def current_shows(samples: Sequence[Samples]) -> bool:
-    """Whether any recording measures position or speed over ground, and the heading."""
+    """Return whether any recording measures position or speed over ground, and the heading."""
     return any(bool((each.measured[:3].any() or each.measured[6:9].any()) and each.measured[5]) for each in samples)
 
 
@@ -214,28 +206,18 @@ def current_of(state: JointState) -> Current:
     return Current(state.current.copy(), np.sqrt(np.maximum(variance, 0.0)))
 
 
-def suspected_current(
-    samples: Sequence[Samples],
-    p: Array,
-    fit: JointFit,
-    deviation: Array,
-    settings: FilterSettings,
-    *,
-    delay: float,
-    prior: tuple[Array, Array] | None,
-) -> Current | None:
+def suspected_current(problem: FilterProblem, fit: JointFit, settings: FilterSettings) -> Current | None:
     """Return the current that would explain the recordings far better than water at rest; None where none does.
 
-    Arguments as `joint.one_pass`; `fit` is what was found with water at rest.
+    `fit` is the problem's with water at rest.
     """
-    if not current_shows(samples):
+    if not current_shows(problem.samples):
         return None
-    found = []
-    for flows in (False, True):
-        way = replace(settings, follow=False, current=flows)
-        state, _ = one_pass(samples, p, fit.free, fit.theta, deviation, fit.levels, way, delay=delay, prior=prior)
-        found.append(state)
-    gain = float(found[1].clock[2] - found[0].clock[2])
-    current = replace(current_of(found[1]), gain=gain)
-    sound = bool(np.isfinite(current.velocity).all() and np.isfinite(gain))
-    return current if sound and gain > _GAIN and current.speed > _SLOWEST else None
+    at_rest, flowing = (
+        one_pass(problem, fit.theta, fit.levels, replace(settings, relinearise=False, current=flows))[0]
+        for flows in (False, True)
+    )
+    gain = float(flowing.clock[0].log_likelihood - at_rest.clock[0].log_likelihood)
+    current = replace(current_of(flowing), gain=gain)
+    finite = bool(np.isfinite(current.velocity).all() and np.isfinite(gain))
+    return current if finite and gain > _CURRENT_GAIN and current.speed > _SLOWEST else None

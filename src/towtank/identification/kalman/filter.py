@@ -1,74 +1,69 @@
-"""The joint filter over a stream: rows of measurements and held commands, in the order of time.
+"""The joint filter over a stream: rows of measurements and commands in the order of time, a log's as a live link's.
 
-One row costs one step of the filter; a log and a live stream go through the same code.
+Between measurements the motion goes on under the inputs, and its covariance, P <- F P F^T + Q.
 
-The joint filter between measurements: the motion under the inputs, and its covariance, P <- F P F^T + Q.
-
-The anchor of the joint filter: the coefficients that the motion is linearised about.
-
-Between anchors the filter is linear in the coefficients, so that a wide prior cannot lead it astray: early and wild
-estimates act to first order only. Once coefficients are known well and far from their anchor, it is moved to them.
+The motion is linearised about fixed coefficients, and the filter is linear in their distance from them, so that a wide
+prior cannot lead it off: early and wild estimates act to first order only. Once coefficients are known well and far
+from their linearisation point, it is moved to them.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import quaternion_from_euler
+from towtank.identification.data.samples import Samples
 from towtank.identification.data.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
-from towtank.identification.kalman.state import (
-    C_DURATION,
-    C_ROWS,
-    C_STARTED,
-    C_TIME,
-    O_ADAPT,
-    O_BIAS_WALK,
-    O_BIASES,
-    O_CURRENT_WALK,
-    O_FLOOR_FORCE,
-    O_FLOOR_MOMENT,
-    O_FOLLOW,
-    O_GAP,
-    O_REST,
-    O_STEP,
-    O_TIME_CONSTANT,
-    REST_MEMORY,
-    JointState,
-)
+from towtank.identification.kalman.state import INFORMATION_MEMORY, KNOWN_STD, JointState
 from towtank.identification.kalman.update import GRAVITY, update_row
 from towtank.identification.model.linearisation import N_FIXED, N_MOVING, step_and_linearise, turn_by
 from towtank.identification.model.parameters import IN_DELAY, IN_GAIN, IN_LAG, MASS, UNTRANSFORMED, put_parameters
 
-__all__ = ["begin_motion", "joint_events", "joint_step"]
+__all__ = ["Rows", "begin_motion", "joint_events", "joint_step", "rows_of", "take_all"]
 
 _DIST = 12
-_TINY = 1e-30
-_KNOWN = 0.3  # deviation of a logarithm from which on its anchor follows it,
-_FAR = 1e-3  # once it is this far away
-_START = (0.3, 0.2, 0.3, 0.2)  # deviations at the start where a sensor has said nothing: m, rad, m/s, rad/s
+_TINY = 1e-30  # N^2, (N m)^2
+_FAR = 1e-3  # of a logarithm (share of the coefficient), from its linearisation point
+_START = (0.3, 0.2, 0.3, 0.2)  # m, rad, m/s, rad/s: deviations at the start where a sensor has shown nothing
+_UNKNOWN_POSITION = 100.0  # m^2: variance of it
+
+
+class Rows(NamedTuple):
+    """Rows of measurements and inputs: times (n,) [s], values (n, 15), input stamps (k,) [s] and forces (k, m)."""
+
+    t: Array
+    values: Array
+    input_t: Array
+    input_force: Array
+
+
+def rows_of(samples: Samples) -> Rows:
+    """Return the rows and inputs of samples as kernels take them."""
+    return Rows(samples.t, samples.values, samples.input_t, samples.input_force)
 
 
 @kernel
-def input_wrench(state: JointState) -> None:
-    """Write the mean wrench of the inputs over the last step into `state.tau`, with the anchor's gains."""
-    m = state.shape.shape[1]
+def input_wrench_into(state: JointState) -> None:
+    """Write the mean wrench of the inputs over the last step into `state.tau`, gains at the linearisation point."""
+    m = state.B.shape[1]
     for i in range(6):
         s = 0.0
         for j in range(m):
-            s += state.shape[i, j] * state.pushed[0, j]
+            s += state.B[i, j] * state.mean_force[0, j]
         state.tau[i] = s
     for c in range(state.theta.shape[0]):
         if state.codes[c, 0] == IN_GAIN:
             j = state.codes[c, 1]
             more = math.exp(state.linearised_at[c]) - 1.0
             for i in range(6):
-                state.tau[i] += more * state.shape[i, j] * state.pushed[0, j]
+                state.tau[i] += more * state.B[i, j] * state.mean_force[0, j]
 
 
 @kernel
 def _off_linearisation(state: JointState) -> None:
-    """Add to the motion what the coefficients' way from their anchor does over the step, to first order."""
+    """Add to the motion what the coefficients' distance from their linearisation point does, to first order."""
     x, F = state.x, state.F
     n = state.theta.shape[0]
     ex = ey = ez = 0.0
@@ -88,9 +83,9 @@ def _off_linearisation(state: JointState) -> None:
 
 @kernel
 def _covariance(state: JointState, h: float) -> None:
-    P, F, T, W = state.P, state.F, state.step, state.W
+    P, F, T, W = state.P, state.F, state.F_transposed, state.W
     columns, size = F.shape[1], P.shape[0]
-    fade = math.exp(-h / state.options[O_TIME_CONSTANT])
+    fade = math.exp(-h / state.settings[0].time_constant)
     for i in range(N_MOVING):
         for j in range(columns):
             T[j, i] = F[i, j]
@@ -132,49 +127,50 @@ def _noise(state: JointState, h: float, fade: float) -> None:
         P[_DIST + i, _DIST + i] += state.disturbance[i] ** 2 * (1.0 - fade * fade)
         P[6 + i, 6 + i] += state.velocity_walk[i] ** 2 * h
     for i in range(3):
-        P[18 + i, 18 + i] += state.options[O_CURRENT_WALK] * h
+        P[18 + i, 18 + i] += state.settings[0].current_walk * h
     n = state.theta.shape[0]
-    for c in range(n):
-        P[N_FIXED + c, N_FIXED + c] += state.walk[c] * h
-    if state.options[O_BIASES] > 0.0:
+    if state.settings[0].biases > 0.0:
         for i in range(6):
-            P[N_FIXED + n + i, N_FIXED + n + i] += state.options[O_BIAS_WALK] * h
+            P[N_FIXED + n + i, N_FIXED + n + i] += state.settings[0].bias_walk * h
 
 
 @kernel
-def _follow_level(state: JointState, h: float) -> None:
-    """Count E[d^2] of each axis, and let the disturbance's level follow it where that is wanted."""
-    adapt = state.options[O_ADAPT]
+def _adapt_disturbance(state: JointState, h: float) -> None:
+    """Count E[d^2] of each axis, and adapt the disturbance's level to it where that is set."""
+    settings = state.settings[0]
+    adapt = settings.adapt
     for i in range(6):
         variance = state.P[_DIST + i, _DIST + i]
         power = state.force[i] ** 2 + variance
-        state.level[i, 0] += h
-        state.level[i, 1] += h * state.force[i] ** 2
-        state.level[i, 2] += h * variance
+        own = state.disturbance_statistics[i]
+        own.time += h
+        own.square += h * state.force[i] ** 2
+        own.variance += h * variance
         left = 1.0 - variance / max(state.disturbance[i] ** 2, _TINY)
         if 0.0 < left < 1.0:  # what is old of it by tau has a variance of 1 - exp(-2 tau / T)
-            state.level[i, 3] += h / max(-0.5 * state.options[O_TIME_CONSTANT] * math.log(left), h)
+            own.effective_samples += h / max(-0.5 * settings.time_constant * math.log(left), h)
         if adapt > 0.0:
-            floor = state.options[O_FLOOR_FORCE] if i < 3 else state.options[O_FLOOR_MOMENT]
+            floor = settings.floor_force if i < 3 else settings.floor_moment
             now = state.disturbance[i] ** 2
             now += (power - now) * min(1.0, h / adapt)
             state.disturbance[i] = max(math.sqrt(now), floor)
 
 
 @kernel
-def _rest(state: JointState, h: float) -> None:
-    """Let coefficients rest that hardly learn any more, and wake those that would learn again.
+def _choose_active(state: JointState, h: float) -> None:
+    """Leave coefficients out of the update that hardly learn any more, and take in those that would learn again.
 
-    One that learns at a steady rate gains 1 / T per second after T seconds. One that gains a small share of that hears
-    little, and what it hears is what the model of disturbances does not know: it would only wander.
+    One that learns at a steady rate gains 1 / T per second after T seconds. What one that gains a small share of that
+    still learns is what the model of disturbances lacks: it would only wander.
     """
-    share = state.options[O_REST]
-    fade = math.exp(-h / REST_MEMORY)
+    share = state.settings[0].considered_share
+    fade = math.exp(-h / INFORMATION_MEMORY)
     for c in range(state.theta.shape[0]):
         information_time = state.information_time[c]
         state.information_rate[c] *= fade
         is_considered = (
-            information_time > REST_MEMORY and state.information_rate[c] * information_time < share * REST_MEMORY
+            information_time > INFORMATION_MEMORY
+            and state.information_rate[c] * information_time < share * INFORMATION_MEMORY
         )
         state.active[N_FIXED + c] = 0.0 if is_considered else 1.0
         if not is_considered:
@@ -182,20 +178,21 @@ def _rest(state: JointState, h: float) -> None:
 
 
 @kernel
-def predict(state: JointState, held: ZeroOrderHold, t: float, coupled: bool) -> bool:
-    """Advance the filter to the time t [s]; False where the inputs are not known yet."""
-    span = t - state.clock[C_TIME]
-    steps = max(1, math.ceil(span / state.options[O_STEP] - 1e-9))
+def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
+    """Advance the filter to the time t [s]; return whether the inputs are known."""
+    clock = state.clock[0]
+    span = t - clock.time
+    steps = max(1, math.ceil(span / state.settings[0].step - 1e-9))
     h = span / steps
-    T = state.options[O_TIME_CONSTANT]
+    T = state.settings[0].time_constant
     fade = math.exp(-h / T)
     mean = (1.0 - fade) * T / h
     total = state.scratch[11]
     for k in range(steps):
-        end = t if k == steps - 1 else state.clock[C_TIME] + h
-        if not mean_forces_into(held, end, state.pushed):
+        end = t if k == steps - 1 else clock.time + h
+        if not mean_forces_into(held, end, state.mean_force):
             return False
-        input_wrench(state)
+        input_wrench_into(state)
         for i in range(6):
             total[i] = state.tau[i] + mean * state.force[i]
         step_and_linearise(
@@ -207,9 +204,9 @@ def predict(state: JointState, held: ZeroOrderHold, t: float, coupled: bool) -> 
             1.0 / T,
             state.codes,
             state.linearised_at,
-            state.shape,
-            state.pushed,
-            coupled,
+            state.B,
+            state.mean_force,
+            True,
             state.F,
             state.A,
             state.work,
@@ -219,16 +216,16 @@ def predict(state: JointState, held: ZeroOrderHold, t: float, coupled: bool) -> 
         _covariance(state, h)
         for i in range(6):
             state.force[i] *= fade
-        _follow_level(state, h)
-        _rest(state, h)
-        state.clock[C_TIME] = end
-        state.clock[C_DURATION] += h
+        _adapt_disturbance(state, h)
+        _choose_active(state, h)
+        clock.time = end
+        clock.duration += h
     return True
 
 
 @kernel
 def wants_relinearisation(state: JointState) -> bool:
-    """Whether a coefficient that is known well enough has left its anchor."""
+    """Return whether a coefficient that is known well enough has left its linearisation point."""
     for k in range(state.theta.shape[0]):
         if math.fabs(state.theta[k] - state.linearised_at[k]) > _FAR and _known(state, k):
             return True
@@ -238,32 +235,32 @@ def wants_relinearisation(state: JointState) -> bool:
 @kernel
 def _known(state: JointState, k: int) -> bool:
     variance = state.P[N_FIXED + k, N_FIXED + k]
-    return bool(state.codes[k, 3] != UNTRANSFORMED and variance < _KNOWN * _KNOWN)
+    return bool(state.codes[k, 3] != UNTRANSFORMED and variance < KNOWN_STD * KNOWN_STD)
 
 
 @kernel
 def _bend(state: JointState, k: int, away: float) -> float:
-    """Return the way of a logarithm that has the effect which `away` had to first order, and scale its deviation.
+    """Return the step of a logarithm that has the effect which `away` had to first order, and scale its deviation.
 
-    An inertia acts through its inverse, 1/M (1 - away); damping acts as it is, D (1 + away). A way against that law,
+    An inertia acts through its inverse, 1/M (1 - away); damping acts as it is, D (1 + away). A step against that law,
     towards a larger inertia or a smaller damping, is taken as it stands.
     """
     if state.codes[k, 0] == MASS:
         if away >= 0.0:
             return away
         slope = 1.0 / (1.0 - away)
-        way = -math.log(1.0 - away)
+        step = -math.log(1.0 - away)
     else:
         if away <= 0.0:
             return away
         slope = 1.0 / (1.0 + away)
-        way = math.log(1.0 + away)
+        step = math.log(1.0 + away)
     i = N_FIXED + k
     for j in range(state.P.shape[0]):
         state.P[i, j] *= slope
     for j in range(state.P.shape[0]):
         state.P[j, i] *= slope
-    return way
+    return step
 
 
 @kernel
@@ -276,7 +273,7 @@ def relinearise(state: JointState, held: ZeroOrderHold) -> None:
     for k in range(n):
         away = state.theta[k] - state.linearised_at[k]
         if state.codes[k, 0] == IN_DELAY:
-            continue  # commands on their way have their due times already
+            continue  # commands not yet in force have their due times already
         if state.codes[k, 3] == UNTRANSFORMED:
             state.linearised_at[k] += away
             continue
@@ -306,9 +303,7 @@ def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> 
             P[j, i] = 0.0
     for i in range(3):
         x[i] = z[i] if math.isfinite(z[i]) else 0.0
-        P[i, i] = _START[0] ** 2 if math.isfinite(z[i]) else 100.0
-        if not math.isfinite(z[i]) and state.clock[C_STARTED] > 0.0:
-            P[i, i] = 100.0
+        P[i, i] = _START[0] ** 2 if math.isfinite(z[i]) else _UNKNOWN_POSITION
     phi, theta, psi = z[3], z[4], z[5]
     if not (math.isfinite(phi) and math.isfinite(theta)):
         phi, theta = 0.0, 0.0
@@ -334,54 +329,51 @@ def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> 
     for k in range(5):
         state.last_accepted[k] = t
     for k in range(4):
-        state.outage[k, 0] = 0.0
+        state.outages[k].rejected = 0.0
     for j in range(6, 12):
-        state.stats[j, 13] = 0.0  # a speed of before the pause is no neighbour
-    mean_forces_into(held, t, state.pushed)
-    input_wrench(state)
-    state.clock[C_TIME] = t
-    state.clock[C_STARTED] = 1.0
+        state.statistics[j].has_last = 0.0  # a speed of before the pause is no neighbour
+    mean_forces_into(held, t, state.mean_force)
+    input_wrench_into(state)
+    state.clock[0].time = t
+    state.clock[0].started = 1.0
 
 
 @kernel
-def joint_step(state: JointState, held: ZeroOrderHold, t: float, z: Array, coupled: bool) -> bool:
-    """Take the row z (15,) of time t [s]; False where it taught nothing: out of order, or no inputs known yet."""
-    now = state.clock[C_TIME]
-    started = state.clock[C_STARTED] > 0.0
+def joint_step(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> bool:
+    """Take the row z (15,) of time t [s]; return whether it was of use: in order, and the inputs known."""
+    clock = state.clock[0]
+    now = clock.time
+    started = clock.started > 0.0
     if started and not t > now:
         return False
-    if not started or t - now > state.options[O_GAP]:
-        if held.counters[0] > 0.0:
+    if not started or t - now > state.settings[0].gap:
+        if held.counters[0].received > 0.0:
             begin_motion(state, held, t, z)
-            update_row(state, z, coupled)
+            update_row(state, z)
         return False
-    if not predict(state, held, t, coupled):
-        state.clock[C_STARTED] = 0.0
+    if not predict(state, held, t):
+        clock.started = 0.0
         return False
-    update_row(state, z, coupled)
-    if state.options[O_FOLLOW] > 0.0 and wants_relinearisation(state):
+    update_row(state, z)
+    if state.settings[0].relinearise > 0.0 and wants_relinearisation(state):
         relinearise(state, held)
-    state.clock[C_ROWS] += 1.0
+    clock.rows += 1.0
     return True
 
 
 @kernel
-def joint_events(
-    state: JointState,
-    held: ZeroOrderHold,
-    t: Array,
-    values: Array,
-    input_t: Array,
-    input_force: Array,
-    coupled: bool,
-    first: int,
-    last: int,
-    pushed: int,
-) -> int:
-    """Take rows first .. last of t (n,), values (n, 15), with inputs (k,), (k, m) in time; return the inputs pushed."""
+def joint_events(state: JointState, held: ZeroOrderHold, rows: Rows, first: int, last: int, taken: int) -> int:
+    """Take rows first .. last with the inputs that came by then, from the one numbered `taken` on; return the next."""
     for i in range(first, last):
-        while pushed < input_t.shape[0] and input_t[pushed] <= t[i]:
-            hold_force(held, input_t[pushed], input_force[pushed])
-            pushed += 1
-        joint_step(state, held, t[i], values[i], coupled)
-    return pushed
+        while taken < rows.input_t.shape[0] and rows.input_t[taken] <= rows.t[i]:
+            hold_force(held, rows.input_t[taken], rows.input_force[taken])
+            taken += 1
+        joint_step(state, held, rows.t[i], rows.values[i])
+    return taken
+
+
+def take_all(state: JointState, held: ZeroOrderHold, samples: Samples) -> None:
+    """Take all rows of samples and all inputs, those after the last row too."""
+    taken = joint_events(state, held, rows_of(samples), 0, len(samples), 0)
+    for k in range(taken, samples.input_t.size):
+        hold_force(held, samples.input_t[k], samples.input_force[k])

@@ -3,77 +3,71 @@
 Errors stand in this order: position 3 (NED), attitude 3 (body), velocity 6 (relative to the water), disturbance 6
 (body), current 3 (NED), free coefficients n, and, where an IMU is there, gyro bias 3 and accelerometer bias 3.
 
-Whether a running joint filter is in order, and how it goes on where it is not.
+Kernels of this package advance a `JointState` in place. What it counts and what it is set to stand in records, arrays
+whose elements have named fields of 8 bytes each: `state.clock[0].time`, `state.statistics["accepted"]`.
+
+Also whether a running filter is healthy, and how it goes on where it is not.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
+from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.data.samples import N_MEASURED
 from towtank.identification.model.linearisation import N_FIXED, transition_scratch
 from towtank.identification.model.parameters import UNTRANSFORMED, Codes, FreeParameters, put_parameters
 
 __all__ = [
-    "C_DURATION",
-    "C_LIKELIHOOD",
-    "C_RESETS",
-    "C_ROWS",
-    "C_SINCE",
-    "C_STARTED",
-    "C_TIME",
-    "O_ADAPT",
-    "O_BIASES",
-    "O_BIAS_WALK",
-    "O_CURRENT_WALK",
-    "O_FLOOR_FORCE",
-    "O_FLOOR_MOMENT",
-    "O_FOLLOW",
-    "O_GAP",
-    "O_GATE",
-    "O_HUBER",
-    "O_REACQUIRE",
-    "O_REST",
-    "O_STEP",
-    "O_TIME_CONSTANT",
-    "REST_MEMORY",
+    "INFORMATION_MEMORY",
+    "KNOWN_STD",
     "FilterSettings",
     "HealthySnapshot",
     "JointState",
+    "coefficient_block",
+    "coefficient_std",
     "has_moved",
     "healthy_snapshot",
-    "known_to",
-    "mended",
     "new_joint_state",
+    "recovered",
+    "restored_state",
 ]
 
-(
-    O_TIME_CONSTANT,
-    O_GATE,
-    O_HUBER,
-    O_REACQUIRE,
-    O_GAP,
-    O_STEP,
-    O_CURRENT_WALK,
-    O_BIAS_WALK,
-    O_ADAPT,
-    O_FLOOR_FORCE,
-    O_FLOOR_MOMENT,
-    O_BIASES,
-    O_CURRENT,
-    O_FOLLOW,
-    O_REST,
-) = range(15)
-REST_MEMORY = 10.0  # s over which it is told whether a coefficient learns
-_LEAST_ROUGH = 1e-4  # m/s^2 sqrt(s), rad/s^2 sqrt(s): what no model of forces tells
-# clock: time, started, log likelihood, rows taken, time learned from, resets, time since the sensor was last heard
-C_TIME, C_STARTED, C_LIKELIHOOD, C_ROWS, C_DURATION, C_RESETS, C_SINCE = range(7)
-_MOVED, _KNOWN = 0.2, 0.3  # a logarithm so far from its anchor, and its deviation when it counts as known
-_DOUBT = 4.0  # by which the variances of a filter grow that had to be mended
+INFORMATION_MEMORY = 10.0  # s over which the rate of information of a coefficient is averaged
+KNOWN_STD = 0.3  # deviation of a logarithm (share of the coefficient) below which it counts as known
+_LEAST_VELOCITY_WALK = 1e-4  # m/s^2 sqrt(s), rad/s^2 sqrt(s): what no model of forces accounts for
+_MOVED = 0.2  # of a logarithm (share of the coefficient), from its linearisation point
+_RECOVERY_INFLATION = 4.0  # factor to the variances of a filter that had to recover
+_GYRO_BIAS, _ACCELEROMETER_BIAS = 0.02, 0.3  # rad/s, m/s^2: deviations at the start
+_CURRENT_STD = 0.2  # m/s, at the start
+
+Record = NDArray[Any]  # elements with named fields
+
+
+def _fields(*names: str, **shapes: tuple[int, ...]) -> np.dtype[Any]:
+    """Return the type of a record of numbers, and of arrays of these shapes."""
+    fields = [(name, np.float64) for name in names] + [(name, np.float64, shape) for name, shape in shapes.items()]
+    return np.dtype((np.record, fields))
+
+
+CLOCK = _fields("time", "started", "log_likelihood", "rows", "duration", "resets", "since_accepted")
+SETTINGS = _fields(
+    *("time_constant", "gate", "huber", "reacquire", "gap", "step", "adapt", "floor_force", "floor_moment"),
+    *("current_walk", "bias_walk", "biases", "relinearise", "considered_share"),
+)
+STATISTICS = _fields(
+    *("noise_samples", "noise_sum", "nis_sum", "rejected", "accepted", "walk_score", "walk_information"),
+    *("neighbours", "neighbour_sum", "steady_score", "steady_information"),
+    *("last_innovation", "last_gain", "has_last"),
+)
+OUTAGE = _fields("rejected", "log_ratio", offset=(3,))
+DISTURBANCE_STATISTICS = _fields("time", "square", "variance", "effective_samples")
 
 
 @dataclass(frozen=True)
@@ -82,15 +76,16 @@ class FilterSettings:
 
     Attributes:
         time_constant: of the disturbance force [s].
-        gate: an innovation beyond this many deviations is not believed; huber: beyond this many it counts less.
-        reacquire: after this long without a believed sample [s] a sensor that still speaks is taken at its word.
+        gate: an innovation beyond this many deviations is rejected; huber: beyond this many it counts less.
+        reacquire: after this long without an accepted sample [s] a sensor that still speaks is taken at its word.
         gap: after a pause longer than this [s] the motion begins anew.
         step: longest integration step [s].
-        adapt: time over which the disturbance's level is followed [s], 0 for a fixed level.
+        adapt: time over which the disturbance's level is adapted [s], 0 for a fixed level.
         floor_force, floor_moment: least level of the disturbance [N], [N m].
         usual: level of it [N, N m] that short data are supplemented with, 0 for none.
-        follow: the point of linearisation follows coefficients that are known; else it stays, and the filter is linear.
+        relinearise: about coefficients once they are known; else the filter stays linear.
         current: water current (3) estimated. current_walk, bias_walk: random walks [m/s, rad/s or m/s^2 per sqrt(s)].
+        biases: those of an IMU are estimated.
     """
 
     time_constant: float = 2.0
@@ -103,14 +98,40 @@ class FilterSettings:
     floor_force: float = 0.02
     floor_moment: float = 0.002
     usual: tuple[float, ...] = (0.0,) * 6
-    follow: bool = True
+    relinearise: bool = True
     current: bool = False
     current_walk: float = 1e-3
     bias_walk: float = 1e-5
+    biases: bool = False
+
+    @property
+    def record(self) -> Record:
+        """What kernels read, (1,): walks as variances per s; no coefficient is merely considered."""
+        numbers = (
+            *(self.time_constant, self.gate, self.huber, self.reacquire, self.gap, self.step, self.adapt),
+            *(self.floor_force, self.floor_moment, self.current_walk**2 if self.current else 0.0, self.bias_walk**2),
+            *(float(self.biases), float(self.relinearise), 0.0),
+        )
+        return np.array([numbers], dtype=SETTINGS)
 
 
 class JointState(NamedTuple):
-    """Arrays of the filter, changed in place."""
+    """Arrays of the filter, changed in place.
+
+    Fields of the records:
+        settings (1,): those of `FilterSettings`; considered_share: of a steady information rate, below which a
+            coefficient is considered but not updated.
+        clock (1,): time [s]; started: 1 once the motion has begun; log_likelihood: of the innovations; rows: taken;
+            duration: learned from [s]; resets: of a sensor's states; since_accepted: time since the last accepted
+            sample of the sensor at hand [s].
+        statistics (15,), per column: noise_sum: of innovation^2 - H P H^T over noise_samples; nis_sum: of
+            innovation^2 / S; rejected, accepted: samples; walk_score, walk_information: of a random walk of the column.
+            Of speeds: neighbour_sum: what pairs of neighbours show of the noise's variance; steady_score,
+            steady_information: of the walk in the steady state; the last innovation, its gain, whether it is there.
+        outages (4,), per sensor: rejected: samples in a row; offset: their mean; log_ratio: evidence of its return.
+        disturbance_statistics (6,), per axis: time [s]; square, variance: integrals of d_hat^2 and of its variance;
+            effective_samples: independent ones.
+    """
 
     x: Array  # (13,) position, quaternion, velocity relative to the water
     force: Array  # (6,) disturbance [N, N m]
@@ -118,28 +139,23 @@ class JointState(NamedTuple):
     theta: Array  # (n,) free coefficients
     bias: Array  # (6,) gyro [rad/s], accelerometer [m/s^2]
     P: Array  # (N, N)
-    p: Array  # (154,) kernel parameters, the anchor put in
+    p: Array  # (154,) kernel parameters at the linearisation point
     codes: Codes  # (n, 4)
-    linearised_at: Array  # (n,) theta that the motion is linearised about; `p` and the held input have these values
-    walk: Array  # (n,) random walk of theta [variance per s]
+    linearised_at: Array  # (n,) theta that the motion is linearised about; `p` and the inputs have these values
     information_time: Array  # (n,) time over which theta has learned [s]
-    information_rate: Array  # (n,) information of late: -d(log variance), fading over REST_MEMORY
-    active: Array  # (N,) 1, and 0 for a coefficient that rests
-    shape: Array  # (6, m) wrench of each input
+    information_rate: Array  # (n,) information of late: -d(log variance), fading over INFORMATION_MEMORY
+    active: Array  # (N,) 1, and 0 for a coefficient that is considered but not updated
+    B: Array  # (6, m) wrench of each unit input
     noise: Array  # (15,) deviations of the measured columns
     disturbance: Array  # (6,) levels of the disturbance [N, N m]
     velocity_walk: Array  # (6,) random walk of the speeds [m/s^2 sqrt(s), rad/s^2 sqrt(s)]
-    options: Array  # (15,) see O_*
-    clock: Array  # (7,) see C_*
-    last_accepted: (
-        Array  # (5,) time of the last believed sample of each sensor: position, attitude, velocity, rates, force
-    )
-    outage: Array  # (4, 5) per sensor: samples refused in a row, their mean offset, evidence of its return
-    stats: Array  # (15, 14) per column: tell of noise, sum of their innovation^2 - H P H^T; then sum of it / S,
-    # refused, believed, score and information of a random walk of the column; of speeds also: pairs of neighbours, sum
-    # of what they say of the noise, score and information in the steady state, last innovation, its gain, whether it is
-    level: Array  # (6, 4) per axis: time, integrals of d^2 and of its variance, independent looks at it
-    step: Array  # (21 + n, 12) F transposed
+    settings: Record
+    clock: Record
+    last_accepted: Array  # (5,) time of the last accepted sample of position, attitude, velocity, rates, force [s]
+    outages: Record
+    statistics: Record
+    disturbance_statistics: Record
+    F_transposed: Array  # (21 + n, 12)
     F: Array  # (12, 21 + n)
     A: Array  # (12, 21 + n)
     work: Array  # (5, 13, 1)
@@ -148,9 +164,9 @@ class JointState(NamedTuple):
     g: Array  # (N,)
     dx: Array  # (N,)
     h: Array  # (N,)
-    pushed: Array  # (3, m)
+    mean_force: Array  # (3, m) of the inputs over the last step, and its derivatives by delay and ln lag
     small: Array  # (6, 6)
-    offset: Array  # (3,)
+    innovation: Array  # (3,) of the sensor at hand
     tau: Array  # (6,) mean wrench of the inputs over the last step
 
 
@@ -159,14 +175,9 @@ def new_joint_state(
     free: FreeParameters,
     theta: Array,
     deviation: Array,
-    shape: Array,
-    noise: Array,
-    disturbance: Array,
-    velocity_walk: Array,
+    B: Array,
+    levels: NoiseLevels,
     settings: FilterSettings,
-    *,
-    biases: bool,
-    walk: Array | None = None,
     linearised_at: Array | None = None,
 ) -> JointState:
     """Return a filter that has seen nothing.
@@ -174,32 +185,23 @@ def new_joint_state(
     Args:
         p: kernel parameters (154,) for all that is not free.
         theta, deviation: start values and their deviations (n,), or a covariance (n, n) in place of the deviations.
-        shape: (6, m). noise: (15,). sigma, rough: (6,). biases: an IMU's biases are estimated.
-        walk: [variance per s] (n,). anchor: what the motion is linearised about (n,), by default the start values.
+        B: wrench of each unit input (6, m).
+        linearised_at: what the motion is linearised about (n,), by default the start values.
     """
     n = len(free)
-    size = N_FIXED + n + (6 if biases else 0)
+    size = N_FIXED + n + (6 if settings.biases else 0)
     F, A, work, scratch = transition_scratch(n)
-    options = np.zeros(15)
-    options[O_TIME_CONSTANT], options[O_GATE], options[O_HUBER] = settings.time_constant, settings.gate, settings.huber
-    options[O_REACQUIRE], options[O_GAP], options[O_STEP] = settings.reacquire, settings.gap, settings.step
-    options[O_CURRENT_WALK] = settings.current_walk**2 if settings.current else 0.0
-    options[O_BIAS_WALK], options[O_ADAPT] = settings.bias_walk**2, settings.adapt
-    options[O_FLOOR_FORCE], options[O_FLOOR_MOMENT] = settings.floor_force, settings.floor_moment
-    options[O_BIASES], options[O_CURRENT] = float(biases), float(settings.current)
-    options[O_FOLLOW] = float(settings.follow)
     P = np.zeros((size, size))
     block = np.diag(deviation**2) if deviation.ndim == 1 else deviation
     P[N_FIXED : N_FIXED + n, N_FIXED : N_FIXED + n] = block
-    if biases:
-        P[N_FIXED + n :, N_FIXED + n :] = np.diag([0.02**2] * 3 + [0.3**2] * 3)
+    if settings.biases:
+        P[N_FIXED + n :, N_FIXED + n :] = np.diag([_GYRO_BIAS**2] * 3 + [_ACCELEROMETER_BIAS**2] * 3)
     if settings.current:
-        P[18:21, 18:21] = 0.2**2 * np.eye(3)
+        P[18:21, 18:21] = _CURRENT_STD**2 * np.eye(3)
     kernel = np.array(p)
     start = np.array(theta, dtype=np.float64)
     about = start.copy() if linearised_at is None else np.array(linearised_at, dtype=np.float64)
     put_parameters(kernel, free.codes, about, np.empty((6, 6)))
-    m = shape.shape[1]
     x = np.zeros(13)
     x[3] = 1.0
     return JointState(
@@ -212,21 +214,20 @@ def new_joint_state(
         p=kernel,
         codes=np.ascontiguousarray(free.codes),
         linearised_at=about,
-        walk=np.zeros(n) if walk is None else np.array(walk, dtype=np.float64),
         information_time=np.zeros(n),
         information_rate=np.zeros(n),
         active=np.ones(size),
-        shape=np.ascontiguousarray(shape),
-        noise=np.array(noise, dtype=np.float64),
-        disturbance=np.array(disturbance, dtype=np.float64),
-        velocity_walk=np.fmax(velocity_walk, _LEAST_ROUGH),
-        options=options,
-        clock=np.zeros(7),
+        B=np.ascontiguousarray(B),
+        noise=np.array(levels.noise, dtype=np.float64),
+        disturbance=np.array(levels.disturbance, dtype=np.float64),
+        velocity_walk=np.fmax(levels.velocity_walk, _LEAST_VELOCITY_WALK),
+        settings=settings.record,
+        clock=np.zeros(1, dtype=CLOCK),
         last_accepted=np.zeros(5),
-        outage=np.zeros((4, 5)),
-        stats=np.zeros((N_MEASURED, 14)),
-        level=np.zeros((6, 4)),
-        step=np.zeros((N_FIXED + n, 12)),
+        outages=np.zeros(4, dtype=OUTAGE),
+        statistics=np.zeros(N_MEASURED, dtype=STATISTICS),
+        disturbance_statistics=np.zeros(6, dtype=DISTURBANCE_STATISTICS),
+        F_transposed=np.zeros((N_FIXED + n, 12)),
         F=F,
         A=A,
         work=work,
@@ -235,65 +236,69 @@ def new_joint_state(
         g=np.zeros(size),
         dx=np.zeros(size),
         h=np.zeros(size),
-        pushed=np.zeros((3, m)),
+        mean_force=np.zeros((3, B.shape[1])),
         small=np.zeros((6, 6)),
-        offset=np.zeros(3),
+        innovation=np.zeros(3),
         tau=np.zeros(6),
     )
 
 
+def restored_state(arrays: Mapping[str, Any], prefix: str) -> JointState:
+    """Return a filter from its arrays, kept by name behind a prefix."""
+    records = {"settings": SETTINGS, "clock": CLOCK, "outages": OUTAGE, "statistics": STATISTICS}
+    records["disturbance_statistics"] = DISTURBANCE_STATISTICS
+    kept = {name: arrays[prefix + name] for name in JointState._fields}
+    return JointState(**{name: each.view(records.get(name, each.dtype)) for name, each in kept.items()})
+
+
 @dataclass(frozen=True, eq=False)
 class HealthySnapshot:
-    """What a filter knew when it was last found in order: theta (n,), its covariance (n, n), levels."""
+    """What a filter knew when it was last found healthy: theta (n,), its covariance (n, n), levels."""
 
     theta: Array
     covariance: Array
-    noise: Array
-    disturbance: Array
-    velocity_walk: Array
+    levels: NoiseLevels
 
 
 def healthy_snapshot(state: JointState) -> HealthySnapshot | None:
     """Return what the filter knows; None where a number is not finite or a variance negative."""
-    n = state.theta.size
     finite = np.isfinite(state.theta).all() and np.isfinite(state.P).all() and np.isfinite(state.x).all()
     if not (finite and (np.diag(state.P) >= 0.0).all()):
         return None
-    block = state.P[N_FIXED : N_FIXED + n, N_FIXED : N_FIXED + n]
-    return HealthySnapshot(
-        state.theta.copy(), block.copy(), state.noise.copy(), state.disturbance.copy(), state.velocity_walk.copy()
-    )
+    levels = NoiseLevels(state.noise.copy(), state.disturbance.copy(), state.velocity_walk.copy())
+    return HealthySnapshot(state.theta.copy(), coefficient_block(state).copy(), levels)
 
 
-def known_to(state: JointState) -> Array:
+def coefficient_block(state: JointState) -> Array:
+    """Return the covariance (n, n) of the coefficients, a view."""
+    block = slice(N_FIXED, N_FIXED + state.theta.size)
+    return state.P[block, block]
+
+
+def coefficient_std(state: JointState) -> Array:
     """Return the deviations (n,) of the coefficients."""
-    n = state.theta.size
-    return np.asarray(np.sqrt(np.maximum(np.diag(state.P)[N_FIXED : N_FIXED + n], 0.0)))
+    return np.asarray(np.sqrt(np.maximum(np.diag(coefficient_block(state)), 0.0)))
 
 
-def has_moved(state: JointState, sound: HealthySnapshot) -> bool:
-    """Whether a coefficient has become known far from where the motion is linearised."""
-    std = np.sqrt(np.diag(sound.covariance))
-    known = (state.codes[:, 3] != UNTRANSFORMED) & (std < _KNOWN)
+def has_moved(state: JointState, healthy: HealthySnapshot) -> bool:
+    """Return whether a coefficient has become known far from where the motion is linearised."""
+    std = np.sqrt(np.diag(healthy.covariance))
+    known = (state.codes[:, 3] != UNTRANSFORMED) & (std < KNOWN_STD)
     return bool(np.any(known & (np.abs(state.theta - state.linearised_at) > np.maximum(_MOVED, 2.0 * std))))
 
 
-def mended(state: JointState, sound: HealthySnapshot, free: FreeParameters, settings: FilterSettings) -> JointState:
+def recovered(
+    state: JointState, healthy: HealthySnapshot, free: FreeParameters, settings: FilterSettings
+) -> JointState:
     """Return a filter that begins its motion anew with what was known last, and trusts that less."""
+    levels = replace(healthy.levels, disturbance=np.sqrt(_RECOVERY_INFLATION) * healthy.levels.disturbance)
+    now = state.settings[0]
+    settings = replace(settings, biases=bool(now.biases))
     fresh = new_joint_state(
-        state.p,
-        free,
-        sound.theta,
-        _DOUBT * sound.covariance,
-        state.shape,
-        sound.noise,
-        np.sqrt(_DOUBT) * sound.disturbance,
-        sound.velocity_walk,
-        settings,
-        biases=bool(state.options[O_BIASES]),
+        state.p, free, healthy.theta, _RECOVERY_INFLATION * healthy.covariance, state.B, levels, settings
     )
-    for option in (O_FOLLOW, O_ADAPT, O_REST):
-        fresh.options[option] = state.options[option]
-    fresh.clock[C_ROWS] = state.clock[C_ROWS]
+    for name in ("relinearise", "adapt", "considered_share"):
+        fresh.settings[name] = state.settings[name]
+    fresh.clock["rows"] = state.clock["rows"]
     fresh.information_time[:] = state.information_time
     return fresh

@@ -1,19 +1,14 @@
-"""The joint filter at a measurement: sensors gated at 4.5 deviations, then taken one scalar after the other.
+"""The joint filter at a measurement: what each sensor should show, whether it is accepted, and the update.
 
-The three numbers of one sensor are refused together. Errors are put into the state when a row is done.
+With g = P H^T and S = H g + R one number updates by dx += g nu / S, P -= g g^T with g / sqrt(S), which keeps the
+covariance symmetric to the last bit. An innovation beyond the cap counts as if its sensor were so much worse: S grows
+until the innovation is at the cap (Huber). The three numbers of a sensor are gated at 4.5 deviations and rejected
+together, else taken one after the other. Errors wait in dx until they are put into the state.
 
-One scalar measurement in the joint filter, in a form that keeps the covariance symmetric to the last bit.
+A coefficient that is considered but not updated has no gain, and P -= g g^T / S leaves out the block of those. The rest
+of P still counts with their uncertainty (Schmidt's consider states), so that it stays true.
 
-With g = P H^T and S = H g + R the update is dx += g nu / S, P -= g g^T with g / sqrt(S). An innovation beyond the cap
-counts as if its sensor were so much worse: S grows until the innovation is at the cap (Huber). Errors wait in dx until
-they are put into the state.
-
-A coefficient that rests is left as it is: its gain is zero, and P -= g g^T / S leaves out the block of those that rest.
-The rest of P still counts with their uncertainty (Schmidt's consider states), so that it stays true.
-
-What the sensors should show: rows of H and residuals for position, attitude, velocity and angular rates.
-
-The accelerometer in the joint filter: what the forces of the model do is what it shows.
+The accelerometer shows what the forces of the model do.
 """
 
 from __future__ import annotations
@@ -22,34 +17,26 @@ import math
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.rk4 import stage_into
-from towtank.identification.kalman.state import (
-    C_LIKELIHOOD,
-    C_RESETS,
-    C_SINCE,
-    C_TIME,
-    O_BIASES,
-    O_GATE,
-    O_HUBER,
-    O_REACQUIRE,
-    JointState,
-)
+from towtank.identification.kalman.state import JointState
 from towtank.identification.model.linearisation import N_FIXED, linearise_into, turn_by
 
 __all__ = ["GRAVITY", "attitude_error", "count_speed", "inject", "scalar_update", "update_row"]
 
-_CLIPPED = 25.0  # times S that an innovation^2 counts for at most where it tells of the motion's roughness
-_NEIGHBOURS = 0.5  # s from one sample of a speed to the next, for the two to tell of the sensor's noise
-_LEAST_SLOPE = 0.05
+_CLIPPED_SQUARE = 25.0  # times S that an innovation^2 counts for at most in the score of a random walk
+_NOISE_SHOWS = 5.0  # times R: below, S shows the sensor's noise
+_NEIGHBOURS = 0.5  # s from one sample of a speed to the next, for the two to show the sensor's noise
+_LEAST_SLOPE = 0.05  # s per s: of S by the walk's variance in the steady state
 GRAVITY = 9.81  # m/s^2, as in `towtank.vehicle`
 _RETURNED = 8.0  # log likelihood ratio for a sensor that has come back, against one that is still off
-_OFFSET_FOLLOWS = 0.1  # least weight of a sample in the mean offset of a sensor that is refused
-_LONGEST, _MOST = (math.inf, math.inf, 0.3, 0.03), 3.0  # s and samples that a sensor of speed is refused for at most
-_LOOSE = (1.0, 0.1, 0.5, 0.5, 0.0)  # deviation of a state that is taken from its sensor anew
+_OFFSET_WEIGHT = 0.1  # least weight of a sample in the mean offset of a sensor that is rejected
+_LONGEST_OUTAGE = (math.inf, math.inf, 0.3, 0.03)  # s: of position, attitude, velocity, rates, and, of the latter two,
+_MOST_REJECTED = 3.0  # samples
+_LOOSE = (1.0, 0.1, 0.5, 0.5, 0.0)  # m, rad, m/s, rad/s: deviation of a state that is taken from its sensor anew
 
 
 @kernel
-def innovate(state: JointState, column: int, residual: float) -> float:
-    """Fill g = P H^T for the row in `state.h`; return S with the column's noise, its capped or not."""
+def innovation_variance_into(state: JointState, column: int) -> float:
+    """Write g = P H^T for the row in `state.h` into `state.g`; return S with the column's noise."""
     P, h, g = state.P, state.h, state.g
     size = g.shape[0]
     for j in range(size):
@@ -70,7 +57,7 @@ def scalar_update(state: JointState, column: int, residual: float) -> None:
     """Update by one number whose residual at dx = 0 is `residual` and whose H stands in `state.h`; clears H."""
     P, h, g, dx = state.P, state.h, state.g, state.dx
     size = g.shape[0]
-    S = innovate(state, column, residual)
+    S = innovation_variance_into(state, column)
     nu = residual
     for k in range(size):
         if h[k] != 0.0:
@@ -80,22 +67,23 @@ def scalar_update(state: JointState, column: int, residual: float) -> None:
         return
     R = state.noise[column] ** 2
     away = math.fabs(nu) / math.sqrt(S)
-    cap = state.options[O_HUBER]
-    if S < 5.0 * R:
-        state.stats[column, 0] += 1.0
-        state.stats[column, 1] += nu * nu - (S - R)
-    state.stats[column, 2] += nu * nu / S
-    state.stats[column, 4] += 1.0
-    since = state.clock[C_SINCE]
-    state.stats[column, 5] += since * (min(nu * nu, _CLIPPED * S) - S) / (S * S)
-    state.stats[column, 6] += since * since / (S * S)
+    clock, own = state.clock[0], state.statistics[column]
+    cap = state.settings[0].huber
+    if S < _NOISE_SHOWS * R:
+        own.noise_samples += 1.0
+        own.noise_sum += nu * nu - (S - R)
+    own.nis_sum += nu * nu / S
+    own.accepted += 1.0
+    since = clock.since_accepted
+    own.walk_score += since * (min(nu * nu, _CLIPPED_SQUARE * S) - S) / (S * S)
+    own.walk_information += since * since / (S * S)
     if 6 <= column < 12:
         count_speed(state, column, nu, S, (S - R) / (S * max(away / cap, 1.0)))
     if away > cap:
-        state.clock[C_LIKELIHOOD] -= 0.5 * (math.log(S) + cap * (2.0 * away - cap))
+        clock.log_likelihood -= 0.5 * (math.log(S) + cap * (2.0 * away - cap))
         S *= away / cap
     else:
-        state.clock[C_LIKELIHOOD] -= 0.5 * (math.log(S) + away * away)
+        clock.log_likelihood -= 0.5 * (math.log(S) + away * away)
     gain = nu / S
     active = state.active
     for j in range(size):
@@ -122,21 +110,22 @@ def scalar_update(state: JointState, column: int, residual: float) -> None:
 
 @kernel
 def count_speed(state: JointState, column: int, nu: float, S: float, gain: float) -> None:
-    """Count what the innovation nu of a speed tells of the sensor's noise and of the motion's roughness.
+    """Count what the innovation nu of a speed shows of the sensor's noise and of the velocity walk.
 
     With e the error before the sample and v its noise, nu = e + v, and the error at the next one is e - K nu + w. So
-    (1 - K) nu^2 - nu nu' is v nu on average, R, whatever the gain K, and whatever the filter takes the roughness for
-    (Mehra 1970); one sample alone tells R and the roughness only together. Of a random walk of variance q per second
-    that a filter of gain K follows, the steady state has dS/dq = h / (K (2 - K)).
+    (1 - K) nu^2 - nu nu' is v nu on average, R, whatever the gain K, and whatever the filter takes the walk for
+    (Mehra 1970); one sample alone shows R and the walk only together. Of a random walk of variance q per second
+    behind a filter of gain K, the steady state has dS/dq = h / (K (2 - K)).
     """
-    own, since = state.stats[column], state.clock[C_SINCE]
-    if own[13] > 0.0 and since < _NEIGHBOURS:
-        own[7] += 1.0
-        own[8] += (1.0 - own[12]) * own[11] * own[11] - nu * own[11]
-    own[11], own[12], own[13] = nu, gain, 1.0
+    own, since = state.statistics[column], state.clock[0].since_accepted
+    if own.has_last > 0.0 and since < _NEIGHBOURS:
+        last = own.last_innovation
+        own.neighbours += 1.0
+        own.neighbour_sum += (1.0 - own.last_gain) * last * last - nu * last
+    own.last_innovation, own.last_gain, own.has_last = nu, gain, 1.0
     slope = since / max(gain * (2.0 - gain), _LEAST_SLOPE)
-    own[9] += slope * (min(nu * nu, _CLIPPED * S) - S) / (S * S)
-    own[10] += slope * slope / (S * S)
+    own.steady_score += slope * (min(nu * nu, _CLIPPED_SQUARE * S) - S) / (S * S)
+    own.steady_information += slope * slope / (S * S)
 
 
 @kernel
@@ -153,7 +142,7 @@ def inject(state: JointState) -> None:
     turn_by(x, dx[3], dx[4], dx[5])
     for k in range(n):
         state.theta[k] += dx[N_FIXED + k]
-    if state.options[O_BIASES] > 0.0:
+    if state.settings[0].biases > 0.0:
         for i in range(6):
             state.bias[i] += dx[N_FIXED + n + i]
     for j in range(dx.shape[0]):
@@ -161,8 +150,8 @@ def inject(state: JointState) -> None:
 
 
 @kernel
-def row_of(state: JointState, sensor: int, k: int, whole: bool) -> None:
-    """Write H of number k of a sensor into `state.h` (which is zero before): 0 position .. 3 angular rates."""
+def measurement_row_into(state: JointState, sensor: int, k: int, whole: bool) -> None:
+    """Write H of number k of a sensor (0 position .. 3 angular rates) into `state.h`, which is zero before."""
     h = state.h
     x = state.x
     n = state.theta.shape[0]
@@ -210,7 +199,7 @@ def row_of(state: JointState, sensor: int, k: int, whole: bool) -> None:
                 h[3], h[4] = -c1, c0
     else:
         h[9 + k] = 1.0
-        if state.options[O_BIASES] > 0.0:
+        if state.settings[0].biases > 0.0:
             h[N_FIXED + n + k] = 1.0
 
 
@@ -281,14 +270,14 @@ def residual_of(state: JointState, z: Array, sensor: int, k: int, whole: bool) -
 
 @kernel
 def is_upright(state: JointState) -> bool:
-    """Whether single Euler angles mean something: not within about 8 degrees of a pitch of 90."""
+    """Return whether single Euler angles mean something: not within about 8 degrees of a pitch of 90."""
     x = state.x
     ky, kz = 2.0 * (x[5] * x[6] + x[3] * x[4]), 1.0 - 2.0 * (x[4] * x[4] + x[5] * x[5])
     return bool(ky * ky + kz * kz > 0.02)
 
 
 @kernel
-def update_specific_force(state: JointState, z: Array, coupled: bool) -> None:
+def update_specific_force(state: JointState, z: Array) -> None:
     """Update by the accelerometer: nu_dot + omega x v - g k + bias, all in the body."""
     inject(state)
     x, A, h = state.x, state.A, state.h
@@ -299,7 +288,7 @@ def update_specific_force(state: JointState, z: Array, coupled: bool) -> None:
         wrench[i, 0] = state.tau[i] + state.force[i]
     stage_into(state.p.reshape(state.p.shape[0], 1), lane, wrench, state.current, rate, True)
     linearise_into(
-        state.p, x, rate[:, 0], state.codes, state.linearised_at, state.shape, state.pushed, A, state.scratch[4:6]
+        state.p, x, rate[:, 0], state.codes, state.linearised_at, state.B, state.mean_force, A, state.scratch[4:6]
     )
     u, v, w, p, q, r = x[7], x[8], x[9], x[10], x[11], x[12]
     k0, k1, k2 = (
@@ -308,7 +297,7 @@ def update_specific_force(state: JointState, z: Array, coupled: bool) -> None:
         1.0 - 2.0 * (x[4] ** 2 + x[5] ** 2),
     )
     n = state.theta.shape[0]
-    gate = state.options[O_GATE]
+    gate = state.settings[0].gate
     for pass_ in range(2):
         for k in range(3):
             if not math.isfinite(z[12 + k]):
@@ -342,73 +331,73 @@ def update_specific_force(state: JointState, z: Array, coupled: bool) -> None:
                 h[10] -= u
                 h[3] += GRAVITY * k1
                 h[4] -= GRAVITY * k0
-            if state.options[O_BIASES] > 0.0:
+            if state.settings[0].biases > 0.0:
                 h[N_FIXED + n + 3 + k] = 1.0
                 f += state.bias[3 + k]
             residual = z[12 + k] - f
             if pass_ == 0:
-                S = innovate(state, 12 + k, residual)
+                S = innovation_variance_into(state, 12 + k)
                 for j in range(h.shape[0]):
                     h[j] = 0.0
                 if residual * residual > gate * gate * S:
                     for m in range(3):
-                        state.stats[12 + m, 3] += 1.0
+                        state.statistics[12 + m].rejected += 1.0
                     return
             else:
                 scalar_update(state, 12 + k, residual)
-    state.last_accepted[4] = state.clock[C_TIME]
+    state.last_accepted[4] = state.clock[0].time
 
 
 @kernel
-def _believed(state: JointState, z: Array, sensor: int, whole: bool) -> bool:
-    """Whether all numbers of a sensor lie within the gate, and, after a refusal, have come back.
+def _passes_gate(state: JointState, z: Array, sensor: int, whole: bool) -> bool:
+    """Return whether all numbers of a sensor lie within the gate, and, after an outage, have come back.
 
-    While a sensor is refused the gate widens; an offset that stays would slip in, one lucky sample at first. So after a
-    refusal it is believed again only when its samples speak for what is expected, and against the offset that it was
-    refused for, by a log likelihood ratio summed as in Page's test.
+    While a sensor is rejected the gate widens; an offset that stays would slip in, one lucky sample at first. So it is
+    accepted again only when its samples speak for what is expected, and against the offset that it was rejected for, by
+    a log likelihood ratio summed as in Page's test.
     """
-    gate, cap = state.options[O_GATE], state.options[O_HUBER]
-    outage = state.outage[sensor]
+    gate, cap = state.settings[0].gate, state.settings[0].huber
+    outage = state.outages[sensor]
     within = True
     stays = sensor < 2  # a camera that has lost its marker stays wrong; speeds only jump
     ratio, cost = 0.0, 0.0
     for k in range(3):
         if math.isfinite(z[3 * sensor + k]):
             residual = residual_of(state, z, sensor, k, whole)
-            row_of(state, sensor, k, whole)
-            S = innovate(state, 3 * sensor + k, residual)
+            measurement_row_into(state, sensor, k, whole)
+            S = innovation_variance_into(state, 3 * sensor + k)
             for j in range(state.h.shape[0]):
                 if state.h[j] != 0.0:
                     residual -= state.h[j] * state.dx[j]
                     state.h[j] = 0.0
             if residual * residual > gate * gate * S:
                 within = False
-            ratio += ((residual - outage[1 + k]) ** 2 - residual * residual) / (2.0 * S)
+            ratio += ((residual - outage.offset[k]) ** 2 - residual * residual) / (2.0 * S)
             cost += math.log(S) + cap * (2.0 * gate - cap)
-            state.offset[k] = residual
+            state.innovation[k] = residual
         else:
-            state.offset[k] = outage[1 + k]
-    if outage[0] == 0.0:
-        outage[4] = 0.0
+            state.innovation[k] = outage.offset[k]
+    if outage.rejected == 0.0:
+        outage.log_ratio = 0.0
         for k in range(3):
-            outage[1 + k] = 0.0
+            outage.offset[k] = 0.0
     else:
-        outage[4] = max(0.0, outage[4] + ratio)
-    if within and (outage[0] == 0.0 or outage[4] > _RETURNED or not stays):
-        outage[0] = 0.0
+        outage.log_ratio = max(0.0, outage.log_ratio + ratio)
+    if within and (outage.rejected == 0.0 or outage.log_ratio > _RETURNED or not stays):
+        outage.rejected = 0.0
         return True
-    if ratio < 0.0 or outage[0] == 0.0:
-        outage[0] += 1.0
-        share = max(1.0 / outage[0], _OFFSET_FOLLOWS)
+    if ratio < 0.0 or outage.rejected == 0.0:
+        outage.rejected += 1.0
+        share = max(1.0 / outage.rejected, _OFFSET_WEIGHT)
         for k in range(3):
-            outage[1 + k] += (state.offset[k] - outage[1 + k]) * share
-    state.clock[C_LIKELIHOOD] -= 0.5 * cost
+            outage.offset[k] += (state.innovation[k] - outage.offset[k]) * share
+    state.clock[0].log_likelihood -= 0.5 * cost
     return False
 
 
 @kernel
-def _start_anew(state: JointState, z: Array, sensor: int, whole: bool) -> None:
-    """Forget what was believed of the states that a sensor measures, and give them a wide deviation."""
+def _reset_to_sensor(state: JointState, z: Array, sensor: int, whole: bool) -> None:
+    """Take the states that a sensor measures from it anew, with a wide deviation."""
     inject(state)
     first = 3 * sensor if sensor < 4 else 6
     for k in range(3):
@@ -419,7 +408,7 @@ def _start_anew(state: JointState, z: Array, sensor: int, whole: bool) -> None:
             state.P[i, j] = 0.0
             state.P[j, i] = 0.0
         state.P[i, i] = _LOOSE[sensor] ** 2
-        state.stats[3 * sensor + k, 13] = 0.0
+        state.statistics[3 * sensor + k].has_last = 0.0
         if sensor == 0:
             state.x[k] = z[k]
         elif sensor == 2:
@@ -430,13 +419,13 @@ def _start_anew(state: JointState, z: Array, sensor: int, whole: bool) -> None:
         ex, ey, ez = attitude_error(state.x[3:7], z[3], z[4], z[5])
         state.dx[3], state.dx[4], state.dx[5] = ex, ey, ez
         inject(state)
-    state.clock[C_RESETS] += 1.0
+    state.clock[0].resets += 1.0
 
 
 @kernel
-def update_row(state: JointState, z: Array, coupled: bool) -> None:
+def update_row(state: JointState, z: Array) -> None:
     """Take one row of measurements z (15,), NaN where there is none."""
-    now = state.clock[C_TIME]
+    now = state.clock[0].time
     for sensor in range(4):
         count = 0
         for k in range(3):
@@ -447,25 +436,25 @@ def update_row(state: JointState, z: Array, coupled: bool) -> None:
         whole = count == 3
         if sensor == 1 and not whole and not is_upright(state):
             continue
-        state.clock[C_SINCE] = now - state.last_accepted[sensor]
-        if not _believed(state, z, sensor, whole):
+        state.clock[0].since_accepted = now - state.last_accepted[sensor]
+        if not _passes_gate(state, z, sensor, whole):
             for k in range(3):
                 if math.isfinite(z[3 * sensor + k]):
-                    state.stats[3 * sensor + k, 3] += 1.0
+                    state.statistics[3 * sensor + k].rejected += 1.0
             quiet = now - state.last_accepted[sensor]
-            if quiet > state.options[O_REACQUIRE] * (1.0 if sensor == 0 else 3.0):
-                _start_anew(state, z, sensor, whole)
-                state.outage[sensor, 0] = 0.0
+            if quiet > state.settings[0].reacquire * (1.0 if sensor == 0 else 3.0):
+                _reset_to_sensor(state, z, sensor, whole)
+                state.outages[sensor].rejected = 0.0
                 state.last_accepted[sensor] = now
-            elif quiet <= _LONGEST[sensor] or state.outage[sensor, 0] < _MOST:
+            elif quiet <= _LONGEST_OUTAGE[sensor] or state.outages[sensor].rejected < _MOST_REJECTED:
                 continue
         else:
             state.last_accepted[sensor] = now
         for k in range(3):
             if math.isfinite(z[3 * sensor + k]):
                 residual = residual_of(state, z, sensor, k, whole)
-                row_of(state, sensor, k, whole)
+                measurement_row_into(state, sensor, k, whole)
                 scalar_update(state, 3 * sensor + k, residual)
     if math.isfinite(z[12]) or math.isfinite(z[13]) or math.isfinite(z[14]):
-        update_specific_force(state, z, coupled)
+        update_specific_force(state, z)
     inject(state)

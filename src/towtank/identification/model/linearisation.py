@@ -5,7 +5,7 @@ With x the state and everything taken at the middle of the step,
 
     d p_dot  = R dv - R [v]x e + d v_c
     d e_dot  = -[omega]x e + d omega
-    d nu_dot = M^-1 { (L + 2 Q |nu| - d(C(nu) nu)/d nu) d nu + [W - B; S(b)] ([k]x e) + d d - sum Phi_j d c_j }
+    d nu_dot = M^-1 { (L + 2 Q |nu| + d(u F nu - C(nu) nu)/d nu) d nu + [W - B; S(b)] ([k]x e) + d d - sum Phi_j d c_j }
 
 C(nu) nu is bilinear, so its derivative is C(dnu) nu + C(nu) dnu in Kirchhoff's form; Phi is the regressor of (8),
 Phi c = tau along the motion, whence the last term. The step's matrix is F = I + A h + A^2 h^2 / 2.
@@ -18,23 +18,12 @@ import math
 import numpy as np
 
 from towtank.core.arrays import Array, kernel
+from towtank.core.forces import add_forward_speed_slope_into
 from towtank.core.inertia import bilinear_coriolis_into
-from towtank.core.layout import I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT
-from towtank.core.rk4 import N_STATES, stage_into, step_into
-from towtank.identification.model.parameters import (
-    CONSTANT,
-    IN_DELAY,
-    IN_GAIN,
-    IN_LAG,
-    LINEAR,
-    LOG,
-    MASS,
-    MOMENT,
-    NEGATIVE_LOG,
-    QUADRATIC,
-    WEIGHT,
-    Codes,
-)
+from towtank.core.layout import I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT, N_KINDS
+from towtank.core.regressor import unit_wrench_into
+from towtank.core.rk4 import N_STATES, has_forward_speed, stage_into, step_into
+from towtank.identification.model.parameters import IN_DELAY, IN_GAIN, IN_LAG, LOG, NEGATIVE_LOG, Codes
 
 __all__ = ["N_FIXED", "N_MOVING", "linearise_into", "step_and_linearise", "transition_scratch", "turn_by"]
 
@@ -70,38 +59,6 @@ def _by_mass(p: Array, A: Array, column: int, w: Array) -> None:
 
 
 @kernel
-def _add_momentum(w: Array, row: int, speed: float, rate: float, nu: Array, factor: float) -> None:
-    """Add to `w` (6,) `factor` times the inertial wrench of a momentum h_row = speed with derivative `rate`."""
-    u, v, ww, p, q, r = nu[0], nu[1], nu[2], nu[3], nu[4], nu[5]
-    s = factor * speed
-    w[row] += factor * rate
-    if row == 0:
-        w[1] += r * s
-        w[2] -= q * s
-        w[4] += ww * s
-        w[5] -= v * s
-    elif row == 1:
-        w[0] -= r * s
-        w[2] += p * s
-        w[3] -= ww * s
-        w[5] += u * s
-    elif row == 2:
-        w[0] += q * s
-        w[1] -= p * s
-        w[3] += v * s
-        w[4] -= u * s
-    elif row == 3:
-        w[4] += r * s
-        w[5] -= q * s
-    elif row == 4:
-        w[3] -= r * s
-        w[5] += p * s
-    else:
-        w[3] += q * s
-        w[4] -= p * s
-
-
-@kernel
 def linearise_into(
     p: Array,
     x: Array,
@@ -116,7 +73,7 @@ def linearise_into(
     """Write A (12, 21 + n), the derivative of the error's rate, at the state x (13,) with derivative `rate` (13,).
 
     Args:
-        p: kernel parameters (154,), theta (n,) already put in.
+        p: kernel parameters (163,), theta (n,) already put in.
         shape: wrench of each unit input (6, m).
         pushed: (3, m) of each input over the step: mean force, d mean / d delay, d mean / d ln lag.
         w: scratch (2, 6).
@@ -158,6 +115,7 @@ def linearise_into(
 
     # Velocity.
     mass = p[I_MASS:I_MASS_INVERSE].reshape(6, 6)
+    forward = has_forward_speed(p.reshape(p.shape[0], 1))
     unit = w[1]
     for j in range(6):
         for i in range(6):
@@ -171,41 +129,27 @@ def linearise_into(
         for i in range(6):
             c = p[I_LINEAR + 6 * i + j] + p[I_QUADRATIC + 6 * i + j] * size
             w[0, i] = c - w[0, i] + A[6 + i, _DIST + i]
+        if forward:
+            add_forward_speed_slope_into(p, nu, j, w[0])
         _by_mass(p, A, 6 + j, w[0])
     for i in range(6):
         for j in range(6):
             A[6 + i, _DIST + j] = p[I_MASS_INVERSE + 6 * i + j]
 
     # Coefficients.
+    gravity = w[1]
+    gravity[0], gravity[1], gravity[2] = k0, k1, k2
     for c in range(n):
         kind, i, j, transform = codes[c, 0], codes[c, 1], codes[c, 2], codes[c, 3]
-        for m in range(6):
-            w[0, m] = 0.0
-        if kind == MASS:
-            _add_momentum(w[0], i, nu[j], nu_dot[j], nu, -1.0)
-            if j != i:
-                _add_momentum(w[0], j, nu[i], nu_dot[i], nu, -1.0)
-        elif kind == LINEAR:
-            w[0, i] = nu[j]
-        elif kind == QUADRATIC:
-            w[0, i] = math.fabs(nu[j]) * nu[j]
-        elif kind == WEIGHT:
-            w[0, 0], w[0, 1], w[0, 2] = k0, k1, k2
-        elif kind == MOMENT:
-            if i == 0:
-                w[0, 4], w[0, 5] = -k2, k1
-            elif i == 1:
-                w[0, 3], w[0, 5] = k2, -k0
-            else:
-                w[0, 3], w[0, 4] = -k1, k0
-        elif kind == CONSTANT:
-            w[0, i] = 1.0
+        if kind < N_KINDS:
+            unit_wrench_into(kind, i, j, nu, nu_dot, gravity, w[0])
         elif kind == IN_GAIN:
             for m in range(6):
                 w[0, m] = shape[m, i] * pushed[0, i]
         elif kind in (IN_DELAY, IN_LAG):
             row = 1 if kind == IN_DELAY else 2
             for m in range(6):
+                w[0, m] = 0.0
                 for a_ in range(shape.shape[1]):
                     w[0, m] += shape[m, a_] * pushed[row, a_]
         slope = 1.0
@@ -254,10 +198,11 @@ def step_and_linearise(
         wrench[2, j, 0] = tau[j]
     for i in range(N_STATES):
         middle[i, 0] = x[i]
+    forward = has_forward_speed(parameters)
     if coupled:
-        step_into(parameters, lane, wrench, current, h, work[:3], True)
+        step_into(parameters, lane, wrench, current, h, work[:3], True, forward)
     else:
-        step_into(parameters, lane, wrench, current, h, work[:3], False)
+        step_into(parameters, lane, wrench, current, h, work[:3], False, forward)
     for i in range(N_STATES):
         middle[i, 0] = 0.5 * (middle[i, 0] + x[i])
     stage_into(parameters, middle, wrench[0], current, rate, True)

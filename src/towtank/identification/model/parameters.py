@@ -1,8 +1,8 @@
 """The free coefficients as unconstrained numbers theta, and back into the kernel's vector of a vehicle.
 
 Total inertias on the diagonal are written exp(theta) and damping on the diagonal -exp(theta): whatever an estimator
-does to theta, inertia stays positive and damping dissipates. Everything else (off-diagonal elements, restoring terms,
-constant forces, the delay) is theta itself. Lag and thruster gains, positive again, are exp(theta).
+does to theta, inertia stays positive and damping dissipates. Everything else (off-diagonal elements, restoring and
+forward-speed terms, constant forces, the delay) is theta itself. Lag and thruster gains, positive, are exp(theta).
 """
 
 from __future__ import annotations
@@ -15,13 +15,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array, kernel
-from towtank.core.layout import I_CONSTANT, I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT
+from towtank.core.layout import (
+    CONSTANT,
+    FORWARD,
+    I_MASS,
+    I_MASS_INVERSE,
+    LINEAR,
+    MASS,
+    MOMENT,
+    N_KINDS,
+    QUADRATIC,
+    WEIGHT,
+    address,
+)
 from towtank.errors import InputError, nearest
+from towtank.identification.model.terms import LOG, NEGATIVE_LOG, TERMS, UNTRANSFORMED
 from towtank.vehicle import COEFFICIENTS, Vehicle, index
+from towtank.vehicle.names import KINDS
 
 __all__ = [
     "CONSTANT",
     "DELAY",
+    "FORWARD",
     "GAIN_PREFIX",
     "IN_DELAY",
     "IN_GAIN",
@@ -43,10 +58,7 @@ __all__ = [
 ]
 
 DELAY, LAG, GAIN_PREFIX = "delay", "lag", "gain_"
-MASS, LINEAR, QUADRATIC, WEIGHT, MOMENT, CONSTANT, IN_DELAY, IN_LAG, IN_GAIN = range(9)
-UNTRANSFORMED, LOG, NEGATIVE_LOG = range(3)
-_KINDS = {"mass": MASS, "linear": LINEAR, "quadratic": QUADRATIC, "weight": WEIGHT, "moment": MOMENT}
-_KINDS["constant"] = CONSTANT
+IN_DELAY, IN_LAG, IN_GAIN = range(N_KINDS, N_KINDS + 3)  # behind the kinds of coefficients
 Codes = NDArray[np.int64]
 
 
@@ -168,17 +180,15 @@ def _code(name: str, thrusters: Sequence[str]) -> tuple[int, int, int, int]:
     if name.startswith(GAIN_PREFIX):
         return IN_GAIN, thrusters.index(name.removeprefix(GAIN_PREFIX)), 0, LOG
     kind, i, j = index(name)
-    code = _KINDS[kind]
+    code = KINDS[kind].code
     if code == MASS and j < i:
         i, j = j, i
-    diagonal = i == j and code in (MASS, LINEAR, QUADRATIC)
-    transform = UNTRANSFORMED if not diagonal else LOG if code == MASS else NEGATIVE_LOG
-    return code, i, j, transform
+    return code, i, j, TERMS[code].diagonal if i == j else UNTRANSFORMED
 
 
 @kernel
 def invert_mass(p: Array, work: Array) -> bool:
-    """Write the inverse of the symmetric positive definite mass matrix in `p` (154,) beside it, by Cholesky.
+    """Write the inverse of the symmetric positive definite mass matrix in `p` (163,) beside it, by Cholesky.
 
     False, and the inverse unchanged, where the matrix is not positive definite. work: (6, 6).
     """
@@ -210,7 +220,7 @@ def invert_mass(p: Array, work: Array) -> bool:
 
 @kernel
 def put_parameters(p: Array, codes: Codes, theta: Array, work: Array) -> bool:
-    """Write the coefficients of theta (n,) into `p` (154,); False where the mass matrix is not positive definite."""
+    """Write the coefficients of theta (n,) into `p` (163,); False where the mass matrix is not positive definite."""
     masses = False
     for k in range(theta.shape[0]):
         kind, i, j, transform = codes[k, 0], codes[k, 1], codes[k, 2], codes[k, 3]
@@ -223,16 +233,8 @@ def put_parameters(p: Array, codes: Codes, theta: Array, work: Array) -> bool:
             p[I_MASS + 6 * i + j] = value
             p[I_MASS + 6 * j + i] = value
             masses = True
-        elif kind == LINEAR:
-            p[I_LINEAR + 6 * i + j] = value
-        elif kind == QUADRATIC:
-            p[I_QUADRATIC + 6 * i + j] = value
-        elif kind == WEIGHT:
-            p[I_WEIGHT] = value
-        elif kind == MOMENT:
-            p[I_MOMENT + i] = value
-        elif kind == CONSTANT:
-            p[I_CONSTANT + i] = value
+        elif kind < N_KINDS:
+            p[address(kind, i, j)] = value
     if masses:
         return invert_mass(p, work)
     return True

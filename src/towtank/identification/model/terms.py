@@ -1,4 +1,8 @@
-"""The six axes of the paper's method and the columns of their regressions.
+"""What an estimator must know of a coefficient: a row per kind, and the axes and columns of the paper's method.
+
+Name, place, unit and words of a coefficient are the vehicle's knowledge (`towtank.vehicle.names`); its force, that per
+unit of it and its derivative by the velocity are the core's (`towtank.core.rk4`, `regressor`, `forces`). `TERMS` adds
+how it is written as an unconstrained number, and how large it is on a body of this size.
 
 One axis obeys M nu_dot = c_lin nu + c_quad |nu| nu + c_rest r(k) + c_0 + F, where F is everything known: the
 thrusters' wrench, C(nu) nu and off-diagonal damping. Divided by M it is the paper's regression,
@@ -13,16 +17,20 @@ In heave it cannot be told from W - B and is left to it.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import math
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.core.layout import CONSTANT, FORWARD, LINEAR, MASS, MOMENT, QUADRATIC, WEIGHT
 from towtank.errors import InputError, nearest
 from towtank.vehicle import Vehicle
 
 __all__ = [
+    "ADDED",
     "AXES",
     "C_CONSTANT",
     "C_FORCE",
@@ -31,16 +39,103 @@ __all__ = [
     "C_MASS",
     "C_QUADRATIC",
     "C_RESTORING",
+    "LOG",
+    "NEGATIVE_LOG",
     "N_COLUMNS",
+    "TERMS",
+    "UNTRANSFORMED",
     "Axis",
+    "BodySize",
     "Candidates",
+    "Term",
+    "body_size",
     "candidates",
+    "damping_guess",
     "paper_names",
+    "usual_disturbance",
 ]
+
+UNTRANSFORMED, LOG, NEGATIVE_LOG = range(3)
+ADDED = 0.6  # of the rigid body's inertia
+_WATER = 1000.0  # kg/m^3
+_GRAVITY = 9.81  # m/s^2
+_FORCE, _MOMENT = 0.006, 0.015  # m/s^2, rad/s^2: what a disturbance does to a vehicle, to begin with
+_LINEAR_SPEED = (0.3, 0.5)  # m/s, rad/s at which a guessed linear damping equals the quadratic one
+_ARM = 1.7  # times the gyradius: where the force of a hull that turns acts
 
 C_LINEAR, C_QUADRATIC, C_RESTORING, C_CONSTANT, C_FORCE, C_LHS = range(6)
 C_MASS = C_FORCE  # among an axis' coefficients, the inertia has the place of the force among its columns
 N_COLUMNS = 6
+
+
+class BodySize(NamedTuple):
+    """What sets the size of a vehicle's coefficients.
+
+    Attributes:
+        rigid: diagonal of M_RB (6,). disturbance: a usual one (6,) [N, N m]. length: edge [m] of a cube of water of its
+            mass. weight: [N].
+    """
+
+    rigid: Array
+    disturbance: Array
+    length: float
+    weight: float
+
+    def arm(self, axis: int) -> float:
+        """Return 1 for a translation, the lever arm [m] of hull and fins for a rotation."""
+        return 1.0 if axis < 3 else max(_ARM * math.sqrt(self.rigid[axis] / self.rigid[0]), self.length)
+
+
+def body_size(vehicle: Vehicle) -> BodySize:
+    """Return what sets the size of the coefficients of a vehicle: its rigid body."""
+    rigid = np.diag(vehicle.rigid_body_matrix)
+    length = (float(rigid[0]) / _WATER) ** (1.0 / 3.0)
+    return BodySize(rigid, usual_disturbance(vehicle), length, _GRAVITY * float(rigid[0]))
+
+
+def usual_disturbance(vehicle: Vehicle) -> Array:
+    """Return levels (6,) [N, N m] of a disturbance that a vehicle of this inertia feels."""
+    inertia = np.diag(vehicle.rigid_body_matrix) * (1.0 + ADDED)
+    return np.asarray(inertia * np.array([_FORCE] * 3 + [_MOMENT] * 3), dtype=np.float64)
+
+
+def damping_guess(body: BodySize, kind: int, axis: int) -> float:
+    """Return the size of the linear or quadratic damping of an axis."""
+    quadratic = 0.5 * _WATER * body.length**2 if axis < 3 else 0.05 * _WATER * body.length**5
+    return float(quadratic * _LINEAR_SPEED[0 if axis < 3 else 1]) if kind == LINEAR else quadratic
+
+
+def _damping_size(kind: int) -> Callable[[BodySize, int, int], float]:
+    return lambda body, i, j: 0.5 * math.sqrt(damping_guess(body, kind, i) * damping_guess(body, kind, j))
+
+
+def _lift_size(body: BodySize, i: int, j: int) -> float:
+    """Return half the density times an area times the lever arms: lift whose slope by the angle is about 1."""
+    return 0.5 * _WATER * body.length**2 * body.arm(i) * body.arm(j)
+
+
+@dataclass(frozen=True)
+class Term:
+    """What an estimator needs of a kind of coefficient.
+
+    Attributes:
+        diagonal: how an element on the diagonal is written, `LOG`, `NEGATIVE_LOG` or `UNTRANSFORMED`; all others are
+            untransformed. size: of an element (row, column) of either sign, for a wide start.
+    """
+
+    diagonal: int
+    size: Callable[[BodySize, int, int], float]
+
+
+TERMS: dict[int, Term] = {
+    MASS: Term(LOG, lambda body, i, j: 0.3 * math.sqrt(body.rigid[i] * body.rigid[j])),
+    LINEAR: Term(NEGATIVE_LOG, _damping_size(LINEAR)),
+    QUADRATIC: Term(NEGATIVE_LOG, _damping_size(QUADRATIC)),
+    WEIGHT: Term(UNTRANSFORMED, lambda body, *_: 0.05 * body.weight),
+    MOMENT: Term(UNTRANSFORMED, lambda body, *_: 0.1 * body.weight * body.length),
+    CONSTANT: Term(UNTRANSFORMED, lambda body, i, _: 3.0 * body.disturbance[i]),
+    FORWARD: Term(UNTRANSFORMED, _lift_size),  # it damps ahead and drives astern: of either sign
+}
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,10 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import Samples, samples_of
-from towtank.identification.kalman.filter import joint_events
-from towtank.identification.kalman.iterated import held_of, prior_deviation, uses_biases
+from towtank.identification.kalman.filter import joint_events, rows_of
+from towtank.identification.kalman.iterated import inputs_of, next_recording, prior_deviation, uses_biases
 from towtank.identification.kalman.noise_adaptation import common_noise_levels, filter_settings
-from towtank.identification.kalman.state import JointState, known_to, new_joint_state
+from towtank.identification.kalman.state import JointState, coefficient_std, new_joint_state
 from towtank.identification.least_squares.chain import PaperChain, Settings, uses_commands
 from towtank.identification.least_squares.solution import (
     AxisFindings,
@@ -80,15 +80,12 @@ def _by_filter(learning: LogLearning, recordings: Sequence[Recording], names: tu
     ends: list[float] = []
     for each in samples:
         passed = ends[-1] if ends else 0.0
-        state = state._replace(shape=each.shape, pushed=np.zeros((3, each.shape.shape[1])))
-        state.clock[1] = 0.0
-        held = held_of(each, free, linearised_at, learning.delay)
-        pushed = 0
+        state = next_recording(state, each)
+        held = inputs_of(each, free, linearised_at, learning.delay)
+        taken = 0
         for first in range(0, len(each), every):
             last = min(first + every, len(each))
-            pushed = joint_events(
-                state, held, each.t, each.values, each.input_t, each.input_force, True, first, last, pushed
-            )
+            taken = joint_events(state, held, rows_of(each), first, last, taken)
             values, std = _reading(state, free)
             rows.append((passed + float(each.t[last - 1] - each.t[0]), values[kept], std[kept]))
         ends.append(passed + each.duration)
@@ -112,7 +109,7 @@ def _start(
     deviation = prior_deviation(free, scale)
     deviation = np.where(free.codes[:, 3] == UNTRANSFORMED, deviation, _WIDE * deviation / deviation.max())
     deviation = np.maximum(deviation, _OWES_NOTHING * np.abs(start - linearised_at))
-    settings = replace(filter_settings(learning.vehicle), follow=False)
+    settings = replace(filter_settings(learning.vehicle), relinearise=False, biases=uses_biases(samples))
     levels = learning.levels
     if levels is None:
         levels, settings = common_noise_levels(recordings, samples, learning.vehicle), replace(settings, adapt=_ADAPT)
@@ -121,20 +118,17 @@ def _start(
         free,
         start,
         np.diag(deviation**2),
-        samples[0].shape,
-        levels.noise,
-        levels.disturbance,
-        levels.velocity_walk,
+        samples[0].B,
+        levels,
         settings,
-        biases=uses_biases(samples),
-        linearised_at=linearised_at,
+        linearised_at,
     )
     return state, linearised_at
 
 
 def _reading(state: JointState, free: FreeParameters) -> tuple[Array, Array]:
     """Return the coefficients (n,) and their deviations (n,)."""
-    std = known_to(state)
+    std = coefficient_std(state)
     with np.errstate(over="ignore", invalid="ignore"):
         theta = np.where(free.codes[:, 3] == UNTRANSFORMED, state.theta, np.clip(state.theta, -50.0, 50.0))
         return free.values(theta), std * np.abs(free.slopes(theta))

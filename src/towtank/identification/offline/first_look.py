@@ -305,7 +305,7 @@ def mirrored(vehicle: Vehicle, axes: Sequence[int]) -> Vehicle | None:
 
 
 def _size(samples: Sequence[Samples], axis: int) -> float:
-    return max((float(np.nanstd(each.input_force @ each.shape[axis])) for each in samples if len(each)), default=0.0)
+    return max((float(np.nanstd(each.input_force @ each.B[axis])) for each in samples if len(each)), default=0.0)
 
 
 def _axis(samples: Sequence[Samples], axis: int) -> Reversal | None:
@@ -377,7 +377,7 @@ def _series(samples: Samples, axis: int) -> tuple[Array, Array]:
     v = np.interp(grid, t, speed, left=np.nan, right=np.nan)
     after = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
     v[t[after] - t[after - 1] > _CLOSE] = np.nan
-    force = samples.input_force @ samples.shape[axis]
+    force = samples.input_force @ samples.B[axis]
     edges = np.append(grid, grid[-1] + _STEP)
     change = np.concatenate([[0.0], np.cumsum(np.diff(samples.input_t) * force[:-1])])
     last = np.clip(np.searchsorted(samples.input_t, edges, "right") - 1, 0, force.size - 1)

@@ -14,7 +14,7 @@ import numpy as np
 
 from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.data.samples import held_forces, samples_of
-from towtank.identification.kalman.iterated import joint_passes, prior_deviation
+from towtank.identification.kalman.iterated import FilterProblem, joint_passes, prior_deviation
 from towtank.identification.kalman.noise_adaptation import filter_settings, initial_noise_levels
 from towtank.identification.least_squares.chain import uses_commands
 from towtank.identification.model.parameters import DELAY, UNTRANSFORMED, free_parameters
@@ -85,20 +85,17 @@ def forecast(
     free = free_parameters(vehicle, [*names, *([DELAY] if any(each.commands for each in samples) else [])])
     known = vehicle.with_coefficients({name: estimate[name].value for name in names})
     scale = size_of(vehicle, free)
+    deviation = prior_deviation(free, scale)
     fit = joint_passes(
-        samples,
-        np.array(first.model.parameters),
-        free,
+        FilterProblem(samples, np.array(first.model.parameters), free, deviation, delay=first.delay),
         start_theta(vehicle, known, free, delay=first.delay, lag=0.05),
         initial_noise_levels(recordings[0], vehicle),
         filter_settings(vehicle),
-        scale=scale,
-        delay=first.delay,
         most=_PASSES,
         progress=progress,
     )
     size = np.where(free.codes[:, 3] == UNTRANSFORMED, np.maximum(np.abs(fit.theta), 1e-9 * scale), 1.0)
-    information = information_of_data(fit.covariance, np.diag(prior_deviation(free, scale) ** -2.0))
+    information = information_of_data(fit.covariance, np.diag(deviation**-2.0))
     std = deviations(relative(information, size)) * size * np.abs(free.slopes(fit.theta))
     found = dict(zip(free.names, free.values(fit.theta), strict=True))
     spread = dict(zip(free.names, std, strict=True))

@@ -27,7 +27,13 @@ from towtank.identification.kalman.alternatives import (
     damping_in_question,
     suspected_current,
 )
-from towtank.identification.kalman.iterated import JointFit, joint_passes, prior_deviation, with_inflated_variance
+from towtank.identification.kalman.iterated import (
+    FilterProblem,
+    JointFit,
+    joint_passes,
+    prior_deviation,
+    with_inflated_variance,
+)
 from towtank.identification.kalman.noise_adaptation import common_noise_levels, filter_settings
 from towtank.identification.kalman.state import FilterSettings
 from towtank.identification.least_squares.batch import Progress, estimate_warnings, learn_paper
@@ -56,9 +62,7 @@ _ROUNDS = 3  # of holding what is not determined
 _HIDES = 6.0  # time constants of a disturbance that a run can be too short to show
 
 
-def free_names_of(
-    vehicle: Vehicle, requested: tuple[str, ...] | None, first: LogLearning
-) -> tuple[tuple[str, ...], dict[str, str]]:
+def free_names_of(requested: tuple[str, ...] | None, first: LogLearning) -> tuple[tuple[str, ...], dict[str, str]]:
     """Return the names to free and, for those that least squares could not find, why."""
     if requested is not None:
         return requested, {}
@@ -143,8 +147,8 @@ def idle(vehicle: Vehicle, samples: Sequence[Samples]) -> dict[str, str]:
     moments, counted = np.zeros((2, 6)), 0
     for each in samples:
         forces = each.input_force[np.isfinite(each.input_force).all(axis=1)]
-        moments[0] += each.shape @ forces.sum(axis=0)
-        moments[1] += np.einsum("ij,jk,ik->i", each.shape, forces.T @ forces, each.shape)
+        moments[0] += each.B @ forces.sum(axis=0)
+        moments[1] += np.einsum("ij,jk,ik->i", each.B, forces.T @ forces, each.B)
         counted += len(forces)
     if not counted:
         return {}
@@ -212,6 +216,10 @@ def run_rounds(
     def known(chosen: FreeParameters) -> tuple[Array, Array] | None:
         return None if prior is None else prior_information(prior, chosen)
 
+    def problem(of: Sequence[Samples], holding: Vehicle, chosen: FreeParameters) -> FilterProblem:
+        deviation = prior_deviation(chosen, size_of(vehicle, chosen))
+        return FilterProblem(of, np.array(holding.parameters), chosen, deviation, known(chosen), delay, own_noise)
+
     def passes(
         of: Sequence[Samples],
         holding: Vehicle,
@@ -223,22 +231,10 @@ def run_rounds(
         progress: Callable[[float], None] | None = None,
     ) -> JointFit:
         return joint_passes(
-            of,
-            np.array(holding.parameters),
-            chosen,
-            theta,
-            levels,
-            settings,
-            scale=size_of(vehicle, chosen),
-            delay=delay,
-            prior=known(chosen),
-            shown=shown,
-            begin=begin,
-            inflate=False,
-            progress=progress,
+            problem(of, holding, chosen), theta, levels, settings, begin=begin, inflate=False, progress=progress
         )
 
-    shown = levels.noise  # the filter's may hold what its model lacks
+    own_noise = levels.noise  # the filter's may hold what its model lacks
     unidentified, left_out = dict(held), list(set_to_zero)
     base = vehicle.with_coefficients(dict.fromkeys(left_out, 0.0))
     few = spread_over(samples)
@@ -263,7 +259,7 @@ def run_rounds(
     if pairs := damping_in_question(vehicle, free.names, requested=requested):
         progress(0.3)
         choice = choose_damping(
-            few, base, fit, pairs, settings=settings, delay=delay, prior=known, shown=shown, requested=requested
+            problem(few, base, free), base, fit, pairs, settings=settings, prior=known, requested=requested
         )
         if choice is not None:
             added = tuple(name for name in choice.fit.free.names if name not in free.names)
@@ -283,7 +279,7 @@ def run_rounds(
         findings = judge(
             free,
             fit.theta,
-            fit.likely,
+            fit.uninflated,
             deviation,
             scale,
             prior=None if information is None else information[1],
@@ -299,8 +295,7 @@ def run_rounds(
         keep = [k for k, name in enumerate(free.names) if name not in held_now]
         free, theta, levels = free.subset([free.names[k] for k in keep]), fit.theta[keep], fit.levels
     progress(0.9)
-    p = np.array(base.parameters)
-    fit = with_inflated_variance(samples, p, fit, settings, deviation, delay=delay, prior=information)
+    fit = with_inflated_variance(problem(samples, base, fit.free), fit, settings)
     return Rounds(fit, findings, base, unidentified, tuple(left_out), added, dropped, sure, few, before)
 
 
@@ -326,7 +321,7 @@ def learn_joint(
     )
     first = least_squares(sparing=True, progress=lambda text, share: progress(text, 0.3 * share))
     samples = [samples_of(recording, vehicle) for recording in recordings]
-    to_learn, held = free_names_of(vehicle, requested, first)
+    to_learn, held = free_names_of(requested, first)
     if delay is None and any(each.commands for each in samples):
         to_learn = (*to_learn, DELAY)
     parameters = free_parameters(vehicle, to_learn)
@@ -366,13 +361,16 @@ def learn_joint(
         remarks.append(f"the water flows: {water.said}, at the end of the last recording")
     else:
         flow = suspected_current(
-            found.few,
-            np.array(base.parameters),
+            FilterProblem(
+                found.few,
+                np.array(base.parameters),
+                fit.free,
+                prior_deviation(parameters, size_of(vehicle, parameters)),
+                _prior(prior, parameters),
+                found_delay,
+            ),
             fit,
-            prior_deviation(parameters, size_of(vehicle, parameters)),
             settings,
-            delay=found_delay,
-            prior=_prior(prior, parameters),
         )
         if flow is not None:
             doubts = (
@@ -413,7 +411,7 @@ def learn_joint(
         spread = second.refined.covariance
         if fit.duration < _HIDES * settings.time_constant:
             spread = _no_surer(parameters, spread, fit)
-        fit = replace(fit, free=parameters, theta=second.refined.theta, covariance=spread, likely=spread)
+        fit = replace(fit, free=parameters, theta=second.refined.theta, covariance=spread, uninflated=spread)
         unidentified = {name: why for name, why in unidentified.items() if name not in second.refined.added}
         unidentified.update({name: held[name] for name in (*found.added, *found.sure) if name not in parameters.names})
         unidentified.update(second.reasons)

@@ -20,8 +20,8 @@ import numpy as np
 from towtank.errors import InputError
 from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.data.samples import Buffer, Samples
-from towtank.identification.data.zero_order_hold import ZeroOrderHold
-from towtank.identification.kalman.state import JointState, healthy_snapshot
+from towtank.identification.data.zero_order_hold import restored_hold
+from towtank.identification.kalman.state import healthy_snapshot, restored_state
 from towtank.identification.model.parameters import free_parameters
 from towtank.identification.online.joint import JointLearner
 from towtank.identification.online.schedule import Schedule
@@ -31,7 +31,7 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["load_learner", "save_learner"]
 
-_VERSION = 6
+_VERSION = 7
 _LEVELS = ("noise", "disturbance", "velocity_walk")
 _BUFFER = ("t", "values", "input_t", "input_force")
 
@@ -76,7 +76,7 @@ def save_learner(learner: JointLearner, path: str | os.PathLike[str]) -> None:
         **{f"next.{name}": getattr(stream.looks.levels, name) for name in _LEVELS},
     }
     if buffer is not None:
-        arrays.update({"buffer.shape": buffer.shape, "buffer.lag": buffer.lag})
+        arrays.update({"buffer.B": buffer.B, "buffer.lag": buffer.lag})
         whole = buffer.whole
         arrays.update({f"buffer.{name}": getattr(whole, name) for name in _BUFFER})
     if stream.state is not None and stream._held is not None:
@@ -159,7 +159,7 @@ def _restored(
     looks.levels = NoiseLevels(*(arrays[f"next.{name}"] for name in _LEVELS))
     if about["buffer"] is not None:
         kept = about["buffer"]
-        stream._buffer = Buffer(arrays["buffer.shape"], arrays["buffer.lag"], commands=bool(kept["commands"]))
+        stream._buffer = Buffer(arrays["buffer.B"], arrays["buffer.lag"], commands=bool(kept["commands"]))
         t, values, input_t, input_force = (arrays[f"buffer.{name}"] for name in _BUFFER)
         stream._buffer.restore(t, values, input_t, input_force, kept["starts"])
         if learner._paper is not None and stream.reestimating:
@@ -169,8 +169,8 @@ def _restored(
                 _feed(learner, each)
     if about["free"] is not None:
         stream.free = free_parameters(vehicle, about["free"])
-        stream.state = JointState(**{name: arrays[f"state.{name}"] for name in JointState._fields})
-        stream._held = ZeroOrderHold(**{name: arrays[f"held.{name}"] for name in ZeroOrderHold._fields})
+        stream.state = restored_state(arrays, "state.")
+        stream._held = restored_hold(arrays, "held.")
         stream._sound = healthy_snapshot(stream.state)
     return learner
 

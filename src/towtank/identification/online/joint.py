@@ -18,7 +18,7 @@ from towtank.identification.data.samples import held_forces, samples_of, with_ab
 from towtank.identification.kalman.alternatives import current_of
 from towtank.identification.kalman.iterated import prior_deviation
 from towtank.identification.kalman.noise_adaptation import variance_inflation
-from towtank.identification.kalman.state import C_DURATION, C_ROWS, JointState, known_to
+from towtank.identification.kalman.state import JointState, coefficient_std
 from towtank.identification.learner import Learner, sample_vector
 from towtank.identification.model.linearisation import N_FIXED
 from towtank.identification.model.parameters import (
@@ -70,7 +70,7 @@ def reading(
     why = {name: reason for name, reason in findings.reasons.items() if not _is_input(name)}
     why |= left_out
     to_learn = [name for name in (requested or (*free.names, *left_out)) if not _is_input(name)]
-    duration, rows = float(state.clock[C_DURATION]), int(state.clock[C_ROWS])
+    duration, rows = float(state.clock[0].duration), int(state.clock[0].rows)
     return assemble(
         vehicle, free, state.theta, covariance, to_learn, why, tuple(left_out), axes, duration, rows
     ).estimate
@@ -85,7 +85,7 @@ def _cautious(covariance: Array, deviation: Array, prior: Array | None, grown: A
 
 def _grown(free: FreeParameters, state: JointState) -> Array:
     """Return by how much deviations (n,) grow, since the disturbance's level is not known but estimated as well."""
-    each = variance_inflation(state.level[:, 3])
+    each = variance_inflation(state.disturbance_statistics["effective_samples"])
     axes = [int(code[1]) if code[0] in (MASS, LINEAR, QUADRATIC) else -1 for code in free.codes]
     used = [axis for axis in axes if axis >= 0] or list(range(6))
     most = float(each[used].max())
@@ -264,7 +264,7 @@ class JointLearner(Learner):
         free, state = self._stream.free, self._stream.state
         if free is None or state is None:
             return {}
-        std = known_to(state)
+        std = coefficient_std(state)
         return learned_gains(self.vehicle, free, state.theta, std)
 
     @property

@@ -22,25 +22,23 @@ from towtank.core.arrays import Array
 from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.data.samples import Samples
 from towtank.identification.data.zero_order_hold import ZeroOrderHold
-from towtank.identification.kalman.iterated import informed_or_start, limit_step, one_pass, prior_deviation
+from towtank.identification.kalman.iterated import (
+    FilterProblem,
+    informed_or_start,
+    limit_step,
+    one_pass,
+    prior_deviation,
+)
 from towtank.identification.kalman.noise_adaptation import (
     adapt_noise,
-    astray,
-    at_odds,
     converged,
+    diverged,
+    inconsistent,
     log_prior_of_levels,
     noise_of_rows,
     velocity_walk_of_rows,
 )
-from towtank.identification.kalman.state import (
-    C_DURATION,
-    C_LIKELIHOOD,
-    O_FOLLOW,
-    O_TIME_CONSTANT,
-    FilterSettings,
-    JointState,
-    known_to,
-)
+from towtank.identification.kalman.state import FilterSettings, JointState, coefficient_std
 from towtank.identification.model.linearisation import N_FIXED
 from towtank.identification.model.parameters import DELAY, MASS, FreeParameters
 from towtank.identification.model.prior import size_of, start_theta
@@ -95,9 +93,13 @@ def still_water(state: JointState, levels: NoiseLevels, free: FreeParameters, se
 
     A random force that is still what it was at the beginning looks like any constant one.
     """
-    if state.clock[C_DURATION] < _SHOWS * settings.time_constant:
+    if state.clock[0].duration < _SHOWS * settings.time_constant:
         return None
-    axes = [int(code[1]) for code, s in zip(free.codes, known_to(state), strict=True) if code[0] == MASS and s < _FELT]
+    axes = [
+        int(code[1])
+        for code, s in zip(free.codes, coefficient_std(state), strict=True)
+        if code[0] == MASS and s < _FELT
+    ]
     if not axes:
         return None
     disturbance, usual = levels.disturbance.copy(), np.array(settings.usual)
@@ -117,7 +119,7 @@ def freely_white(
     prior: tuple[Array, Array] | None,
 ) -> Array | None:
     """Return coefficients (n,) of a free run, fitted from those of `state`, that leaves white residuals, or None."""
-    if state.clock[C_DURATION] < _SHOWS_FREELY * state.options[O_TIME_CONSTANT]:
+    if state.clock[0].duration < _SHOWS_FREELY * state.settings[0].time_constant:
         return None
     runs = FreeRuns.over(vehicle, stretches, noise, free.names)
     fit = runs.fit(np.array(vehicle.parameters), free, state.theta, delay=delay, prior=prior)
@@ -174,17 +176,17 @@ def look(
     """
     p, shown, usual, rounds = np.array(vehicle.parameters), levels.noise, np.array(settings.usual), _ROUNDS
     deviation = prior_deviation(free, size_of(vehicle, free))
+    problem = FilterProblem(stretches, p, free, deviation, prior, delay)
 
     def passed(theta: Array, levels: NoiseLevels, *, follow: bool) -> tuple[JointState, ZeroOrderHold] | None:
-        way = replace(settings, follow=follow)
-        state, held = one_pass(stretches, p, free, theta, deviation, levels, way, delay=delay, prior=prior)
+        state, held = one_pass(problem, theta, levels, replace(settings, relinearise=follow))
         sound = np.isfinite(state.theta).all() and np.isfinite(state.P).all() and (np.diag(state.P) >= 0.0).all()
         return (state, held) if sound else None
 
     found = []
     if own is not None:
         found.append(passed(own, levels, follow=False))
-        if not starts and reserve is not None and (found[0] is None or astray(found[0][0])):
+        if not starts and reserve is not None and (found[0] is None or diverged(found[0][0])):
             starts = [reserve]
     least = replace(levels, disturbance=np.minimum(levels.disturbance, np.where(usual > 0.0, usual, np.inf)))
     others = [each for each in (passed(start, least, follow=True) for start in starts) if each is not None]
@@ -194,16 +196,16 @@ def look(
     sound = [each for each in found if each is not None]
     if not sound:
         return None
-    if may_begin_later and others and astray(sound[-1][0]) and stretches[0].duration > _LONG_ENOUGH:
+    if may_begin_later and others and diverged(sound[-1][0]) and stretches[0].duration > _LONG_ENOUGH:
         later = begun_later(stretches, _FALSE_START)
         again = look(later, vehicle, free, None, starts, levels, settings, delay=delay, prior=prior, still=still)
-        if again is not None and not astray(again.state):
+        if again is not None and not diverged(again.state):
             return replace(again, left_out=_FALSE_START)
     state, held = max(sound, key=_likelihood)
     if own is None or sound[0][0] is not state:
         levels = least
         rounds = max(rounds, _ROUNDS_ELSEWHERE)  # linearised about what may be far away
-    if at_odds(state):
+    if inconsistent(state):
         rounds = max(rounds, _ROUNDS_AT_ODDS)
 
     def settled(
@@ -217,8 +219,8 @@ def look(
 
         for _ in range(rounds):
             shows = following()
-            about = limit_step(free, state.theta, state.linearised_at, linear=state.options[O_FOLLOW] == 0.0)
-            std = known_to(state)
+            about = limit_step(free, state.theta, state.linearised_at, linear=state.settings[0].relinearise == 0.0)
+            std = coefficient_std(state)
             if converged(shows, levels) and np.all(np.abs(about - state.linearised_at) <= _SETTLED * std):
                 break
             again = passed(about, shows, follow=False)
@@ -237,7 +239,7 @@ def look(
         begun = passed(theta, calm.levels, follow=False)
         return None if begun is None else settled(begun, calm.levels, _ROUNDS_STILL, calm)
 
-    linear = usually.state.options[O_FOLLOW] == 0.0
+    linear = usually.state.settings[0].relinearise == 0.0
     other = calmly(limit_step(free, usually.state.theta, usually.state.linearised_at, linear=linear))
     if other is None or other.log_posterior < usually.log_posterior + PLAINLY_WRONG:
         return replace(usually, stirred=True)
@@ -258,11 +260,11 @@ def begun_later(stretches: Sequence[Samples], seconds: float) -> list[Samples]:
 
 
 def _likelihood(passed: tuple[JointState, ZeroOrderHold]) -> float:
-    return float(passed[0].clock[C_LIKELIHOOD])
+    return float(passed[0].clock[0].log_likelihood)
 
 
 def _log_posterior(state: JointState, levels: NoiseLevels, settings: FilterSettings) -> float:
-    return float(state.clock[C_LIKELIHOOD]) + log_prior_of_levels(levels, settings)
+    return float(state.clock[0].log_likelihood) + log_prior_of_levels(levels, settings)
 
 
 def bank_of_delays(free: FreeParameters, theta: Array) -> list[Array]:

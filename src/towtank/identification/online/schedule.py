@@ -11,15 +11,17 @@ from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from towtank.core.arrays import Array
 from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.data.samples import Buffer, Samples
 from towtank.identification.kalman.alternatives import Pair, Prior, choose_damping, damping_in_question
-from towtank.identification.kalman.iterated import fit_of
+from towtank.identification.kalman.iterated import FilterProblem, fit_of, prior_deviation
 from towtank.identification.kalman.noise_adaptation import filter_settings
 from towtank.identification.kalman.state import FilterSettings, JointState
 from towtank.identification.model.parameters import DELAY, FreeParameters, free_parameters
-from towtank.identification.model.prior import prior_information
+from towtank.identification.model.prior import prior_information, size_of
 from towtank.identification.online.least_squares import PaperLearner
 from towtank.identification.online.reestimation import (
     Reestimation,
@@ -82,14 +84,12 @@ class ReestimationJob:
         if seen is None or not self.pairs:
             return seen
         choice = choose_damping(
-            self.stretches,
+            self.problem,
             self.vehicle,
             fit_of(self.free, seen.state, seen.levels, 1),
             self.pairs,
             settings=self.settings,
-            delay=self.delay,
             prior=self.prior,
-            shown=self.levels.noise,
             requested=self.requested,
             most=_PASSES,
         )
@@ -100,6 +100,13 @@ class ReestimationJob:
             without = self.vehicle.with_coefficients(dict.fromkeys(choice.left_out, 0.0))
             seen = self._look(without, free, choice.fit.theta, [], choice.fit.levels) or seen
         return replace(seen, damping=choice.left_out) if seen.free is free else seen
+
+    @property
+    def problem(self) -> FilterProblem:
+        """What a look is about."""
+        deviation = prior_deviation(self.free, size_of(self.vehicle, self.free))
+        p, prior = np.array(self.vehicle.parameters), self.prior(self.free)
+        return FilterProblem(self.stretches, p, self.free, deviation, prior, self.delay, self.levels.noise)
 
     def _look(
         self, vehicle: Vehicle, free: FreeParameters, own: Array | None, starts: Sequence[Array], levels: NoiseLevels

@@ -20,20 +20,9 @@ from towtank.identification.changes.detector import ChangeTracker
 from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.data.samples import N_MEASURED, Buffer, Samples
 from towtank.identification.data.zero_order_hold import ZeroOrderHold, hold_force
-from towtank.identification.kalman.filter import joint_events, joint_step
-from towtank.identification.kalman.iterated import held_of
-from towtank.identification.kalman.state import (
-    C_ROWS,
-    C_STARTED,
-    O_ADAPT,
-    O_FOLLOW,
-    O_REST,
-    HealthySnapshot,
-    JointState,
-    has_moved,
-    healthy_snapshot,
-    mended,
-)
+from towtank.identification.kalman.filter import joint_events, joint_step, rows_of, take_all
+from towtank.identification.kalman.iterated import inputs_of
+from towtank.identification.kalman.state import HealthySnapshot, JointState, has_moved, healthy_snapshot, recovered
 from towtank.identification.model.parameters import LAG, FreeParameters
 from towtank.identification.model.prior import usual_disturbance
 from towtank.identification.online.least_squares import PaperLearner
@@ -131,7 +120,7 @@ class JointStream:
             self._buffer.add_row(t, z)
         learned = False
         if self.state is not None and self._held is not None:
-            learned = joint_step(self.state, self._held, t, z, True)
+            learned = joint_step(self.state, self._held, t, z)
             if self.changes.watching:
                 self._look_for_change(t, z)
             if self.seen >= self._next_check:
@@ -147,18 +136,7 @@ class JointStream:
             return
         for start in range(first, len(samples), _CHUNK):
             end = min(start + _CHUNK, len(samples))
-            pushed = joint_events(
-                self.state,
-                self._held,
-                samples.t,
-                samples.values,
-                samples.input_t,
-                samples.input_force,
-                True,
-                start,
-                end,
-                pushed,
-            )
+            pushed = joint_events(self.state, self._held, rows_of(samples), start, end, pushed)
             self._check()
         self._last_t = float(samples.t[-1])
 
@@ -168,7 +146,7 @@ class JointStream:
         if self._buffer is not None:
             self._buffer.break_off()
         if self.state is not None and self.free is not None:
-            self.state.clock[C_STARTED] = 0.0
+            self.state.clock["started"] = 0.0
             self._held = self._fresh_held(self.free, self.state.linearised_at)
         self.changes.restart()
 
@@ -177,7 +155,7 @@ class JointStream:
     @property
     def rows(self) -> int:
         """Rows that taught something."""
-        return 0 if self.state is None else int(self.state.clock[C_ROWS])
+        return 0 if self.state is None else int(self.state.clock[0].rows)
 
     @property
     def busy(self) -> bool:
@@ -239,27 +217,22 @@ class JointStream:
         self.free, self.state, self._held = seen.free, seen.state, seen.held
         self.levels = seen.levels
         self.looks.took(seen)
-        self.state.options[O_ADAPT] = _ADAPT
-        self.state.options[O_FOLLOW] = 0.0
+        self.state.settings["adapt"] = _ADAPT
+        self.state.settings["relinearise"] = 0.0
         self.state.disturbance[:] = self.levels.disturbance
         self.changes.restart()
         for new, each in self._buffer.since(job.rows, job.inputs):
             if new:
-                self.state.clock[C_STARTED] = 0.0
+                self.state.clock["started"] = 0.0
                 self._held = self._fresh_held(self.free, self.state.linearised_at)
-            state, held = self.state, self._held
-            pushed = joint_events(
-                state, held, each.t, each.values, each.input_t, each.input_force, True, 0, len(each), 0
-            )
-            for k in range(pushed, each.input_t.size):
-                hold_force(held, each.input_t[k], each.input_force[k])
+            take_all(self.state, self._held, each)
         self._sound = healthy_snapshot(self.state)
 
     def _go_on_alone(self) -> None:
         assert self._buffer is not None
         self.reestimating = False
         if self.state is not None:
-            self.state.options[O_FOLLOW], self.state.options[O_REST] = 1.0, _REST
+            self.state.settings["relinearise"], self.state.settings["considered_share"] = 1.0, _REST
         self._buffer = self._buffer.fresh()
         self.looks.end()
 
@@ -278,9 +251,9 @@ class JointStream:
     def _mend(self, state: JointState, free: FreeParameters) -> None:
         assert self._sound is not None  # every look leaves one
         self.mended += 1
-        self.state = mended(state, self._sound, free, self.looks.settings)
+        self.state = recovered(state, self._sound, free, self.looks.settings)
         self._held = self._fresh_held(free, self.state.linearised_at)
-        self.changes.mended(self._last_t)
+        self.changes.recovered(self._last_t)
 
     def _look_for_change(self, t: float, z: Array) -> None:
         """Go on with the filter that saw a change, where one did."""
@@ -289,13 +262,13 @@ class JointStream:
         assert self._held is not None
         assert self.free is not None
         known = self.free, self.state, self._held
-        found = self.changes.take_row(t, z, self.seen, known, self._buffer, may_look=self.reestimating)
+        found = self.changes.take_row(t, z, self.seen, known, self._buffer, may_reestimate=self.reestimating)
         if found is None:
             if self.changes.requested == t:
                 self.looks.schedule.call(self.seen, at_once=True)
             return
         self.free, self.state, self._held = found.free, found.state, found.held
-        self.state.options[O_REST] = _REST
+        self.state.settings["considered_share"] = _REST
         self._sound = healthy_snapshot(self.state) or self._sound
         if self.reestimating:
             self._go_on_alone()
@@ -304,7 +277,7 @@ class JointStream:
         assert self._buffer is not None
         empty = self._buffer.fresh()
         empty.add_row(0.0, np.full(N_MEASURED, np.nan))
-        return held_of(empty.stretches[0], free, theta, self.delay)
+        return inputs_of(empty.stretches[0], free, theta, self.delay)
 
     @property
     def lag(self) -> float:

@@ -227,7 +227,7 @@ def free_run_of(samples: Samples, noise: Array, segment: float | None, gap: floa
     """
     t, step = samples.t, _usual_step(samples.t)
     first, last = _segments(t, segment, max(gap, 4.0 * step))
-    force, shape, lag = samples.input_force, np.ascontiguousarray(samples.shape), samples.lag
+    force, shape, lag = samples.input_force, np.ascontiguousarray(samples.B), samples.lag
     if not gains and lag.size and np.all(lag == lag[0]):
         wrench = force @ shape.T
         acting = np.flatnonzero(np.any(wrench != 0.0, axis=0))

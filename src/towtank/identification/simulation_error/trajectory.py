@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from towtank.core.arrays import Array, inlined_kernel, kernel
 from towtank.core.layout import N_PARAMETERS
-from towtank.core.rk4 import N_STATES, is_coupled, stage_into, step_into
+from towtank.core.rk4 import N_STATES, has_forward_speed, is_coupled, stage_into, step_into
 from towtank.identification.data.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
 from towtank.identification.model.linearisation import N_FIXED, N_MOVING, linearise_into
 from towtank.identification.model.parameters import IN_DELAY, IN_GAIN, IN_LAG, Codes, put_parameters
@@ -87,8 +87,8 @@ def forward_to(input_t: Array, input_force: Array, held: ZeroOrderHold, given: i
 @kernel
 def next_change(input_t: Array, held: ZeroOrderHold, given: int) -> float:
     """Return when the next input begins to act [s]; infinite after the last."""
-    ring, following = held.times.shape[0], int(held.counters[1]) + 1
-    if following < int(held.counters[0]):
+    ring, following = held.times.shape[0], int(held.counters[0].in_force) + 1
+    if following < int(held.counters[0].received):
         return float(held.times[following % ring])
     return float(input_t[given] + held.delay[0]) if given < input_t.shape[0] else math.inf
 
@@ -120,7 +120,7 @@ def wrench_into(shape: Array, pushed: Array, gain: Array, wrench: Array) -> bool
 def force_now(held: ZeroOrderHold, t: float, pushed: Array) -> None:
     """Write the force just after t: a thruster without lag has answered already; derivatives are not needed twice."""
     ring = held.times.shape[0]
-    active, given = int(held.counters[1]), int(held.counters[0])
+    active, given = int(held.counters[0].in_force), int(held.counters[0].received)
     while active + 1 < given and held.times[(active + 1) % ring] <= t:
         active += 1
     for a in range(held.force.shape[0]):
@@ -278,6 +278,7 @@ def free_run(
             held.lag[:] = math.exp(theta[c])
         elif codes[c, 0] == IN_GAIN:
             gain[codes[c, 1]] = math.exp(theta[c])
+    forward = has_forward_speed(p_lane)
     coupled, lagless, clock = is_coupled(p_lane), not (held.lag > 0.0).any(), held.clock
     k = estimated.shape[0]
     pushed[:] = 0.0
@@ -314,9 +315,9 @@ def free_run(
                 for j in range(N_STATES):
                     middle[j] = x[j]
                 if coupled:
-                    step_into(p_lane, x_lane, wrench_lane, current, h, work, True)
+                    step_into(p_lane, x_lane, wrench_lane, current, h, work, True, forward)
                 else:
-                    step_into(p_lane, x_lane, wrench_lane, current, h, work, False)
+                    step_into(p_lane, x_lane, wrench_lane, current, h, work, False, forward)
                 if half_way and steady:
                     half_way = False  # the second step of a pair
                     _advance(S, D, E, h, 1.5 * h * h, moving)

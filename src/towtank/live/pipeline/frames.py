@@ -19,16 +19,14 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.core.attitude import quaternion_from_euler
 from towtank.live.links.source import Sample
-from towtank.recording.frames.conversion import convert_euler, convert_quaternion
+from towtank.recording.frames.conversion import POSITION_OF_ENU, REVERSED_BY_FLU, convert_euler, convert_quaternion
 from towtank.recording.frames.lever_arm import origin_position, origin_velocity
 from towtank.recording.mapping import Marker
-from towtank.recording.standard import EULER, LINEAR_VELOCITY, POSITION, QUATERNION, WORLD_VELOCITY
+from towtank.recording.standard import EULER, LINEAR_VELOCITY, POSITION, QUATERNION, RELATIVE_VELOCITY, WORLD_VELOCITY
 
 __all__ = ["BodyVelocity", "MarkerArm", "to_ned_frd"]
 
-_REVERSED_BY_FLU = frozenset(("v", "w", "q", "r", "ay", "az", "Y", "Z", "M", "N"))
-_ENU_POSITION = {"x": ("y", 1.0), "y": ("x", 1.0), "z": ("z", -1.0)}
-_SPEEDS, _RATES = ("u", "v", "w"), ("p", "q", "r")
+_RATES = ("p", "q", "r")
 _BODY_RATES = ("p", "q", "r")
 _OLDEST = 0.3  # s between a velocity and the attitude that turns it
 _Vector = tuple[float, float, float]
@@ -44,12 +42,12 @@ def to_ned_frd(sample: Mapping[str, float], body: str, world: str) -> dict[str, 
     out: dict[str, float] = {}
     flu, enu = body == "FLU", world == "ENU"
     for name, value in sample.items():
-        if name in _ENU_POSITION and enu:
-            target, sign = _ENU_POSITION[name]
+        if name in POSITION_OF_ENU and enu:
+            target, sign = POSITION_OF_ENU[name]
             out[target] = sign * value
         elif name in EULER:
             out[name] = float(convert_euler(np.asarray(value), name, body=body, world=world)) if flu or enu else value
-        elif (flu and name in _REVERSED_BY_FLU) or (enu and name == "vd"):
+        elif (flu and name in REVERSED_BY_FLU) or (enu and name == "vd"):
             out[name] = -value
         elif name not in QUATERNION:
             out[name] = value
@@ -82,7 +80,9 @@ class MarkerArm:
         if "position" in self._of:
             _move(out, POSITION, origin_position(np.zeros(3), np.array(self._q), self._arm) if self._q else None)
         if "velocity" in self._of:
-            _move(out, _SPEEDS, origin_velocity(np.zeros(3), np.array(self._rates), self._arm) if self._rates else None)
+            arm = origin_velocity(np.zeros(3), np.array(self._rates), self._arm) if self._rates else None
+            _move(out, LINEAR_VELOCITY, arm)
+            _move(out, RELATIVE_VELOCITY, arm)
         return out
 
 

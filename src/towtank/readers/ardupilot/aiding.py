@@ -58,15 +58,15 @@ def aiding_of(evidence: Evidence) -> Aiding:
     """Judge the whole log."""
     if evidence.t is not None and evidence.flags is not None and evidence.t.size:
         order = np.argsort(evidence.t, kind="stable")
-        told = evidence.flags[order]
-        t, flags = evidence.t[order], np.where(np.abs(told) < _MOST_FLAGS, told, 0.0).astype(np.int64)
+        reported = evidence.flags[order]
+        t, flags = evidence.t[order], np.where(np.abs(reported) < _MOST_FLAGS, reported, 0.0).astype(np.int64)
         sane = ((flags & _HORIZONTAL_VELOCITY) > 0) & ((flags & (_CONSTANT | _DEAD)) == 0)
         velocity, position = sane & ((flags & (_RELATIVE | _ABSOLUTE)) > 0), sane & ((flags & _ABSOLUTE) > 0)
         why = "the filter reports that nothing aids it"
     else:
         t = np.array([-np.inf]) if evidence.depth_t is None else np.sort(evidence.depth_t)
-        heard = bool(evidence.velocity or evidence.position)
-        velocity = np.full(t.size, heard or evidence.satellites)
+        sensed = bool(evidence.velocity or evidence.position)
+        velocity = np.full(t.size, sensed or evidence.satellites)
         position = np.full(t.size, bool(evidence.position) or evidence.satellites)
         why = "no sensor of velocity or position aids it"
     if not evidence.position and evidence.satellites and evidence.depth_t is not None and evidence.depth is not None:
@@ -99,5 +99,5 @@ def _held(t: Array, values: Array, at: Array) -> Array:
     """Return the latest value (n,) at the times `at`; before the first one, that one."""
     order = np.argsort(t, kind="stable")
     rows = np.searchsorted(t[order], at, "right") - 1
-    found: Array = values[order][np.maximum(rows, 0)]
-    return found
+    latest: Array = values[order][np.maximum(rows, 0)]
+    return latest

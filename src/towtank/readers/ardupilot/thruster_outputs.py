@@ -41,8 +41,8 @@ def thruster_outputs(parameters: Mapping[str, float], outputs: Mapping[int, Arra
     for known in (_MOTORS, _THROTTLES):
         found = {known[kind]: n for n, kind in functions.items() if kind is not None and kind in known}
         if found:
-            untold = [n for n in moving if functions[n] is None]
-            return _by_function(dict(sorted(found.items())), parameters, untold, throttles=known is _THROTTLES)
+            unknown = [n for n in moving if functions[n] is None]
+            return _by_function(dict(sorted(found.items())), parameters, unknown, throttles=known is _THROTTLES)
     if not moving:
         return ThrusterOutputs({})
     last = max(moving)
@@ -52,7 +52,7 @@ def thruster_outputs(parameters: Mapping[str, float], outputs: Mapping[int, Arra
 
 
 def _by_function(
-    found: dict[int, int], parameters: Mapping[str, float], untold: Sequence[int], *, throttles: bool
+    found: dict[int, int], parameters: Mapping[str, float], unknown: Sequence[int], *, throttles: bool
 ) -> ThrusterOutputs:
     if throttles:
         return ThrusterOutputs(found, note="cmd_1 is the left throttle, cmd_2 the right one")
@@ -60,13 +60,13 @@ def _by_function(
     mirrored = frozenset(n for n, direction in directions.items() if direction is not None and direction < 0)
     notes = []
     if mirrored:
-        listed = ", ".join(map(str, sorted(mirrored)))
-        which = f"thruster {listed} turns" if len(mirrored) == 1 else f"thrusters {listed} turn"
+        numbers = ", ".join(map(str, sorted(mirrored)))
+        which = f"thruster {numbers} turns" if len(mirrored) == 1 else f"thrusters {numbers} turn"
         notes.append(f"{which} the other way (MOT_n_DIRECTION -1): pulses mirrored about 1500, as ArduPilot means them")
     if all(direction is None for direction in directions.values()):
         notes.append("no MOT_n_DIRECTION among the parameters: no thruster is mirrored")
-    if untold:
-        notes.append(f"outputs {', '.join(map(str, untold))} move, but SERVOn_FUNCTION does not say what they drive")
+    if unknown:
+        notes.append(f"outputs {', '.join(map(str, unknown))} move, but SERVOn_FUNCTION does not say what they drive")
     return ThrusterOutputs(found, mirrored, "; ".join(notes))
 
 

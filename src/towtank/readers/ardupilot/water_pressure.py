@@ -38,8 +38,8 @@ def depth_sources(sensors: Sequence[Pressure], parameters: Mapping[str, float]) 
     """
     primary = parameters.get("BARO_PRIMARY", parameters.get("GND_PRIMARY"))
     widest = max(sensors, key=lambda sensor: _span(sensor.pressure), default=None)
-    told = next((sensor for sensor in sensors if sensor.number == primary), None)
-    chosen = widest if told is None or (widest is not None and _dives(widest, told)) else told
+    stated = next((sensor for sensor in sensors if sensor.number == primary), None)
+    chosen = widest if stated is None or (widest is not None and _dives(widest, stated)) else stated
     return [_source(sensor, sensor is chosen) for sensor in sensors]
 
 

@@ -1,7 +1,4 @@
-"""From sources of quantities to a Recording that says of every table what it was used for, or why not.
-
-Which fields of a message are which channels: stated as a table, applied row by row.
-"""
+"""From a log's tables to a Recording: the fields that are channels, and of every table its use, or why it has none."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ from towtank.errors import InputError
 from towtank.readers.common.sources import Quantity, Source, choose
 from towtank.readers.common.tables import Table, Tables
 from towtank.recording.channel import Channel
-from towtank.recording.columns import assemble
+from towtank.recording.columns import assemble, name_list
 from towtank.recording.recording import Recording
 from towtank.recording.repairs import Content
 
@@ -100,8 +97,7 @@ def contents_of(
 
 def table_names(tables: Tables, most: int = 20) -> str:
     """Return the names of the tables for a message."""
-    names = list(tables.tables)
-    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "") or "no messages"
+    return name_list(list(tables.tables), most) or "no messages"
 
 
 @dataclass(frozen=True)

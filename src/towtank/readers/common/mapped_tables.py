@@ -13,14 +13,13 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
 from towtank.readers.common.interpretation import contents_of, table_names
 from towtank.readers.common.tables import Table, Tables
 from towtank.recording.channel import Channel
-from towtank.recording.columns import assemble, in_standard_frames
+from towtank.recording.columns import assemble, in_standard_frames, name_list
 from towtank.recording.mapping import ColumnMapping, load_mapping
 from towtank.recording.recording import Recording
 
@@ -93,7 +92,7 @@ def _find(tables: Tables, source: str, where: str) -> tuple[Table, str]:
     if owner is not None:
         fields = tables.tables[owner].columns
         hint = nearest(source, (f"{owner}.{path}" for path in fields))
-        raise InputError(f'{where}no "{source}" in {tables.source}{hint}; {owner} has {_listed(fields)}')
+        raise InputError(f'{where}no "{source}" in {tables.source}{hint}; {owner} has {name_list(list(fields))}')
     paths = [f"{name}.{path}" for name, table in tables.tables.items() for path in table.columns]
     instance = next((path for path in paths if _BRACKETS.sub("", path) == _BRACKETS.sub("", source)), None)
     hint = nearest(source, paths) if instance is None else f'; did you mean "{instance}"?'
@@ -101,8 +100,3 @@ def _find(tables: Tables, source: str, where: str) -> tuple[Table, str]:
         f'{where}no "{source}" in {tables.source}{hint}; expected TABLE.field, '
         f"where TABLE is one of {table_names(tables)}"
     )
-
-
-def _listed(names: Iterable[str], most: int = 30) -> str:
-    found = list(names)
-    return ", ".join(found[:most]) + (f" and {len(found) - most} more" if len(found) > most else "")

@@ -14,7 +14,16 @@ from towtank.recording.columns import MINIMUM_SAMPLES
 __all__ = ["QUANTITIES", "Choice", "Quantity", "Source", "choose"]
 
 Quantity = Literal[
-    "position", "depth", "attitude", "velocity", "rates", "specific force", "wrench", "commands", "voltage"
+    "position",
+    "depth",
+    "attitude",
+    "velocity",
+    "velocity through the water",
+    "rates",
+    "specific force",
+    "wrench",
+    "commands",
+    "voltage",
 ]
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 _WORTH = 4.0  # a source one step farther from the sensor has to be this many times as fast
@@ -28,7 +37,7 @@ class Source:
     Attributes:
         table: name of the table.
         quantity: what it is; of each quantity one source is used. "position" is x y, "depth" is z, "velocity" is u v w
-            or vn ve vd, "attitude" phi theta psi or qw qx qy qz.
+            or vn ve vd, "velocity through the water" u_w v_w w_w, "attitude" phi theta psi or qw qx qy qz.
         t: times (n,) [s] in the order received.
         channels: standard name -> values (n,), NaN where not measured; units and frames are the standard ones.
         distance: steps between the sensor and this table: 0 the sensor's own reading, 1 a reading that was corrected

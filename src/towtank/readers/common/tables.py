@@ -1,6 +1,6 @@
 """A decoded log: named tables of numbers, before anything is known of what they mean.
 
-Columns of binary records: a number is converted to float64 only where it is asked for.
+Columns of binary records are converted to float64 only where they are read.
 """
 
 from __future__ import annotations

@@ -15,12 +15,13 @@ from towtank.readers.ardupilot.water_pressure import Pressure, depth_sources
 from towtank.readers.common.interpretation import DEGREE, Reading, in_order, sources_of_table
 from towtank.readers.common.sources import Source
 from towtank.readers.common.tables import Table, Tables
+from towtank.recording.standard import ACCELERATIONS, RATES
 
 __all__ = ["DVL", "dataflash_reasons", "dataflash_sources", "sources_of_messages"]
 
 _XYZ = ("X", "Y", "Z")
-_GYRO = dict(zip("pqr", (f"Gyr{axis}" for axis in _XYZ), strict=True))
-_ACCELEROMETER = dict(zip(("ax", "ay", "az"), (f"Acc{axis}" for axis in _XYZ), strict=True))
+_GYRO = dict(zip(RATES, (f"Gyr{axis}" for axis in _XYZ), strict=True))
+_ACCELEROMETER = dict(zip(ACCELERATIONS, (f"Acc{axis}" for axis in _XYZ), strict=True))
 _EULER = {"phi": ("Roll", DEGREE), "theta": ("Pitch", DEGREE), "psi": ("Yaw", DEGREE)}
 _QUATERNION = {"qw": "Q1", "qx": "Q2", "qy": "Q3", "qz": "Q4"}
 _IMU = ("IMU", "IMU2", "IMU3")

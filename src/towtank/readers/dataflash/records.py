@@ -1,18 +1,13 @@
-"""Decodes a binary DataFlash log (.BIN).
+"""Decodes a binary DataFlash log (.BIN), whatever its damage.
 
-The log states its own formats, so that the records of each type are one structured array: a 16 MB log takes a fraction
-of a second where a message at a time takes several (benchmarks/bench_readers.py proves both the same, then times them).
+The log states its own formats: a record of type FMT names a type, the length of its records, one letter for the type of
+each field, and the fields. So the records of each type are one structured array: a 16 MB log takes a fraction of a
+second where a message at a time takes several (benchmarks/bench_readers.py proves both the same, then times them).
 
-The formats that a DataFlash log states of itself: each message type is a record of fixed size.
-
-A record of type FMT names a type, the length of its records, one letter for the type of each field, and the fields.
-All records begin with the bytes A3 95 and the number of their type.
-
-Finds the records of a binary DataFlash log, whatever its damage.
-
-Each record says where the next one begins, so that a whole log is walked record by record. There are no checksums: a
-record counts only where it is followed by another one, by the end of the file or by the padding of a flash page. After
-any other bytes the walk goes on at the next place from which two records follow one another.
+All records begin with the bytes A3 95 and the number of their type, and each says where the next one begins, so that a
+whole log is walked record by record. There are no checksums: a record counts only where it is followed by another one,
+by the end of the file or by the padding of a flash page. After any other bytes the walk goes on at the next place from
+which two records follow one another.
 """
 
 from __future__ import annotations

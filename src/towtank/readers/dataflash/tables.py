@@ -142,10 +142,10 @@ def _one_clock(timed: Sequence[Messages]) -> tuple[list[tuple[Messages, Array]],
     return kept, found.stray, (found.note,) if found.note else ()
 
 
-def _split(messages: Messages, t: Array, told: str | None) -> Iterable[Table]:
+def _split(messages: Messages, t: Array, stated: str | None) -> Iterable[Table]:
     """Return one table for each instance of a message, of a sensor or an estimator of which there are several."""
     fields = list(messages.columns)
-    instance = told if told in fields else fields[1] if len(fields) > 1 and fields[1] in _INSTANCES else None
+    instance = stated if stated in fields else fields[1] if len(fields) > 1 and fields[1] in _INSTANCES else None
     if instance is None:
         yield Table(messages.name, t, messages.columns, KIND, text=messages.text)
         return

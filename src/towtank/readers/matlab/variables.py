@@ -1,9 +1,7 @@
 """The variables of a .mat file as nested dictionaries: arrays, texts, structs, and lists for arrays of structs.
 
-The variables of a MATLAB file of version 5 to 7, element by element, as far as the file goes.
-
-scipy reads these files as well, but damaged ones bring down the interpreter (`scipy.io.loadmat` looks up the type of an
-element in a table of fixed size without a check), so that they are taken apart here.
+Files of version 5 to 7 are read element by element, as far as they go: damaged ones bring down scipy and the
+interpreter (`scipy.io.loadmat` looks up the type of an element in a table of fixed size without a check).
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""The autopilot's share in a MAVLink log: its parameters, and its own clock.
-
-An autopilot's own clock against the clock of whoever received its messages.
+"""The autopilot's share in a MAVLink log: its parameters, and its own clock against that of the receiver.
 
 Many messages bear the time since the autopilot started. A message cannot be received before it was sent, and the
 quickest ones are hardly late: the smallest difference between receipt and stamp, which drifts slowly, leads from one
@@ -71,8 +69,8 @@ def with_sender_stamps(table: Table) -> Table:
 
 def _clock(t: Array, own: Array) -> OwnClock | None:
     """Find the clock of the stamps `own` (n,) [s] of messages received at t (n,) [s]."""
-    told = (own > 0.0) & np.isfinite(t)
-    t, own = t[told], own[told]
+    stamped = (own > 0.0) & np.isfinite(t)
+    t, own = t[stamped], own[stamped]
     if t.size < _FEWEST:
         return None
     late = t - own

@@ -1,9 +1,7 @@
-"""The layout of MAVLink messages, as pymavlink knows it, for whole arrays of payloads at once.
+"""MAVLink messages, as pymavlink knows them: their layout for whole arrays of payloads, and their checksum.
 
-The checksum of MAVLink, CRC-16/MCRF4XX, at the speed of the standard library.
-
-It is the CRC of `binascii.crc_hqx` with the bits of every byte, and of the result, in reverse order: both have the
-polynomial x^16 + x^12 + x^5 + 1, and the initial value 0xFFFF is its own mirror image.
+The checksum, CRC-16/MCRF4XX, is the CRC of `binascii.crc_hqx` with the bits of every byte, and of the result, in
+reverse order: both have the polynomial x^16 + x^12 + x^5 + 1, and the initial value 0xFFFF is its own mirror image.
 """
 
 from __future__ import annotations

@@ -22,6 +22,7 @@ from towtank.readers.common.tables import Table, Tables
 from towtank.readers.mavlink.autopilot import DVL, TO_AUTOPILOT, with_autopilot
 from towtank.readers.mavlink.senders import Autopilot, Sender, autopilot_of, message_of
 from towtank.recording.recording import Recording
+from towtank.recording.standard import ACCELERATIONS, QUATERNION, RATES
 
 __all__ = [
     "aiding_of_messages",
@@ -37,8 +38,7 @@ _MILLI, _CENTI = 1e-3, 1e-2
 _MILLI_G = 9.80665e-3  # m/s^2
 _XYZ = ("x", "y", "z")
 _EULER = {"phi": "roll", "theta": "pitch", "psi": "yaw"}
-_RATES = {"p": "rollspeed", "q": "pitchspeed", "r": "yawspeed"}
-_QUATERNION = ("qw", "qx", "qy", "qz")
+_TURN_RATES = {"p": "rollspeed", "q": "pitchspeed", "r": "yawspeed"}
 _WORLD_VELOCITY = {"vn": "vx", "ve": "vy", "vd": "vz"}
 _SCALED_IMU = ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")
 _STATUS = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")  # of ArduPilot, of PX4: the bits mean the same
@@ -70,15 +70,15 @@ def _axes(channels: tuple[str, ...], suffix: str, scale: float = 1.0) -> dict[st
 
 # Of equals the first one is used. ArduPilot's RAW_IMU is scaled as SCALED_IMU is: mrad/s and mG.
 _READINGS: tuple[Reading, ...] = (
-    Reading("HIGHRES_IMU", "rates", _axes(("p", "q", "r"), "gyro")),
-    *(Reading(name, "rates", _axes(("p", "q", "r"), "gyro", _MILLI)) for name in _SCALED_IMU),
-    Reading("ATTITUDE", "rates", _RATES, 1),
-    Reading("ATTITUDE_QUATERNION", "rates", _RATES, 1),
-    Reading("HIGHRES_IMU", "specific force", _axes(("ax", "ay", "az"), "acc")),
-    *(Reading(name, "specific force", _axes(("ax", "ay", "az"), "acc", _MILLI_G)) for name in _SCALED_IMU),
-    Reading("ATT_POS_MOCAP", "attitude", {name: f"q[{i}]" for i, name in enumerate(_QUATERNION)}, 1),
+    Reading("HIGHRES_IMU", "rates", _axes(RATES, "gyro")),
+    *(Reading(name, "rates", _axes(RATES, "gyro", _MILLI)) for name in _SCALED_IMU),
+    Reading("ATTITUDE", "rates", _TURN_RATES, 1),
+    Reading("ATTITUDEQUATERNION", "rates", _TURN_RATES, 1),
+    Reading("HIGHRES_IMU", "specific force", _axes(ACCELERATIONS, "acc")),
+    *(Reading(name, "specific force", _axes(ACCELERATIONS, "acc", _MILLI_G)) for name in _SCALED_IMU),
+    Reading("ATT_POS_MOCAP", "attitude", {name: f"q[{i}]" for i, name in enumerate(QUATERNION)}, 1),
     Reading("VISION_POSITION_ESTIMATE", "attitude", _EULER, 1),
-    Reading("ATTITUDE_QUATERNION", "attitude", {name: f"q{i}" for i, name in enumerate(_QUATERNION, 1)}, 2),
+    Reading("ATTITUDEQUATERNION", "attitude", {name: f"q{i}" for i, name in enumerate(QUATERNION, 1)}, 2),
     Reading("ATTITUDE", "attitude", _EULER, 2),
     Reading("AHRS2", "attitude", _EULER, 3),
     Reading("VISION_SPEED_ESTIMATE", "velocity", dict(zip(_WORLD_VELOCITY, _XYZ, strict=True))),
@@ -119,11 +119,11 @@ def mavlink_recording(tables: Tables, senders: Mapping[str, Sender]) -> Recordin
 
 def mavlink_sources(tables: Tables, senders: Mapping[str, Sender], autopilot: Autopilot) -> list[Source]:
     """Return what the messages of a log tell, with what they tell of the filter judged by what aids it."""
-    own, told = _own_and_told(tables, senders, autopilot)
+    own, external = _own_and_external(tables, senders, autopilot)
     sources = depth_sources(pressures_of(own, tables.parameters), tables.parameters)
-    aiding = aiding_of(_evidence(own, told, tables, sources))
+    aiding = aiding_of(_evidence(own, external, tables, sources))
     sources += _commands(own, tables.parameters)
-    for table in told:
+    for table in external:
         sources += sources_of_messages(table, aiding, measured=True)
     for table in own:
         sources += sources_of_messages(table, aiding, measured=False)
@@ -132,12 +132,12 @@ def mavlink_sources(tables: Tables, senders: Mapping[str, Sender], autopilot: Au
 
 def aiding_of_messages(tables: Tables, senders: Mapping[str, Sender], autopilot: Autopilot) -> Aiding:
     """Return where the autopilot's filter is aided, judged by all that the tables hold."""
-    own, told = _own_and_told(tables, senders, autopilot)
+    own, external = _own_and_external(tables, senders, autopilot)
     depths = depth_sources(pressures_of(own, tables.parameters), tables.parameters)
-    return aiding_of(_evidence(own, told, tables, depths))
+    return aiding_of(_evidence(own, external, tables, depths))
 
 
-def _own_and_told(
+def _own_and_external(
     tables: Tables, senders: Mapping[str, Sender], autopilot: Autopilot
 ) -> tuple[list[Table], list[Table]]:
     """Return the autopilot's tables, and those by which others tell it what they measure."""
@@ -146,12 +146,12 @@ def _own_and_told(
         for name, table in tables.tables.items()
         if senders[name] == autopilot.sender and (autopilot.is_ardupilot or message_of(name) != "RAW_IMU")
     ]
-    told = [
+    external = [
         table
         for name, table in tables.tables.items()
         if senders[name] != autopilot.sender and message_of(name) in TO_AUTOPILOT
     ]
-    return own, told
+    return own, external
 
 
 def sources_of_messages(table: Table, aiding: Aiding, *, measured: bool) -> list[Source]:
@@ -191,7 +191,7 @@ def _displacement(table: Table) -> list[Source]:
 
 def _odometry(table: Table, distance: int) -> list[Source]:
     """Return what ODOMETRY tells in the frames that are understood: LOCAL_NED or LOCAL_FRD, BODY_FRD."""
-    needed = (*_XYZ, *_WORLD_VELOCITY.values(), *_RATES.values(), "frame_id", "child_frame_id", *_elements("q", 4))
+    needed = (*_XYZ, *_WORLD_VELOCITY.values(), *_TURN_RATES.values(), "frame_id", "child_frame_id", *_elements("q", 4))
     if not all(field in table for field in needed):
         return []
     t = times_of(table)
@@ -199,9 +199,9 @@ def _odometry(table: Table, distance: int) -> list[Source]:
         np.isin(table[field], kinds) for field, kinds in (("frame_id", _WORLD_FRAMES), ("child_frame_id", _BODY_FRAMES))
     )
     pose = {name: _where(world, table[name]) for name in _XYZ}
-    attitude = {name: _where(world, table[field]) for name, field in zip(_QUATERNION, _elements("q", 4), strict=True)}
+    attitude = {name: _where(world, table[field]) for name, field in zip(QUATERNION, _elements("q", 4), strict=True)}
     velocity = {name: _where(body, table[field]) for name, field in zip("uvw", _WORLD_VELOCITY.values(), strict=True)}
-    rates = {name: _where(body, table[field]) for name, field in _RATES.items()}
+    rates = {name: _where(body, table[field]) for name, field in _TURN_RATES.items()}
     return [
         Source(table.name, "position", t, {"x": pose["x"], "y": pose["y"]}, distance),
         Source(table.name, "depth", t, {"z": pose["z"]}, distance),
@@ -264,9 +264,9 @@ def pressures_of(own: Sequence[Table], parameters: Mapping[str, float]) -> list[
     return found
 
 
-def _evidence(own: list[Table], told: list[Table], tables: Tables, sources: list[Source]) -> Evidence:
+def _evidence(own: list[Table], external: list[Table], tables: Tables, sources: list[Source]) -> Evidence:
     reports = next((table for name in _STATUS for table in own if message_of(table.name) == name), None)
-    heard = {message_of(table.name) for table in told if len(table)}
+    received = {message_of(table.name) for table in external if len(table)}
     depth = next((source for source in sources if source.quantity == "depth" and not source.refused), None)
     sent = any(message_of(name) == "GPS_INPUT" for name in tables.tables)
     acoustic = (
@@ -277,8 +277,8 @@ def _evidence(own: list[Table], told: list[Table], tables: Tables, sources: list
     return Evidence(
         t=None if reports is None or "flags" not in reports else times_of(reports),
         flags=None if reports is None or "flags" not in reports else reports["flags"],
-        velocity=tuple(heard & {DVL, "VISION_SPEED_ESTIMATE", "ODOMETRY"}),
-        position=tuple(heard & {"VISION_POSITION_ESTIMATE", "ATT_POS_MOCAP", "ODOMETRY"})
+        velocity=tuple(received & {DVL, "VISION_SPEED_ESTIMATE", "ODOMETRY"}),
+        position=tuple(received & {"VISION_POSITION_ESTIMATE", "ATT_POS_MOCAP", "ODOMETRY"})
         + (("GPS_INPUT",) if acoustic else ()),
         satellites=fixed and not acoustic,
         depth_t=None if depth is None else depth.t,

@@ -54,15 +54,15 @@ def named_tables(pieces: Iterable[tuple[Sender, str, Table]]) -> tuple[dict[str,
     Returns:
         The tables and the sender of each, by name.
     """
-    found = list(pieces)
+    parts = list(pieces)
     senders: dict[str, set[Sender]] = {}
     instances: Counter[tuple[str, Sender]] = Counter()
-    for sender, _, table in found:
+    for sender, _, table in parts:
         senders.setdefault(table.name, set()).add(sender)
         instances[table.name, sender] += 1
     tables: dict[str, Table] = {}
     by_name: dict[str, Sender] = {}
-    for sender, instance, table in found:
+    for sender, instance, table in parts:
         name = table.name
         if instances[table.name, sender] > 1:
             name += f"[{instance}]"

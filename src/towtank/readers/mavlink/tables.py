@@ -35,10 +35,10 @@ def tables_by_instance(layout: MessageLayout, payloads: Sequence[bytes], t: Arra
     instances = np.unique(keys)
     if instances.size > _MOST_INSTANCES:
         return [("", whole)]
-    found = []
+    parts = []
     for instance in instances:
         own = np.flatnonzero(keys == instance)
         text = {name: tuple(values[i] for i in own) for name, values in words.items()}
         table = Table(layout.name, t[own], RecordColumns(records[own], layout.places), KIND, text=text)
-        found.append((str(instance), table))
-    return found
+        parts.append((str(instance), table))
+    return parts

@@ -1,9 +1,8 @@
-"""MAVLink telemetry logs (.tlog), as ground stations write them.
+"""MAVLink telemetry logs (.tlog): packets of MAVLink 1 and 2, each behind its time of receipt.
 
-Finds the packets of a .tlog: MAVLink 1 and 2, each behind the time of receipt in 8 bytes (us, Unix, big endian).
-
-A packet counts where its checksum is right. One with a wrong checksum between two others is damaged, or of a message
-that its sender defines otherwise; after bytes that are no packet at all the search goes on from the next right one.
+The time has 8 bytes (us, Unix, big endian). A packet counts where its checksum is right. One with a wrong checksum
+between two others is damaged, or of a message that its sender defines otherwise; after bytes that are no packet at all
+the search goes on from the next right one.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Our own recordings in MCAP, read back to the bit; the format is told in `recording.mcap_format`."""
+"""Our own recordings in MCAP, read back to the bit; their format is that of `recording.mcap.format`."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ def own_recording(path: Path, content: McapContent) -> Recording:
     about, notes = _about(content)
     channels: dict[str, Channel] = {}
     for source in sorted(sources, key=lambda each: -len(each.t)):
-        mine, mended, remarks = _channels(path, source)
-        repairs += mended
+        mine, repaired, remarks = _channels(path, source)
+        repairs += repaired
         notes += remarks
         for channel in mine:
             if channel.name in channels:
@@ -132,7 +132,7 @@ def _about(content: McapContent) -> tuple[About, list[str]]:
 
 
 def _channels(path: Path, source: _Source) -> tuple[list[Channel], Repairs, list[str]]:
-    """Return the channels of a source, what was mended, and notes."""
+    """Return the channels of a source, what was repaired, and notes."""
     quantities = source.form.quantities
     if source.as_written:
         t = read_only(source.t)
@@ -163,7 +163,7 @@ def _contents(content: McapContent, sources: list[_Source], channels: dict[str, 
             lines.append(Content(topic.name, "towtank", len(topic), rate, used, "" if used else "no sample"))
         else:
             raw = topic.encoding == RAW_ENCODING
-            told = topic.name.startswith("/towtank/")
-            reason = "bytes as they were received" if raw else "kept for viewers" if told else "not among the samples"
+            viewed = topic.name.startswith("/towtank/")
+            reason = "bytes as they were received" if raw else "kept for viewers" if viewed else "not among the samples"
             lines.append(Content(topic.name, topic.kind or topic.encoding, len(topic), rate, (), reason))
     return tuple(lines)

@@ -1,6 +1,6 @@
-"""The records of an MCAP file, one after the other, found again behind bytes that make none.
+"""The records of an MCAP file, one after the other, searched for behind bytes that make none.
 
-Where the messages of an MCAP chunk stand: by the index behind it where that is right, else found by walking.
+Where the messages of a chunk stand is taken from the index behind it where that is right, else from a walk through it.
 """
 
 from __future__ import annotations
@@ -17,14 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from towtank.readers.common.raw_messages import Bytes, Integers, gather
+from towtank.recording.mcap.format import MAGIC, MESSAGE_HEAD, RECORD_HEAD
 
 __all__ = [
     "CHANNEL",
     "CHUNK",
-    "HEAD",
+    "CONTENT_HEAD",
     "HEADER",
-    "MAGIC",
-    "MESSAGE_HEAD",
     "SCHEMA",
     "Chunk",
     "Fields",
@@ -37,27 +36,14 @@ __all__ = [
     "signed",
 ]
 
-MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = range(1, 8)
 STATISTICS, METADATA, DATA_END = 11, 12, 15
-RECORD_HEAD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQI")
 _START = re.compile(rb"[\x01-\x0f][\s\S]{5}\x00\x00\x00")  # an opcode, then a length below 2^40
 _CHAIN = 3  # records in a row that make a new start
 _SMALLEST = {FOOTER: 20, SCHEMA: 14, CHANNEL: 16, MESSAGE: 22, CHUNK: 40, MESSAGE_INDEX: 6}
 _ALWAYS_ALLOWED, _LARGEST_GAIN = 1 << 26, 1024  # bytes that a chunk may unpack to, or times its size
-HEAD = 31  # bytes of a message record before its data
-_RECORD = np.dtype(
-    [
-        ("opcode", "u1"),
-        ("length", "<u8"),
-        ("channel", "<u2"),
-        ("sequence", "<u4"),
-        ("log_time", "<u8"),
-        ("publish_time", "<u8"),
-    ]
-)
-MESSAGE_HEAD = np.dtype(_RECORD.descr[2:])  # of a message record's content
+CONTENT_HEAD = np.dtype(MESSAGE_HEAD.descr[2:])  # of a message record's content
 
 
 class Record(NamedTuple):
@@ -268,24 +254,24 @@ def indexed(buffer: Bytes, index: list[bytes]) -> Places:
         entries = np.frombuffer(body, dtype="<u8", offset=6).reshape(-1, 2)
         parts.append(entries)
         channels.append(np.full(len(entries), int.from_bytes(body[:2], "little"), dtype=np.int64))
-    if not parts or not sum(map(len, parts)) or buffer.size < HEAD:
+    if not parts or not sum(map(len, parts)) or buffer.size < MESSAGE_HEAD.itemsize:
         return nothing
     offset = np.concatenate(parts)[:, 1]
-    if (offset > buffer.size - HEAD).any():
+    if (offset > buffer.size - MESSAGE_HEAD.itemsize).any():
         return nothing
     order = np.argsort(offset, kind="stable")
     place = offset[order].astype(np.int64)
-    heads = np.ascontiguousarray(gather(buffer, place, HEAD)).view(_RECORD).reshape(-1)
+    heads = np.ascontiguousarray(gather(buffer, place, MESSAGE_HEAD.itemsize)).view(MESSAGE_HEAD).reshape(-1)
     length = heads["length"]
     right = (heads["opcode"] == MESSAGE) & (length >= 22) & (length <= buffer.size)
     right &= heads["channel"] == np.concatenate(channels)[order]
     if not right.all():
         return nothing
     size = length.astype(np.int64) - 22
-    ends = place + HEAD + size
+    ends = place + MESSAGE_HEAD.itemsize + size
     if (ends[:-1] > place[1:]).any() or ends[-1] > buffer.size:
         return nothing
-    return Places(place + HEAD, size, heads["channel"].astype(np.int64), signed(heads["log_time"]))
+    return Places(place + MESSAGE_HEAD.itemsize, size, heads["channel"].astype(np.int64), signed(heads["log_time"]))
 
 
 def signed(times: NDArray[np.uint64]) -> Integers:

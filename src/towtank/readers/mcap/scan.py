@@ -17,7 +17,8 @@ import numpy as np
 from towtank.errors import InputError
 from towtank.readers.common.raw_messages import Bytes, Integers, RawMessages, Topic, gather, in_order
 from towtank.readers.mcap import records as mcap
-from towtank.readers.mcap.records import HEAD, MESSAGE_HEAD, Chunk, Fields, Places, Record, count, gaps, indexed, signed
+from towtank.readers.mcap.records import CONTENT_HEAD, Chunk, Fields, Places, Record, count, gaps, indexed, signed
+from towtank.recording.mcap.format import MAGIC, MESSAGE_HEAD, RECORD_HEAD
 from towtank.recording.repairs import Repairs
 
 __all__ = ["Heading", "McapContent", "scan_mcap"]
@@ -56,7 +57,7 @@ def scan_mcap(path: Path, wanted: Wanted) -> McapContent:
         InputError: the file is not MCAP.
     """
     with path.open("rb") as stream, mmap(stream.fileno(), 0, access=ACCESS_READ) as data:
-        if data[: len(mcap.MAGIC)] != mcap.MAGIC:
+        if data[: len(MAGIC)] != MAGIC:
             raise InputError(f"{path}: found {data[:8]!r}, expected the first bytes of MCAP version 0")
         scan = _Scan(wanted)
         for record in mcap.records_of(data):
@@ -196,7 +197,7 @@ class _Scan:
         places = indexed(buffer, index)
         ends = places.start + places.size
         walked: list[tuple[int, int, int, int]] = []
-        for start, stop in gaps(places.start - HEAD, ends, len(records)):
+        for start, stop in gaps(places.start - MESSAGE_HEAD.itemsize, ends, len(records)):
             walked += self._walk(records, start, stop, cut=record.cut)
         if walked:
             more = Places(*np.array(walked, dtype=np.int64).T)
@@ -209,13 +210,13 @@ class _Scan:
         if not bodies:
             return
         raw = RawMessages.of(bodies)
-        heads = np.frombuffer(b"".join(body[:22] for body in bodies), dtype=MESSAGE_HEAD)
+        heads = np.frombuffer(b"".join(body[:22] for body in bodies), dtype=CONTENT_HEAD)
         channel = heads["channel"].astype(np.int64)
         self._add(raw.data, Places(raw.start + 22, raw.size - 22, channel, signed(heads["log_time"])))
 
     def _walk(self, records: bytes, at: int, stop: int, *, cut: bool) -> Iterator[tuple[int, int, int, int]]:
         """Yield start, size, channel and time of the messages between two places; take schemas and channels."""
-        head = mcap.RECORD_HEAD
+        head = RECORD_HEAD
         while at + head.size <= stop:
             opcode, size = head.unpack_from(records, at)
             body = at + head.size

@@ -44,10 +44,10 @@ def scan_rosbag2(path: Path, wanted: Wanted) -> tuple[list[Topic], Repairs]:
         with _unpacked(file) as plain:
             if ".mcap" in file.suffixes:
                 content = scan_mcap(plain, lambda heading: wanted(heading.name, heading.kind))
-                topics, mended = list(content.topics), content.repairs
+                topics, repaired = list(content.topics), content.repairs
             else:
-                topics, mended = _scan_database(plain, file, wanted)
-        repairs += mended
+                topics, repaired = _scan_database(plain, file, wanted)
+        repairs += repaired
         for topic in topics:
             parts.setdefault((topic.name, topic.kind), []).append(topic)
     joined = [_joined(topics) for topics in parts.values()]

@@ -17,7 +17,7 @@ from towtank.recording.standard import QUATERNION
 __all__ = ["judged"]
 
 _MINIMUM = 4  # samples from which anything is judged
-_MOTION = ("position", "depth", "attitude", "velocity", "rates", "specific force")
+_MOTION = ("position", "depth", "attitude", "velocity", "velocity through the water", "rates", "specific force")
 _SURFACE = -6.0  # m: a depth above the air of the highest lakes; what was read is no absolute pressure
 _UNSURE = 0.5  # m/s: a velocity that says of itself that it is worse is none
 _AIDS = re.compile(r"dvl|vision_pose|vision_speed|odometry/out|mocap|vrpn|qualisys|optitrack|vicon|usbl|optical_flow")

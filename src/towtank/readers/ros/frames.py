@@ -1,9 +1,7 @@
-"""Frames of ROS messages by the names that they bear: ENU and FLU unless a name says otherwise (REP 103, 105, 147).
+"""Frames of ROS messages by their names (REP 103, 105, 147): ENU and FLU unless a name says otherwise.
 
-Fixed transforms of ROS (/tf_static): the pose of a sensor's frame turned into that of the vehicle's base_link.
-
-Odometry tells pose and speed of a frame of its own choice. Where that is no base_link, and fixed transforms lead from
-it to one, they are applied; where none do, it is said.
+Odometry gives pose and speed of a frame of its own choice. Where that is no base_link, and fixed transforms
+(/tf_static) lead from it to one, they are applied; where none do, a note says so.
 """
 
 from __future__ import annotations
@@ -116,14 +114,14 @@ def at_base_link(tables: Mapping[str, Table]) -> tuple[dict[str, Table], list[st
         child = next((text for text in table.text.get(_CHILD, ()) if text), "")
         if table.kind != _ODOMETRY or not child or is_world(child) or _is_base(child) or not len(table):
             continue
-        way = _way(child, edges)
-        if way is None:
+        link = _link_to_base(child, edges)
+        if link is None:
             if static:
                 notes.append(f'{name}: no fixed transform leads from "{child}" to {_BASE}; taken for the body origin')
             continue
-        out[name] = _moved(table, *way)
+        out[name] = _moved(table, *link)
         moved.append(name)
-        notes.append(f'{name}: moved from "{child}" to "{way[0]}" by the fixed transforms')
+        notes.append(f'{name}: moved from "{child}" to "{link[0]}" by the fixed transforms')
     reason = f"fixed transforms, applied to {', '.join(moved)}" if moved else "fixed transforms; nothing needs them"
     return out, notes, {table.name: reason for table in static}
 
@@ -151,8 +149,8 @@ def _collect(table: Table, edges: dict[str, list[_Edge]]) -> None:
                 edges.setdefault(parent.strip("/"), []).append((child.strip("/"), -rotate(back, p), back))
 
 
-def _way(child: str, edges: Mapping[str, list[_Edge]]) -> _Edge | None:
-    """Return the nearest base_link, and origin and attitude of `child` in it; None where no way leads there."""
+def _link_to_base(child: str, edges: Mapping[str, list[_Edge]]) -> _Edge | None:
+    """Return the nearest base_link, and origin and attitude of `child` in it; None where no link leads there."""
     start = child.strip("/")
     reached: dict[str, tuple[Array, Array]] = {start: (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))}
     queue = [start]

@@ -1,12 +1,12 @@
-"""What the messages of ROS mean: of each type the quantities that it tells, row by row.
+"""What the messages of ROS mean: of each type the quantities that it gives, row by row.
 
 A function takes a table, or some rows of one, and returns the sources in it; what depends on the whole log, such as a
 reading that never changes, is judged in `ros.doubts`. Every assumption is in a source's note.
 
-Thrusters that have a topic of numbers each, as simulators have them: numbered by their names, in natural order.
+Thrusters that have a topic of numbers each, as simulators have them, are numbered by their names, in natural order:
 
-/rov/thrusters/0/input, /rov/thrusters/1/input, ...                          UUV Simulator
-/model/rov/joint/thruster1_joint/cmd_thrust, .../thruster2_joint/...         Gazebo
+    /rov/thrusters/0/input, /rov/thrusters/1/input, ...                          UUV Simulator
+    /model/rov/joint/thruster1_joint/cmd_thrust, .../thruster2_joint/...         Gazebo
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Mapping
 from itertools import count, takewhile
 
 import numpy as np
+from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
 from towtank.readers.common.sources import Quantity, Source
@@ -30,15 +31,22 @@ from towtank.readers.ros.frames import (
     world_of,
     world_vector,
 )
-from towtank.recording.standard import COMMAND_PREFIX, WRENCH
+from towtank.recording.standard import (
+    ACCELERATIONS,
+    COMMAND_PREFIX,
+    LINEAR_VELOCITY,
+    RATES,
+    RELATIVE_VELOCITY,
+    WORLD_VELOCITY,
+    WRENCH,
+)
 
 __all__ = ["LISTED", "MEANINGS", "has_meaning", "is_thruster_topic", "meaning_of", "thruster_order", "thruster_sources"]
 
 SCALARS = frozenset(f"std_msgs/msg/{kind}" for kind in ("Float32", "Float64", "Int16", "Int32", "UInt16", "UInt32"))
 _ONE = re.compile(r"^(.*(?:thrust|propeller)[a-z_]*?/?_?)(\d+)(.*)$", re.IGNORECASE)
 _INPUT = re.compile(r"(^|[/_])(input|cmd|command|cmd_thrust|cmd_vel|setpoint|thrust|pwm)$", re.IGNORECASE)
-_LINEAR, _RATES, _FORCE = ("u", "v", "w"), ("p", "q", "r"), ("ax", "ay", "az")
-_WORLD_LINEAR = ("vn", "ve", "vd")
+_WATER_TRACK = 2.0  # velocity_mode of marine_acoustic_msgs/Dvl
 _TRACKED = re.compile(r"vrpn|mocap|motion_capture|qualisys|qtm|optitrack|natnet|vicon|ground_truth|pose_gt|april|aruco")
 _TOLD = re.compile(
     r"vision_(pose|speed)|odometry/out|(^|[/_])(cmd|commands?|setpoints?|desired|goal|target|ref(erence)?)([/_]|$)"
@@ -91,8 +99,8 @@ def thruster_sources(tables: Mapping[str, Table]) -> list[Source]:
     for table, channel in parts:
         channels[channel] = np.full(t.size, np.nan)
         channels[channel][np.searchsorted(t, table.t)] = table["data"]
-    told = "a topic for each thruster, in the order of their numbers: " + ", ".join((main, *rest))
-    found = [Source(main, "commands", t, channels, 0, note=told)]
+    numbered = "a topic for each thruster, in the order of their numbers: " + ", ".join((main, *rest))
+    found = [Source(main, "commands", t, channels, 0, note=numbered)]
     none = np.empty(0)
     return found + [Source(name, "commands", none, {}, 0, refused=f"joined to {main}") for name in rest]
 
@@ -171,12 +179,12 @@ def _twist(table: Table, path: str, frame: str, usual: int, cause: str = "", def
     if is_world(frame):
         world = world_of(frame)
         note = f'velocity taken as {world} (frame "{frame}")'
-        return [_source(table, "velocity", world_vector(table, linear, _WORLD_LINEAR, world), rank, note)]
+        return [_source(table, "velocity", world_vector(table, linear, WORLD_VELOCITY, world), rank, note)]
     body = body_of(frame, default)
     note = _assumed(body, frame, cause)
     return [
-        _source(table, "velocity", body_vector(table, linear, _LINEAR, body), rank, f"velocity {note}"),
-        _source(table, "rates", body_vector(table, angular, _RATES, body), rank, f"rates {note}"),
+        _source(table, "velocity", body_vector(table, linear, LINEAR_VELOCITY, body), rank, f"velocity {note}"),
+        _source(table, "rates", body_vector(table, angular, RATES, body), rank, f"rates {note}"),
     ]
 
 
@@ -198,8 +206,8 @@ def _imu(table: Table) -> list[Source]:
     note = _assumed(body, frame, "")
     world = "NED" if body == "FRD" else "ENU"
     attitude = _where_given(table, "orientation", quaternion(table, "orientation", body, world))
-    rates = _where_given(table, "angular_velocity", body_vector(table, "angular_velocity", _RATES, body))
-    force = _where_given(table, "linear_acceleration", body_vector(table, "linear_acceleration", _FORCE, body))
+    rates = _where_given(table, "angular_velocity", body_vector(table, "angular_velocity", RATES, body))
+    force = _where_given(table, "linear_acceleration", body_vector(table, "linear_acceleration", ACCELERATIONS, body))
     return [
         _source(table, "attitude", attitude, 1, f"attitude from {body} to {world}, by convention"),
         _source(table, "rates", rates, 0, f"rates {note}"),
@@ -214,23 +222,27 @@ def _where_given(table: Table, field: str, channels: Mapping[str, Array]) -> dic
     return {name: np.where(absent, np.nan, values) for name, values in channels.items()}
 
 
-def _dvl(table: Table, valid: Array) -> list[Source]:
+def _dvl(table: Table, quantity: Quantity, names: tuple[str, str, str], valid: NDArray[np.bool_]) -> Source:
     """Return the velocity of a DVL; DVL messages have z where it points to, down, and x forward."""
     body = body_of(table.frame, "FRD")
-    channels = body_vector(table, "velocity", _LINEAR, body)
-    note = f"velocity in {body}, at the DVL's own place; state its position as [marker] of a mapping if it is far off"
-    return [
-        _source(table, "velocity", {name: np.where(valid, each, np.nan) for name, each in channels.items()}, 0, note)
-    ]
+    channels = body_vector(table, "velocity", names, body)
+    note = f"{quantity} in {body}, at the DVL's own place; state its position as [marker] of a mapping if it is far off"
+    return _source(table, quantity, {name: np.where(valid, each, np.nan) for name, each in channels.items()}, 0, note)
 
 
 def _dvl_a50(table: Table) -> list[Source]:
-    return _dvl(table, table["velocity_valid"] != 0.0)
+    return [_dvl(table, "velocity", LINEAR_VELOCITY, table["velocity_valid"] != 0.0)]
 
 
 def _dvl_marine(table: Table) -> list[Source]:
+    """Return the velocity over ground, and that through the water where the beams tracked the water."""
     still = (vector(table, "velocity") == 0.0).all(axis=1)
-    return _dvl(table, (table["velocity_mode"] != 2.0) & ~(still & (table["num_good_beams"] == 0.0)))
+    valid = ~(still & (table["num_good_beams"] == 0.0))
+    water = table["velocity_mode"] == _WATER_TRACK
+    over_ground = _dvl(table, "velocity", LINEAR_VELOCITY, ~water & valid)
+    if not water.any():
+        return [over_ground]
+    return [over_ground, _dvl(table, "velocity through the water", RELATIVE_VELOCITY, water & valid)]
 
 
 def _dvl_position(table: Table) -> list[Source]:
@@ -270,16 +282,16 @@ def _vector(table: Table) -> list[Source]:
     body = body_of(table.frame)
     note = _assumed(body, table.frame, "") + ", by the name of the topic"
     if re.search(r"gyro|angular_?vel|rates", name):
-        return [_source(table, "rates", body_vector(table, "vector", _RATES, body), 0, f"rates {note}")]
+        return [_source(table, "rates", body_vector(table, "vector", RATES, body), 0, f"rates {note}")]
     if re.search(r"accel|specific_force", name):
-        force = body_vector(table, "vector", _FORCE, body)
+        force = body_vector(table, "vector", ACCELERATIONS, body)
         return [_source(table, "specific force", force, 0, f"specific force {note}")]
     if re.search(r"dvl|linear_?vel|velocity", name):
         if is_world(table.frame):
             world = world_of(table.frame)
-            linear = world_vector(table, "vector", _WORLD_LINEAR, world)
+            linear = world_vector(table, "vector", WORLD_VELOCITY, world)
             return [_source(table, "velocity", linear, 1, f'velocity taken as {world} (frame "{table.frame}")')]
-        return [_source(table, "velocity", body_vector(table, "vector", _LINEAR, body), 1, f"velocity {note}")]
+        return [_source(table, "velocity", body_vector(table, "vector", LINEAR_VELOCITY, body), 1, f"velocity {note}")]
     return []
 
 

@@ -1,7 +1,4 @@
-"""Topics of ROS messages as tables, and from them a recording.
-
-Commands that fall silent before the motion ends: held for ever, or has the vehicle been switched off?
-"""
+"""Topics of ROS messages as tables, and from them a recording; commands that end before the motion are noted."""
 
 from __future__ import annotations
 

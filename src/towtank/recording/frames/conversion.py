@@ -1,15 +1,12 @@
-"""A Recording in other frames, brought to NED and FRD once, channel by channel at its own times.
-
-Conversion of frames at the boundary: world ENU to NED, body FLU (x forward, y port, z up) to FRD.
+"""From other frames to NED and FRD, once, at the boundary: world ENU, body FLU (x forward, y port, z up).
 
 With R the attitude, source body to source world, the attitude inside towtank is
 
     R(NED <- FRD) = R(NED <- ENU) R R(FLU <- FRD),
 
-where R(NED <- ENU) swaps x and y and reverses z, R(FLU <- FRD) reverses y and z. Where only one of the two
-frames
+where R(NED <- ENU) swaps x and y and reverses z, R(FLU <- FRD) reverses y and z. Where only one of the two frames
 differs, the other factor is the identity: a level vehicle in ENU/FRD or NED/FLU axes is rolled by pi.
-Every function is its own inverse up to the sign of a quaternion.
+Every function is its own inverse up to the sign of a quaternion. A Recording is converted channel by channel.
 """
 
 from __future__ import annotations
@@ -24,6 +21,8 @@ from towtank.recording.recording import Recording
 from towtank.recording.standard import EULER, POSITION, QUATERNION
 
 __all__ = [
+    "POSITION_OF_ENU",
+    "REVERSED_BY_FLU",
     "convert_body_vector",
     "convert_euler",
     "convert_quaternion",
@@ -34,8 +33,8 @@ __all__ = [
 
 _NED_ENU = np.array([0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0])
 _FLU_FRD = np.array([0.0, 1.0, 0.0, 0.0])
-_REVERSED_BY_FLU = ("v", "w", "q", "r", "ay", "az", "Y", "Z", "M", "N")
-_POSITION_OF_ENU = {"x": ("y", 1.0), "y": ("x", 1.0), "z": ("z", -1.0)}
+REVERSED_BY_FLU = frozenset(("v", "w", "q", "r", "ay", "az", "v_w", "w_w", "Y", "Z", "M", "N"))
+POSITION_OF_ENU = {"x": ("y", 1.0), "y": ("x", 1.0), "z": ("z", -1.0)}
 
 
 def wrap_angle(angle: Array) -> Array:
@@ -93,7 +92,7 @@ def to_ned_frd(recording: Recording, *, body: str = "FRD", world: str = "NED") -
         done: dict[str, Channel] = {}
         for name in recording:
             if name in POSITION and world == "ENU":
-                target, sign = _POSITION_OF_ENU[name]
+                target, sign = POSITION_OF_ENU[name]
                 done[target] = standard_channel(target, recording[name].t, sign * recording[name].values)
             elif name not in QUATERNION:
                 done[name] = _converted(recording[name], body, world)
@@ -110,7 +109,7 @@ def to_ned_frd(recording: Recording, *, body: str = "FRD", world: str = "NED") -
 def _converted(channel: Channel, body: str, world: str) -> Channel:
     if channel.name in EULER:
         return channel.with_values(convert_euler(channel.values, channel.name, body=body, world=world))
-    if (body == "FLU" and channel.name in _REVERSED_BY_FLU) or (world == "ENU" and channel.name == "vd"):
+    if (body == "FLU" and channel.name in REVERSED_BY_FLU) or (world == "ENU" and channel.name == "vd"):
         return channel.with_values(-channel.values)
     return channel
 

@@ -13,11 +13,11 @@ from towtank.recording.channel import Channel
 from towtank.recording.frames.rotations import align_signs, rotate
 from towtank.recording.grids.timing import common_samples, interpolation_weights, quaternion_samples
 from towtank.recording.recording import Recording
-from towtank.recording.standard import EULER, POSITION, QUATERNION
+from towtank.recording.standard import EULER, LINEAR_VELOCITY, POSITION, QUATERNION, RATES, RELATIVE_VELOCITY
 
 __all__ = ["marker_to_origin", "origin_position", "origin_velocity"]
 
-_RATES = ("p", "q", "r")
+_AXIS = {name: k for names in (LINEAR_VELOCITY, RELATIVE_VELOCITY) for k, name in enumerate(names)}
 
 
 def origin_position(position: Array, q: Array, marker: Array) -> Array:
@@ -52,7 +52,7 @@ def marker_to_origin(
     gap, and samples of the marker for which they are unknown are left out.
 
     Args:
-        recording: in NED and FRD, `x y z` and `u v w` of the marker.
+        recording: in NED and FRD, `x y z`, `u v w` and `u_w v_w w_w` of the marker.
         marker: the marker in the body (3,) [m], FRD.
         of: "position", "velocity" or both.
 
@@ -69,15 +69,15 @@ def marker_to_origin(
             known = recording[name].measured
             turned = rotate(interpolation_weights(t, known.t).rotation(q), arm)
             moved.append(known.with_values(known.values - turned[:, POSITION.index(name)]).measured)
-    speeds = [name for name in ("u", "v", "w") if name in recording]
+    speeds = [name for name in _AXIS if name in recording]
     if "velocity" in of and speeds:
-        if not all(name in recording for name in _RATES):
+        if not all(name in recording for name in RATES):
             raise InputError(f"{recording.source}: moving the marker's velocity to the body origin needs p, q and r")
-        t, omega = common_samples([recording[name] for name in _RATES])
+        t, omega = common_samples([recording[name] for name in RATES])
         for name in speeds:
             known = recording[name].measured
             swept = np.cross(interpolation_weights(t, known.t).linear(omega), arm)
-            moved.append(known.with_values(known.values - swept[:, ("u", "v", "w").index(name)]).measured)
+            moved.append(known.with_values(known.values - swept[:, _AXIS[name]]).measured)
     for channel in moved:
         if not len(channel):
             raise InputError(

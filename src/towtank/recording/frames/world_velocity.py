@@ -40,8 +40,8 @@ def with_body_velocity(recording: Recording) -> Recording:
     left_out = int(np.count_nonzero(~known))
     lost = f", {left_out} samples left out where the attitude is unknown" if left_out else ""
     own = t[known]
-    found = [standard_channel(name, own, turned[known, j]) for j, name in enumerate(LINEAR_VELOCITY)]
-    return _noted(recording.replace(found), f"u v w are vn ve vd turned into the body{lost}")
+    body = [standard_channel(name, own, turned[known, j]) for j, name in enumerate(LINEAR_VELOCITY)]
+    return _noted(recording.replace(body), f"u v w are vn ve vd turned into the body{lost}")
 
 
 def _noted(recording: Recording, note: str) -> Recording:

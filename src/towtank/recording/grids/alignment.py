@@ -25,13 +25,18 @@ from towtank.recording.grids.timing import (
 )
 from towtank.recording.recording import Recording
 from towtank.recording.repairs import Repairs
-from towtank.recording.standard import COMMAND_PREFIX, EULER, MOTION, QUATERNION, WRENCH, is_command
+from towtank.recording.standard import COMMAND_PREFIX, EULER, MEASURED, QUATERNION, WRENCH, is_command
 
 __all__ = ["MAXIMUM_RATE", "align"]
 
 MAXIMUM_RATE = 200.0  # Hz, unless asked for
 _ATTITUDE = slice(3, 6)
-_POSE, _VELOCITY, _ACCELERATION = slice(0, 6), slice(6, 12), slice(12, 15)
+_PARTS = {
+    "pose": slice(0, 6),
+    "velocity": slice(6, 12),
+    "acceleration": slice(12, 15),
+    "relative_velocity": slice(15, 18),
+}
 
 
 def align(
@@ -88,8 +93,8 @@ def align(
             details.append(f"{lost:.3g} s of gaps in {', '.join(s.label for s in series if s.same_times(item))}")
 
     t, rate = _grid_times(series, rate, prefix)
-    motion = np.full((t.size, len(MOTION)), np.nan)
-    fresh = np.zeros((t.size, len(MOTION)), dtype=np.bool_)
+    motion = np.full((t.size, len(MEASURED)), np.nan)
+    fresh = np.zeros((t.size, len(MEASURED)), dtype=np.bool_)
     weights: dict[bytes, Weights] = {}
     for item in series:
         key = item.t.tobytes()
@@ -99,7 +104,7 @@ def align(
         fresh[:, item.columns] = _nearest_rows(item.t, t, rate)[:, None]
     fresh &= ~np.isnan(motion)
     fresh.flags.writeable = False
-    pose, velocity, acceleration = (in_one_block(motion[:, part]) for part in (_POSE, _VELOCITY, _ACCELERATION))
+    parts = {name: in_one_block(motion[:, part]) for name, part in _PARTS.items()}
     del motion
 
     command_t, command_values = stack_held(inputs)
@@ -110,9 +115,7 @@ def align(
     return Grid(
         t=t,
         rate=rate,
-        pose=pose,
-        velocity=velocity,
-        acceleration=acceleration,
+        **parts,
         fresh=fresh,
         voltage=_voltage(recording, t),
         thrusters=tuple(channel.name.removeprefix(COMMAND_PREFIX) for channel in inputs),
@@ -154,7 +157,7 @@ def _motion_series(recording: Recording) -> list[_Series]:
     whole = _whole_attitude(recording)
     if whole is not None:
         series.append(whole)
-    for column, name in enumerate(MOTION):
+    for column, name in enumerate(MEASURED):
         if name not in recording or (whole is not None and name in EULER):
             continue
         channel = recording[name].measured

@@ -1,7 +1,4 @@
-"""A recording on one common grid of times: what regressors and filters work on.
-
-Held inputs: a command acts from its own stamp until the next one comes.
-"""
+"""A recording on one common grid of times, as regressors and filters take it; a command acts until the next one."""
 
 from __future__ import annotations
 
@@ -101,11 +98,11 @@ class Grid:
         t: times (n,) [s], uniform at `rate` [Hz].
         pose: x y z [m, NED] and phi theta psi [rad] (n, 6), phi and psi unwrapped.
         velocity: u v w [m/s] p q r [rad/s] (n, 6), body FRD.
-        acceleration: specific force ax ay az (n, 3) [m/s^2], body FRD. Where nothing of one of these three is known,
-            it is a single NaN, broadcast; kernels take it by `in_one_block`.
-        fresh: (n, 15) columns as pose, velocity, acceleration; True in the row nearest to an actual sample,
-            False where
-            the value only lies between samples: a slow sensor says nothing new there.
+        acceleration: specific force ax ay az (n, 3) [m/s^2], body FRD.
+        relative_velocity: u_w v_w w_w (n, 3) [m/s] through the water, body FRD. Where nothing of one of these four is
+            known, it is a single NaN, broadcast; kernels take it by `in_one_block`.
+        fresh: (n, 18) columns as pose, velocity, acceleration, relative velocity; True in the row nearest to an actual
+            sample, False where the value only lies between samples: a slow sensor says nothing new there.
         voltage: (n,) [V], interpolated over gaps too, held beyond its ends.
         thrusters: names of the columns of `commands`.
         command_t, command_values: the stamps (k,) of the commands and the values (k, m) from each on.
@@ -118,6 +115,7 @@ class Grid:
     pose: Array
     velocity: Array
     acceleration: Array
+    relative_velocity: Array
     fresh: Flags
     voltage: Array
     thrusters: tuple[str, ...]
@@ -129,7 +127,7 @@ class Grid:
     repairs: Repairs = Repairs()
 
     def __post_init__(self) -> None:
-        for name in ("pose", "velocity", "acceleration"):
+        for name in ("pose", "velocity", "acceleration", "relative_velocity"):
             values = np.asarray(getattr(self, name), dtype=np.float64)
             known = values.size == 0 or np.isfinite(values).any()
             object.__setattr__(self, name, read_only(values) if known else np.broadcast_to(np.nan, values.shape))

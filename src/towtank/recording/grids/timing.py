@@ -1,9 +1,4 @@
-"""Rates and gaps of time stamps, regular or not.
-
-Channels brought to common times: those at which all of them were measured.
-
-Linear interpolation that never bridges a gap and never goes beyond the ends.
-"""
+"""Rates and gaps of time stamps; channels at common times; interpolation that bridges no gap and leaves no end."""
 
 from __future__ import annotations
 

@@ -30,11 +30,11 @@ from mcap.records import (
 )
 from numpy.typing import NDArray
 
-__all__ = ["MAGIC", "McapFile", "Messages", "Summary", "index_record", "message_records"]
+from towtank.recording.mcap.format import MAGIC, MESSAGE_HEAD, RECORD_HEAD
 
-MAGIC = b"\x89MCAP0\r\n"
+__all__ = ["McapFile", "Messages", "Summary", "index_record", "message_records"]
+
 _LEVEL = 1  # of zstd: half the size, at the speed of the disk
-_FIXED = 22  # bytes of a message record before its data
 
 
 def message_records(channel: int, log_time: NDArray[np.uint64], data: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -46,20 +46,10 @@ def message_records(channel: int, log_time: NDArray[np.uint64], data: NDArray[np
         data: the messages (n, size).
     """
     size = data.shape[1]
-    layout = np.dtype(
-        [
-            ("opcode", "u1"),
-            ("length", "<u8"),
-            ("channel", "<u2"),
-            ("sequence", "<u4"),
-            ("log_time", "<u8"),
-            ("publish_time", "<u8"),
-            ("data", "u1", (size,)),
-        ]
-    )
+    layout = np.dtype([*MESSAGE_HEAD.descr, ("data", "u1", (size,))])
     records = np.zeros(len(data), dtype=layout)
     records["opcode"] = int(Opcode.MESSAGE)
-    records["length"] = _FIXED + size
+    records["length"] = MESSAGE_HEAD.itemsize - RECORD_HEAD.size + size
     records["channel"] = channel
     records["log_time"] = records["publish_time"] = log_time
     records["data"] = data

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import json
 import re
+import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -33,7 +34,10 @@ __all__ = [
     "ENCODING",
     "KEY",
     "LIBRARY",
+    "MAGIC",
+    "MESSAGE_HEAD",
     "RAW_ENCODING",
+    "RECORD_HEAD",
     "About",
     "Quantity",
     "SourceFormat",
@@ -42,6 +46,18 @@ __all__ = [
     "log_times",
 ]
 
+MAGIC = b"\x89MCAP0\r\n"
+RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of the content
+MESSAGE_HEAD = np.dtype(  # a message record before its data
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log_time", "<u8"),
+        ("publish_time", "<u8"),
+    ]
+)
 KEY = "towtank"  # in the metadata of a channel: it is ours, and which version of this format
 ABOUT = "towtank"  # name of the metadata record
 LIBRARY = f"towtank {towtank.__version__}"

@@ -1,6 +1,6 @@
 """What an MCAP file of ours holds, record by record, so that a later session can go on writing it.
 
-Chunks are not unpacked: their indexes tell how many messages they hold. The first record that is not whole, or the
+Chunks are not unpacked: their indexes say how many messages they hold. The first record that is not whole, or the
 summary of a file that was closed, is where the file is gone on with.
 """
 
@@ -19,12 +19,11 @@ from mcap.records import Channel, ChunkIndex, MessageIndex, Metadata, MetadataIn
 
 from towtank.errors import InputError
 from towtank.recording.event import EVENT_ENCODING
-from towtank.recording.mcap.container import MAGIC, Summary
-from towtank.recording.mcap.format import ABOUT, RAW_ENCODING, About, SourceFormat
+from towtank.recording.mcap.container import Summary
+from towtank.recording.mcap.format import ABOUT, MAGIC, RAW_ENCODING, RECORD_HEAD, About, SourceFormat
 
 __all__ = ["Interrupted", "interrupted"]
 
-_HEAD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQI")  # start, end, size, checksum
 
 
@@ -58,7 +57,7 @@ def interrupted(path: Path) -> Interrupted:
             stream.seek(0)
             if stream.read(len(MAGIC)) != MAGIC:
                 raise InputError(f"{path}: not MCAP, so that it cannot be gone on with")
-            found = _scan(stream, end)
+            before = _scan(stream, end)
     except FileNotFoundError:
         raise InputError(f"{path}: no such recording to resume") from None
     except OSError as error:
@@ -67,20 +66,20 @@ def interrupted(path: Path) -> Interrupted:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: damaged, cannot be gone on with ({error})") from error
-    if ABOUT not in {entry.name for entry in found.summary.metadata if isinstance(entry, MetadataIndex)}:
+    if ABOUT not in {entry.name for entry in before.summary.metadata if isinstance(entry, MetadataIndex)}:
         raise InputError(f"{path}: not a recording of towtank, so that it cannot be gone on with")
-    return found
+    return before
 
 
 def _scan(stream: BinaryIO, end: int) -> Interrupted:
-    found = Interrupted(length=len(MAGIC))
-    summary = found.summary
+    before = Interrupted(length=len(MAGIC))
+    summary = before.summary
     last: ChunkIndex | None = None
-    while found.length + _HEAD.size <= end:
-        at = found.length
+    while before.length + RECORD_HEAD.size <= end:
+        at = before.length
         stream.seek(at)
-        opcode, size = _HEAD.unpack(stream.read(_HEAD.size))
-        if not opcode or opcode == Opcode.DATA_END or at + _HEAD.size + size > end:
+        opcode, size = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
+        if not opcode or opcode == Opcode.DATA_END or at + RECORD_HEAD.size + size > end:
             break
         if opcode == Opcode.CHUNK:
             last = _chunk(stream, at, size)
@@ -90,12 +89,12 @@ def _scan(stream: BinaryIO, end: int) -> Interrupted:
         elif opcode == Opcode.MESSAGE_INDEX and last is not None:
             index = MessageIndex.read(ReadDataStream(stream))
             last.message_index_offsets[index.channel_id] = at
-            last.message_index_length += _HEAD.size + size
+            last.message_index_length += RECORD_HEAD.size + size
             summary.counts[index.channel_id] = summary.counts.get(index.channel_id, 0) + len(index.records)
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA):
-            _take(found, opcode, stream, at, size)
-        found.length += _HEAD.size + size
-    return found
+            _take(before, opcode, stream, at, size)
+        before.length += RECORD_HEAD.size + size
+    return before
 
 
 def _chunk(stream: BinaryIO, at: int, size: int) -> ChunkIndex:
@@ -106,7 +105,7 @@ def _chunk(stream: BinaryIO, at: int, size: int) -> ChunkIndex:
         message_start_time=start,
         message_end_time=end,
         chunk_start_offset=at,
-        chunk_length=_HEAD.size + size,
+        chunk_length=RECORD_HEAD.size + size,
         message_index_offsets={},
         message_index_length=0,
         compression=compression,
@@ -115,23 +114,23 @@ def _chunk(stream: BinaryIO, at: int, size: int) -> ChunkIndex:
     )
 
 
-def _take(found: Interrupted, opcode: int, stream: BinaryIO, at: int, size: int) -> None:
+def _take(before: Interrupted, opcode: int, stream: BinaryIO, at: int, size: int) -> None:
     """Take a schema, a channel or metadata."""
     data = ReadDataStream(stream)
     if opcode == Opcode.SCHEMA:
-        found.summary.schemas.append(Schema.read(data))
+        before.summary.schemas.append(Schema.read(data))
     elif opcode == Opcode.METADATA:
         record = Metadata.read(data)
-        found.summary.metadata.append(MetadataIndex(offset=at, length=_HEAD.size + size, name=record.name))
+        before.summary.metadata.append(MetadataIndex(offset=at, length=RECORD_HEAD.size + size, name=record.name))
         if record.name == ABOUT:
-            found.about = About.of_metadata(record.metadata)
+            before.about = About.of_metadata(record.metadata)
     else:
         channel = Channel.read(data)
-        found.summary.channels.append(channel)
+        before.summary.channels.append(channel)
         form = SourceFormat.of_metadata(channel.topic, channel.metadata)
         if form is not None:
-            found.sources[channel.id] = form
+            before.sources[channel.id] = form
         elif channel.message_encoding == RAW_ENCODING:
-            found.raw[channel.id] = channel.topic
+            before.raw[channel.id] = channel.topic
         elif channel.message_encoding == EVENT_ENCODING:
-            found.texts[channel.topic] = channel.id
+            before.texts[channel.topic] = channel.id

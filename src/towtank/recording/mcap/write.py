@@ -1,4 +1,4 @@
-"""A recording as an MCAP file, whole or not at all; the format is told in `mcap.format`."""
+"""A recording as an MCAP file, whole or not at all; its format is that of `mcap.format`."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from towtank.recording.mcap.format import (
     ABOUT,
     ENCODING,
     LIBRARY,
+    MESSAGE_HEAD,
     About,
     Quantity,
     SourceFormat,
@@ -29,7 +30,6 @@ from towtank.recording.recording import Recording
 __all__ = ["write_mcap"]
 
 _CHUNK = 1 << 18  # bytes of messages in a chunk, about: what a damaged byte costs
-_HEAD = 31  # bytes of a message record before its data
 
 
 def write_mcap(recording: Recording, path: str | os.PathLike[str]) -> None:
@@ -90,7 +90,7 @@ def _chunks(sources: Sequence[_Source]) -> Iterator[tuple[bytes, dict[int, Messa
     owner = np.repeat(np.arange(len(sources)), counts)
     order = np.argsort(np.concatenate([source.log_time for source in sources]), kind="stable")
     owner = owner[order]
-    sizes = np.array([_HEAD + source.form.message_size for source in sources])[owner]
+    sizes = np.array([MESSAGE_HEAD.itemsize + source.form.message_size for source in sources])[owner]
     ends = np.cumsum(sizes)
     done = np.zeros(len(sources), dtype=np.intp)
     first = 0

@@ -1,8 +1,6 @@
-"""CSV as of the contract: one row per time, SI, NED/FRD, an empty cell or NaN where not measured.
+"""CSV: one row per distinct time, SI, NED/FRD, an empty cell or NaN where not measured.
 
-Write a Recording as CSV: one row per distinct time, blank where not measured.
-
-What is wrong with a CSV file, by line and column; and a patient reader for what the fast one refuses.
+What the fast reader refuses a patient one reads, and names what is wrong by line and column.
 """
 
 from __future__ import annotations
@@ -48,10 +46,10 @@ def check_header(path: Path, line: str, names: Sequence[str]) -> None:
         )
 
 
-def read_slowly(path: Path, names: Sequence[str], wanted: Sequence[str]) -> dict[str, Array]:
-    """Return the wanted columns, or raise InputError with line, column and content of the first fault."""
-    indices = [names.index(name) for name in wanted]
-    columns: list[list[float]] = [[] for _ in wanted]
+def read_slowly(path: Path, names: Sequence[str], needed: Sequence[str]) -> dict[str, Array]:
+    """Return the columns `needed`, or raise InputError with line, column and content of the first fault."""
+    indices = [names.index(name) for name in needed]
+    columns: list[list[float]] = [[] for _ in needed]
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as stream:
         reader = csv.reader(_without_nul(stream, path))
         line = 1
@@ -66,12 +64,12 @@ def read_slowly(path: Path, names: Sequence[str], wanted: Sequence[str]) -> dict
                             f"(one for each name in the first line){_comma_hint(row, names)}"
                             f"{_cut_hint(path, stream)}"
                         )
-                    for i, name, column in zip(indices, wanted, columns, strict=True):
+                    for i, name, column in zip(indices, needed, columns, strict=True):
                         column.append(_number(path, line, i + 1, name, row[i]))
                 line = reader.line_num + 1
         except csv.Error as error:
             raise InputError(f"{path}:{line}: not readable as CSV ({error})") from error
-    return {name: np.array(column) for name, column in zip(wanted, columns, strict=True)}
+    return {name: np.array(column) for name, column in zip(needed, columns, strict=True)}
 
 
 def _without_nul(stream: Iterable[str], path: Path) -> Iterator[str]:
@@ -130,7 +128,7 @@ def read_csv(path: str | os.PathLike[str], mapping: ColumnMapping | str | os.Pat
     """
     path = Path(path)
     names = _read_header(path)
-    return recording_of_columns(path, names, lambda wanted: _read_numbers(path, names, wanted), mapping)
+    return recording_of_columns(path, names, lambda needed: _read_numbers(path, names, needed), mapping)
 
 
 def _read_header(path: Path) -> tuple[str, ...]:
@@ -156,9 +154,9 @@ def _read_header(path: Path) -> tuple[str, ...]:
     return names
 
 
-def _read_numbers(path: Path, names: Sequence[str], wanted: Sequence[str]) -> dict[str, Array]:
+def _read_numbers(path: Path, names: Sequence[str], needed: Sequence[str]) -> dict[str, Array]:
     """Columns as float64, NaN where empty. On any trouble a slower reader says exactly where it is."""
-    indices = [names.index(name) for name in wanted]
+    indices = [names.index(name) for name in needed]
     keys = [f"c{i}" for i in range(len(names))]
     try:
         table = arrow_csv.read_csv(
@@ -171,8 +169,8 @@ def _read_numbers(path: Path, names: Sequence[str], wanted: Sequence[str]) -> di
             ),
         )
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
-        return read_slowly(path, names, wanted)
-    numbers = {name: _to_numpy(table.column(keys[i])) for name, i in zip(wanted, indices, strict=True)}
+        return read_slowly(path, names, needed)
+    numbers = {name: _to_numpy(table.column(keys[i])) for name, i in zip(needed, indices, strict=True)}
     del table
     pa.default_memory_pool().release_unused()
     return numbers

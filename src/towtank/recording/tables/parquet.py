@@ -69,24 +69,24 @@ def read_parquet(
     return recording_of_columns(
         path,
         tuple(schema.names),
-        lambda wanted: _read_numbers(path, schema, wanted),
+        lambda needed: _read_numbers(path, schema, needed),
         mapping,
         _carried(path, schema, units),
     )
 
 
-def _read_numbers(path: Path, schema: pa.Schema, wanted: Sequence[str]) -> dict[str, Array]:
-    for name in wanted:
+def _read_numbers(path: Path, schema: pa.Schema, needed: Sequence[str]) -> dict[str, Array]:
+    for name in needed:
         kind = schema.field(name).type
         if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_null(kind)):
             raise InputError(f'{path}: column "{name}" holds {kind}, expected numbers')
     try:
-        table = arrow_parquet.read_table(path, columns=list(wanted))
+        table = arrow_parquet.read_table(path, columns=list(needed))
     except (pa.ArrowInvalid, OSError) as error:
         raise InputError(f"{path}: the file is damaged ({_first_line(error)})") from error
     numbers = {
         name: np.array(table.column(name).cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
-        for name in wanted
+        for name in needed
     }
     del table
     pa.default_memory_pool().release_unused()  # as much again as the recording

@@ -5,11 +5,17 @@ from __future__ import annotations
 from towtank.errors import InputError, nearest
 from towtank.simulation.sensors.ins import Ins
 from towtank.simulation.sensors.mocap import Mocap
-from towtank.simulation.sensors.sensor import Perfect, Sensors
+from towtank.simulation.sensors.sensor import Perfect, Sensors, Together
+from towtank.simulation.sensors.water_track import WaterTrack
 
 __all__ = ["SENSORS", "sensors_named"]
 
-SENSORS: dict[str, Sensors] = {"perfect": Perfect(), "mocap": Mocap(), "ins": Ins()}
+SENSORS: dict[str, Sensors] = {
+    "perfect": Perfect(),
+    "mocap": Mocap(),
+    "ins": Ins(),
+    "ins-water": Together((Ins(), WaterTrack())),
+}
 
 
 def sensors_named(sensors: str | Sensors | None) -> Sensors:

@@ -1,4 +1,4 @@
-"""What watches the vehicle: the contract of all sensors, perfect ones, and the presets by name.
+"""What watches the vehicle: the contract of all sensors, perfect ones, and several together.
 
 A sensor samples the true motion at the steps of the simulation, as often as its rate asks and at most once a step. Each
 of its channels has its own times, and its noise comes from a random stream of its own: another rate or noise of one
@@ -21,7 +21,7 @@ from towtank.recording.channel import Channel, read_only, standard_channel
 from towtank.recording.standard import ACCELERATIONS, POSE, VELOCITIES
 from towtank.simulation.motion import Motion
 
-__all__ = ["Perfect", "Sensors", "channels", "require_non_negative", "require_positive", "sampled"]
+__all__ = ["Perfect", "Sensors", "Together", "channels", "require_non_negative", "require_positive", "sampled"]
 
 
 class Sensors(Protocol):
@@ -40,8 +40,28 @@ class Perfect:
     def observe(self, motion: Motion, seed: int) -> list[Channel]:
         """Return x y z phi theta psi u v w p q r, and ax ay az where asked for."""
         t = read_only(motion.t)
-        found = channels(POSE, t, motion.eta) + channels(VELOCITIES, t, motion.nu)
-        return found + (channels(ACCELERATIONS, t, motion.specific_force) if self.accelerometer else [])
+        exact = channels(POSE, t, motion.eta) + channels(VELOCITIES, t, motion.nu)
+        return exact + (channels(ACCELERATIONS, t, motion.specific_force) if self.accelerometer else [])
+
+
+@dataclass(frozen=True)
+class Together:
+    """Several sensors on one vehicle, each as it measures by itself.
+
+    Raises:
+        InputError: on observing, two of them measure the same channel.
+    """
+
+    sensors: tuple[Sensors, ...]
+
+    def observe(self, motion: Motion, seed: int) -> list[Channel]:
+        """Return the channels of all, in order."""
+        measured = [channel for each in self.sensors for channel in each.observe(motion, seed)]
+        names = [channel.name for channel in measured]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f'sensors: "{name}" is measured by {names.count(name)} of them, expected one')
+        return measured
 
 
 def sampled(motion: Motion, rate: float) -> NDArray[np.intp]:

@@ -1,0 +1,57 @@
+"""Machine code kept on disk never outlives what it was made from, and outlives everything else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from towtank.core import arrays
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A small package: `top` imports `core.below`; `aside` imports nothing."""
+    (tmp_path / "core").mkdir()
+    (tmp_path / "core" / "__init__.py").write_text("")
+    (tmp_path / "core" / "below.py").write_text("kernel = 1\n")
+    (tmp_path / "top.py").write_text("from towtank.core import (\n    below,\n)\nkernel = below\n")
+    (tmp_path / "aside.py").write_text("kernel = 3\n")
+    monkeypatch.setattr(arrays, "_ROOT", tmp_path)
+    return tmp_path
+
+
+def fingerprints() -> dict[str, str]:
+    arrays._source.cache_clear()
+    arrays.fingerprint.cache_clear()
+    try:
+        return {name: arrays.fingerprint(f"towtank.{name}") for name in ("top", "core.below", "aside")}
+    finally:
+        arrays._source.cache_clear()
+        arrays.fingerprint.cache_clear()
+
+
+def test_a_change_compiles_anew_what_imports_it_and_nothing_else(package: Path) -> None:
+    before = fingerprints()
+    (package / "core" / "below.py").write_text("kernel = 2\n")
+    after = fingerprints()
+    changed = {name for name in before if before[name] != after[name]}
+    assert changed == {"top", "core.below"}
+
+
+def test_a_change_above_leaves_what_is_below(package: Path) -> None:
+    before = fingerprints()
+    (package / "top.py").write_text("kernel = 4\n")
+    after = fingerprints()
+    assert {name for name in before if before[name] != after[name]} == {"top"}
+
+
+def test_the_filter_answers_to_the_dynamics() -> None:
+    files = set()
+    waiting = [Path(arrays.__file__).parent.parent / "identification" / "kalman" / "filter.py"]
+    while waiting:
+        path = waiting.pop()
+        if path not in files:
+            files.add(path)
+            waiting += arrays._source(path)[1]
+    assert {"rk4.py", "linearisation.py", "zero_order_hold.py", "update.py"} <= {path.name for path in files}

@@ -1,0 +1,121 @@
+"""The shape of the source: how many files, lines, names and parameters there are, and how deep imports go.
+
+A limit is raised only with a reason in `docs/design/`; it is lowered whenever there is room.
+"""
+
+from __future__ import annotations
+
+import ast
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import towtank
+
+SOURCE = Path(towtank.__file__).parent
+MOST_FILES, MOST_IN_A_FOLDER = 340, 12
+IDENTIFICATION = {"files": 62, "lines": 13_500, "public names": 250, "functions of many parameters": 8, "depth": 9}
+MANY = 8  # parameters
+
+
+@cache
+def modules() -> dict[str, ast.Module]:
+    """Every module by its dotted name, parsed."""
+    names = {}
+    for path in sorted(SOURCE.rglob("*.py")):
+        parts = path.relative_to(SOURCE).with_suffix("").parts
+        names[".".join(("towtank", *parts)).removesuffix(".__init__")] = ast.parse(path.read_text(encoding="utf-8"))
+    return names
+
+
+def identification() -> dict[str, ast.Module]:
+    return {name: tree for name, tree in modules().items() if name.startswith("towtank.identification")}
+
+
+def imports(name: str) -> set[str]:
+    """Modules of towtank that a module imports when it is imported itself; not those for type checkers or on use."""
+    found = set()
+    for node in modules()[name].body:
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("towtank"):
+            inside = {f"{node.module}.{each.name}" for each in node.names} & modules().keys()
+            found |= inside or {str(node.module)}
+    return found - {name}
+
+
+@cache
+def depth(name: str, above: tuple[str, ...] = ()) -> int:
+    """Length of the longest chain of imports within identification that begins with a module."""
+    if name in above:
+        raise AssertionError(f"a cycle of imports: {' -> '.join((*above[above.index(name) :], name))}")
+    inside = [each for each in imports(name) if each.startswith("towtank.identification.")]
+    return 1 + max((depth(each, (*above, name)) for each in inside), default=0)
+
+
+def parameters(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    given = [*function.args.posonlyargs, *function.args.args, *function.args.kwonlyargs]
+    return len([each for each in given if each.arg not in ("self", "cls")])
+
+
+def test_the_source_has_no_more_files_than_one_can_know() -> None:
+    assert len(modules()) <= MOST_FILES
+
+
+def test_a_folder_holds_at_most_a_dozen_files() -> None:
+    folders = {path.parent for path in SOURCE.rglob("*.py")}
+    crowded = {f"{each.relative_to(SOURCE)}": len(list(each.glob("*.py"))) for each in folders}
+    assert {name: n for name, n in crowded.items() if n > MOST_IN_A_FOLDER} == {}
+
+
+def test_three_files_of_one_prefix_are_a_folder() -> None:
+    prefixes: dict[tuple[str, str], list[str]] = {}
+    for name in modules():
+        package, _, last = name.rpartition(".")
+        if "_" in last.strip("_"):
+            prefixes.setdefault((package, last.split("_")[0]), []).append(last)
+    assert {key: found for key, found in prefixes.items() if len(found) > 2} == {}
+
+
+def test_identification_stays_small() -> None:
+    lines = sum(
+        len(path.read_text(encoding="utf-8").splitlines()) for path in (SOURCE / "identification").rglob("*.py")
+    )
+    public = [each for tree in identification().values() for each in _exported(tree)]
+    assert len(identification()) <= IDENTIFICATION["files"]
+    assert lines <= IDENTIFICATION["lines"]
+    assert len(public) <= IDENTIFICATION["public names"]
+
+
+def test_what_travels_together_is_a_record() -> None:
+    crowded = [
+        f"{name}.{node.name}: {parameters(node)}"
+        for name, tree in identification().items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and parameters(node) > MANY
+    ]
+    assert len(crowded) <= IDENTIFICATION["functions of many parameters"], crowded
+
+
+def test_chains_of_imports_in_identification_are_short_and_end() -> None:
+    assert max(depth(name) for name in identification()) <= IDENTIFICATION["depth"]
+
+
+@pytest.mark.parametrize("package", sorted(name for name in modules() if name.count(".") == 1))
+def test_no_package_imports_in_circles(package: str) -> None:
+    inside = {name for name in modules() if name.startswith(f"{package}.")}
+    graph = {name: imports(name) & inside for name in inside}
+    while leaves := {name for name, needed in graph.items() if not needed & graph.keys()}:
+        graph = {name: needed for name, needed in graph.items() if name not in leaves}
+    assert graph == {}
+
+
+def test_no_assert_stands_for_a_type_in_the_source() -> None:
+    found = [name for name, tree in modules().items() if any(isinstance(node, ast.Assert) for node in ast.walk(tree))]
+    assert found == []
+
+
+def _exported(tree: ast.Module) -> list[str]:
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and any(isinstance(t, ast.Name) and t.id == "__all__" for t in node.targets):
+            return list(ast.literal_eval(node.value))
+    return []
