@@ -11,11 +11,11 @@ from towtank.app.tables.repairs import contents_document, learning_warnings
 from towtank.app.terminal.output import Progress
 from towtank.identification import LogLearning, learn_paper
 from towtank.identification.data.noise import NoiseLevel, NoiseLevels, noise_levels
+from towtank.identification.data.samples import Sources
 from towtank.identification.least_squares.chain import uses_commands
 from towtank.identification.model.terms import AXES
 from towtank.identification.offline.first_look import DRIVEN, first_look
 from towtank.identification.offline.forecast import Forecast, PredictedAccuracy, best_excited, forecast
-from towtank.identification.posterior.assembly import Sources
 from towtank.recording import Grid, Recording, align, bind_thrusters
 from towtank.recording.facts import ChannelFacts, channel_facts
 from towtank.recording.repairs import Repairs

@@ -20,7 +20,7 @@ from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import eulers_from_quaternions, quaternion_from_euler, rotation_from_quaternion
 from towtank.core.rk4 import simulate_run
 from towtank.errors import InputError
-from towtank.identification.data.samples import with_absent_zero
+from towtank.identification.data.samples import Sources, with_absent_zero
 from towtank.identification.data.zero_order_hold import (
     ZeroOrderHold,
     force_integral_into,
@@ -29,7 +29,6 @@ from towtank.identification.data.zero_order_hold import (
 )
 from towtank.identification.least_squares.chain import uses_commands
 from towtank.identification.least_squares.velocity import gravity_directions
-from towtank.identification.posterior.assembly import Sources
 from towtank.recording import Grid
 from towtank.recording.standard import POSE, VELOCITIES
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces

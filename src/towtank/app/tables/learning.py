@@ -15,8 +15,9 @@ from towtank.app.terminal.output import Output
 from towtank.digits import measured, short
 from towtank.identification import Estimate
 from towtank.identification.data.noise import NoiseLevels
+from towtank.identification.data.samples import Sources
 from towtank.identification.model.terms import AXES
-from towtank.identification.posterior.assembly import LogLearning, Sources
+from towtank.identification.posterior.assembly import LogLearning
 from towtank.intervals import interval, interval_text
 from towtank.recording import STANDARD, Grid
 from towtank.recording.standard import MOTION

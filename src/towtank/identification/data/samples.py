@@ -27,6 +27,7 @@ __all__ = [
     "N_MEASURED",
     "Buffer",
     "Samples",
+    "Sources",
     "cuts",
     "held_forces",
     "samples_of",
@@ -306,3 +307,33 @@ def _doubled(array: Array) -> Array:
     out = np.empty((2 * array.shape[0], *array.shape[1:]))
     out[: array.shape[0]] = array
     return out
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Where velocity (six of "measured", "derived", "absent") and attitude ("measured", "accelerometer", "gyro")
+    come from."""
+
+    velocity: tuple[str, ...]
+    attitude: str
+
+    @classmethod
+    def of(cls, pose: Array, velocity: Array, acceleration: Array) -> Sources:
+        """Decide from what is finite anywhere in pose (n, 6), velocity (n, 6) and specific force (n, 3)."""
+        have_pose = [bool(column.any()) for column in np.isfinite(pose).T]
+        have_velocity = [bool(column.any()) for column in np.isfinite(velocity).T]
+        tilt = have_pose[3] and have_pose[4]
+        attitude = tilt and have_pose[5]
+        kinds = []
+        for i in range(6):
+            if have_velocity[i]:
+                kinds.append("measured")
+            elif (i < 3 and attitude and all(have_pose[:3])) or (i >= 3 and attitude):
+                kinds.append("derived")
+            else:
+                kinds.append("absent")
+        if tilt:
+            return cls(tuple(kinds), "measured")
+        if np.isfinite(acceleration).all(axis=1).any() and kinds[3:] == ["measured"] * 3:
+            return cls(tuple(kinds), "accelerometer")
+        return cls(tuple(kinds), "gyro")

@@ -25,7 +25,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
-from towtank.identification.data.samples import INPUTS_BEFORE, spread_places
+from towtank.identification.data.samples import INPUTS_BEFORE, Sources, spread_places
 from towtank.identification.least_squares.chain import PaperChain, Settings, Tuning, uses_commands
 from towtank.identification.least_squares.solution import (
     AxisFindings,
@@ -38,7 +38,7 @@ from towtank.identification.least_squares.solution import (
     solve_axis,
 )
 from towtank.identification.model.terms import AXES, C_LINEAR, C_MASS, C_QUADRATIC, Candidates, candidates
-from towtank.identification.posterior.assembly import DelayScan, LogLearning, Sources
+from towtank.identification.posterior.assembly import DelayScan, LogLearning
 from towtank.identification.posterior.estimate import Estimate, with_shift
 from towtank.identification.posterior.statistics import long_run
 from towtank.recording import Grid, Recording, align, bind_thrusters

@@ -9,17 +9,15 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
-from towtank.identification.data.samples import with_absent_zero
+from towtank.identification.data.samples import Sources, with_absent_zero
 from towtank.identification.data.zero_order_hold import ZeroOrderHold, new_zero_order_hold
 from towtank.identification.least_squares.forgetting import directional_information
 from towtank.identification.least_squares.recursion import paper_events, paper_step
 from towtank.identification.least_squares.rls import Scheme, require_scheme
 from towtank.identification.least_squares.solution import AxisInformation
 from towtank.identification.least_squares.state import PaperState, RecursionSettings, new_paper_state
-from towtank.identification.least_squares.velocity import ATTITUDES, VELOCITIES, Motion, new_motion
-from towtank.identification.posterior.assembly import Sources
+from towtank.identification.least_squares.velocity import ATTITUDES, VELOCITIES, Motion, new_motion, rows_of
 from towtank.recording import Grid
-from towtank.recording.channel import in_one_block
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
 
 __all__ = ["PaperChain", "Settings", "Tuning", "uses_commands"]
@@ -163,15 +161,7 @@ class PaperChain:
         else:
             stamps, values, voltage = grid.wrench_t, grid.wrench_values, None
         return paper_events(
-            self.state,
-            self.motion,
-            self.held,
-            grid.t,
-            in_one_block(grid.pose),
-            in_one_block(grid.velocity),
-            in_one_block(grid.acceleration),
-            stamps,
-            self.forces(np.array(values), voltage),
+            self.state, self.motion, self.held, rows_of(grid), stamps, self.forces(np.array(values), voltage)
         )
 
     def information(self, axis: int) -> AxisInformation:

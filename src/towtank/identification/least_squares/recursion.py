@@ -26,7 +26,7 @@ from towtank.core.layout import I_CONSTANT, I_LINEAR, I_MASS, I_MASS_INVERSE, I_
 from towtank.identification.data.zero_order_hold import ZeroOrderHold, force_integral_into, hold_force
 from towtank.identification.least_squares.forgetting import absorb_row, forget_blocks
 from towtank.identification.least_squares.state import N_BLOCKS, Instruments, PaperState, refresh_model
-from towtank.identification.least_squares.velocity import ABSENT, Motion, motion_step
+from towtank.identification.least_squares.velocity import ABSENT, Motion, MotionRows, motion_step
 from towtank.identification.model.terms import (
     C_CONSTANT,
     C_FORCE,
@@ -332,18 +332,16 @@ def paper_events(
     state: PaperState,
     motion: Motion,
     held: ZeroOrderHold,
-    t: Array,
-    pose: Array,
-    velocity: Array,
-    acceleration: Array,
+    rows: MotionRows,
     stamps: Array,
     forces: Array,
 ) -> int:
-    """Take samples (n, ...) and held inputs (k, m) with time stamps (k,) of their own, in the order of their times.
+    """Take samples and held inputs (k, m) with time stamps (k,) of their own, in the order of their times.
 
     The same as `paper_step` for each; a smooth input needs its stamps to be the samples'. Returns how many intervals
     were learned from.
     """
+    t, pose, velocity, acceleration = rows
     used = 0
     event = 0
     nothing = np.full(held.force.shape[0], np.nan)

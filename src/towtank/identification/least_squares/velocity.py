@@ -20,7 +20,7 @@ import numpy as np
 
 from towtank.core.arrays import Array, inlined_kernel, kernel
 from towtank.core.attitude import quaternion_from_euler
-from towtank.identification.posterior.assembly import Sources
+from towtank.identification.data.samples import Sources
 from towtank.recording import Grid
 from towtank.recording.channel import in_one_block
 
@@ -34,10 +34,12 @@ __all__ = [
     "MEASURED",
     "VELOCITIES",
     "Motion",
+    "MotionRows",
     "drifting_attitude",
     "gravity_directions",
     "motion_step",
     "new_motion",
+    "rows_of",
 ]
 
 ABSENT, MEASURED, DERIVED = 0.0, 1.0, 2.0
@@ -51,6 +53,15 @@ _SETTLED = 10.0  # time constants of the low-passes until they have settled
 _CORRECTION = (0.0, 0.2, 0.05)  # 1/s, towards nothing, the accelerometer, level
 _GYRO_ALONE = 120.0  # s that gyros alone count for
 _CLOSE = 0.5  # s from the sample that a roll and pitch are asked for at
+
+
+class MotionRows(NamedTuple):
+    """Samples of the motion, NaN where not measured; see `motion_step`."""
+
+    t: Array  # (n,)
+    pose: Array  # (n, 6)
+    velocity: Array  # (n, 6)
+    acceleration: Array  # (n, 3)
 
 
 class LastSample(NamedTuple):
@@ -327,22 +338,26 @@ def _smooth(m: Motion, pose: Array, q: Array, velocity: Array, k: Array, wrench:
 
 
 @kernel
-def _gravity_directions(motion: Motion, t: Array, pose: Array, velocity: Array, acceleration: Array) -> Array:
-    out = np.full((t.shape[0], 3), np.nan)
+def _gravity_directions(motion: Motion, rows: MotionRows) -> Array:
+    out = np.full((rows.t.shape[0], 3), np.nan)
     nothing = np.zeros(6)
-    for i in range(t.shape[0]):
-        if motion_step(motion, t[i], pose[i], velocity[i], acceleration[i], nothing) >= 0.0:
+    for i in range(rows.t.shape[0]):
+        if motion_step(motion, rows.t[i], rows.pose[i], rows.velocity[i], rows.acceleration[i], nothing) >= 0.0:
             for j in range(3):
                 out[i, j] = motion.last.gravity[j]
     return out
+
+
+def rows_of(grid: Grid) -> MotionRows:
+    """Return the motion of a grid."""
+    return MotionRows(grid.t, in_one_block(grid.pose), in_one_block(grid.velocity), in_one_block(grid.acceleration))
 
 
 def gravity_directions(grid: Grid, sources: Sources) -> Array:
     """Return the direction of gravity in the body (n, 3) at every sample of a grid; NaN where it is not known."""
     rates = np.array([MEASURED if i > 2 and sources.velocity[i] == "measured" else ABSENT for i in range(6)])
     motion = new_motion(rates, ATTITUDES[sources.attitude], 0.0, np.inf)
-    pose, acceleration = in_one_block(grid.pose), in_one_block(grid.acceleration)
-    return _gravity_directions(motion, grid.t, pose, np.array(grid.velocity), acceleration)
+    return _gravity_directions(motion, rows_of(grid))
 
 
 def drifting_attitude(grid: Grid, sources: Sources, t: Array) -> Array:

@@ -30,9 +30,8 @@ from scipy.linalg import expm
 
 from towtank.core.arrays import Array
 from towtank.core.attitude import euler_rates_matrix, rotation_from_euler
-from towtank.identification.data.samples import Samples
+from towtank.identification.data.samples import Samples, Sources
 from towtank.identification.least_squares.batch import DelayCost, scan_delay
-from towtank.identification.posterior.assembly import Sources
 from towtank.identification.posterior.wording import reversed_force
 from towtank.recording import Grid
 from towtank.recording.frames.rotations import conjugate, rotate

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
-from towtank.identification.data.samples import with_absent_zero
+from towtank.identification.data.samples import Sources, with_absent_zero
 from towtank.identification.data.zero_order_hold import hold_force
 from towtank.identification.learner import Learner, sample_vector
 from towtank.identification.least_squares.chain import PaperChain, Settings, Tuning, uses_commands
@@ -24,7 +24,6 @@ from towtank.identification.least_squares.solution import (
     solve_axis,
 )
 from towtank.identification.model.terms import AXES, candidates
-from towtank.identification.posterior.assembly import Sources
 from towtank.identification.posterior.estimate import Estimate
 from towtank.recording import Recording, align, bind_thrusters
 from towtank.vehicle import Vehicle, thruster_forces

@@ -48,7 +48,7 @@ from towtank.identification.model.prior import size_of, start_theta
 from towtank.identification.model.terms import candidates
 from towtank.identification.posterior.estimate import Estimate
 from towtank.identification.simulation_error.cross_validation import FreeRuns, columns_of
-from towtank.identification.simulation_error.fit import CandidateModel
+from towtank.identification.simulation_error.segments import CandidateModel
 from towtank.vehicle import Vehicle
 
 __all__ = [

@@ -10,6 +10,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.data.noise import NoiseLevels
+from towtank.identification.data.samples import Sources
 from towtank.identification.model.parameters import IN_DELAY, UNTRANSFORMED, FreeParameters
 from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.estimate import AxisReport, Estimate, SumOfInertias
@@ -20,7 +21,7 @@ from towtank.identification.posterior.wording import NOT_FREE
 from towtank.recording import Grid
 from towtank.vehicle import COEFFICIENTS, Vehicle
 
-__all__ = ["Assembled", "Current", "DelayScan", "LogLearning", "Outcome", "Posterior", "Sources", "assemble", "judge"]
+__all__ = ["Assembled", "Current", "DelayScan", "LogLearning", "Outcome", "Posterior", "assemble", "judge"]
 
 
 @dataclass(frozen=True)
@@ -134,36 +135,6 @@ def assemble(vehicle: Vehicle, outcome: Outcome) -> Assembled:
         samples=outcome.samples,
     )
     return Assembled(estimate, physical.messages)
-
-
-@dataclass(frozen=True)
-class Sources:
-    """Where velocity (six of "measured", "derived", "absent") and attitude ("measured", "accelerometer", "gyro")
-    come from."""
-
-    velocity: tuple[str, ...]
-    attitude: str
-
-    @classmethod
-    def of(cls, pose: Array, velocity: Array, acceleration: Array) -> Sources:
-        """Decide from what is finite anywhere in pose (n, 6), velocity (n, 6) and specific force (n, 3)."""
-        have_pose = [bool(column.any()) for column in np.isfinite(pose).T]
-        have_velocity = [bool(column.any()) for column in np.isfinite(velocity).T]
-        tilt = have_pose[3] and have_pose[4]
-        attitude = tilt and have_pose[5]
-        kinds = []
-        for i in range(6):
-            if have_velocity[i]:
-                kinds.append("measured")
-            elif (i < 3 and attitude and all(have_pose[:3])) or (i >= 3 and attitude):
-                kinds.append("derived")
-            else:
-                kinds.append("absent")
-        if tilt:
-            return cls(tuple(kinds), "measured")
-        if np.isfinite(acceleration).all(axis=1).any() and kinds[3:] == ["measured"] * 3:
-            return cls(tuple(kinds), "accelerometer")
-        return cls(tuple(kinds), "gyro")
 
 
 @dataclass(frozen=True)
