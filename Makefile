@@ -3,7 +3,7 @@ PYTHON  ?= python3
 WORKERS ?= 2
 DEMO    ?=
 PEERS   ?=
-KERNEL_TESTS := $(addprefix tests/identification/test_, axis_rows.py held_input.py motion_state.py transition.py output_error_kernel.py)
+KERNEL_TESTS := $(addprefix tests/identification/test_, axis_rows.py held_input.py measurements.py motion_state.py transition.py output_error_kernel.py)
 
 BIN   := .venv/bin
 READY := .venv/.ready

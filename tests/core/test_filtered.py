@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from towtank.core.filtered import accumulate_into, cubic_increment, filter_increments, hermite_increment
+from towtank.core.least_squares import accumulate_into, cubic_increment, filter_increments, hermite_increment
 
 from .proof import proof, seeds
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from towtank.identification.data.zero_order_hold import force_integral_into, hold_force, new_zero_order_hold
+from towtank.core.zero_order_hold import force_integral_into, hold_force, new_zero_order_hold
 
 FINE = 1e-4  # s
 

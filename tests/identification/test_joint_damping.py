@@ -10,7 +10,7 @@ import pytest
 
 from towtank.core.arrays import Array
 from towtank.identification import Learner, learn_recordings
-from towtank.identification.data.samples import N_MEASURED, Samples, samples_of, spread_over
+from towtank.identification.data.samples import N_MEASURED, Samples, samples_of
 from towtank.identification.kalman.alternatives import Choice, choose_damping, damping_in_question
 from towtank.identification.kalman.iterated import FilterProblem, JointFit, joint_passes, prior_deviation
 from towtank.identification.kalman.noise_adaptation import common_noise_levels, filter_settings
@@ -20,6 +20,7 @@ from towtank.identification.model.terms import AXES
 from towtank.identification.offline.rounds import FilterTask, Start, doubted_inertias, run_rounds
 from towtank.identification.posterior.statistics import information_of_data
 from towtank.recording import Recording
+from towtank.recording.grids.stretches import spread
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.simulation.tank import tank_session
 from towtank.vehicle import Vehicle
@@ -181,8 +182,8 @@ def test_stretches_stand_for_long_recordings_and_nothing_for_short_ones() -> Non
         return Samples(t, values, np.arange(0.0, t[-1], 1.0), np.zeros((int(np.ceil(t[-1])), 6)), none, none, False)
 
     short = [rows(80_000)]
-    assert spread_over(short) is short
-    few = spread_over([rows(200_000), rows(200_000)])
+    assert spread(short) is short
+    few = spread([rows(200_000), rows(200_000)])
     assert 55_000 <= sum(len(each) for each in few) <= 65_000
     assert all(55.0 <= each.duration <= 65.0 for each in few)
     assert few[0].t[0] == 0.0

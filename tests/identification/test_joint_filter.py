@@ -8,14 +8,13 @@ import pytest
 from towtank.core.arrays import Array
 from towtank.core.attitude import quaternion_product
 from towtank.core.layout import N_PARAMETERS
-from towtank.identification.data.noise import NoiseLevels
-from towtank.identification.data.samples import N_MEASURED, Samples, samples_of
-from towtank.identification.data.zero_order_hold import hold_force, mean_forces_into, new_zero_order_hold
+from towtank.core.zero_order_hold import hold_force, mean_forces_into, new_zero_order_hold
+from towtank.identification.data.samples import N_MEASURED, NoiseLevels, Samples, samples_of
 from towtank.identification.kalman.filter import joint_events, joint_step, rows_of
-from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state
-from towtank.identification.model.linearisation import N_FIXED, step_and_linearise, transition_scratch
+from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state, transition_scratch
+from towtank.identification.model.linearisation import step_and_linearise
 from towtank.identification.model.measurements import attitude_error
-from towtank.identification.model.parameters import free_parameters
+from towtank.identification.model.parameters import N_FIXED, free_parameters
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from towtank.identification import learn_recordings
-from towtank.identification.data.noise import NoiseLevels
-from towtank.identification.data.samples import N_MEASURED, samples_of
+from towtank.identification.data.samples import N_MEASURED, NoiseLevels, samples_of
 from towtank.identification.kalman.iterated import FilterProblem, one_pass
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state
 from towtank.identification.kalman.update import count_speed

@@ -6,12 +6,10 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification import Learner
-from towtank.identification.data.noise import NoiseLevels
-from towtank.identification.data.samples import N_MEASURED
+from towtank.identification.data.samples import N_MEASURED, NoiseLevels
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state
 from towtank.identification.kalman.update import scalar_update
-from towtank.identification.model.linearisation import N_FIXED
-from towtank.identification.model.parameters import free_parameters
+from towtank.identification.model.parameters import N_FIXED, free_parameters
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate
 
 from .runs import TRUTH, box, unknown, waves

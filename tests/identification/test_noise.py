@@ -9,8 +9,8 @@ import pytest
 
 from towtank.core.attitude import quaternions_from_eulers
 from towtank.errors import InputError
-from towtank.identification.data.noise import fresh_samples, noise_level, noise_levels, quantum_of
 from towtank.recording import Recording, load_mapping, read_csv
+from towtank.recording.noise import fresh_samples, noise_level, noise_levels, quantum_of
 from towtank.simulation import simulate
 from towtank.simulation.manoeuvres import paper_commands, square_orders
 from towtank.simulation.sensors.ins import Ins

@@ -10,8 +10,8 @@ from scipy.optimize import least_squares
 from tests.identification.runs import TRUTH, box
 
 from towtank.core.arrays import Array
+from towtank.core.zero_order_hold import new_zero_order_hold
 from towtank.identification.data.samples import N_MEASURED, Samples, samples_of
-from towtank.identification.data.zero_order_hold import new_zero_order_hold
 from towtank.identification.model.parameters import FreeParameters, free_parameters
 from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
 from towtank.identification.simulation_error.residuals import HUBER

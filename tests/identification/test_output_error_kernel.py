@@ -13,8 +13,8 @@ import pytest
 
 from towtank.core.arrays import Array
 from towtank.core.attitude import quaternion_product, quaternions_from_eulers
+from towtank.core.zero_order_hold import new_zero_order_hold
 from towtank.identification.data.samples import N_MEASURED, Samples, samples_of
-from towtank.identification.data.zero_order_hold import new_zero_order_hold
 from towtank.identification.model.parameters import FreeParameters, free_parameters
 from towtank.identification.simulation_error.residuals import GATE, GONE, HUBER, robust_cost, weight_of
 from towtank.identification.simulation_error.segments import FreeRun, free_run_of

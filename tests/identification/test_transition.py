@@ -10,8 +10,15 @@ from towtank.core.attitude import quaternion_product
 from towtank.core.layout import I_CONSTANT, I_MASS, I_MASS_INVERSE
 from towtank.core.rk4 import simulate_run
 from towtank.errors import InputError
-from towtank.identification.model.linearisation import N_FIXED, step_and_linearise, transition_scratch
-from towtank.identification.model.parameters import FreeParameters, free_parameters, invert_mass, put_parameters
+from towtank.identification.kalman.state import transition_scratch
+from towtank.identification.model.linearisation import step_and_linearise
+from towtank.identification.model.parameters import (
+    N_FIXED,
+    FreeParameters,
+    free_parameters,
+    invert_mass,
+    put_parameters,
+)
 from towtank.identification.model.prior import size_of
 from towtank.vehicle import Vehicle, configuration_matrix, load_vehicle
 

@@ -9,7 +9,7 @@ import pytest
 
 import towtank as tt
 from towtank.core.attitude import quaternions_from_eulers
-from towtank.identification.data.samples import samples_of
+from towtank.identification.data.samples import prepared, samples_of
 from towtank.recording import Recording, align, standard_channel, with_body_velocity
 from towtank.recording.frames.rotations import rotate
 from towtank.simulation import manoeuvre
@@ -69,8 +69,8 @@ def test_stamps_are_kept_and_gaps_of_the_attitude_never_bridged(run: Recording) 
 def test_grid_and_samples_have_it(run: Recording) -> None:
     without = run.without(*BODY)
     assert align(without).velocity == pytest.approx(align(run).velocity, abs=1e-12)
-    assert samples_of(without, VEHICLE).values[:, 6:9] == pytest.approx(
-        samples_of(run, VEHICLE).values[:, 6:9], abs=1e-12
+    assert samples_of(prepared(without, VEHICLE), VEHICLE).values[:, 6:9] == pytest.approx(
+        samples_of(prepared(run, VEHICLE), VEHICLE).values[:, 6:9], abs=1e-12
     )
 
 

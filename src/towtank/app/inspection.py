@@ -10,14 +10,14 @@ from towtank.app.tables.learning import delay_deviation, disturbance_document
 from towtank.app.tables.repairs import contents_document, learning_warnings
 from towtank.app.terminal.output import Progress
 from towtank.identification import LogLearning, learn_paper
-from towtank.identification.data.noise import NoiseLevel, NoiseLevels, noise_levels
-from towtank.identification.data.samples import Sources
+from towtank.identification.data.samples import NoiseLevels, Sources
 from towtank.identification.least_squares.chain import uses_commands
 from towtank.identification.model.terms import AXES
 from towtank.identification.offline.first_look import DRIVEN, first_look
 from towtank.identification.offline.forecast import Forecast, PredictedAccuracy, best_excited, forecast
 from towtank.recording import Grid, Recording, align, bind_thrusters
 from towtank.recording.facts import ChannelFacts, channel_facts
+from towtank.recording.noise import NoiseLevel, noise_levels
 from towtank.recording.repairs import Repairs
 from towtank.recording.standard import MEASURED, QUATERNION, WORLD_VELOCITY
 from towtank.vehicle import Vehicle

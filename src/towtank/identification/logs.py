@@ -7,15 +7,14 @@ from dataclasses import replace
 from typing import TypedDict, Unpack
 
 from towtank.errors import InputError, nearest
-from towtank.identification.data.samples import samples_of
+from towtank.identification.data.samples import Samples, prepared, samples_of
 from towtank.identification.least_squares.batch import Progress, learn_paper
 from towtank.identification.offline.first_look import mirrored, reversals
 from towtank.identification.offline.joint import LearningRequest, learn_joint
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.identification.posterior.thrusters import with_gains_of, with_scale
 from towtank.recording import Recording
-from towtank.recording.frames.world_velocity import with_body_velocity
-from towtank.vehicle import Vehicle
+from towtank.vehicle import Vehicle, configuration_matrix
 from towtank.vehicle.names import ROWS
 
 __all__ = ["METHODS", "LearningOptions", "learn_recordings"]
@@ -68,11 +67,17 @@ def learn_recordings(
         raise InputError("prior: the paper's method takes none; use method joint or output-error")
     if method != "joint" and request.current:
         raise InputError(f"current: method {method} knows none; use method joint")
-    recordings = [with_body_velocity(recording) for recording in recordings]
+    recordings = [prepared(recording, vehicle) for recording in recordings]
     free, prior = request.free, request.prior
     vehicle, of_gains = (vehicle, ()) if prior is None else with_gains_of(vehicle, prior)
-    vehicle, of_signs = _right_way_round(vehicle, recordings, free)
-    request = replace(request, vehicle=vehicle, recordings=recordings)
+    try:
+        samples = tuple(samples_of(recording, vehicle) for recording in recordings)
+    except InputError:
+        samples = ()  # learning says it, and says more
+    vehicle, of_signs = _right_way_round(vehicle, samples, free)
+    if of_signs and all(each.commands for each in samples):
+        samples = tuple(replace(each, B=configuration_matrix(vehicle)) for each in samples)
+    request = replace(request, vehicle=vehicle, recordings=recordings, samples=samples)
     if method == "paper":
         delay, longest = request.delay, request.longest_delay
         learning = learn_paper(vehicle, recordings, free=free, delay=delay, longest_delay=longest, progress=progress)
@@ -84,16 +89,12 @@ def learn_recordings(
 
 
 def _right_way_round(
-    vehicle: Vehicle, recordings: Sequence[Recording], free: Collection[str] | None
+    vehicle: Vehicle, samples: Sequence[Samples], free: Collection[str] | None
 ) -> tuple[Vehicle, tuple[str, ...]]:
     """Return the vehicle with its thrusters where the recordings have them, and warnings where that is elsewhere.
 
     Where `free` says what to learn, axes of which nothing is learned are left alone.
     """
-    try:
-        samples = [samples_of(recording, vehicle) for recording in recordings]
-    except InputError:
-        return vehicle, ()  # learning says it, and says more
     found = [each for each in reversals(samples) if free is None or any(name[0] == ROWS[each.axis] for name in free)]
     if not found:
         return vehicle, ()

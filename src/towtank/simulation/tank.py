@@ -132,9 +132,8 @@ def unseen_session(seed: int = SEED + 1, *, payload: bool = False) -> Session:
     truth = _loaded(_truth()) if payload else _truth()
     plan = manoeuvre("all-multisine", truth, duration=UNSEEN_DURATION, dt=_DT, seed=seed)
     commands = plan.commands
-    if payload:
+    if payload or commands is None:
         commands = allocate(truth, plan.wrench - np.array([0.0, 0.0, truth.weight_minus_buoyancy, 0.0, 0.0, 0.0]))
-    assert commands is not None
     return _simulated(truth, commands, (), seed)
 
 

@@ -19,14 +19,14 @@ import numpy as np
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import eulers_from_quaternions, quaternion_from_euler, rotation_from_quaternion
 from towtank.core.rk4 import simulate_run
-from towtank.errors import InputError
-from towtank.identification.data.samples import Sources, with_absent_zero
-from towtank.identification.data.zero_order_hold import (
+from towtank.core.zero_order_hold import (
     ZeroOrderHold,
     force_integral_into,
     hold_force,
     new_zero_order_hold,
 )
+from towtank.errors import InputError
+from towtank.identification.data.samples import Sources, with_absent_zero
 from towtank.identification.least_squares.chain import uses_commands
 from towtank.identification.least_squares.velocity import gravity_directions
 from towtank.recording import Grid

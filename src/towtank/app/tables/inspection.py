@@ -10,9 +10,9 @@ from towtank.app.tables.learning import disturbance_cells
 from towtank.app.tables.repairs import show_contents
 from towtank.app.terminal.output import Output
 from towtank.digits import short
-from towtank.identification.data.noise import NoiseLevel
 from towtank.identification.model.terms import AXES
 from towtank.recording.facts import ChannelFacts
+from towtank.recording.noise import NoiseLevel
 from towtank.recording.standard import EULER
 
 __all__ = ["show_inspection"]

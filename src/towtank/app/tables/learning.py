@@ -14,8 +14,7 @@ from towtank.app.tables.fits import show_own_fits
 from towtank.app.terminal.output import Output
 from towtank.digits import measured, short
 from towtank.identification import Estimate
-from towtank.identification.data.noise import NoiseLevels
-from towtank.identification.data.samples import Sources
+from towtank.identification.data.samples import NoiseLevels, Sources
 from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.intervals import interval, interval_text

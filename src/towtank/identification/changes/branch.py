@@ -12,14 +12,13 @@ from typing import TypeVar
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.core.zero_order_hold import ZeroOrderHold
 from towtank.identification.changes.evidence import InformationIncrement, increment_between
 from towtank.identification.data.samples import Buffer, Samples
-from towtank.identification.data.zero_order_hold import ZeroOrderHold
 from towtank.identification.kalman.filter import joint_events, rows_of, take_all
-from towtank.identification.kalman.state import KNOWN_STD, JointState, coefficient_block
+from towtank.identification.kalman.state import KNOWN_STD, JointState, coefficient_block, transition_scratch
 from towtank.identification.kalman.update import inject
-from towtank.identification.model.linearisation import N_FIXED, transition_scratch
-from towtank.identification.model.parameters import UNTRANSFORMED, FreeParameters
+from towtank.identification.model.parameters import N_FIXED, UNTRANSFORMED, FreeParameters
 
 __all__ = [
     "Branch",
@@ -133,7 +132,7 @@ def split_later(branch: Branch, free: FreeParameters, rows: Samples, when: Seque
         taken = joint_events(state, held, rows_of(rows), done, last, taken)
         done = max(done, last)
         later = split_off(t, state, held, free, branch.free, branch.steps, branch.until)
-        later.take(rows.part(done, taken))
+        later.take(rows.taken(slice(done, None), slice(taken, None)))
         if later.healthy:
             out.append(later)
     return out
@@ -256,7 +255,7 @@ class Recent:
             input_force=np.concatenate([each.input_force for each in pieces]),
         )
         first = int(np.searchsorted(whole.t, t, side="right"))
-        return whole.part(first, int(np.searchsorted(whole.input_t, t, side="right")))
+        return whole.taken(slice(first, None), slice(int(np.searchsorted(whole.input_t, t, side="right")), None))
 
     def clear(self) -> None:
         """Forget everything."""

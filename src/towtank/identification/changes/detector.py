@@ -18,6 +18,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.core.zero_order_hold import ZeroOrderHold
 from towtank.identification.changes.branch import (
     Branch,
     Recent,
@@ -28,14 +29,12 @@ from towtank.identification.changes.branch import (
     with_coordinates,
     without_change_of,
 )
-from towtank.identification.changes.events import ChangeLog
+from towtank.identification.changes.events import Change, ChangeLog, Recognised
 from towtank.identification.changes.evidence import Overdispersion
 from towtank.identification.changes.hypotheses import (
-    Change,
     ConfigurationMatch,
     Hypothesis,
     Known,
-    Recognised,
     Verdict,
     hypotheses,
     judged,
@@ -44,7 +43,6 @@ from towtank.identification.changes.hypotheses import (
     steps_of,
 )
 from towtank.identification.data.samples import Buffer, Samples
-from towtank.identification.data.zero_order_hold import ZeroOrderHold
 from towtank.identification.kalman.state import JointState
 from towtank.identification.model.parameters import GAIN_PREFIX, FreeParameters, free_parameters
 from towtank.recording.event import Event

@@ -6,12 +6,12 @@ The numbers of the last change are revised while they settle.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.changes.hypotheses import Change, Recognised
 from towtank.identification.kalman.state import JointState, coefficient_std
 from towtank.identification.model.parameters import (
     CONSTANT,
@@ -26,11 +26,51 @@ from towtank.identification.model.parameters import (
 )
 from towtank.recording.event import Event
 
-__all__ = ["ChangeLog", "change_words"]
+if TYPE_CHECKING:
+    from towtank.core.zero_order_hold import ZeroOrderHold
+    from towtank.identification.changes.hypotheses import Verdict
+
+__all__ = ["Change", "ChangeLog", "Recognised", "change_words"]
 
 _AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 _MOST_NAMED, _SURE_STEP = 4, 2.0  # coefficients at most; deviations
 _REVISED, _SETTLES = 1.0, 8.0  # s after which a change is revised, ever later, and at last
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A change that was noticed, and the filter that goes on.
+
+    Attributes:
+        t, noticed: when it began, as far as known, and now [s]. verdict: what speaks for it.
+        free, state, held: the filter from here on. before: coordinates (n,) before, and their deviations (n,).
+    """
+
+    t: float
+    noticed: float
+    verdict: Verdict
+    free: FreeParameters
+    state: JointState
+    held: ZeroOrderHold
+    before: tuple[Array, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Recognised:
+    """A configuration met before that the vehicle has become, or, where it was given up, has not.
+
+    Attributes:
+        t: now [s]. name: of the configuration. probability: of it. taken: as prior; False where it is given up.
+        free, state, held: the filter from here on.
+    """
+
+    t: float
+    name: str
+    probability: float
+    taken: bool
+    free: FreeParameters
+    state: JointState
+    held: ZeroOrderHold
 
 
 def change_words(

@@ -16,8 +16,6 @@ from scipy.special import logsumexp
 from towtank.core.arrays import Array
 from towtank.identification.changes.branch import Branch
 from towtank.identification.changes.evidence import InformationIncrement
-from towtank.identification.data.zero_order_hold import ZeroOrderHold
-from towtank.identification.kalman.state import JointState
 from towtank.identification.model.parameters import (
     CONSTANT,
     DELAY,
@@ -36,11 +34,9 @@ from towtank.identification.model.prior import size_of
 from towtank.vehicle import COEFFICIENTS, Vehicle
 
 __all__ = [
-    "Change",
     "ConfigurationMatch",
     "Hypothesis",
     "Known",
-    "Recognised",
     "Verdict",
     "hypotheses",
     "judged",
@@ -240,42 +236,6 @@ def likeness(increment: InformationIncrement, known: Sequence[Known], otherwise:
     scores = [each + increment.evidence(one.covariance, one.theta - increment.theta0) for one in known]
     scores.append(float(np.log(_NEW)) + otherwise)
     return np.asarray(np.exp(np.array(scores) - np.logaddexp.reduce(scores)))
-
-
-@dataclass(frozen=True, eq=False)
-class Change:
-    """A change that was noticed, and the filter that goes on.
-
-    Attributes:
-        t, noticed: when it began, as far as known, and now [s]. verdict: what speaks for it.
-        free, state, held: the filter from here on. before: coordinates (n,) before, and their deviations (n,).
-    """
-
-    t: float
-    noticed: float
-    verdict: Verdict
-    free: FreeParameters
-    state: JointState
-    held: ZeroOrderHold
-    before: tuple[Array, Array]
-
-
-@dataclass(frozen=True, eq=False)
-class Recognised:
-    """A configuration met before that the vehicle has become, or, where it was given up, has not.
-
-    Attributes:
-        t: now [s]. name: of the configuration. probability: of it. taken: as prior; False where it is given up.
-        free, state, held: the filter from here on.
-    """
-
-    t: float
-    name: str
-    probability: float
-    taken: bool
-    free: FreeParameters
-    state: JointState
-    held: ZeroOrderHold
 
 
 @dataclass(eq=False)

@@ -8,39 +8,35 @@ whole; a streaming learner keeps what it has seen in a buffer for as long as it 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
 from towtank.core.attitude import eulers_from_quaternions
 from towtank.errors import InputError
 from towtank.recording import Recording, bind_thrusters, with_body_velocity
 from towtank.recording.grids.grid import stack_held
+from towtank.recording.grids.stretches import input_rows
 from towtank.recording.grids.timing import quaternion_samples
 from towtank.recording.standard import MEASURED, QUATERNION, WRENCH, is_command
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
 
 __all__ = [
-    "INPUTS_BEFORE",
     "N_MEASURED",
     "Buffer",
+    "NoiseLevels",
     "Samples",
     "Sources",
-    "cuts",
     "held_forces",
+    "prepared",
     "samples_of",
-    "spread_over",
-    "spread_places",
     "with_absent_zero",
 ]
 
 N_MEASURED = len(MEASURED)
 _TOGETHER = 1e-6  # s: stamps closer than this are one instant
-INPUTS_BEFORE = 5.0  # s of inputs before a stretch that still matter
-_ENOUGH, _FEW_MORE = 60_000, 1.5  # rows that stand for a long recording; so many times as many are no long one
-_STRETCH = 60.0  # s
 _FIRST_ROWS = 1024  # room of an empty buffer
 
 
@@ -70,28 +66,27 @@ class Samples:
     def __len__(self) -> int:
         return int(self.t.size)
 
-    def part(self, row: int, input_: int) -> Samples:
-        """Return views of what is left from a row and an input on."""
+    def taken(self, rows: slice, inputs: slice) -> Samples:
+        """Return views of these rows and inputs."""
         return replace(
             self,
-            t=self.t[row:],
-            values=self.values[row:],
-            input_t=self.input_t[input_:],
-            input_force=self.input_force[input_:],
-        )
-
-    def stretch(self, first: int, last: int) -> Samples:
-        """Return views of the rows [first, last) with the inputs that matter to them."""
-        begin = max(0, int(np.searchsorted(self.input_t, self.t[first] - INPUTS_BEFORE, "right")) - 1)
-        end = int(np.searchsorted(self.input_t, self.t[last - 1], "right"))
-        inputs = slice(begin, max(end, begin + 1))
-        return replace(
-            self,
-            t=self.t[first:last],
-            values=self.values[first:last],
+            t=self.t[rows],
+            values=self.values[rows],
             input_t=self.input_t[inputs],
             input_force=self.input_force[inputs],
         )
+
+    def stretch(self, first: int, last: int) -> Samples:
+        """Return views of the rows [first, last) with the inputs that matter to them, one at least."""
+        inputs = input_rows(self.input_t, float(self.t[first]), float(self.t[last - 1]))
+        return self.taken(slice(first, last), slice(inputs.start, max(inputs.stop, inputs.start + 1)))
+
+    def only(self, rows: NDArray[np.intp], columns: Sequence[int]) -> Samples:
+        """Return these rows (k,), with nothing in other columns than these, and all inputs."""
+        values = np.full((rows.size, self.values.shape[1]), np.nan)
+        for j in columns:
+            values[:, j] = self.values[rows, j]
+        return replace(self, t=self.t[rows], values=values)
 
     @property
     def duration(self) -> float:
@@ -104,20 +99,41 @@ class Samples:
         return np.asarray(np.isfinite(self.values).any(axis=0))
 
 
+@dataclass(frozen=True, eq=False)
+class NoiseLevels:
+    """Noise of the measured columns (18,), levels of the disturbance (6,) [N, N m], and the velocity walk.
+
+    velocity_walk: random walk (6,) of each speed [m/s^2 sqrt(s), rad/s^2 sqrt(s)] that no force of the model accounts
+        for, NaN where nothing is known of it.
+    """
+
+    noise: Array
+    disturbance: Array
+    velocity_walk: Array = field(default_factory=lambda: np.zeros(6))
+
+
 def with_absent_zero(wrench: Array) -> Array:
     """Return a wrench (n, 6) with the components that are nowhere recorded set to zero; all NaN stays as it is."""
     absent = ~np.isfinite(wrench).any(axis=tuple(range(wrench.ndim - 1)))
     return wrench if absent.all() else np.where(absent, 0.0, wrench)
 
 
-def samples_of(recording: Recording, vehicle: Vehicle) -> Samples:
-    """Return the rows and inputs of a recording.
+def prepared(recording: Recording, vehicle: Vehicle) -> Recording:
+    """Return a recording with its commands bound to the vehicle's thrusters and its velocity turned into the body.
 
     Raises:
-        InputError: no motion in it, no commands and no wrench, or thrusters that the vehicle lacks.
+        InputError: thrusters that the vehicle lacks.
     """
-    bound = with_body_velocity(bind_thrusters(recording, [thruster.name for thruster in vehicle.thrusters]))
-    prefix = f"{recording.source}: " if recording.source else ""
+    return with_body_velocity(bind_thrusters(recording, [thruster.name for thruster in vehicle.thrusters]))
+
+
+def samples_of(bound: Recording, vehicle: Vehicle) -> Samples:
+    """Return the rows and inputs of a recording that is `prepared`.
+
+    Raises:
+        InputError: no motion in it, or no commands and no wrench.
+    """
+    prefix = f"{bound.source}: " if bound.source else ""
     columns: list[tuple[int, Array, Array]] = []
     whole = all(name in bound for name in QUATERNION)
     if whole:
@@ -137,7 +153,7 @@ def samples_of(recording: Recording, vehicle: Vehicle) -> Samples:
         values[row, j] = measured
     del columns, rows, measured, row  # room for the inputs
     input_t, force, B, lag, commands = _inputs(bound, vehicle, prefix)
-    return Samples(t, values, input_t, force, B, lag, commands, recording.source)
+    return Samples(t, values, input_t, force, B, lag, commands, bound.source)
 
 
 def held_forces(vehicle: Vehicle, commands: Array, voltage: Array | float | None) -> Array:
@@ -177,35 +193,6 @@ def _inputs(recording: Recording, vehicle: Vehicle, prefix: str) -> tuple[Array,
     wrench = np.zeros((t.size, 6))
     wrench[:, [WRENCH.index(name) for name in present]] = known_values
     return t, wrench, np.eye(6), np.zeros(6), False
-
-
-def cuts(t: Array, length: float) -> list[tuple[int, int]]:
-    """Return first row and row after the last of pieces of t (n,) about as long as `length` [s]."""
-    if not t.size:
-        return []
-    parts = max(1, round(float(t[-1] - t[0]) / length))
-    edges = np.searchsorted(t, np.linspace(t[0], t[-1], parts + 1)[1:-1])
-    bounds = [0, *(int(edge) for edge in edges), t.size]
-    return [(a, b) for a, b in pairwise(bounds) if b - a >= 3]
-
-
-def spread_places(stamps: Sequence[Array]) -> list[tuple[int, int, int]] | None:
-    """Return stretches, evenly spread: number of the recording, first row, row after the last.
-
-    None where the recordings, at the times `stamps`, are not long.
-    """
-    total = sum(t.size for t in stamps)
-    if total <= _FEW_MORE * _ENOUGH:
-        return None
-    pieces = [(k, a, b) for k, t in enumerate(stamps) for a, b in cuts(t, _STRETCH)]
-    chosen = np.linspace(0, len(pieces) - 1, max(1, len(pieces) * _ENOUGH // total)).astype(np.int64)
-    return [pieces[k] for k in np.unique(chosen)]
-
-
-def spread_over(samples: Sequence[Samples]) -> Sequence[Samples]:
-    """Return stretches of long recordings, see `spread_places`; the recordings themselves where they are not long."""
-    places = spread_places([each.t for each in samples])
-    return samples if places is None else [samples[k].stretch(a, b) for k, a, b in places]
 
 
 class Buffer:
@@ -261,15 +248,8 @@ class Buffer:
         return out
 
     def _part(self, a: int, b: int, c: int, d: int) -> Samples:
-        return Samples(
-            self.t[a:b],
-            self.values[a:b],
-            self.input_t[c:d],
-            self.input_force[c:d],
-            self.B,
-            self.lag,
-            self.commands,
-        )
+        room = Samples(self.t, self.values, self.input_t, self.input_force, self.B, self.lag, self.commands)
+        return room.taken(slice(a, b), slice(c, d))
 
     @property
     def starts(self) -> list[tuple[int, int]]:

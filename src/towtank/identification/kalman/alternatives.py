@@ -13,17 +13,17 @@ likelihood of the innovations gains no more than chance; in a current it gains h
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.data.noise import NoiseLevels
-from towtank.identification.data.samples import Samples
+from towtank.identification.data.samples import NoiseLevels, Samples
 from towtank.identification.kalman.iterated import (
     FilterProblem,
     JointFit,
+    Prior,
     joint_passes,
     log_posterior,
     one_pass,
@@ -39,7 +39,6 @@ from towtank.vehicle import Vehicle
 __all__ = [
     "Choice",
     "Pair",
-    "Prior",
     "choose_damping",
     "current_of",
     "damping_in_question",
@@ -56,7 +55,6 @@ _CURRENT = slice(18, 21)  # of the filter's errors
 _CURRENT_GAIN = 20.0  # of the log likelihood: far beyond chance with three numbers
 _SLOWEST = 0.01  # m/s
 Pair = tuple[str, str]
-Prior = Callable[[FreeParameters], tuple[Array, Array] | None]
 
 
 @dataclass(frozen=True, eq=False)

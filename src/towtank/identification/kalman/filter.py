@@ -14,13 +14,22 @@ from typing import NamedTuple
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import quaternion_from_euler
+from towtank.core.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
 from towtank.identification.data.samples import Samples
-from towtank.identification.data.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
 from towtank.identification.kalman.state import INFORMATION_MEMORY, KNOWN_STD, JointState
 from towtank.identification.kalman.update import update_row
-from towtank.identification.model.linearisation import N_FIXED, N_MOVING, step_and_linearise, turn_by
+from towtank.identification.model.linearisation import step_and_linearise, turn_by
 from towtank.identification.model.measurements import N_SENSORS, WATER_VELOCITY
-from towtank.identification.model.parameters import IN_DELAY, IN_GAIN, IN_LAG, MASS, UNTRANSFORMED, put_parameters
+from towtank.identification.model.parameters import (
+    IN_DELAY,
+    IN_GAIN,
+    IN_LAG,
+    MASS,
+    N_FIXED,
+    N_MOVING,
+    UNTRANSFORMED,
+    put_parameters,
+)
 from towtank.vehicle.matrices import GRAVITY
 
 __all__ = ["Rows", "begin_motion", "joint_events", "joint_step", "rows_of", "take_all"]

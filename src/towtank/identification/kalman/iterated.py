@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.data.noise import NoiseLevels
-from towtank.identification.data.samples import Samples
-from towtank.identification.data.zero_order_hold import ZeroOrderHold, new_zero_order_hold
+from towtank.core.zero_order_hold import ZeroOrderHold, new_zero_order_hold
+from towtank.identification.data.samples import NoiseLevels, Samples
 from towtank.identification.kalman.filter import joint_events, rows_of
 from towtank.identification.kalman.noise_adaptation import (
     adapt_noise,
@@ -31,6 +30,7 @@ from towtank.identification.model.parameters import DELAY, IN_DELAY, IN_LAG, LAG
 __all__ = [
     "FilterProblem",
     "JointFit",
+    "Prior",
     "fit_of",
     "informed_or_start",
     "inputs_of",
@@ -55,6 +55,7 @@ _STILL = 0.1  # deviations that a coefficient may still move
 _NARROWER = 0.3  # factor to the deviations of a pass that failed from the start
 _LAGS = (5e-3, 2.0)  # s: least and largest time constant of the thrusters
 Progress = Callable[[float], None]
+Prior = Callable[[FreeParameters], tuple[Array, Array] | None]
 
 
 @dataclass(frozen=True, eq=False)

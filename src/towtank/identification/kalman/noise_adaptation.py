@@ -13,12 +13,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.data.noise import NoiseLevels, noise_level, noise_levels
-from towtank.identification.data.samples import N_MEASURED, Samples
+from towtank.identification.data.samples import N_MEASURED, NoiseLevels, Samples
 from towtank.identification.kalman.state import FilterSettings, JointState
 from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
 from towtank.identification.model.prior import usual_disturbance
 from towtank.recording import Recording
+from towtank.recording.noise import noise_level, noise_levels
 from towtank.recording.standard import EULER, MEASURED, QUATERNION
 from towtank.vehicle import Vehicle
 

@@ -19,11 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
-from towtank.identification.data.noise import NoiseLevels
-from towtank.identification.data.samples import N_MEASURED
-from towtank.identification.model.linearisation import N_FIXED, transition_scratch
+from towtank.core.rk4 import N_STATES
+from towtank.identification.data.samples import N_MEASURED, NoiseLevels
 from towtank.identification.model.measurements import N_SENSORS
-from towtank.identification.model.parameters import UNTRANSFORMED, Codes, FreeParameters, put_parameters
+from towtank.identification.model.parameters import (
+    N_FIXED,
+    N_MOVING,
+    UNTRANSFORMED,
+    Codes,
+    FreeParameters,
+    put_parameters,
+)
 
 __all__ = [
     "INFORMATION_MEMORY",
@@ -38,6 +44,7 @@ __all__ = [
     "new_joint_state",
     "recovered",
     "restored_state",
+    "transition_scratch",
 ]
 
 INFORMATION_MEMORY = 10.0  # s over which the rate of information of a coefficient is averaged
@@ -169,6 +176,16 @@ class JointState(NamedTuple):
     small: Array  # (6, 6)
     innovation: Array  # (3,) of the sensor at hand
     tau: Array  # (6,) mean wrench of the inputs over the last step
+
+
+def transition_scratch(n: int) -> tuple[Array, Array, Array, Array]:
+    """Return F, A, work and scratch for `step_and_linearise` with n free coefficients."""
+    return (
+        np.zeros((N_MOVING, N_FIXED + n)),
+        np.zeros((N_MOVING, N_FIXED + n)),
+        np.zeros((5, N_STATES, 1)),
+        np.zeros((12, 6)),
+    )
 
 
 def new_joint_state(

@@ -14,11 +14,11 @@ The accelerometer shows what the forces of the model do.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.rk4 import stage_into
-from towtank.identification.kalman.state import JointState
-from towtank.identification.model.linearisation import N_FIXED, linearise_into, turn_by
+from towtank.identification.model.linearisation import linearise_into, turn_by
 from towtank.identification.model.measurements import (
     ATTITUDE,
     LONGEST_OUTAGE,
@@ -36,6 +36,11 @@ from towtank.identification.model.measurements import (
     specific_force_row_into,
     unit_error,
 )
+from towtank.identification.model.terms import N_FIXED
+
+if TYPE_CHECKING:
+    from towtank.identification.kalman.state import JointState
+
 
 __all__ = ["count_speed", "inject", "scalar_update", "update_row"]
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
-from towtank.identification.data.samples import INPUTS_BEFORE, Sources, spread_places
+from towtank.identification.data.samples import Sources, prepared
 from towtank.identification.least_squares.chain import PaperChain, Settings, Tuning, uses_commands
 from towtank.identification.least_squares.solution import (
     AxisFindings,
@@ -41,7 +41,8 @@ from towtank.identification.model.terms import AXES, C_LINEAR, C_MASS, C_QUADRAT
 from towtank.identification.posterior.assembly import DelayScan, LogLearning
 from towtank.identification.posterior.estimate import Estimate, with_shift
 from towtank.identification.posterior.statistics import long_run
-from towtank.recording import Grid, Recording, align, bind_thrusters
+from towtank.recording import Grid, Recording, align
+from towtank.recording.grids.stretches import spread
 from towtank.vehicle import Vehicle
 
 __all__ = ["DelayCost", "Progress", "estimate_warnings", "learn_paper", "scan_delay"]
@@ -194,7 +195,7 @@ class Passes:
         free[:, :4] = [[1.0, 1.0, float(bool(axis.restoring)), float(axis.index != 2)] for axis in AXES]
         derived = any("derived" in sources.velocity for sources in self.sources)
         fast = replace(self.settings, a=_SCAN_DERIVED if derived else _SCAN_FILTER)
-        cut = [_head(grid, _SCAN_SECONDS) for grid in self.grids]
+        cut = [grid.stretch(0, int(np.searchsorted(grid.t, grid.t[0] + _SCAN_SECONDS))) for grid in self.grids]
         tried = 0
 
         def cost(delay: float) -> DelayCost:
@@ -332,28 +333,6 @@ def sources_of(grid: Grid) -> Sources:
     return Sources.of(grid.pose, grid.velocity, grid.acceleration)
 
 
-def spread_grids(grids: Sequence[Grid]) -> tuple[Grid, ...]:
-    """Return stretches of the grids, see `spread_places`; the grids themselves where they are not long."""
-    places = spread_places([grid.t for grid in grids])
-    return tuple(grids) if places is None else tuple(_rows(grids[k], a, b) for k, a, b in places)
-
-
-def _head(grid: Grid, seconds: float) -> Grid:
-    """Return the first `seconds` of a grid."""
-    n = int(np.searchsorted(grid.t, grid.t[0] + seconds))
-    return grid if n >= len(grid) else _rows(grid, 0, n)
-
-
-def _rows(grid: Grid, first: int, last: int) -> Grid:
-    """Return the rows [first, last) of a grid, with the inputs that matter to them."""
-    places = {name: slice(first, last) for name in ("t", "pose", "velocity", "acceleration", "fresh", "voltage")}
-    for kind in ("command", "wrench"):
-        stamps = getattr(grid, f"{kind}_t")
-        begin, end = np.searchsorted(stamps, (grid.t[first] - INPUTS_BEFORE, grid.t[last - 1]), "right")
-        places |= dict.fromkeys((f"{kind}_t", f"{kind}_values"), slice(max(0, int(begin) - 1), int(end)))
-    return replace(grid, **{name: getattr(grid, name)[place] for name, place in places.items()})
-
-
 def learn_paper(
     vehicle: Vehicle,
     recordings: Sequence[Recording],
@@ -385,9 +364,8 @@ def learn_paper(
         raise InputError(f"longest_delay: found {longest_delay}, expected seconds between 0 and 10")
     report = progress or (lambda text, share: None)
     report("aligning", 0.0)
-    names = [thruster.name for thruster in vehicle.thrusters]
-    grids = tuple(align(bind_thrusters(recording, names)) for recording in recordings)
-    used = spread_grids(grids) if sparing else grids
+    grids = tuple(align(prepared(recording, vehicle)) for recording in recordings)
+    used = tuple(spread(grids)) if sparing else grids
     passes = Passes(vehicle, used, Settings(delay=delay or 0.0, **tuning), candidates(vehicle, free))
     scan = None
     if delay is None:

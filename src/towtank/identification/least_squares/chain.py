@@ -8,9 +8,9 @@ from typing import TypedDict
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.core.zero_order_hold import ZeroOrderHold, new_zero_order_hold
 from towtank.errors import InputError
 from towtank.identification.data.samples import Sources, with_absent_zero
-from towtank.identification.data.zero_order_hold import ZeroOrderHold, new_zero_order_hold
 from towtank.identification.least_squares.forgetting import directional_information
 from towtank.identification.least_squares.recursion import paper_events, paper_step
 from towtank.identification.least_squares.rls import Scheme, require_scheme

@@ -8,8 +8,8 @@ of time, from which the covariance that honours coloured residuals is built (`le
 Row i of the regression holds the integrals over one sample interval of [nu_i, |nu_i| nu_i, r_i(k), 1, F_i] and the
 left-hand side nu_i(end) - nu_i(start); F_i is the wrench less C(nu) nu, less the off-diagonal inertia, plus
 off-diagonal damping and the restoring terms that are no column of their own, all from the model as known so far; see
-`model.terms`. Functions of the state are integrated by the trapezoid with end correction (`core.filtered`). The slopes
-at the two ends come from the mean acceleration over the interval, which is measured, and its change within the
+`model.terms`. Functions of the state are integrated by the trapezoid with end correction (`core.least_squares`). The
+slopes at the two ends come from the mean acceleration over the interval, which is measured, and its change within the
 interval, which the model gives; a wrong model costs O(h^3) only.
 """
 
@@ -20,10 +20,10 @@ import math
 import numpy as np
 
 from towtank.core.arrays import Array, inlined_kernel, kernel
-from towtank.core.filtered import accumulate_into, cubic_increment, hermite_increment
 from towtank.core.inertia import bilinear_coriolis_into
 from towtank.core.layout import I_CONSTANT, I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT
-from towtank.identification.data.zero_order_hold import ZeroOrderHold, force_integral_into, hold_force
+from towtank.core.least_squares import accumulate_into, cubic_increment, hermite_increment
+from towtank.core.zero_order_hold import ZeroOrderHold, force_integral_into, hold_force
 from towtank.identification.least_squares.forgetting import absorb_row, forget_blocks
 from towtank.identification.least_squares.state import N_BLOCKS, Instruments, PaperState, refresh_model
 from towtank.identification.least_squares.velocity import ABSENT, Motion, MotionRows, motion_step

@@ -15,20 +15,25 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from towtank.core.arrays import Array, kernel
 from towtank.core.forces import add_forward_speed_slope_into
 from towtank.core.inertia import bilinear_coriolis_into
 from towtank.core.layout import I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT, N_KINDS
 from towtank.core.regressor import unit_wrench_into
 from towtank.core.rk4 import N_STATES, has_forward_speed, stage_into, step_into
-from towtank.identification.model.parameters import IN_DELAY, IN_GAIN, IN_LAG, LOG, NEGATIVE_LOG, Codes
+from towtank.identification.model.terms import (
+    IN_DELAY,
+    IN_GAIN,
+    IN_LAG,
+    LOG,
+    N_FIXED,
+    N_MOVING,
+    NEGATIVE_LOG,
+    Codes,
+)
 
-__all__ = ["N_FIXED", "N_MOVING", "linearise_into", "step_and_linearise", "transition_scratch", "turn_by"]
+__all__ = ["linearise_into", "step_and_linearise", "turn_by"]
 
-N_MOVING = 12
-N_FIXED = 21  # moving 12, disturbance 6, current 3; the free coefficients follow
 _DIST, _CURRENT = 12, 18
 
 
@@ -220,13 +225,3 @@ def step_and_linearise(
                 for j in range(3, columns):
                     F[i, j] += a * A[k, j]
         F[i, i] += 1.0
-
-
-def transition_scratch(n: int) -> tuple[Array, Array, Array, Array]:
-    """Return F, A, work and scratch for `step_and_linearise` with n free coefficients."""
-    return (
-        np.zeros((N_MOVING, N_FIXED + n)),
-        np.zeros((N_MOVING, N_FIXED + n)),
-        np.zeros((5, N_STATES, 1)),
-        np.zeros((12, 6)),
-    )

@@ -12,7 +12,6 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.layout import (
@@ -29,7 +28,18 @@ from towtank.core.layout import (
     address,
 )
 from towtank.errors import InputError, nearest
-from towtank.identification.model.terms import LOG, NEGATIVE_LOG, TERMS, UNTRANSFORMED
+from towtank.identification.model.terms import (
+    IN_DELAY,
+    IN_GAIN,
+    IN_LAG,
+    LOG,
+    N_FIXED,
+    N_MOVING,
+    NEGATIVE_LOG,
+    TERMS,
+    UNTRANSFORMED,
+    Codes,
+)
 from towtank.vehicle import COEFFICIENTS, Vehicle, index
 from towtank.vehicle.names import KINDS
 
@@ -47,6 +57,8 @@ __all__ = [
     "MASS",
     "MOMENT",
     "NEGATIVE_LOG",
+    "N_FIXED",
+    "N_MOVING",
     "QUADRATIC",
     "UNTRANSFORMED",
     "WEIGHT",
@@ -58,8 +70,6 @@ __all__ = [
 ]
 
 DELAY, LAG, GAIN_PREFIX = "delay", "lag", "gain_"
-IN_DELAY, IN_LAG, IN_GAIN = range(N_KINDS, N_KINDS + 3)  # behind the kinds of coefficients
-Codes = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

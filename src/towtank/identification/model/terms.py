@@ -23,9 +23,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
-from towtank.core.layout import CONSTANT, FORWARD, LINEAR, MASS, MOMENT, QUADRATIC, WEIGHT
+from towtank.core.layout import CONSTANT, FORWARD, LINEAR, MASS, MOMENT, N_KINDS, QUADRATIC, WEIGHT
 from towtank.errors import InputError, nearest
 from towtank.vehicle import Vehicle
 
@@ -39,14 +40,20 @@ __all__ = [
     "C_MASS",
     "C_QUADRATIC",
     "C_RESTORING",
+    "IN_DELAY",
+    "IN_GAIN",
+    "IN_LAG",
     "LOG",
     "NEGATIVE_LOG",
     "N_COLUMNS",
+    "N_FIXED",
+    "N_MOVING",
     "TERMS",
     "UNTRANSFORMED",
     "Axis",
     "BodySize",
     "Candidates",
+    "Codes",
     "Term",
     "body_size",
     "candidates",
@@ -55,6 +62,10 @@ __all__ = [
     "usual_disturbance",
 ]
 
+IN_DELAY, IN_LAG, IN_GAIN = range(N_KINDS, N_KINDS + 3)  # of the inputs, behind the kinds of coefficients
+Codes = NDArray[np.int64]  # (n, 4) kind, row, column and transform of each free coefficient
+N_MOVING = 12  # errors of position, attitude and velocity
+N_FIXED = 21  # and of disturbance 6 and current 3; those of the free coefficients follow
 UNTRANSFORMED, LOG, NEGATIVE_LOG = range(3)
 ADDED = 0.6  # of the rigid body's inertia
 _WATER = 1000.0  # kg/m^3

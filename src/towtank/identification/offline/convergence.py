@@ -9,14 +9,13 @@ their values may lie beside its end.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.data.samples import Samples, samples_of
+from towtank.identification.data.samples import Samples, prepared, samples_of
 from towtank.identification.kalman.filter import joint_events, rows_of
 from towtank.identification.kalman.iterated import inputs_of, next_recording, prior_deviation, uses_biases
 from towtank.identification.kalman.noise_adaptation import common_noise_levels, filter_settings
@@ -33,7 +32,7 @@ from towtank.identification.model.parameters import DELAY, LAG, UNTRANSFORMED, F
 from towtank.identification.model.prior import size_of, start_theta
 from towtank.identification.model.terms import Candidates, candidates, paper_names
 from towtank.identification.posterior.assembly import LogLearning
-from towtank.recording import Grid, Recording
+from towtank.recording import Recording
 
 __all__ = ["Convergence", "convergence"]
 
@@ -70,7 +69,7 @@ def convergence(learning: LogLearning, recordings: Sequence[Recording]) -> Conve
 
 
 def _by_filter(learning: LogLearning, recordings: Sequence[Recording], names: tuple[str, ...]) -> Convergence:
-    samples = [samples_of(recording, learning.model) for recording in recordings]
+    samples = [samples_of(prepared(recording, learning.model), learning.model) for recording in recordings]
     delay = [DELAY] if learning.delay_scan is not None and any(each.commands for each in samples) else []
     free = free_parameters(learning.model, [*names, *delay, *([LAG] if math.isfinite(learning.lag) else [])])
     state, linearised_at = _start(learning, recordings, samples, free)
@@ -147,7 +146,9 @@ def _by_least_squares(learning: LogLearning, names: tuple[str, ...]) -> Converge
         passed = ends[-1] if ends else 0.0
         commands = uses_commands(learning.model, grid)
         chains.append(PaperChain(learning.model, sources, settings, free, known, commands=commands))
-        for part in _parts(grid, every):
+        for first in range(0, len(grid), every):
+            before = float(grid.t[first - 1]) if first else -math.inf
+            part = grid.stretch(first, min(first + every, len(grid)), since=before)
             chains[-1].run(part)
             findings = [_finding(candidate, chains) for candidate in chosen]
             estimate = estimate_of(learning.model, findings, 0.0, 0)
@@ -168,19 +169,3 @@ def _finding(candidate: Candidates, chains: Sequence[PaperChain]) -> AxisFinding
     if solution is None:
         return absent(candidate, "")
     return AxisFindings(candidate.axis, solution, candidate.to_learn, (None,) * 5, (False,) * 5)
-
-
-def _parts(grid: Grid, every: int) -> Iterator[Grid]:
-    """Yield a grid in stretches of so many rows, each with the inputs that came up to its end."""
-    columns = ("t", "pose", "velocity", "acceleration", "fresh", "voltage")
-    before = -math.inf
-    for first in range(0, len(grid), every):
-        rows = slice(first, first + every)
-        end = float(grid.t[rows][-1])
-        now: dict[str, Any] = {}
-        for kind in ("command", "wrench"):
-            stamps = getattr(grid, f"{kind}_t")
-            came = (stamps > before) & (stamps <= end)
-            now |= {f"{kind}_t": stamps[came], f"{kind}_values": getattr(grid, f"{kind}_values")[came]}
-        yield replace(grid, **{name: getattr(grid, name)[rows] for name in columns}, **now)
-        before = end

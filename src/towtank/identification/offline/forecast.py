@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from towtank.identification.data.noise import NoiseLevels
-from towtank.identification.data.samples import held_forces, samples_of
+from towtank.identification.data.samples import NoiseLevels, held_forces, prepared, samples_of
 from towtank.identification.kalman.iterated import FilterProblem, joint_passes, prior_deviation
 from towtank.identification.kalman.noise_adaptation import filter_settings, initial_noise_levels
 from towtank.identification.least_squares.chain import uses_commands
@@ -82,7 +81,7 @@ def forecast(
     names = [each.name for each in estimate.coefficients if each.identified]
     if not names:
         return None
-    samples = [samples_of(recording, vehicle) for recording in recordings]
+    samples = [samples_of(prepared(recording, vehicle), vehicle) for recording in recordings]
     free = free_parameters(vehicle, [*names, *([DELAY] if any(each.commands for each in samples) else [])])
     known = vehicle.with_coefficients({name: estimate[name].value for name in names})
     scale = size_of(vehicle, free)

@@ -51,11 +51,13 @@ class LearningRequest:
     """What is asked; see `learn_recordings`.
 
     Attributes:
+        recordings: prepared. samples: of them, where they could be had.
         always_free_runs: output error has the last word in any case.
     """
 
     vehicle: Vehicle
     recordings: Sequence[Recording]
+    samples: Sequence[Samples] = ()
     free: Collection[str] | None = None
     delay: float | None = None
     longest_delay: float = 0.4
@@ -161,7 +163,7 @@ def _prepared(request: LearningRequest, progress: Progress) -> Prepared:
     """Learn by least squares, and choose by that what to learn, and where it starts."""
     vehicle = request.vehicle
     first = request.least_squares(sparing=True, progress=lambda text, share: progress(text, 0.3 * share))
-    samples = [samples_of(recording, vehicle) for recording in request.recordings]
+    samples = request.samples or tuple(samples_of(recording, vehicle) for recording in request.recordings)
     coefficients = first.estimate.coefficients
     to_learn, held = tuple(request.free or ()), dict[str, str]()
     if not request.named:

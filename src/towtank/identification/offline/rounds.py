@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.data.noise import NoiseLevels
-from towtank.identification.data.samples import Samples, spread_over
+from towtank.identification.data.samples import NoiseLevels, Samples
 from towtank.identification.kalman.alternatives import choose_damping, damping_in_question
 from towtank.identification.kalman.iterated import (
     FilterProblem,
@@ -31,6 +30,7 @@ from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.assembly import Posterior, judge
 from towtank.identification.posterior.identifiability import DETECTED, DETERMINED, Criteria, Identifiability
 from towtank.identification.posterior.wording import NOT_DETERMINED
+from towtank.recording.grids.stretches import spread
 from towtank.vehicle import Vehicle
 
 __all__ = ["SURE", "FilterTask", "Rounds", "Start", "doubted_inertias", "run_rounds"]
@@ -150,7 +150,7 @@ def _holding(vehicle: Vehicle, set_to_zero: Sequence[str]) -> Vehicle:
 
 
 def _over_stretches(task: FilterTask, progress: Callable[[float], None]) -> Rounds:
-    few, base = spread_over(task.samples), _holding(task.vehicle, task.set_to_zero)
+    few, base = spread(task.samples), _holding(task.vehicle, task.set_to_zero)
     fit = _passes(task, few, base, task.start, begin=True, progress=progress)
     return Rounds(fit, base, dict(task.held), tuple(task.set_to_zero), few)
 

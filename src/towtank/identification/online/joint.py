@@ -15,13 +15,12 @@ from numpy.typing import ArrayLike
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
-from towtank.identification.data.samples import held_forces, samples_of, with_absent_zero
+from towtank.identification.data.samples import held_forces, prepared, samples_of, with_absent_zero
 from towtank.identification.kalman.alternatives import current_of
 from towtank.identification.kalman.iterated import prior_deviation
 from towtank.identification.kalman.noise_adaptation import variance_inflation
 from towtank.identification.kalman.state import JointState, coefficient_std
 from towtank.identification.learner import Learner, sample_vector
-from towtank.identification.model.linearisation import N_FIXED
 from towtank.identification.model.parameters import (
     DELAY,
     FORWARD,
@@ -29,6 +28,7 @@ from towtank.identification.model.parameters import (
     LAG,
     LINEAR,
     MASS,
+    N_FIXED,
     QUADRATIC,
     FreeParameters,
     free_parameters,
@@ -215,7 +215,7 @@ class JointLearner(Learner):
 
     def run(self, recording: Recording) -> int:
         """Take a whole recording; see `Learner.run`."""
-        samples, stream = samples_of(recording, self.vehicle), self._stream
+        samples, stream = samples_of(prepared(recording, self.vehicle), self.vehicle), self._stream
         if stream.seen > 0.0:
             self.restart()
         before = stream.rows

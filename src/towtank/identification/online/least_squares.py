@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from towtank.core.arrays import Array
+from towtank.core.zero_order_hold import hold_force
 from towtank.errors import InputError
 from towtank.identification.data.samples import Sources, with_absent_zero
-from towtank.identification.data.zero_order_hold import hold_force
 from towtank.identification.learner import Learner, sample_vector
 from towtank.identification.least_squares.chain import PaperChain, Settings, Tuning, uses_commands
 from towtank.identification.least_squares.solution import (

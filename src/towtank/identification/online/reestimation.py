@@ -17,12 +17,11 @@ from typing import NamedTuple
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.data.noise import NoiseLevels
-from towtank.identification.data.samples import Samples
-from towtank.identification.data.zero_order_hold import ZeroOrderHold
-from towtank.identification.kalman.alternatives import Prior
+from towtank.core.zero_order_hold import ZeroOrderHold
+from towtank.identification.data.samples import NoiseLevels, Samples
 from towtank.identification.kalman.iterated import (
     FilterProblem,
+    Prior,
     informed_or_start,
     limit_step,
     one_pass,
@@ -42,8 +41,7 @@ from towtank.identification.kalman.state import (
     JointState,
     coefficient_std,
 )
-from towtank.identification.model.linearisation import N_FIXED
-from towtank.identification.model.parameters import DELAY, MASS, FreeParameters
+from towtank.identification.model.parameters import DELAY, MASS, N_FIXED, FreeParameters
 from towtank.identification.model.prior import size_of, start_theta
 from towtank.identification.model.terms import candidates
 from towtank.identification.posterior.estimate import Estimate
@@ -289,7 +287,7 @@ def begun_later(stretches: Sequence[Samples], seconds: float) -> list[Samples]:
     and the filter, sure of it, refuses what comes.
     """
     first = stretches[0]
-    return [first.part(int(np.searchsorted(first.t, first.t[0] + seconds)), 0), *stretches[1:]]
+    return [first.taken(slice(int(np.searchsorted(first.t, first.t[0] + seconds)), None), slice(None)), *stretches[1:]]
 
 
 def _log_posterior(last: _Pass, levels: NoiseLevels, settings: FilterSettings) -> float:

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.data.noise import NoiseLevels
-from towtank.identification.data.samples import Buffer
+from towtank.identification.data.samples import Buffer, NoiseLevels
 from towtank.identification.kalman.alternatives import Pair, choose_damping, damping_in_question
 from towtank.identification.kalman.iterated import FilterProblem, fit_of, prior_deviation
 from towtank.identification.kalman.noise_adaptation import filter_settings

@@ -18,10 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.core.zero_order_hold import ZeroOrderHold, hold_force, restored_hold
 from towtank.identification.changes.detector import ChangeTracker
-from towtank.identification.data.noise import NoiseLevels
-from towtank.identification.data.samples import N_MEASURED, Buffer, Samples
-from towtank.identification.data.zero_order_hold import ZeroOrderHold, hold_force, restored_hold
+from towtank.identification.data.samples import N_MEASURED, Buffer, NoiseLevels, Samples
 from towtank.identification.kalman.filter import joint_events, joint_step, rows_of, take_all
 from towtank.identification.kalman.iterated import inputs_of
 from towtank.identification.kalman.state import (

@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.data.noise import NoiseLevels
-from towtank.identification.data.samples import Sources
+from towtank.identification.data.samples import NoiseLevels, Sources
 from towtank.identification.model.parameters import IN_DELAY, UNTRANSFORMED, FreeParameters
 from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.estimate import AxisReport, Estimate, SumOfInertias

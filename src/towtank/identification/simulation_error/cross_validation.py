@@ -10,19 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
-from towtank.identification.data.samples import N_MEASURED, Samples, cuts
+from towtank.identification.data.samples import N_MEASURED, Samples
 from towtank.identification.model.parameters import FreeParameters
 from towtank.identification.model.prior import size_of
 from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
 from towtank.identification.simulation_error.segments import CandidateModel, Knowledge
 from towtank.identification.simulation_error.trajectory import STEP
+from towtank.recording.grids.stretches import Stretch, cuts
 from towtank.vehicle import Vehicle
 from towtank.vehicle.names import ROWS
 
@@ -112,14 +111,6 @@ def columns_of(names: Sequence[str]) -> tuple[int, ...]:
     return (*sorted(axes), *(6 + i for i in sorted(axes)), *(15 + i for i in sorted(axes) if i < 3))
 
 
-class Window(NamedTuple):
-    """Rows first .. last - 1 of one of the samples."""
-
-    samples: int
-    first: int
-    last: int
-
-
 @dataclass(frozen=True, eq=False)
 class FreeRuns:
     """Recordings, windows of them, and what is known before them.
@@ -136,7 +127,7 @@ class FreeRuns:
     attitude: tuple[Array, ...]
     noise: Array
     segment: float
-    windows: tuple[Window, ...]
+    windows: tuple[Stretch, ...]
     thinned: bool
     prior: Prior
 
@@ -166,13 +157,13 @@ class FreeRuns:
             some = np.linspace(0, len(parts) - 1, max(1, len(parts) * _MOST_ROWS // cost)).astype(np.int64)
             pieces = [parts[i] for i in np.unique(some)]
         angles = [angles[k][rows] for k, rows in pieces]
-        kept = [_only(samples[k], left, rows) for k, rows in pieces]
+        kept = [samples[k].only(rows, left) for k, rows in pieces]
         if cost > _MOST_ROWS:
             kept = [each.stretch(0, len(each)) for each in kept]
         total = sum(each.duration for each in kept)
         step = total / max(sum(len(each) for each in kept), 1)
         length = float(np.clip(total / _WINDOWS, max(_SHORTEST, _ROWS * step), max(segment, _ROWS * step)))
-        windows = tuple(Window(k, a, b) for k, each in enumerate(kept) for a, b in cuts(each.t, length))
+        windows = tuple(Stretch(k, a, b) for k, each in enumerate(kept) for a, b in cuts(each.t, length))
         noise = np.array(noise)
         if not measured[3:5].any():
             noise[3:5] = _UPRIGHT
@@ -224,7 +215,7 @@ class FreeRuns:
 
     def spread(self) -> Array:
         """Return the variance (18,) of each column over all windows [of the noise]."""
-        rows = np.concatenate([self.samples[w.samples].values[w.first : w.last] for w in self.windows])
+        rows = np.concatenate([self.samples[w.recording].values[w.first : w.last] for w in self.windows])
         out = np.full(N_MEASURED, np.nan)
         for j in range(N_MEASURED):
             known = rows[np.isfinite(rows[:, j]), j]
@@ -237,18 +228,18 @@ class FreeRuns:
         for k, each in enumerate(self.samples):
             left = np.ones(len(each), dtype=np.bool_)
             for window in (self.windows[w] for w in without):
-                if window.samples == k:
+                if window.recording == k:
                     left[window.first : window.last] = False
             edges = np.flatnonzero(np.diff(np.concatenate([[False], left, [False]]).astype(np.int64)))
             for first, last in edges.reshape(-1, 2):
-                pieces = [Window(k, first + a, first + b) for a, b in cuts(each.t[first:last], self.segment)]
+                pieces = [Stretch(k, first + a, first + b) for a, b in cuts(each.t[first:last], self.segment)]
                 out += [self._piece(piece) for piece in pieces]
         return out
 
-    def _piece(self, window: Window) -> Samples:
+    def _piece(self, window: Stretch) -> Samples:
         """Return a stretch of a recording, with the attitude that it begins with where it measures none."""
-        piece = self.samples[window.samples].stretch(window.first, window.last)
-        angles = self.attitude[window.samples][window.first : window.first + _BEGIN]
+        piece = self.samples[window.recording].stretch(window.first, window.last)
+        angles = self.attitude[window.recording][window.first : window.first + _BEGIN]
         if not np.isfinite(angles).all():
             return piece
         values = np.array(piece.values)
@@ -279,10 +270,3 @@ def _informative(columns: Sequence[int], measured: Array) -> tuple[int, ...]:
         chosen |= {9, 10, 11}
     informative = tuple(sorted(j for j in chosen if measured[j]))
     return informative or tuple(int(j) for j in np.flatnonzero(measured))
-
-
-def _only(samples: Samples, columns: Sequence[int], rows: NDArray[np.intp]) -> Samples:
-    values = np.full((rows.size, samples.values.shape[1]), np.nan)
-    for j in columns:
-        values[:, j] = samples.values[rows, j]
-    return replace(samples, t=samples.t[rows], values=values)

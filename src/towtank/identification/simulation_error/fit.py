@@ -32,9 +32,9 @@ from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
 from towtank.core.attitude import quaternion_product
+from towtank.core.zero_order_hold import new_zero_order_hold
 from towtank.errors import InputError
 from towtank.identification.data.samples import N_MEASURED, Samples
-from towtank.identification.data.zero_order_hold import new_zero_order_hold
 from towtank.identification.model.parameters import IN_GAIN, IN_LAG, UNTRANSFORMED, put_parameters
 from towtank.identification.posterior.statistics import long_run
 from towtank.identification.simulation_error.residuals import (

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array, inlined_kernel, kernel
-from towtank.identification.model.linearisation import N_FIXED
 from towtank.identification.model.measurements import (
     ATTITUDE,
     N_SENSORS,
@@ -33,6 +32,7 @@ from towtank.identification.model.measurements import (
     specific_force_row_into,
     unit_error,
 )
+from towtank.identification.model.terms import N_FIXED
 
 __all__ = [
     "GATE",

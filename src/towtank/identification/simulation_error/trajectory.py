@@ -19,17 +19,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from towtank.core.arrays import Array, inlined_kernel, kernel
 from towtank.core.layout import N_PARAMETERS
 from towtank.core.rk4 import N_STATES, has_forward_speed, is_coupled, stage_into, step_into
+from towtank.core.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
 from towtank.identification.data.samples import N_MEASURED
-from towtank.identification.data.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
-from towtank.identification.model.linearisation import N_FIXED, N_MOVING, linearise_into
-from towtank.identification.model.parameters import IN_DELAY, IN_GAIN, IN_LAG, Codes, put_parameters
+from towtank.identification.model.linearisation import linearise_into
+from towtank.identification.model.parameters import IN_DELAY, IN_GAIN, IN_LAG, N_FIXED, N_MOVING, Codes, put_parameters
 from towtank.identification.simulation_error.residuals import (
     RowSpace,
     RowSums,
@@ -37,7 +37,9 @@ from towtank.identification.simulation_error.residuals import (
     absorb_row_into,
     absorb_specific_force_into,
 )
-from towtank.identification.simulation_error.segments import FreeRun, Indices
+
+if TYPE_CHECKING:
+    from towtank.identification.simulation_error.segments import FreeRun, Indices
 
 __all__ = [
     "STEP",

@@ -35,7 +35,8 @@ class _Source:
     @classmethod
     def of(cls, topic: Topic, form: SourceFormat) -> _Source:
         raw = topic.raw
-        assert raw is not None
+        if raw is None:
+            return cls(topic, form, np.empty(0), np.empty((0, len(form.quantities))))
         rows = np.flatnonzero(raw.size == form.message_size)
         if not rows.size:
             return cls(topic, form, np.empty(0), np.empty((0, len(form.quantities))), len(raw))

@@ -115,10 +115,10 @@ def _shifted(table: Table, clock: _Clock | None, common: float) -> Table:
 def _on_stamps(tables: Sequence[Table], clocks: Sequence[_Clock], notes: list[str]) -> Reconciled:
     """Put everything on the clock of the stamps: they are of a time that runs at another rate, as in a simulation."""
     best = max(clocks, key=lambda clock: len(clock.table)).table
-    assert best.stamp is not None
-    known = np.isfinite(best.stamp)
+    stamps = np.full(len(best), np.nan) if best.stamp is None else best.stamp
+    known = np.isfinite(stamps)
     order = np.argsort(best.t[known], kind="stable")
-    log, stamp = best.t[known][order], np.maximum.accumulate(best.stamp[known][order])
+    log, stamp = best.t[known][order], np.maximum.accumulate(stamps[known][order])
     rate = (stamp[-1] - stamp[0]) / max(log[-1] - log[0], 1e-9)
     stamped = {clock.table.name for clock in clocks}
     done = []

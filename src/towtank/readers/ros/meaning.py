@@ -79,9 +79,8 @@ def thruster_order(topics: Iterable[tuple[str, str]]) -> dict[str, int]:
     """
     groups: dict[tuple[str, str], list[tuple[int, str]]] = {}
     for name, kind in topics:
-        if is_thruster_topic(name, kind):
-            match = _ONE.match(name)
-            assert match is not None
+        match = _ONE.match(name)
+        if match is not None and is_thruster_topic(name, kind):
             groups.setdefault((match[1], match[3]), []).append((int(match[2]), name))
     largest = max(groups.values(), key=len, default=[])
     return {name: place for place, (_, name) in enumerate(sorted(largest), 1)}

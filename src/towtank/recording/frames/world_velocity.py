@@ -14,6 +14,8 @@ from towtank.recording.standard import EULER, LINEAR_VELOCITY, QUATERNION, WORLD
 
 __all__ = ["with_body_velocity"]
 
+_TURNED = "u v w are vn ve vd turned into the body"
+
 
 def with_body_velocity(recording: Recording) -> Recording:
     """Return the recording with `u v w` from `vn ve vd`, at their own times, where it has no measured `u v w`.
@@ -22,7 +24,7 @@ def with_body_velocity(recording: Recording) -> Recording:
     out. A note says what was done, or what it takes where nothing could be.
     """
     present = [name for name in WORLD_VELOCITY if name in recording and len(recording[name].measured)]
-    if not present:
+    if not present or any(note.startswith(_TURNED) for note in recording.notes):
         return recording
     if any(name in recording and len(recording[name].measured) for name in LINEAR_VELOCITY):
         return _noted(recording, f"{' '.join(present)} not used: u v w are measured")
@@ -41,7 +43,7 @@ def with_body_velocity(recording: Recording) -> Recording:
     lost = f", {left_out} samples left out where the attitude is unknown" if left_out else ""
     own = t[known]
     body = [standard_channel(name, own, turned[known, j]) for j, name in enumerate(LINEAR_VELOCITY)]
-    return _noted(recording.replace(body), f"u v w are vn ve vd turned into the body{lost}")
+    return _noted(recording.replace(body), f"{_TURNED}{lost}")
 
 
 def _noted(recording: Recording, note: str) -> Recording:

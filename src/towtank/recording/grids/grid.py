@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import quaternions_from_eulers
 from towtank.recording.channel import Channel, read_only
+from towtank.recording.grids.stretches import input_rows
 from towtank.recording.repairs import Repairs
 
 __all__ = ["Flags", "Grid", "held_at", "held_mean", "stack_held"]
@@ -137,6 +138,21 @@ class Grid:
         fresh = fresh.copy() if fresh.flags.writeable or fresh.base is not None else fresh
         fresh.flags.writeable = False
         object.__setattr__(self, "fresh", fresh)
+
+    def stretch(self, first: int, last: int, since: float | None = None) -> Grid:
+        """Return the rows [first, last) with the inputs that matter to them.
+
+        since: only inputs after this time [s], as of one who has had those before.
+        """
+        rows = ("t", "pose", "velocity", "acceleration", "relative_velocity", "fresh", "voltage")
+        taken = {name: getattr(self, name)[first:last] for name in rows}
+        for kind in ("command", "wrench"):
+            stamps, end = getattr(self, f"{kind}_t"), float(self.t[last - 1])
+            inputs = input_rows(stamps, float(self.t[first]), end)
+            if since is not None:
+                inputs = slice(int(np.searchsorted(stamps, since, "right")), int(np.searchsorted(stamps, end, "right")))
+            taken |= {f"{kind}_{name}": getattr(self, f"{kind}_{name}")[inputs] for name in ("t", "values")}
+        return replace(self, **taken)
 
     def __len__(self) -> int:
         return int(self.t.size)

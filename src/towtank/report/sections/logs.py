@@ -8,10 +8,10 @@ from html import escape
 from pathlib import PurePath
 
 from towtank.digits import short
-from towtank.identification.data.noise import NoiseLevel, noise_levels
 from towtank.identification.model.terms import AXES
 from towtank.recording import Recording
 from towtank.recording.facts import ChannelFacts, channel_facts
+from towtank.recording.noise import NoiseLevel, noise_levels
 from towtank.report.elements import Cell, bullets, cell, number, paragraph, section, table, unit_text
 
 __all__ = ["log_section"]

@@ -13,7 +13,7 @@ only multiples of a quantum. Taken for independent samples, each of these seems 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -26,7 +26,7 @@ from towtank.recording import Recording
 from towtank.recording.grids.timing import gap_limit, median_step, quaternion_samples, sampling_rate
 from towtank.recording.standard import EULER, MEASURED, QUATERNION
 
-__all__ = ["NoiseLevel", "NoiseLevels", "fresh_samples", "noise_level", "noise_levels", "quantum_of"]
+__all__ = ["NoiseLevel", "fresh_samples", "noise_level", "noise_levels", "quantum_of"]
 
 _FEWEST = 12  # samples
 _REPEATED = 0.2  # share of repeats from which samples may be repeated
@@ -347,16 +347,3 @@ def _outliers(t: Array, x: Array, std: float, gap: float) -> int:
         else:
             k += 1
     return count
-
-
-@dataclass(frozen=True, eq=False)
-class NoiseLevels:
-    """Noise of the measured columns (18,), levels of the disturbance (6,) [N, N m], and the velocity walk.
-
-    velocity_walk: random walk (6,) of each speed [m/s^2 sqrt(s), rad/s^2 sqrt(s)] that no force of the model accounts
-        for, NaN where nothing is known of it.
-    """
-
-    noise: Array
-    disturbance: Array
-    velocity_walk: Array = field(default_factory=lambda: np.zeros(6))
