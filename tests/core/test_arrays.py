@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
+import os
+import pickle
+import sys
 from pathlib import Path
+from typing import Any
 
+import numba
 import pytest
 
 from towtank.core import arrays
@@ -55,3 +61,21 @@ def test_the_filter_answers_to_the_dynamics() -> None:
             files.add(path)
             waiting += arrays._source(path)[1]
     assert {"rk4.py", "linearisation.py", "zero_order_hold.py", "update.py"} <= {path.name for path in files}
+
+
+def test_an_index_of_machine_code_that_cannot_be_read_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if os.environ.get("NUMBA_DISABLE_JIT") == "1":
+        pytest.skip("there is no machine code")
+    (tmp_path / "small.py").write_text("def double(x):\n    return 2.0 * x\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def compiled() -> Any:
+        sys.modules.pop("small", None)
+        return arrays.kernel(importlib.import_module("small").double)
+
+    assert compiled()(2.0) == 4.0
+    [index] = tmp_path.rglob("*.nbi")
+    version = index.read_bytes()[: len(pickle.dumps(numba.__version__))]
+    assert pickle.loads(version) == numba.__version__
+    index.write_bytes(version + b"cgone_module\nGone\n.")
+    assert compiled()(3.0) == 6.0

@@ -8,6 +8,7 @@ kernels that it imports, directly or not. A change compiles anew what it reaches
 from __future__ import annotations
 
 import hashlib
+import pickle
 import re
 from collections.abc import Callable
 from functools import cache
@@ -60,10 +61,23 @@ def fingerprint(module: str) -> str:
 
 
 def bind_cache(compiled: Any) -> None:
-    """Make the disk cache of a compiled function depend on the fingerprint; nothing where it has no disk cache."""
+    """Make the disk cache of a compiled function depend on the fingerprint; nothing where it has no disk cache.
+
+    An index that cannot be read, as one that names records which have moved since, counts as none.
+    """
     file = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
-    if file is not None:
-        file._source_stamp = (file._source_stamp, fingerprint(compiled.py_func.__module__))
+    if file is None:
+        return
+    file._source_stamp = (file._source_stamp, fingerprint(compiled.py_func.__module__))
+    load = file._load_index
+
+    def load_index() -> Any:
+        try:
+            return load()
+        except (ImportError, AttributeError, EOFError, ValueError, TypeError, pickle.UnpicklingError):
+            return {}
+
+    file._load_index = load_index
 
 
 def kernel(function: _F) -> _F:
