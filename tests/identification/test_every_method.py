@@ -16,7 +16,7 @@ import pytest
 from towtank.errors import InputError
 from towtank.identification import Estimate, Learner
 from towtank.identification.data.samples import N_MEASURED
-from towtank.identification.learner import STREAMING_METHODS
+from towtank.methods import STREAMING_METHODS
 from towtank.recording import Recording
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle

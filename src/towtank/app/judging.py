@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from towtank.errors import InputError, nearest
+from towtank.methods import METHODS
 
 if TYPE_CHECKING:
     from towtank.app.terminal.output import Output, Progress
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 __all__ = ["Judged", "against_others", "alone", "by_folds", "learn_by", "write_validate_report"]
 
 _SPARK = 16  # characters
-_METHODS = ("joint", "output-error", "paper")
 
 
 @dataclass(frozen=True)
@@ -127,9 +127,9 @@ def write_validate_report(
 
 def learn_by(method: str | None, delay: float | None) -> Learn:
     """Return what learns by a method, `learn`'s own where omitted. Raises InputError for an unknown one."""
-    if method is not None and method not in _METHODS:
-        expected = ", ".join(f'"{name}"' for name in _METHODS)
-        raise InputError(f'--method: found "{method}", expected one of {expected}{nearest(method, _METHODS)}')
+    if method is not None and method not in METHODS:
+        expected = ", ".join(f'"{name}"' for name in METHODS)
+        raise InputError(f'--method: found "{method}", expected one of {expected}{nearest(method, METHODS)}')
 
     def learn(vehicle: Vehicle, recordings: Sequence[Recording]) -> LogLearning:
         from towtank.identification import learn_recordings

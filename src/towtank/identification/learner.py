@@ -14,6 +14,7 @@ from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
 from towtank.identification.online.checkpoint import read_checkpoint, write_checkpoint
 from towtank.identification.posterior.estimate import Estimate
+from towtank.methods import STREAMING_METHODS
 from towtank.recording import Recording
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
     from towtank.identification.posterior.assembly import Current
 
 __all__ = ["STREAMING_METHODS", "Learner", "sample_vector"]
-
-STREAMING_METHODS = ("joint", "paper")
 
 
 class Learner:

@@ -13,13 +13,12 @@ from towtank.identification.offline.first_look import mirrored, reversals
 from towtank.identification.offline.joint import LearningRequest, learn_joint
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.identification.posterior.thrusters import with_gains_of, with_scale
+from towtank.methods import METHODS
 from towtank.recording import Recording
 from towtank.vehicle import Vehicle, configuration_matrix
 from towtank.vehicle.names import ROWS
 
 __all__ = ["METHODS", "LearningOptions", "learn_recordings"]
-
-METHODS = ("joint", "output-error", "paper")
 
 
 class LearningOptions(TypedDict, total=False):

@@ -10,10 +10,10 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.core.attitude import eulers_from_quaternions
 from towtank.core.dynamics import forward_dynamics
+from towtank.vehicle.matrices import GRAVITY
 
 __all__ = ["GRAVITY", "Motion", "continuous_eulers"]
 
-GRAVITY = 9.81  # m/s^2, as in `towtank.vehicle`
 _TURN = 2.0 * np.pi
 
 

@@ -21,6 +21,7 @@ from towtank.app.commands.arguments import (
     report_place,
 )
 from towtank.errors import InputError, nearest
+from towtank.methods import METHODS
 
 if TYPE_CHECKING:
     from towtank.identification import LogLearning
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
     from towtank.vehicle import Vehicle
 
 __all__ = ["learn", "names_of"]
-
-_METHODS = ("joint", "output-error", "paper")
 
 
 def learn(
@@ -176,9 +175,9 @@ def _fit(model: Vehicle, grids: Sequence[Grid]) -> tuple[Validation | None, list
 
 def _known_method(method: str, prior: str | None) -> None:
     """Raise InputError for a method that is not there, or one that takes no prior."""
-    if method not in _METHODS:
-        expected = ", ".join(f'"{name}"' for name in _METHODS)
-        raise InputError(f'--method: found "{method}", expected one of {expected}{nearest(method, _METHODS)}')
+    if method not in METHODS:
+        expected = ", ".join(f'"{name}"' for name in METHODS)
+        raise InputError(f'--method: found "{method}", expected one of {expected}{nearest(method, METHODS)}')
     if method == "paper" and prior is not None:
         raise InputError(f"--prior {prior}: the method paper takes none; use joint or output-error, or leave it out")
 

@@ -10,10 +10,9 @@ import typer
 from towtank.app.commands.arguments import Json, Map, Report, output_place, positive_option, report_place
 from towtank.app.commands.page_option import FoxgloveOption, PageOption, page_address
 from towtank.errors import InputError, nearest
+from towtank.methods import STREAMING_METHODS
 
 __all__ = ["live"]
-
-_METHODS = ("joint", "paper")
 
 
 def live(
@@ -119,9 +118,9 @@ def live(
       towtank live udpin:0.0.0.0:14550 --vehicle bluerov2_heavy --page
       towtank live replay:dive.mcap@0 --vehicle bluerov2_heavy --json
     """
-    if method not in _METHODS:
-        expected = ", ".join(f'"{name}"' for name in _METHODS)
-        raise InputError(f'--method: found "{method}", expected one of {expected}{nearest(method, _METHODS)}')
+    if method not in STREAMING_METHODS:
+        expected = ", ".join(f'"{name}"' for name in STREAMING_METHODS)
+        raise InputError(f'--method: found "{method}", expected one of {expected}{nearest(method, STREAMING_METHODS)}')
     if json and json_lines:
         raise InputError("--json and --json-lines: found both, expected one of them")
     if resume and record is None:
