@@ -26,7 +26,7 @@ from scipy.optimize import least_squares
 
 from towtank.core.arrays import Array
 from towtank.core.rk4 import simulate_run
-from towtank.identification.data.samples import Samples, samples_of
+from towtank.identification.data.samples import N_MEASURED, Samples, samples_of
 from towtank.identification.model.parameters import FreeParameters, free_parameters, put_parameters
 from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
 from towtank.identification.simulation_error.segments import CandidateModel
@@ -73,7 +73,7 @@ def task(vehicle: Vehicle, names: tuple[str, ...], motion: str, columns: int) ->
     """A fit, proved before it is timed."""
     samples, free = measured(vehicle, motion, columns), free_parameters(vehicle, names)
     truth = free.theta(vehicle, delay=0.0, lag=0.0)
-    start, noise = off(free, truth), np.full(15, 1e-3)
+    start, noise = off(free, truth), np.full(N_MEASURED, 1e-3)
 
     def fit() -> OutputErrorFit:
         return fit_output_error([samples], CandidateModel(vehicle, free, start), noise)

@@ -15,6 +15,7 @@ import pytest
 
 from towtank.errors import InputError
 from towtank.identification import Estimate, Learner
+from towtank.identification.data.samples import N_MEASURED
 from towtank.identification.learner import STREAMING_METHODS
 from towtank.recording import Recording
 from towtank.recording.event import Event
@@ -77,7 +78,7 @@ def test_the_contract_has_its_types_before_and_after_the_first_sample(method: st
         assert type(known["lag"]) is float
         assert math.isnan(known["delay"]) or known["delay"] >= 0.0
         assert known["gains"] == {}  # a wrench tells nothing of thrusters
-        assert known["noise"] is None or known["noise"].shape == (15,)
+        assert known["noise"] is None or known["noise"].shape == (N_MEASURED,)
         assert known["disturbance"] is None or known["disturbance"].shape == (6,)
         assert known["current"] is None
         assert known["likely"] == {}

@@ -10,7 +10,7 @@ import pytest
 
 from towtank.core.arrays import Array
 from towtank.identification import Learner, learn_recordings
-from towtank.identification.data.samples import Samples, samples_of, spread_over
+from towtank.identification.data.samples import N_MEASURED, Samples, samples_of, spread_over
 from towtank.identification.kalman.alternatives import Choice, choose_damping, damping_in_question
 from towtank.identification.kalman.iterated import FilterProblem, JointFit, joint_passes, prior_deviation
 from towtank.identification.kalman.noise_adaptation import common_noise_levels, filter_settings
@@ -177,7 +177,7 @@ def test_what_nothing_is_known_of_does_not_drown_the_rest() -> None:
 def test_stretches_stand_for_long_recordings_and_nothing_for_short_ones() -> None:
     def rows(n: int) -> Samples:
         t, none = np.arange(n) / 10.0, np.empty((0, 6))
-        values: Array = np.full((n, 15), np.nan)
+        values: Array = np.full((n, N_MEASURED), np.nan)
         return Samples(t, values, np.arange(0.0, t[-1], 1.0), np.zeros((int(np.ceil(t[-1])), 6)), none, none, False)
 
     short = [rows(80_000)]

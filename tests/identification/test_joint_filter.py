@@ -9,7 +9,7 @@ from towtank.core.arrays import Array
 from towtank.core.attitude import quaternion_product
 from towtank.core.layout import N_PARAMETERS
 from towtank.identification.data.noise import NoiseLevels
-from towtank.identification.data.samples import Samples, samples_of
+from towtank.identification.data.samples import N_MEASURED, Samples, samples_of
 from towtank.identification.data.zero_order_hold import hold_force, mean_forces_into, new_zero_order_hold
 from towtank.identification.kalman.filter import joint_events, joint_step, rows_of
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state
@@ -225,7 +225,7 @@ def test_rows_out_of_order_and_without_numbers_change_nothing(vehicle: Vehicle) 
     assert not joint_step(state, held, float("nan"), samples.values[50])
     np.testing.assert_array_equal(state.theta, before[0])
     np.testing.assert_array_equal(state.P, before[1])
-    nothing = np.full(15, np.nan)
+    nothing = np.full(N_MEASURED, np.nan)
     assert joint_step(state, held, float(samples.t[100]), nothing)
     assert np.isfinite(state.P).all()
     assert np.isfinite(state.x).all()

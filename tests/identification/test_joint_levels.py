@@ -7,7 +7,7 @@ import pytest
 
 from towtank.identification import learn_recordings
 from towtank.identification.data.noise import NoiseLevels
-from towtank.identification.data.samples import samples_of
+from towtank.identification.data.samples import N_MEASURED, samples_of
 from towtank.identification.kalman.iterated import FilterProblem, one_pass
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state
 from towtank.identification.kalman.update import count_speed
@@ -18,7 +18,7 @@ from .runs import TRUTH, box, unknown, waves
 
 TANK = OrnsteinUhlenbeck(std=(0.5, 0.5, 0.5, 0.05, 0.05, 0.05))
 NOISE, WALK, STEP = 0.01, 0.02, 0.1  # m/s, m/s sqrt(1/s), s
-LEVELS = NoiseLevels(np.full(15, NOISE), np.ones(6), np.full(6, WALK))
+LEVELS = NoiseLevels(np.full(N_MEASURED, NOISE), np.ones(6), np.full(6, WALK))
 
 
 def counting(since: float) -> JointState:

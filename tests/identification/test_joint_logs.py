@@ -10,7 +10,7 @@ import pytest
 
 from towtank.errors import InputError
 from towtank.identification import LogLearning, learn_recordings
-from towtank.identification.data.samples import samples_of
+from towtank.identification.data.samples import N_MEASURED, samples_of
 from towtank.identification.simulation_error.cross_validation import columns_of, error_reduction
 from towtank.recording import Channel, Recording
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, simulate
@@ -134,7 +134,7 @@ def test_commands_that_never_change(push: float) -> None:
 
 def test_the_error_reduction_is_a_share_of_the_square_error_and_no_window_alone_decides() -> None:
     rng = np.random.default_rng(0)
-    old = np.full((12, 15), np.nan)
+    old = np.full((12, N_MEASURED), np.nan)
     old[:, 6] = 1.0 + 0.2 * rng.random(12)
     half = error_reduction(0.5 * old, old, (0, 6))
     assert half.mean == pytest.approx(0.47, abs=0.03)
@@ -143,7 +143,7 @@ def test_the_error_reduction_is_a_share_of_the_square_error_and_no_window_alone_
     one = 0.9 * old
     one[3] = np.inf
     assert -0.3 < error_reduction(one, old, (0, 6)).mean < 0.1
-    lost = np.full((12, 15), np.inf)
+    lost = np.full((12, N_MEASURED), np.inf)
     assert error_reduction(lost, old, (6,)).mean == -np.inf
     assert error_reduction(old, lost, (6,)).mean == np.inf
 

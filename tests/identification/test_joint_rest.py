@@ -7,6 +7,7 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.identification import Learner
 from towtank.identification.data.noise import NoiseLevels
+from towtank.identification.data.samples import N_MEASURED
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state
 from towtank.identification.kalman.update import scalar_update
 from towtank.identification.model.linearisation import N_FIXED
@@ -27,7 +28,7 @@ def state_with(P: Array, is_considered: tuple[int, ...]) -> JointState:
     theta = free.theta(vehicle, delay=0.0, lag=0.0)
     state = new_joint_state(
         np.array(vehicle.parameters), free, theta, np.ones(len(free)), np.eye(6),
-        NoiseLevels(np.full(15, 0.1), np.ones(6), np.zeros(6)), FilterSettings(),
+        NoiseLevels(np.full(N_MEASURED, 0.1), np.ones(6), np.zeros(6)), FilterSettings(),
     )  # fmt: skip
     state.P[:] = P
     for k in is_considered:

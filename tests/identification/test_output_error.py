@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from tests.identification.runs import TRUTH, box
 
 from towtank.core.arrays import Array
-from towtank.identification.data.samples import Samples, samples_of
+from towtank.identification.data.samples import N_MEASURED, Samples, samples_of
 from towtank.identification.data.zero_order_hold import new_zero_order_hold
 from towtank.identification.model.parameters import FreeParameters, free_parameters
 from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
@@ -101,7 +101,7 @@ class Plain:
         space = new_workspace(12 + len(self.free), len(self.free), self.run.B.shape[1])
         hold, every = new_zero_order_hold(self.run.lag.size, self.run.lag, 0.0), np.arange(12)
         unknowns = Unknowns(self.free.codes, x[2:], state[None, :], every, every)
-        assert free_run_into(self.run, self.vehicle.parameters, unknowns, hold, np.ones(15), False, out, space)
+        assert free_run_into(self.run, self.vehicle.parameters, unknowns, hold, np.ones(N_MEASURED), False, out, space)
         return np.asarray(out.residuals[:, 0])
 
 
@@ -199,7 +199,7 @@ def test_delay_lag_and_gains_from_a_cold_start() -> None:
     truth = free.theta(vehicle, delay=0.15, lag=0.1)
     begin = free.theta(vehicle, delay=0.0, lag=0.03)
     begin[:6] += np.log([1.2, 0.8, 1.2, 0.8, 1.2, 0.8])
-    fit = fit_output_error([samples], CandidateModel(vehicle, free, begin), np.full(15, 1e-3), iterations=40)
+    fit = fit_output_error([samples], CandidateModel(vehicle, free, begin), np.full(N_MEASURED, 1e-3), iterations=40)
     assert_found(fit, truth, deviation=0.1)
     assert fit.theta[6] == pytest.approx(0.15, abs=0.005)
 
@@ -213,7 +213,7 @@ def test_gains_of_single_thrusters() -> None:
     free = free_parameters(vehicle, (weak, "N_rr"))
     truth = np.array([np.log(0.8), free.theta(vehicle, delay=0.0, lag=0.0)[1]])
     begin = CandidateModel(vehicle, free, truth - np.array([np.log(0.8), 0.2]))
-    fit = fit_output_error([samples], begin, np.full(15, 1e-3))
+    fit = fit_output_error([samples], begin, np.full(N_MEASURED, 1e-3))
     assert_found(fit, truth, deviation=0.05)
 
 
@@ -231,10 +231,10 @@ def test_hidden_markers_have_no_say() -> None:
     for seed in (1, 3, 5):
         samples = samples_of(simulate(vehicle, wrench=push(1000, 0), dt=DT, sensors=often, seed=seed), vehicle)
         outage = intervals(samples.t, often.jump_fraction, often.jump_s, stream(seed, "mocap", "jumps")) >= 0
-        fit, _ = fitted(samples, vehicle, SURGE, noise=np.full(15, 1e-3))
+        fit, _ = fitted(samples, vehicle, SURGE, noise=np.full(N_MEASURED, 1e-3))
         seen = samples.values.copy()
         seen[outage, :3] = np.nan
-        best, _ = fitted(replace(samples, values=seen), vehicle, SURGE, noise=np.full(15, 1e-3))
+        best, _ = fitted(replace(samples, values=seen), vehicle, SURGE, noise=np.full(N_MEASURED, 1e-3))
         assert_found(fit, best.theta, within=1.0, deviation=0.01)
         assert 0.4 * outage.mean() <= fit.rejected < outage.mean() + 0.01
 

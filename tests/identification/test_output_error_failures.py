@@ -11,7 +11,7 @@ from tests.identification.test_output_error import DT, NOISE, POSE, SURGE, only,
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
-from towtank.identification.data.samples import Samples
+from towtank.identification.data.samples import N_MEASURED, Samples
 from towtank.identification.model.parameters import free_parameters
 from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
 from towtank.identification.simulation_error.residuals import jumps
@@ -58,7 +58,7 @@ def test_questions_without_sense() -> None:
         fit_output_error([SAMPLES], none, NOISE)
     with pytest.raises(InputError, match="2 finite"):
         fit_output_error([SAMPLES], replace(model, theta=np.array([1.0, np.nan])), NOISE)
-    with pytest.raises(InputError, match="15 deviations"):
+    with pytest.raises(InputError, match="18 deviations"):
         fit_output_error([SAMPLES], model, NOISE[:6])
     with pytest.raises(InputError, match="positive noise"):
         fit_output_error([SAMPLES], model, 0.0 * NOISE)
@@ -134,9 +134,9 @@ def _coloured(n: int, rho: float) -> Array:
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
 def test_autocorrelation_is_that_of_a_first_order_series(rho: float) -> None:
-    residuals = np.full((20000, 15), np.nan)
+    residuals = np.full((20000, N_MEASURED), np.nan)
     residuals[:, 4] = 2.0 * _coloured(20000, rho)
-    correlation = autocorrelation_of([(DT * np.arange(20000.0), residuals)], np.full(15, 100.0))
+    correlation = autocorrelation_of([(DT * np.arange(20000.0), residuals)], np.full(N_MEASURED, 100.0))
     assert correlation.std[4] == pytest.approx(2.0, rel=0.05)
     assert correlation.lag_one[4] == pytest.approx(rho, abs=0.03)
     assert correlation.time[4] == pytest.approx(DT * (1.0 + rho) / (1.0 - rho), rel=0.2)
@@ -144,12 +144,12 @@ def test_autocorrelation_is_that_of_a_first_order_series(rho: float) -> None:
 
 
 def test_white_is_what_is_noise_in_all_but_a_few_seconds() -> None:
-    residuals = np.full((2000, 15), np.nan)
+    residuals = np.full((2000, N_MEASURED), np.nan)
     residuals[:, :3] = np.random.default_rng(1).standard_normal((2000, 3))
     residuals[300:350, 1] += 2.0  # a marker that jumps by less than any gate would see
     residuals[1200:1240, 1] -= 2.0
     residuals[:, 2] += 0.35 * _coloured(2000, 0.995)  # a slow force
-    correlation = autocorrelation_of([(0.01 * np.arange(2000.0), residuals)], np.full(15, 4.5))
+    correlation = autocorrelation_of([(0.01 * np.arange(2000.0), residuals)], np.full(N_MEASURED, 4.5))
     assert correlation.time[1] > 2.0 * correlation.step[1]
     assert correlation.white([0])
     assert correlation.white([0, 1, 7])
@@ -158,12 +158,12 @@ def test_white_is_what_is_noise_in_all_but_a_few_seconds() -> None:
 
 
 def test_jumps_are_seen_in_white_residuals_only() -> None:
-    residuals = np.full((2000, 15), np.nan)
+    residuals = np.full((2000, N_MEASURED), np.nan)
     residuals[:, :4] = np.random.default_rng(0).standard_normal((2000, 4))
     residuals[700:730, 1] += 3.0
-    found = jumps(residuals, np.ones(15))
+    found = jumps(residuals, np.ones(N_MEASURED))
     assert found[700:730, :3].all(), "one component wrong: none of its instrument is trusted"
     assert found.sum() < 3 * 50
     assert not found[:, 3:].any()
     residuals[:, 1] = 3.0 * _coloured(2000, 0.95)
-    assert not jumps(residuals, 3.0 * np.ones(15)).any()
+    assert not jumps(residuals, 3.0 * np.ones(N_MEASURED)).any()

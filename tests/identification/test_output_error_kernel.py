@@ -13,7 +13,7 @@ import pytest
 
 from towtank.core.arrays import Array
 from towtank.core.attitude import quaternion_product, quaternions_from_eulers
-from towtank.identification.data.samples import Samples, samples_of
+from towtank.identification.data.samples import N_MEASURED, Samples, samples_of
 from towtank.identification.data.zero_order_hold import new_zero_order_hold
 from towtank.identification.model.parameters import FreeParameters, free_parameters
 from towtank.identification.simulation_error.residuals import GATE, GONE, HUBER, robust_cost, weight_of
@@ -35,7 +35,13 @@ COEFFICIENTS = (
 )
 INPUTS = ("delay", "lag", "gain_AftPort", "gain_AftStarboard")
 DELAY, LAG = 0.0437, 0.12  # s
-COLUMNS = {"position": (0, 3), "attitude": (3, 6), "velocity": (6, 12), "specific force": (12, 15)}
+COLUMNS = {
+    "position": (0, 3),
+    "attitude": (3, 6),
+    "velocity": (6, 12),
+    "specific force": (12, 15),
+    "through water": (15, 18),
+}
 SMALL = 1e-4
 
 
@@ -66,8 +72,8 @@ class Case:
         m = shape.shape[1]
         stamps = np.sort(np.concatenate([[-0.2], generator.uniform(-0.1, t[-1], n // 6)]))
         force = generator.uniform(-6.0, 6.0, (stamps.size, m))
-        samples = Samples(t, np.zeros((n, 15)), stamps, force, shape, np.full(m, lag), True)
-        run = free_run_of(samples, np.ones(15), t[-1] / segments, 0.5, self.gains)
+        samples = Samples(t, np.zeros((n, N_MEASURED)), stamps, force, shape, np.full(m, lag), True)
+        run = free_run_of(samples, np.ones(N_MEASURED), t[-1] / segments, 0.5, self.gains)
         self.run = run._replace(block=np.arange(n, dtype=np.int64))
         start = np.concatenate([[1.0, 2.0, 3.0], [0.9, 0.2, -0.3, 0.1], [0.4, -0.2, 0.15, 0.3, -0.4, 0.5]])
         start[3:7] /= np.linalg.norm(start[3:7])
@@ -77,7 +83,7 @@ class Case:
     def measure(self, first: int, last: int, generator: np.random.Generator) -> None:
         """Measure these columns, a little off the run; the attitude as a whole."""
         angles = self._made(self.run._replace(q=np.full((self.run.t.size, 4), np.nan)), np.zeros(len(self)))
-        values = -angles.residuals + SMALL * generator.standard_normal((self.run.t.size, 15))
+        values = -angles.residuals + SMALL * generator.standard_normal((self.run.t.size, N_MEASURED))
         q = quaternions_from_eulers(np.ascontiguousarray(values[:, 3:6]))
         values[:, :first] = values[:, last:] = np.nan
         self.run = self.run._replace(values=values, q=q if first <= 3 < last else np.full_like(q, np.nan))
@@ -92,7 +98,7 @@ class Case:
         out = new_equations(s, run.t.size, run.t.size, 12 + n)
         hold = new_zero_order_hold(m, run.lag, self.delay)
         everything = np.arange(12)
-        theta, scale, space = self.theta + move[12 * s :], np.full(15, 1e6), new_workspace(12 + n, n, m)
+        theta, scale, space = self.theta + move[12 * s :], np.full(N_MEASURED, 1e6), new_workspace(12 + n, n, m)
         unknowns = Unknowns(self.free.codes, theta, states, everything, everything)
         assert free_run_into(run, self.vehicle.parameters, unknowns, hold, scale, False, out, space)
         return out
@@ -178,13 +184,13 @@ def test_the_motion_is_the_simulators(delay: float, lag: float) -> None:
     commands[:10] = 0.0
     samples = samples_of(simulate(vehicle, commands=commands, dt=0.01), vehicle)
     free = free_parameters(vehicle, ("X_udot",))
-    run = free_run_of(samples, np.ones(15), None, 0.5, False)
+    run = free_run_of(samples, np.ones(N_MEASURED), None, 0.5, False)
     out, space = new_equations(1, int(run.block.max()) + 1, n + 1, 13), new_workspace(13, 1, run.B.shape[1])
     start = np.zeros((1, 13))
     start[0, 3] = 1.0
     hold, theta = new_zero_order_hold(run.lag.size, run.lag, delay), free.theta(vehicle, delay=0.0, lag=0.0)
     unknowns = Unknowns(free.codes, theta, start, np.arange(12), np.arange(12))
-    assert free_run_into(run, vehicle.parameters, unknowns, hold, np.ones(15), True, out, space)
+    assert free_run_into(run, vehicle.parameters, unknowns, hold, np.ones(N_MEASURED), True, out, space)
     assert np.nanmax(np.abs(out.residuals[:, :12])) < (1e-5 if lag == 0.0 and delay == 0.0 else 3e-4)
     assert np.isfinite(out.residuals[:, :12]).all()
 
@@ -214,8 +220,8 @@ def test_inputs_alike_are_taken_together_unless_gains_are_free() -> None:
     assert case.run.B.shape == (6, 6)
     assert Case(INPUTS, lag=LAG).run.B.shape[1] == len(case.vehicle.thrusters)
     samples = Samples(
-        case.run.t, np.zeros((case.run.t.size, 15)), case.run.input_t, case.run.input_force, case.run.B,
+        case.run.t, np.zeros((case.run.t.size, N_MEASURED)), case.run.input_t, case.run.input_force, case.run.B,
         case.run.lag, True,
     )  # fmt: skip
     still = replace(samples, input_force=0.0 * samples.input_force)
-    assert free_run_of(still, np.ones(15), None, 0.5, False).B.shape == (6, 0)
+    assert free_run_of(still, np.ones(N_MEASURED), None, 0.5, False).B.shape == (6, 0)

@@ -19,7 +19,7 @@ from towtank.identification.offline.forecast import Forecast, PredictedAccuracy,
 from towtank.recording import Grid, Recording, align, bind_thrusters
 from towtank.recording.facts import ChannelFacts, channel_facts
 from towtank.recording.repairs import Repairs
-from towtank.recording.standard import MOTION, QUATERNION, WORLD_VELOCITY
+from towtank.recording.standard import MEASURED, QUATERNION, WORLD_VELOCITY
 from towtank.vehicle import Vehicle
 
 __all__ = ["AxisVerdict", "Inspection", "inspect_recording"]
@@ -115,7 +115,7 @@ def inspect_recording(log: str, recording: Recording, vehicle: Vehicle | None, p
         InputError: fewer than 4 samples, or thrusters that the vehicle lacks.
     """
     facts, noise = channel_facts(recording), noise_levels(recording)
-    if recording.contents and not any(name in (*MOTION, *QUATERNION, *WORLD_VELOCITY) for name in recording):
+    if recording.contents and not any(name in (*MEASURED, *QUATERNION, *WORLD_VELOCITY) for name in recording):
         reason = "no motion recorded: neither pose nor velocity, rates or specific force"
         axes = {axis.name: _no(axis.velocity, "absent", reason) for axis in AXES}
         return Inspection(log, recording, None, facts, noise, None, None, None, axes, [])

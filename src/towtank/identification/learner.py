@@ -66,6 +66,7 @@ class Learner:
         pose: ArrayLike | None = None,
         velocity: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
+        water_velocity: ArrayLike | None = None,
         commands: ArrayLike | None = None,
         wrench: ArrayLike | None = None,
         voltage: float | None = None,
@@ -75,6 +76,7 @@ class Learner:
         Args:
             pose: x y z [m, NED] phi theta psi [rad] (6,). velocity: u v w p q r (6,), body FRD.
             acceleration: specific force (3,) [m/s^2], body FRD. NaN, or None for the whole, where not measured.
+            water_velocity: u_w v_w w_w (3,) [m/s] through the water, body FRD.
             commands: one per thruster, in force from t on; wrench: X Y Z K M N, likewise. None: unchanged.
             voltage: of the supply, where the thrusters' curves depend on it.
         """
@@ -173,7 +175,7 @@ class Learner:
 
     @property
     def noise(self) -> Array | None:
-        """Noise (15,) of each sample of x y z phi theta psi u v w p q r ax ay az; None where it is not estimated."""
+        """Noise (18,) of each sample of x y z phi theta psi u v w p q r ax ay az; None where it is not estimated."""
         return None
 
     @property

@@ -15,7 +15,7 @@ from towtank.identification.offline.convergence import Convergence
 from towtank.live.learning import Learning
 from towtank.recording import STANDARD, Recording
 from towtank.recording.event import Event
-from towtank.recording.standard import EULER, MOTION, QUATERNION, VELOCITIES, WRENCH
+from towtank.recording.standard import EULER, MEASURED, QUATERNION, VELOCITIES, WRENCH
 from towtank.report import LearnFacts
 from towtank.validation import Validation, residuals, validate
 from towtank.vehicle import Vehicle
@@ -181,5 +181,7 @@ def _noise(learner: Learner, run: Recording) -> dict[str, dict[str, Any]]:
         return {}
     measured = set(run.channels) | (set(EULER) if set(QUATERNION) <= set(run.channels) else set())
     return {
-        name: {"std": float(noise[k]), "unit": STANDARD[name].unit} for k, name in enumerate(MOTION) if name in measured
+        name: {"std": float(noise[k]), "unit": STANDARD[name].unit}
+        for k, name in enumerate(MEASURED)
+        if name in measured
     }

@@ -20,7 +20,7 @@ from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.intervals import interval, interval_text
 from towtank.recording import STANDARD, Grid
-from towtank.recording.standard import MOTION
+from towtank.recording.standard import MEASURED
 
 __all__ = [
     "delay_deviation",
@@ -36,6 +36,7 @@ _KINDS = (
     ("noise of pose", slice(0, 6), "m, rad"),
     ("noise of speed", slice(6, 12), "m/s, rad/s"),
     ("noise of force", slice(12, 15), "m/s^2"),
+    ("noise through water", slice(15, 18), "m/s"),
 )
 _VELOCITIES = ("u", "v", "w", "p", "q", "r")
 _METHODS = {
@@ -51,7 +52,7 @@ def noise_document(levels: NoiseLevels | None, grids: Sequence[Grid]) -> dict[st
         return {}
     return {
         name: {"std": float(levels.noise[j]), "unit": STANDARD[name].unit}
-        for j, name in enumerate(MOTION)
+        for j, name in enumerate(MEASURED)
         if _measured(grids)[j]
     }
 
@@ -108,7 +109,7 @@ def _brief(value: float) -> str:
 
 
 def _measured(grids: Sequence[Grid]) -> NDArray[np.bool_]:
-    """Return which of the 15 columns are measured in any recording."""
+    """Return which of the 18 columns are measured in any recording."""
     return np.asarray(np.any([grid.fresh.any(axis=0) for grid in grids], axis=0))
 
 

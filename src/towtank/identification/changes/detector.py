@@ -120,7 +120,7 @@ class ChangeDetector:
             self._rows.add_input(t, force)
 
     def take_row(self, t: float, z: Array) -> None:
-        """Take the row z (15,) of time t [s]."""
+        """Take the row z (18,) of time t [s]."""
         if self._branches or self._matching is not None:
             self._rows.add_row(t, z)
 
@@ -377,7 +377,7 @@ class ChangeTracker:
         *,
         may_reestimate: bool,
     ) -> Change | Recognised | None:
-        """Take the row z (15,) of time t [s], after the filter; return what goes on in its place, where one does.
+        """Take the row z (18,) of time t [s], after the filter; return what goes on in its place, where one does.
 
         Args:
             seen: motion so far [s]. filter_: its coordinates, itself, its inputs. like: a buffer of such inputs.

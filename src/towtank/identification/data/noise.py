@@ -24,7 +24,7 @@ from towtank.core.attitude import eulers_from_quaternions
 from towtank.errors import InputError
 from towtank.recording import Recording
 from towtank.recording.grids.timing import gap_limit, median_step, quaternion_samples, sampling_rate
-from towtank.recording.standard import EULER, MOTION, QUATERNION
+from towtank.recording.standard import EULER, MEASURED, QUATERNION
 
 __all__ = ["NoiseLevel", "NoiseLevels", "fresh_samples", "noise_level", "noise_levels", "quantum_of"]
 
@@ -231,7 +231,7 @@ def noise_levels(recording: Recording) -> dict[str, NoiseLevel]:
     """Return the noise level of every motion channel; an attitude in quaternions as phi, theta, psi [rad]."""
     levels = {
         name: noise_level(recording[name].t, recording[name].values, "angle" if name in EULER else "linear")
-        for name in MOTION
+        for name in MEASURED
         if name in recording
     }
     if all(name in recording for name in QUATERNION):
@@ -351,7 +351,7 @@ def _outliers(t: Array, x: Array, std: float, gap: float) -> int:
 
 @dataclass(frozen=True, eq=False)
 class NoiseLevels:
-    """Noise of the measured columns (15,), levels of the disturbance (6,) [N, N m], and the velocity walk.
+    """Noise of the measured columns (18,), levels of the disturbance (6,) [N, N m], and the velocity walk.
 
     velocity_walk: random walk (6,) of each speed [m/s^2 sqrt(s), rad/s^2 sqrt(s)] that no force of the model accounts
         for, NaN where nothing is known of it.

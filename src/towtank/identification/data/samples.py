@@ -19,7 +19,7 @@ from towtank.errors import InputError
 from towtank.recording import Recording, bind_thrusters, with_body_velocity
 from towtank.recording.grids.grid import stack_held
 from towtank.recording.grids.timing import quaternion_samples
-from towtank.recording.standard import MOTION, QUATERNION, WRENCH, is_command
+from towtank.recording.standard import MEASURED, QUATERNION, WRENCH, is_command
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
 
 __all__ = [
@@ -36,7 +36,7 @@ __all__ = [
     "with_absent_zero",
 ]
 
-N_MEASURED = 15
+N_MEASURED = len(MEASURED)
 _TOGETHER = 1e-6  # s: stamps closer than this are one instant
 INPUTS_BEFORE = 5.0  # s of inputs before a stretch that still matter
 _ENOUGH, _FEW_MORE = 60_000, 1.5  # rows that stand for a long recording; so many times as many are no long one
@@ -50,7 +50,8 @@ class Samples:
 
     Attributes:
         t: times (n,) [s], increasing.
-        values: (n, 15) x y z phi theta psi u v w p q r ax ay az, NaN where not measured; psi and phi as recorded.
+        values: (n, 18) x y z phi theta psi u v w p q r ax ay az u_w v_w w_w, NaN where not
+            measured; psi and phi as recorded.
         input_t: stamps (k,) [s] of the inputs. input_force: steady force that each asks for (k, m): of the thrusters,
             or the wrench itself.
         B: wrench (6, m) of each unit of input. lag: time constants (m,) [s].
@@ -99,7 +100,7 @@ class Samples:
 
     @property
     def measured(self) -> Array:
-        """Which of the 15 columns are measured anywhere (15,), bool."""
+        """Which of the 18 columns are measured anywhere (18,), bool."""
         return np.asarray(np.isfinite(self.values).any(axis=0))
 
 
@@ -123,7 +124,7 @@ def samples_of(recording: Recording, vehicle: Vehicle) -> Samples:
         t, q = quaternion_samples(bound)
         angles = eulers_from_quaternions(q)
         columns += [(3 + j, t, angles[:, j]) for j in range(3)]
-    for j, name in enumerate(MOTION):
+    for j, name in enumerate(MEASURED):
         if name in bound and not (whole and 3 <= j < 6):
             channel = bound[name].measured
             columns.append((j, channel.t, channel.values))
@@ -222,7 +223,7 @@ class Buffer:
         self._starts: list[tuple[int, int]] = [(0, 0)]
 
     def add_row(self, t: float, z: Array) -> None:
-        """Add a row z (15,) of time t [s]."""
+        """Add a row z (18,) of time t [s]."""
         if self.rows == self.t.size:
             self.t, self.values = _doubled(self.t), _doubled(self.values)
         self.t[self.rows], self.values[self.rows] = t, z

@@ -19,6 +19,7 @@ from towtank.identification.data.zero_order_hold import ZeroOrderHold, hold_forc
 from towtank.identification.kalman.state import INFORMATION_MEMORY, KNOWN_STD, JointState
 from towtank.identification.kalman.update import update_row
 from towtank.identification.model.linearisation import N_FIXED, N_MOVING, step_and_linearise, turn_by
+from towtank.identification.model.measurements import N_SENSORS, WATER_VELOCITY
 from towtank.identification.model.parameters import IN_DELAY, IN_GAIN, IN_LAG, MASS, UNTRANSFORMED, put_parameters
 from towtank.vehicle.matrices import GRAVITY
 
@@ -32,7 +33,7 @@ _UNKNOWN_POSITION = 100.0  # m^2: variance of it
 
 
 class Rows(NamedTuple):
-    """Rows of measurements and inputs: times (n,) [s], values (n, 15), input stamps (k,) [s] and forces (k, m)."""
+    """Rows of measurements and inputs: times (n,) [s], values (n, 18), input stamps (k,) [s] and forces (k, m)."""
 
     t: Array
     values: Array
@@ -295,7 +296,7 @@ def relinearise(state: JointState, held: ZeroOrderHold) -> None:
 
 @kernel
 def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> None:
-    """Begin the motion at the row z (15,) of time t [s]; coefficients, biases and current stay as they are."""
+    """Begin the motion at the row z (18,) of time t [s]; coefficients, biases and current stay as they are."""
     x, P = state.x, state.P
     size = P.shape[0]
     for i in range(18):
@@ -316,8 +317,8 @@ def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> 
     x[3], x[4], x[5], x[6] = quaternion_from_euler(phi, theta, psi)
     for i in range(3):
         P[3 + i, 3 + i] = _START[1] ** 2
-        measured = math.isfinite(z[6 + i])
-        x[7 + i] = z[6 + i] if measured else 0.0
+        speed = z[6 + i] if math.isfinite(z[6 + i]) else z[3 * WATER_VELOCITY + i]
+        x[7 + i] = speed if math.isfinite(speed) else 0.0
         P[6 + i, 6 + i] = _START[2] ** 2
         measured = math.isfinite(z[9 + i])
         x[10 + i] = z[9 + i] - state.bias[i] if measured else 0.0
@@ -327,9 +328,8 @@ def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> 
         P[12 + i, 12 + i] = state.disturbance[i] ** 2
     for j in range(size):
         state.dx[j] = 0.0
-    for k in range(5):
+    for k in range(N_SENSORS):
         state.last_accepted[k] = t
-    for k in range(4):
         state.outages[k].rejected = 0.0
     for j in range(6, 12):
         state.statistics[j].has_last = 0.0  # a speed of before the pause is no neighbour
@@ -341,7 +341,7 @@ def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> 
 
 @kernel
 def joint_step(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> bool:
-    """Take the row z (15,) of time t [s]; return whether it was of use: in order, and the inputs known."""
+    """Take the row z (18,) of time t [s]; return whether it was of use: in order, and the inputs known."""
     clock = state.clock[0]
     now = clock.time
     started = clock.started > 0.0

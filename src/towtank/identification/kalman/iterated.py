@@ -65,7 +65,7 @@ class FilterProblem:
         samples: of each recording. p: kernel parameters (163,) for all that is fixed. free: the coefficients.
         deviation: how wide a pass starts about its linearisation point (n,), see `prior_deviation`.
         prior: mean (n,) and information (n, n) known beforehand. delay: of the inputs [s] where it is not free.
-        own_noise: noise (15,) that the samples show by themselves, by default that of the levels to begin with.
+        own_noise: noise (18,) that the samples show by themselves, by default that of the levels to begin with.
     """
 
     samples: Sequence[Samples]
@@ -86,8 +86,8 @@ class JointFit:
             disturbance above its estimate, see `variance_inflation`: how little is known of it is in there.
             uninflated: the covariance at the levels as the data show them.
         levels: as the data show them. likelihood: log, of the last pass's innovations. passes: how many were run.
-        duration [s], rows: learned from. rejected: share of each column's samples that lay beyond the gate (15,).
-        nis: mean of innovation^2 / S per column (15,), 1 where noise and model are right.
+        duration [s], rows: learned from. rejected: share of each column's samples that lay beyond the gate (18,).
+        nis: mean of innovation^2 / S per column (18,), 1 where noise and model are right.
         effective_samples: of the disturbance of each axis (6,). state: of the filter at the end of the pass.
     """
 

@@ -16,9 +16,10 @@ from towtank.core.arrays import Array
 from towtank.identification.data.noise import NoiseLevels, noise_level, noise_levels
 from towtank.identification.data.samples import N_MEASURED, Samples
 from towtank.identification.kalman.state import FilterSettings, JointState
+from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
 from towtank.identification.model.prior import usual_disturbance
 from towtank.recording import Recording
-from towtank.recording.standard import EULER, MOTION, QUATERNION
+from towtank.recording.standard import EULER, MEASURED, QUATERNION
 from towtank.vehicle import Vehicle
 
 __all__ = [
@@ -52,8 +53,6 @@ _SWING = 5.0  # factor by which a level may change from one pass to the next
 _FLOOR_SHARE = 0.3  # of the usual disturbance: its least level
 _LATEST, _FEWEST_ROWS = 2000, 30  # rows that show the noise of a stream
 _SPEED_STEP = 0.1  # s between two speeds whose difference shows what a vehicle does
-_TYPICAL_NOISE = np.array([2e-3] * 3 + [2e-3] * 3 + [1e-2] * 3 + [3e-3] * 3 + [5e-2] * 3)  # m, rad, m/s, rad/s, m/s^2
-_LEAST_NOISE = np.array([1e-5] * 3 + [1e-5] * 3 + [1e-4] * 3 + [1e-5] * 3 + [1e-3] * 3)  # likewise
 
 
 def adapt_noise(
@@ -62,7 +61,7 @@ def adapt_noise(
     """Return the levels that the pass's own innovations and disturbances speak for.
 
     Args:
-        own_noise: (15,) that samples show by themselves. Innovations beyond it are the model's, not the sensors'.
+        own_noise: (18,) that samples show by themselves. Innovations beyond it are the model's, not the sensors'.
         neighbours: of speeds, part noise and velocity walk by neighbouring innovations. That takes several passes to
             settle, more than a stream has time for.
     """
@@ -103,7 +102,7 @@ def adapt_noise(
 
 
 def rejected_share(state: JointState) -> Array:
-    """Return the share (15,) of each column's samples that lay beyond the gate."""
+    """Return the share (18,) of each column's samples that lay beyond the gate."""
     rejected, accepted = state.statistics["rejected"], state.statistics["accepted"]
     return np.asarray(rejected / np.maximum(rejected + accepted, 1.0))
 
@@ -174,12 +173,12 @@ def initial_noise_levels(recording: Recording, vehicle: Vehicle) -> NoiseLevels:
     shown = noise_levels(recording)
     if all(name in recording for name in QUATERNION) and not all(name in shown for name in EULER):
         shown = {**shown, **{name: shown[q] for name, q in zip(EULER, QUATERNION[1:], strict=True) if q in shown}}
-    noise = _TYPICAL_NOISE.copy()
-    for j, name in enumerate(MOTION):
+    noise = np.array(TYPICAL_NOISE)
+    for j, name in enumerate(MEASURED):
         level = shown.get(name)
         if level is not None and np.isfinite(level.std) and level.std > 0.0 and not level.dead:
             noise[j] = max(
-                level.of_each(_rate(recording, name)), level.quantum / math.sqrt(12.0), float(_LEAST_NOISE[j])
+                level.of_each(_rate(recording, name)), level.quantum / math.sqrt(12.0), float(LEAST_NOISE[j])
             )
     return NoiseLevels(noise, usual_disturbance(vehicle))
 
@@ -192,9 +191,9 @@ def common_noise_levels(recordings: Sequence[Recording], samples: Sequence[Sampl
 
 
 def noise_of_rows(t: Array, values: Array) -> Array:
-    """Return the noise (15,) of rows (n,), (n, 15), from the latest of them."""
-    noise = _TYPICAL_NOISE.copy()
-    for j, name in enumerate(MOTION):
+    """Return the noise (18,) of rows (n,), (n, 18), from the latest of them."""
+    noise = np.array(TYPICAL_NOISE)
+    for j, name in enumerate(MEASURED):
         column = values[-_LATEST:, j]
         known = np.isfinite(column)
         if known.sum() < _FEWEST_ROWS:
@@ -205,12 +204,12 @@ def noise_of_rows(t: Array, values: Array) -> Array:
         if np.isfinite(level.std) and level.std > 0.0 and not level.dead:
             span = float(stamps[-1] - stamps[0])
             rate = (len(stamps) - 1) / span if span > 0.0 else level.rate
-            noise[j] = max(level.of_each(rate), level.quantum / math.sqrt(12.0), float(_LEAST_NOISE[j]))
+            noise[j] = max(level.of_each(rate), level.quantum / math.sqrt(12.0), float(LEAST_NOISE[j]))
     return noise
 
 
 def velocity_walk_of_rows(t: Array, values: Array) -> Array:
-    """Return what the speeds of rows (n,), (n, 15) do in all, as a random walk (6,) [m/s^2 sqrt(s), rad/s^2 sqrt(s)].
+    """Return what the speeds of rows (n,), (n, 18) do in all, as a random walk (6,) [m/s^2 sqrt(s), rad/s^2 sqrt(s)].
 
     No model leaves more than this unexplained: a filter that starts from here cannot lose the motion. NaN where there
     are too few samples.

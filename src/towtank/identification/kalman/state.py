@@ -22,6 +22,7 @@ from towtank.core.arrays import Array
 from towtank.identification.data.noise import NoiseLevels
 from towtank.identification.data.samples import N_MEASURED
 from towtank.identification.model.linearisation import N_FIXED, transition_scratch
+from towtank.identification.model.measurements import N_SENSORS
 from towtank.identification.model.parameters import UNTRANSFORMED, Codes, FreeParameters, put_parameters
 
 __all__ = [
@@ -124,11 +125,11 @@ class JointState(NamedTuple):
         clock (1,): time [s]; started: 1 once the motion has begun; log_likelihood: of the innovations; rows: taken;
             duration: learned from [s]; resets: of a sensor's states; since_accepted: time since the last accepted
             sample of the sensor at hand [s].
-        statistics (15,), per column: noise_sum: of innovation^2 - H P H^T over noise_samples; nis_sum: of
+        statistics (18,), per column: noise_sum: of innovation^2 - H P H^T over noise_samples; nis_sum: of
             innovation^2 / S; rejected, accepted: samples; walk_score, walk_information: of a random walk of the column.
             Of speeds: neighbour_sum: what pairs of neighbours show of the noise's variance; steady_score,
             steady_information: of the walk in the steady state; the last innovation, its gain, whether it is there.
-        outages (4,), per sensor: rejected: samples in a row; offset: their mean; log_ratio: evidence of its return.
+        outages (6,), per sensor: rejected: samples in a row; offset: their mean; log_ratio: evidence of its return.
         disturbance_statistics (6,), per axis: time [s]; square, variance: integrals of d_hat^2 and of its variance;
             effective_samples: independent ones.
     """
@@ -146,12 +147,12 @@ class JointState(NamedTuple):
     information_rate: Array  # (n,) information of late: -d(log variance), fading over INFORMATION_MEMORY
     active: Array  # (N,) 1, and 0 for a coefficient that is considered but not updated
     B: Array  # (6, m) wrench of each unit input
-    noise: Array  # (15,) deviations of the measured columns
+    noise: Array  # (18,) deviations of the measured columns
     disturbance: Array  # (6,) levels of the disturbance [N, N m]
     velocity_walk: Array  # (6,) random walk of the speeds [m/s^2 sqrt(s), rad/s^2 sqrt(s)]
     settings: Record
     clock: Record
-    last_accepted: Array  # (5,) time of the last accepted sample of position, attitude, velocity, rates, force [s]
+    last_accepted: Array  # (6,) time of the last accepted sample of each sensor [s]
     outages: Record
     statistics: Record
     disturbance_statistics: Record
@@ -223,8 +224,8 @@ def new_joint_state(
         velocity_walk=np.fmax(levels.velocity_walk, _LEAST_VELOCITY_WALK),
         settings=settings.record,
         clock=np.zeros(1, dtype=CLOCK),
-        last_accepted=np.zeros(5),
-        outages=np.zeros(4, dtype=OUTAGE),
+        last_accepted=np.zeros(N_SENSORS),
+        outages=np.zeros(N_SENSORS, dtype=OUTAGE),
         statistics=np.zeros(N_MEASURED, dtype=STATISTICS),
         disturbance_statistics=np.zeros(6, dtype=DISTURBANCE_STATISTICS),
         F_transposed=np.zeros((N_FIXED + n, 12)),

@@ -38,6 +38,7 @@ __all__ = [
     "SPECIFIC_FORCE",
     "TYPICAL_NOISE",
     "VELOCITY",
+    "WATER_VELOCITY",
     "attitude_error",
     "cosine_of_pitch",
     "measurement_row_into",

@@ -258,7 +258,7 @@ def _begun(runs: FreeRuns, starts: Sequence[CandidateModel], *, terms: bool) -> 
 
 
 def _steady(runs: FreeRuns, begun: Sequence[_Fitted]) -> tuple[_Fitted, Array]:
-    """Return the nearest fit whose runs go somewhere over windows not seen, too, and its errors (w, 15) there."""
+    """Return the nearest fit whose runs go somewhere over windows not seen, too, and its errors (w, 18) there."""
     tried = []
     for each in begun:
         fitted = _without_early_delay(runs, each)

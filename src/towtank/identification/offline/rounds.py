@@ -75,7 +75,7 @@ class FilterTask:
 
     @property
     def shown(self) -> Array:
-        """Noise (15,) that the samples show; the filter's may hold what its model lacks."""
+        """Noise (18,) that the samples show; the filter's may hold what its model lacks."""
         return self.start.levels.noise
 
     def known(self, free: FreeParameters) -> tuple[Array, Array] | None:

@@ -187,13 +187,15 @@ class JointLearner(Learner):
         pose: ArrayLike | None = None,
         velocity: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
+        water_velocity: ArrayLike | None = None,
         commands: ArrayLike | None = None,
         wrench: ArrayLike | None = None,
         voltage: float | None = None,
     ) -> bool:
         """Take the sample of time t [s]; see `Learner.update`."""
         p, v = sample_vector(pose, 6, "pose"), sample_vector(velocity, 6, "velocity")
-        z = np.concatenate([p, v, sample_vector(acceleration, 3, "acceleration")])
+        a, w = sample_vector(acceleration, 3, "acceleration"), sample_vector(water_velocity, 3, "water_velocity")
+        z = np.concatenate([p, v, a, w])
         force: Array | None = None
         if commands is not None:
             c = sample_vector(commands, len(self.vehicle.thrusters), "commands")
@@ -201,9 +203,7 @@ class JointLearner(Learner):
         elif wrench is not None:
             force = with_absent_zero(sample_vector(wrench, 6, "wrench")[None])[0]
         if self._stream.reestimating and self._paper is not None:
-            self._paper.update(
-                t, pose=p, velocity=v, acceleration=z[12:], commands=commands, wrench=wrench, voltage=voltage
-            )
+            self._paper.update(t, pose=p, velocity=v, acceleration=a, commands=commands, wrench=wrench, voltage=voltage)
         self._estimate = None
         if force is not None:
             self._stream.take_input(float(t), force, commands=commands is not None)
@@ -226,7 +226,7 @@ class JointLearner(Learner):
                 pushed += 1
             z = samples.values[i]
             if self._paper is not None and stream.reestimating:
-                self._paper.update(float(samples.t[i]), pose=z[:6], velocity=z[6:12], acceleration=z[12:])
+                self._paper.update(float(samples.t[i]), pose=z[:6], velocity=z[6:12], acceleration=z[12:15])
             stream.take_row(float(samples.t[i]), z)
             i += 1
         if i < len(samples):
@@ -304,7 +304,7 @@ class JointLearner(Learner):
 
     @property
     def noise(self) -> Array:
-        """Noise (15,) of each sample of x y z phi theta psi u v w p q r ax ay az, as it is taken to be."""
+        """Noise (18,) of each sample of x y z phi theta psi u v w p q r ax ay az, as it is taken to be."""
         return self._stream.levels.noise.copy()
 
     @property
@@ -353,7 +353,7 @@ class JointLearner(Learner):
                     force = samples.input_force[pushed]
                     self._paper.push(float(samples.input_t[pushed]), force, commands=samples.commands)
                     pushed += 1
-                self._paper.update(float(t), pose=z[:6], velocity=z[6:12], acceleration=z[12:])
+                self._paper.update(float(t), pose=z[:6], velocity=z[6:12], acceleration=z[12:15])
 
     def _assembled(self) -> Estimate:
         stream, running = self._stream, self._stream.running

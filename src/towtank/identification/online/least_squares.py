@@ -90,6 +90,7 @@ class PaperLearner(Learner):
         pose: ArrayLike | None = None,
         velocity: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
+        water_velocity: ArrayLike | None = None,
         commands: ArrayLike | None = None,
         wrench: ArrayLike | None = None,
         voltage: float | None = None,

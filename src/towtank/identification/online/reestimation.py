@@ -177,7 +177,7 @@ class _Pass(NamedTuple):
 
 
 class _Passes:
-    """Passes over the same data with the same free coefficients; noise (15,) is what the rows show."""
+    """Passes over the same data with the same free coefficients; noise (18,) is what the rows show."""
 
     def __init__(self, task: Task, free: FreeParameters, noise: Array) -> None:
         self._task, self._free, self._noise = task, free, noise

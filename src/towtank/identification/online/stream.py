@@ -127,7 +127,7 @@ class JointStream:
             self.changes.take_input(t, force)
 
     def take_row(self, t: float, z: Array) -> bool:
-        """Take the measurements z (15,) of time t [s]; return whether anything was learned from them."""
+        """Take the measurements z (18,) of time t [s]; return whether anything was learned from them."""
         if not (np.isfinite(t) and t > self._last_t):
             return False
         if np.isfinite(self._last_t):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
-from towtank.identification.data.samples import Samples, cuts
+from towtank.identification.data.samples import N_MEASURED, Samples, cuts
 from towtank.identification.model.parameters import FreeParameters
 from towtank.identification.model.prior import size_of
 from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
@@ -56,7 +56,7 @@ class ErrorReduction:
 
 
 def error_reduction(new: Array, old: Array, columns: Sequence[int]) -> ErrorReduction:
-    """Compare errors (w, 15) of two models over the same windows in some columns, all of them alike.
+    """Compare errors (w, 18) of two models over the same windows in some columns, all of them alike.
 
     Of each window the logarithm of the ratio counts, with a tenth of the usual error put beside both: no window alone
     decides, and none in which nothing happens. A run that went nowhere (inf) counts as ten times as bad as usual; where
@@ -100,7 +100,7 @@ def fit_percent(errors: Array, spread: Array, columns: Sequence[int]) -> float:
 
 
 def columns_of(names: Sequence[str]) -> tuple[int, ...]:
-    """Return the columns that show the axes whose coefficients are free: pose and speed of each."""
+    """Return the columns that show the axes whose coefficients are free: pose, speed, and speed through the water."""
     axes = set()
     for name in names:
         if name[0] in ROWS and name[1:2] == "_":
@@ -109,7 +109,7 @@ def columns_of(names: Sequence[str]) -> tuple[int, ...]:
             axes |= {3, 4}
         elif name == "W_minus_B":
             axes.add(2)
-    return (*sorted(axes), *(6 + i for i in sorted(axes)))
+    return (*sorted(axes), *(6 + i for i in sorted(axes)), *(15 + i for i in sorted(axes) if i < 3))
 
 
 class Window(NamedTuple):
@@ -125,7 +125,7 @@ class FreeRuns:
     """Recordings, windows of them, and what is known before them.
 
     Attributes:
-        samples: of each recording, or of stretches of it where there is too much. noise: (15,).
+        samples: of each recording, or of stretches of it where there is too much. noise: (18,).
         attitude: of each, roll and pitch (n, 2) that a run may begin with where none is measured, NaN where not known.
         segment: length of a run [s]. thinned: whether there was too much.
         prior: what is known beforehand of the coefficients that are free.
@@ -200,12 +200,12 @@ class FreeRuns:
         return fit if (claimed > _CLAIMED).all() else None
 
     def errors(self, model: CandidateModel, windows: Sequence[int] | None = None) -> Array:
-        """Return the mean squares (w, 15) of what free runs over each window miss [of the noise]; inf where one fails.
+        """Return the mean squares (w, 18) of what free runs over each window miss [of the noise]; inf where one fails.
 
         NaN stands for what is not measured there.
         """
         chosen = range(len(self.windows)) if windows is None else windows
-        out = np.full((len(chosen), 15), np.inf)
+        out = np.full((len(chosen), N_MEASURED), np.inf)
         exactly = (np.array(model.theta), _SURE * np.eye(len(model.free)))
         for row, w in enumerate(chosen):
             fit = self._fitted([self._piece(self.windows[w])], model, exactly, _STATES)
@@ -214,8 +214,8 @@ class FreeRuns:
         return out
 
     def errors_unseen(self, model: CandidateModel) -> Array:
-        """Return `errors` (w, 15), each window run over with coefficients fitted to the other folds, from the model."""
-        out = np.full((len(self.windows), 15), np.inf)
+        """Return `errors` (w, 18), each window run over with coefficients fitted to the other folds, from the model."""
+        out = np.full((len(self.windows), N_MEASURED), np.inf)
         for fold in np.array_split(np.arange(len(self.windows)), min(_FOLDS, len(self.windows))):
             fit = self.fit(model, without=fold.tolist())
             if fit is not None:
@@ -223,10 +223,10 @@ class FreeRuns:
         return out
 
     def spread(self) -> Array:
-        """Return the variance (15,) of each column over all windows [of the noise]."""
+        """Return the variance (18,) of each column over all windows [of the noise]."""
         rows = np.concatenate([self.samples[w.samples].values[w.first : w.last] for w in self.windows])
-        out = np.full(15, np.nan)
-        for j in range(15):
+        out = np.full(N_MEASURED, np.nan)
+        for j in range(N_MEASURED):
             known = rows[np.isfinite(rows[:, j]), j]
             if known.size:
                 out[j] = np.var(known) / self.noise[j] ** 2
@@ -270,9 +270,10 @@ def _informative(columns: Sequence[int], measured: Array) -> tuple[int, ...]:
     The attitude stays. Positions, which add up every error of the speeds, are for axes without a measured speed. They
     hang on the whole pose, and specific force, which hangs on everything, is not run over where there is anything else.
     """
-    axes = [j - 6 for j in columns if j >= 6]
-    chosen = {6 + i for i in axes if measured[6 + i]} | {3, 4, 5}
-    if any(i < 3 and not measured[6 + i] for i in axes):
+    axes = [j - 6 for j in columns if 6 <= j < 12]
+    speeds = {i: 15 + i if i < 3 and measured[15 + i] and not measured[6 + i] else 6 + i for i in axes}
+    chosen = {j for j in speeds.values() if measured[j]} | {3, 4, 5}
+    if any(i < 3 and not measured[speeds[i]] for i in axes):
         chosen |= {0, 1, 2}
     if any(i >= 3 and not measured[6 + i] for i in axes):
         chosen |= {9, 10, 11}

@@ -227,7 +227,7 @@ class FreeRunProblem:
 
 
 def residual_scale(point: Point) -> Array:
-    """Return the robust size of each column's residuals (15,), never below that of the noise."""
+    """Return the robust size of each column's residuals (18,), never below that of the noise."""
     residuals = np.concatenate([each.residuals for each in point.sums])
     out = np.ones(N_MEASURED)
     for j in range(N_MEASURED):
@@ -256,7 +256,7 @@ class Descent:
     """Where the steps ended.
 
     Attributes:
-        point: the last runs. step: the small one that would come next. scale: of the residuals (15,).
+        point: the last runs. step: the small one that would come next. scale: of the residuals (18,).
         runs: how many were made. converged: whether nothing was left to gain.
     """
 
@@ -272,7 +272,7 @@ def warm_up(problem: FreeRunProblem, theta: Array, states: list[Array]) -> tuple
 
     The lag is held: while nothing else is right it would run away, and the delay does for it.
     """
-    scale = np.full(15, _FAR)
+    scale = np.full(N_MEASURED, _FAR)
     point = problem.evaluate(theta, states, scale, False)
     runs, damping = 1, 0.0
     if point is None:
@@ -294,7 +294,7 @@ def warm_up(problem: FreeRunProblem, theta: Array, states: list[Array]) -> tuple
 
 def descend(problem: FreeRunProblem, theta: Array, states: list[Array], most: int) -> Descent | None:
     """Return the best fit within `most` runs; None where already the first run is impossible."""
-    scale, gated, fixed = np.full(15, _FAR), False, 0
+    scale, gated, fixed = np.full(N_MEASURED, _FAR), False, 0
     point = problem.evaluate(theta, states, scale, gated)
     if point is None:
         return None
@@ -315,7 +315,7 @@ def descend(problem: FreeRunProblem, theta: Array, states: list[Array], most: in
             if gated:
                 problem.leave_out_jumps(point, scale)
             elif runs == 1:
-                scale = np.full(15, scale.max())
+                scale = np.full(N_MEASURED, scale.max())
             decrease = step.decrease * float(np.min(old_scale / scale)) ** 2
             near = scale.max() < _NEAR_SCALE and decrease < _NEAR_SHARE * problem.cost(point, scale, gated)
             gated = gated or near or decrease < _NEAR
@@ -389,7 +389,7 @@ class OutputErrorFit:
         information: (n, n), the initial states being unknown, residuals taken to be white; the prior included.
         states: initial state (s, 13) of every segment of every recording in turn.
         cost: sum of the robust squares, halved.
-        residual_std: (15,) in the columns' units, outliers left out; NaN for columns that are not measured.
+        residual_std: (18,) in the columns' units, outliers left out; NaN for columns that are not measured.
         autocorrelation: of the residuals.
         iterations: free runs made. converged: whether nothing was left to gain.
         rejected: share of the measured numbers beyond the gate.
@@ -422,7 +422,7 @@ def fit_output_error(
     Args:
         samples: one for each recording.
         model: where the coefficients start.
-        noise: standard deviation (15,) of the columns of `Samples.values`; those that are not measured do not matter.
+        noise: standard deviation (18,) of the columns of `Samples.values`; those that are not measured do not matter.
         prior: mean (n,) and information (n, n) of theta.
         segment: length [s] after which the run starts anew from a state of its own; None for one run per recording.
         gap: time [s] between rows over which no run goes.

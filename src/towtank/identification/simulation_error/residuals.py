@@ -20,7 +20,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array, inlined_kernel, kernel
-from towtank.vehicle.matrices import GRAVITY
+from towtank.identification.model.linearisation import N_FIXED
+from towtank.identification.model.measurements import (
+    ATTITUDE,
+    N_SENSORS,
+    SPECIFIC_FORCE,
+    cosine_of_pitch,
+    measurement_row_into,
+    residual_of,
+    rotation_between,
+    specific_force,
+    specific_force_row_into,
+    unit_error,
+)
 
 __all__ = [
     "GATE",
@@ -28,11 +40,11 @@ __all__ = [
     "HUBER",
     "NORMAL_MEDIAN",
     "RobustMoments",
+    "RowSpace",
     "RowSums",
     "Weighing",
-    "absorb_pose_into",
+    "absorb_row_into",
     "absorb_specific_force_into",
-    "absorb_velocity_into",
     "jumps",
     "robust_cost",
     "robust_moments",
@@ -50,9 +62,17 @@ _WHITE = 1.5  # deviation of the means, in that of the means of white residuals,
 class Weighing(NamedTuple):
     """How residuals are weighed."""
 
-    noise: Array  # (15,) standard deviations of the columns
-    scale: Array  # (15,) robust size of the residuals, in those
+    noise: Array  # (18,) standard deviations of the columns
+    scale: Array  # (18,) robust size of the residuals, in those
     gated: bool  # whether far residuals are left out altogether
+
+
+class RowSpace(NamedTuple):
+    """What a row is compared in: the water, the biases that a free run has none of, and room for a row of H."""
+
+    current: Array  # (3,) [m/s]
+    bias: Array  # (6,) of gyro and accelerometer
+    h: Array  # (21 + n,) zero
 
 
 class RowSums(NamedTuple):
@@ -60,7 +80,7 @@ class RowSums(NamedTuple):
 
     H: Array  # (c, c) sum of w J J^T
     g: Array  # (c,) sum of w J r
-    residuals: Array  # (15,) in standard deviations of the noise
+    residuals: Array  # (18,) in standard deviations of the noise
     J: Array  # (3, c) scratch
     columns: int  # that are estimated; the others are padding
 
@@ -93,7 +113,7 @@ def _cost_of(x: float, gated: bool) -> float:
 
 @kernel
 def robust_cost(residuals: Array, scale: Array, gated: bool) -> float:
-    """Return the cost of residuals (n, 15) [standard deviations of the noise]; NaN are not measured."""
+    """Return the cost of residuals (n, 18) [standard deviations of the noise]; NaN are not measured."""
     total = 0.0
     for i in range(residuals.shape[0]):
         for j in range(residuals.shape[1]):
@@ -115,7 +135,7 @@ class RobustMoments(NamedTuple):
 
 @kernel
 def _moments_into(residuals: Array, scale: Array, out: Array) -> None:
-    """Add the moments of residuals (n, 15) to `out` (5,), in the order of `RobustMoments`."""
+    """Add the moments of residuals (n, 18) to `out` (5,), in the order of `RobustMoments`."""
     for i in range(residuals.shape[0]):
         for j in range(residuals.shape[1]):
             x = residuals[i, j]
@@ -130,7 +150,7 @@ def _moments_into(residuals: Array, scale: Array, out: Array) -> None:
 
 
 def robust_moments(residuals: Array, scale: Array) -> RobustMoments:
-    """Return the moments of residuals (n, 15) [standard deviations of the noise] whose scale is (15,)."""
+    """Return the moments of residuals (n, 18) [standard deviations of the noise] whose scale is (18,)."""
     out = np.zeros(5)
     _moments_into(residuals, scale, out)
     return RobustMoments(*out)
@@ -155,105 +175,70 @@ def _absorb_into(J: Array, residual: float, column: int, weighing: Weighing, sum
 
 
 @inlined_kernel
-def absorb_velocity_into(z: Array, x: Array, S: Array, weighing: Weighing, sums: RowSums) -> None:
-    """Add the body velocity and the angular rates of a row."""
-    for j in range(6, 12):
-        if math.isfinite(z[j]):
-            _absorb_into(S[j], z[j] - x[j + 1], j, weighing, sums)
-
-
-@inlined_kernel
-def absorb_pose_into(z: Array, measured: Array, x: Array, S: Array, weighing: Weighing, sums: RowSums) -> None:
-    """Add the position, and the attitude: the rotation from the run to the measurement, else single Euler angles.
+def absorb_row_into(
+    z: Array, attitude: Array, x: Array, space: RowSpace, S: Array, weighing: Weighing, sums: RowSums
+) -> None:
+    """Add what all sensors of a row show, but for the specific force.
 
     Args:
-        z: measured row (15,). measured: quaternion (4,) of its three angles, NaN where one is missing.
+        z: measured row (18,). attitude: quaternion (4,) of its three angles, NaN where one is missing.
+        S: sensitivities (12, c) of the state x (13,).
     """
-    J = sums.J
-    for m in range(3):
-        if math.isfinite(z[m]):
-            _absorb_into(S[m], z[m] - x[m], m, weighing, sums)
-    w, i, j, k = x[3], x[4], x[5], x[6]
-    if math.isfinite(measured[0]):
-        a, b, c, d = measured[0], measured[1], measured[2], measured[3]
-        e0 = w * a + i * b + j * c + k * d
-        e1 = w * b - i * a - j * d + k * c
-        e2 = w * c + i * d - j * a - k * b
-        e3 = w * d - i * c + j * b - k * a
-        if e0 < 0.0:
-            e0, e1, e2, e3 = -e0, -e1, -e2, -e3
-        size = math.sqrt(e1 * e1 + e2 * e2 + e3 * e3)
-        f = 2.0 * math.atan2(size, e0) / size if size > 1e-9 else 2.0
-        _absorb_into(S[3], f * e1, 3, weighing, sums)
-        _absorb_into(S[4], f * e2, 4, weighing, sums)
-        _absorb_into(S[5], f * e3, 5, weighing, sums)
-        return
-    if not (math.isfinite(z[3]) or math.isfinite(z[4]) or math.isfinite(z[5])):
-        return
-    k0, k1, k2 = 2.0 * (i * k - w * j), 2.0 * (j * k + w * i), 1.0 - 2.0 * (i * i + j * j)
-    c2 = math.sqrt(k1 * k1 + k2 * k2)
-    if c2 > _UPRIGHT:
-        s1, c1, t2 = k1 / c2, k2 / c2, -k0 / c2
-        if math.isfinite(z[3]):
-            for m in range(S.shape[1]):
-                J[0, m] = S[3, m] + t2 * (s1 * S[4, m] + c1 * S[5, m])
-            r = _wrapped(z[3] - math.atan2(k1, k2))
-            _absorb_into(J[0], r, 3, weighing, sums)
-        if math.isfinite(z[4]):
-            for m in range(S.shape[1]):
-                J[0, m] = c1 * S[4, m] - s1 * S[5, m]
-            r = z[4] - math.atan2(-k0, c2)
-            _absorb_into(J[0], r, 4, weighing, sums)
-        if math.isfinite(z[5]):
-            for m in range(S.shape[1]):
-                J[0, m] = (s1 * S[4, m] + c1 * S[5, m]) / c2
-            r = _wrapped(z[5] - math.atan2(2.0 * (i * j + w * k), 1.0 - 2.0 * (j * j + k * k)))
-            _absorb_into(J[0], r, 5, weighing, sums)
-
-
-@kernel
-def _wrapped(angle: float) -> float:
-    """Return the angle within half a turn of zero."""
-    return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
+    h, J = space.h, sums.J
+    for sensor in range(N_SENSORS):
+        if sensor == SPECIFIC_FORCE:
+            continue
+        whole = sensor != ATTITUDE or math.isfinite(attitude[0])
+        if sensor == ATTITUDE and not whole and not cosine_of_pitch(x) > _UPRIGHT:
+            continue
+        ex, ey, ez = 0.0, 0.0, 0.0
+        if sensor == ATTITUDE and whole:
+            ex, ey, ez = rotation_between(x[3:7], attitude[0], attitude[1], attitude[2], attitude[3])
+        for k in range(3):
+            column = 3 * sensor + k
+            if not math.isfinite(z[column]):
+                continue
+            if sensor == ATTITUDE and whole:
+                residual = ex if k == 0 else (ey if k == 1 else ez)
+            else:
+                residual = residual_of(z, x, space.current, space.bias, sensor, k, whole)
+            unit = unit_error(sensor, k, whole)
+            if unit >= 0:
+                for c in range(S.shape[1]):
+                    J[0, c] = S[unit, c]
+            else:
+                measurement_row_into(x, space.current, False, False, sensor, k, whole, h)
+                for c in range(S.shape[1]):
+                    J[0, c] = h[3] * S[3, c] + h[4] * S[4, c] + h[5] * S[5, c]
+                h[3], h[4], h[5] = 0.0, 0.0, 0.0
+            _absorb_into(J[0], residual, column, weighing, sums)
 
 
 @kernel
 def absorb_specific_force_into(
-    z: Array, x: Array, rate: Array, A: Array, S: Array, states: int, weighing: Weighing, sums: RowSums
+    z: Array, x: Array, rate: Array, A: Array, S: Array, space: RowSpace, weighing: Weighing, sums: RowSums
 ) -> None:
-    """Add the specific force f = v_dot + omega x v - g k at the body origin.
+    """Add the specific force at the body origin.
 
     Args:
         rate: state derivative (13,) at x. A: derivative of the error's rate at x (12, 21 + n).
-        states: how many of the columns are of initial states.
     """
-    J, n = sums.J, sums.columns - states
-    fixed = A.shape[1] - n
-    w, i, j, k = x[3], x[4], x[5], x[6]
-    k0, k1, k2 = 2.0 * (i * k - w * j), 2.0 * (j * k + w * i), 1.0 - 2.0 * (i * i + j * j)
-    u, v, ww, p, q, r = x[7], x[8], x[9], x[10], x[11], x[12]
-    for m in range(3):
+    h, J = space.h, sums.J
+    fixed = N_FIXED - (sums.columns - (A.shape[1] - N_FIXED))  # place in h of the coefficient of a column, less it
+    for k in range(3):
+        column = 3 * SPECIFIC_FORCE + k
+        if not math.isfinite(z[column]):
+            continue
+        specific_force_row_into(x, A, k, h)
         for c in range(S.shape[1]):
             s = 0.0
             for a in range(3, 12):
-                s += A[6 + m, a] * S[a, c]
-            J[m, c] = s
-        for c in range(n):
-            J[m, states + c] += A[6 + m, fixed + c]
-    for c in range(S.shape[1]):
-        e0, e1, e2 = GRAVITY * S[3, c], GRAVITY * S[4, c], GRAVITY * S[5, c]
-        J[0, c] += S[10, c] * ww - S[11, c] * v + q * S[8, c] - r * S[7, c] - (k1 * e2 - k2 * e1)
-        J[1, c] += S[11, c] * u - S[9, c] * ww + r * S[6, c] - p * S[8, c] - (k2 * e0 - k0 * e2)
-        J[2, c] += S[9, c] * v - S[10, c] * u + p * S[7, c] - q * S[6, c] - (k0 * e1 - k1 * e0)
-    f0 = rate[7] + q * ww - r * v - GRAVITY * k0
-    f1 = rate[8] + r * u - p * ww - GRAVITY * k1
-    f2 = rate[9] + p * v - q * u - GRAVITY * k2
-    if math.isfinite(z[12]):
-        _absorb_into(J[0], z[12] - f0, 12, weighing, sums)
-    if math.isfinite(z[13]):
-        _absorb_into(J[1], z[13] - f1, 13, weighing, sums)
-    if math.isfinite(z[14]):
-        _absorb_into(J[2], z[14] - f2, 14, weighing, sums)
+                s += h[a] * S[a, c]
+            J[0, c] = s
+        for c in range(N_FIXED - fixed, sums.columns):
+            J[0, c] += h[fixed + c]
+        h[:] = 0.0
+        _absorb_into(J[0], z[column] - specific_force(x, rate, k), column, weighing, sums)
 
 
 def jumps(residuals: Array, scale: Array) -> NDArray[np.bool_]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import euler_rates_matrix, quaternions_from_eulers, rotation_from_euler
-from towtank.identification.data.samples import Samples
+from towtank.identification.data.samples import N_MEASURED, Samples
 from towtank.identification.model.parameters import FreeParameters
 from towtank.vehicle import Vehicle
 
@@ -64,9 +64,9 @@ class FreeRun(NamedTuple):
     """One recording, cut into segments that each start from a state of their own."""
 
     t: Array  # (n,) [s]
-    values: Array  # (n, 15) as `Samples`
+    values: Array  # (n, 18) as `Samples`
     q: Array  # (n, 4) measured attitude, NaN where not all three angles are
-    noise: Array  # (15,) standard deviations
+    noise: Array  # (18,) standard deviations
     input_t: Array  # (k,) [s]
     input_force: Array  # (k, m)
     B: Array  # (6, m) wrench of a unit of each input
@@ -80,7 +80,7 @@ def free_run_of(samples: Samples, noise: Array, segment: float | None, gap: floa
     """Return a recording as the kernel takes it; thrusters with the same lag are taken together as their wrench.
 
     Args:
-        noise: standard deviation (15,) of every column.
+        noise: standard deviation (18,) of every column.
         segment: length [s] that segments are cut to, about; None for no cuts but at gaps.
         gap: time between rows [s] beyond which a new segment begins; at least four times the usual one.
         gains: whether gains of single thrusters are free.
@@ -162,8 +162,8 @@ def starting_states(run: FreeRun) -> Array:
     """Return the states (s, 13) at the first row of each segment; what nothing shows is zero."""
     out = np.zeros((run.first.size, 13))
     for s, (a, b) in enumerate(zip(run.first, run.last, strict=True)):
-        value, slope = np.full(15, np.nan), np.full(15, np.nan)
-        for j in range(15):
+        value, slope = np.full(N_MEASURED, np.nan), np.full(N_MEASURED, np.nan)
+        for j in range(N_MEASURED):
             x = run.values[a:b, j]
             if 3 <= j < 6:
                 x = _without_turns(x)
@@ -173,7 +173,7 @@ def starting_states(run: FreeRun) -> Array:
 
 
 def _state(value: Array, slope: Array) -> Array:
-    """Return the state (13,) of values and rates of the 15 columns at one instant, NaN where unknown."""
+    """Return the state (13,) of values and rates of the 18 columns at one instant, NaN where unknown."""
     angles = value[3:6].copy()
     f = value[12:15]
     if np.isnan(angles[:2]).any() and np.isfinite(f).all():
@@ -187,7 +187,7 @@ def _state(value: Array, slope: Array) -> Array:
     turning: Array = np.zeros(3)
     if math.cos(angles[1]) > _UPRIGHT:
         turning[:] = np.linalg.solve(euler_rates_matrix(angles[0], angles[1]), np.nan_to_num(slope[3:6]))
-    derived = np.concatenate([speed, turning])
+    derived = np.concatenate([np.where(np.isnan(value[15:18]), speed, value[15:18]), turning])
     state[7:13] = np.where(np.isnan(value[6:12]), derived, value[6:12])
     return state
 

@@ -26,15 +26,16 @@ import numpy as np
 from towtank.core.arrays import Array, inlined_kernel, kernel
 from towtank.core.layout import N_PARAMETERS
 from towtank.core.rk4 import N_STATES, has_forward_speed, is_coupled, stage_into, step_into
+from towtank.identification.data.samples import N_MEASURED
 from towtank.identification.data.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
 from towtank.identification.model.linearisation import N_FIXED, N_MOVING, linearise_into
 from towtank.identification.model.parameters import IN_DELAY, IN_GAIN, IN_LAG, Codes, put_parameters
 from towtank.identification.simulation_error.residuals import (
+    RowSpace,
     RowSums,
     Weighing,
-    absorb_pose_into,
+    absorb_row_into,
     absorb_specific_force_into,
-    absorb_velocity_into,
 )
 from towtank.identification.simulation_error.segments import FreeRun, Indices
 
@@ -149,7 +150,7 @@ class NormalEquations(NamedTuple):
 
     normal: Array  # (s, c, c) sum of w J J^T of each segment
     scores: Array  # (b, c) sum of w J r of each block of time
-    residuals: Array  # (n, 15) in standard deviations of the noise, NaN where nothing was measured
+    residuals: Array  # (n, 18) in standard deviations of the noise, NaN where nothing was measured
     reach: Array  # (12, c) sum over the segments of the sizes of the sensitivities at their ends
 
 
@@ -171,6 +172,8 @@ class Workspace(NamedTuple):
     work: Array  # (3, 13, 1)
     scratch: Array  # (6, 6)
     current: Array  # (3,)
+    bias: Array  # (6,)
+    h: Array  # (21 + n,) zero
 
 
 def new_equations(segments: int, blocks: int, rows: int, columns: int) -> NormalEquations:
@@ -179,7 +182,7 @@ def new_equations(segments: int, blocks: int, rows: int, columns: int) -> Normal
     return NormalEquations(
         normal=np.zeros((segments, c, c)),
         scores=np.zeros((blocks, c)),
-        residuals=np.full((rows, 15), np.nan),
+        residuals=np.full((rows, N_MEASURED), np.nan),
         reach=np.zeros((N_MOVING, c)),
     )
 
@@ -203,6 +206,8 @@ def new_workspace(columns: int, n: int, m: int) -> Workspace:
         work=np.zeros((3, N_STATES, 1)),
         scratch=np.zeros((6, 6)),
         current=np.zeros(3),
+        bias=np.zeros(6),
+        h=np.zeros(N_FIXED + n),
     )
 
 
@@ -226,7 +231,7 @@ def free_run_into(
     Args:
         parameters: of the vehicle's kernels (163,); theta is put into a copy.
         hold: an empty one with the nominal lags and delay; changed.
-        scale: of the residuals of each column (15,), in standard deviations of the noise.
+        scale: of the residuals of each column (18,), in standard deviations of the noise.
         gated: whether far residuals are left out altogether.
     """
     out.normal[:] = 0.0
@@ -258,7 +263,7 @@ def free_run_into(
     forward = has_forward_speed(p_lane)
     coupled, lagless, clock = is_coupled(p_lane), not (hold.lag > 0.0).any(), hold.clock
     k, n = estimated.shape[0], theta.shape[0]
-    weighing = Weighing(run.noise, scale, gated)
+    weighing, room = Weighing(run.noise, scale, gated), RowSpace(current, space.bias, space.h)
     force[:] = 0.0
     given = 0
     if input_t.shape[0] > 0:
@@ -312,8 +317,7 @@ def free_run_into(
                 if not math.fabs(x[j]) < _FASTEST:
                     return False
             z, sums = values[row], RowSums(H, out.scores[block[row]], out.residuals[row], J, k + n)
-            absorb_pose_into(z, q[row], x, S, weighing, sums)
-            absorb_velocity_into(z, x, S, weighing, sums)
+            absorb_row_into(z, q[row], x, room, S, weighing, sums)
             if math.isfinite(z[12]) or math.isfinite(z[13]) or math.isfinite(z[14]):
                 half_way = resting = False
                 given = _give_into(input_t, input_force, hold, given, t[row])
@@ -321,7 +325,7 @@ def free_run_into(
                 _wrench_into(B, force, gain, wrench)
                 stage_into(p_lane, x_lane, wrench_lane[0], current, rate_lane, coupled)
                 linearise_into(p, x, rate, codes, theta, B, force, A, scratch)
-                absorb_specific_force_into(z, x, rate, A, S, k, weighing, sums)
+                absorb_specific_force_into(z, x, rate, A, S, room, weighing, sums)
         for i in range(N_MOVING):
             for j in range(S.shape[1]):
                 out.reach[i, j] += math.fabs(S[i, j])

@@ -31,12 +31,12 @@ Kept = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Autocorrelation:
-    """Of the residuals of each of the 15 columns; NaN where too little is measured.
+    """Of the residuals of each of the 18 columns; NaN where too little is measured.
 
     Attributes:
-        std: standard deviation (15,), in that of the noise. lag_one: correlation of neighbouring samples (15,).
-        time: integrated autocorrelation time (15,) [s]. decorrelation_lag: (15,) [s] at which the correlation has died.
-        step: usual time between samples (15,) [s]. time_without_bursts: as `time`, without the seconds that are off.
+        std: standard deviation (18,), in that of the noise. lag_one: correlation of neighbouring samples (18,).
+        time: integrated autocorrelation time (18,) [s]. decorrelation_lag: (18,) [s] at which the correlation has died.
+        step: usual time between samples (18,) [s]. time_without_bursts: as `time`, without the seconds that are off.
     """
 
     std: Array
@@ -57,8 +57,8 @@ def autocorrelation_of(runs: Sequence[tuple[Array, Array]], limits: Array) -> Au
     """Return the autocorrelation of residuals.
 
     Args:
-        runs: times (n,) [s] and residuals (n, 15) of each recording, NaN where nothing was measured.
-        limits: (15,) beyond which a residual is an outlier and left out.
+        runs: times (n,) [s] and residuals (n, 18) of each recording, NaN where nothing was measured.
+        limits: (18,) beyond which a residual is an outlier and left out.
     """
     columns = [_column(runs, j, limits[j]) for j in range(N_MEASURED)]
     return Autocorrelation(*np.array(columns).T)

@@ -14,7 +14,7 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.core.attitude import euler_from_quaternion, rotation_from_euler
 from towtank.recording import Recording
-from towtank.recording.standard import COMMAND_PREFIX, EULER, QUATERNION, WORLD_VELOCITY, is_standard
+from towtank.recording.standard import COMMAND_PREFIX, EULER, QUATERNION, RELATIVE_VELOCITY, WORLD_VELOCITY, is_standard
 from towtank.vehicle import Vehicle
 
 __all__ = ["Instants", "Row", "rows_of"]
@@ -23,9 +23,10 @@ _PLACE = {
     **{name: ("pose", k) for k, name in enumerate(("x", "y", "z", "phi", "theta", "psi"))},
     **{name: ("velocity", k) for k, name in enumerate(("u", "v", "w", "p", "q", "r"))},
     **{name: ("acceleration", k) for k, name in enumerate(("ax", "ay", "az"))},
+    **{name: ("water_velocity", k) for k, name in enumerate(RELATIVE_VELOCITY)},
     **{name: ("wrench", k) for k, name in enumerate(("X", "Y", "Z", "K", "M", "N"))},
 }
-_SIZE = {"pose": 6, "velocity": 6, "acceleration": 3}
+_SIZE = {"pose": 6, "velocity": 6, "acceleration": 3, "water_velocity": 3}
 _TOGETHER = 1e-6  # s: stamps closer than this are one instant
 Row = tuple[float, tuple[str, ...], tuple[float, ...]]  # t [s], names, values
 
