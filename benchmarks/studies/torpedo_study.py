@@ -3,7 +3,7 @@
     python benchmarks/studies/torpedo_study.py [--runs 5] [--method joint] [--output torpedo.json]
 
 The truth is `torpedo.toml`: 35 kg, tail propeller, tunnels at bow and stern. It zigzags by its tunnels for 3 minutes
-at several speeds ahead, 0.4 to 1.8 m/s, with an INS (gyro biases, DVL, heading) and a random force. Known are mass,
+at speeds ahead of 0 to 1.7 m/s, with an INS (gyro biases, DVL, heading) and a random force. Known are mass,
 inertia, thrusters and what moves it up and down and in roll; the file has no hydrodynamics of the horizontal plane but
 the forward-speed terms, which it has wrong (half of them) or not at all. Learned: inertia and damping of surge, sway
 and yaw, with `Y_uv Y_ur N_uv N_ur` and without. Printed: share of yaw rate, sway and speed explained by a free run over
@@ -56,10 +56,10 @@ def torpedo() -> Vehicle:
 
 
 def zigzag(duration: float, seed: int) -> Array:
-    """Return commands (n, 3) at 50 Hz: the propeller in steps of 10 s, the tunnels in steps of 2 s, of either sign."""
+    """Return commands (n, 3) at 50 Hz: the propeller in steps of 10 s, the tunnels of 2.5 s, these of either sign."""
     rng = np.random.default_rng(seed)
-    ahead = np.repeat(rng.uniform(25.0, 95.0, round(duration / 10.0)), round(10.0 / DT))
-    tunnels = np.repeat(rng.uniform(-90.0, 90.0, (round(duration / 2.0), 2)), round(2.0 / DT), axis=0)
+    ahead = np.repeat(rng.uniform(0.0, 95.0, round(duration / 10.0)), round(10.0 / DT))
+    tunnels = np.repeat(rng.uniform(-100.0, 100.0, (round(duration / 2.5), 2)), round(2.5 / DT), axis=0)
     return np.column_stack([ahead, tunnels])
 
 

@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.core.attitude import quaternions_from_eulers
 from towtank.identification.data.samples import Samples
 from towtank.identification.model.parameters import (
     CONSTANT,
@@ -52,6 +53,7 @@ from towtank.identification.simulation_error.cross_validation import (
 )
 from towtank.identification.simulation_error.fit import OutputErrorFit
 from towtank.identification.simulation_error.segments import CandidateModel, Knowledge
+from towtank.recording.frames.rotations import conjugate, rotate
 from towtank.vehicle import FORWARD_SPEED, Vehicle, configuration_matrix, index
 from towtank.vehicle.names import COLUMNS, ROWS
 
@@ -107,20 +109,19 @@ def groups_of_terms(
 
 
 def _goes_ahead(samples: Sequence[Samples]) -> bool:
-    """Whether the vehicle goes ahead, as forward-speed terms suppose: its mean u exceeds the deviation of u."""
+    """Whether the vehicle goes ahead, as forward-speed terms suppose: mean u exceeds its deviation and what is across."""
     speeds = []
     for each in samples:
-        u = each.values[:, 6]
-        if not np.isfinite(u).any():
+        speed = each.values[:, 6:9]
+        if not np.isfinite(speed).all(axis=1).any():
             posed = np.flatnonzero(np.isfinite(each.values[:, :6]).all(axis=1))
             apart = np.searchsorted(each.t[posed], np.arange(each.t[0], each.t[-1], _PACE))
             rows = np.unique(posed[apart[apart < posed.size]])
-            moved, (theta, psi) = np.diff(each.values[rows, :3], axis=0), each.values[rows[:-1], 4:6].T
-            x = np.column_stack([np.cos(psi) * np.cos(theta), np.sin(psi) * np.cos(theta), -np.sin(theta)])
-            u = (moved * x).sum(axis=1) / np.diff(each.t[rows])
-        speeds.append(u[np.isfinite(u)])
-    u = np.concatenate(speeds)
-    return bool(u.size and abs(u.mean()) > u.std())
+            q = quaternions_from_eulers(each.values[rows[:-1], 3:6])
+            speed = rotate(conjugate(q), np.diff(each.values[rows, :3], axis=0)) / np.diff(each.t[rows])[:, None]
+        speeds.append(speed[np.isfinite(speed).all(axis=1)])
+    u, v, w = np.concatenate(speeds).T
+    return bool(u.size and abs(u.mean()) > max(u.std(), math.sqrt(np.mean(v**2 + w**2))))
 
 
 def _gains(vehicle: Vehicle, axes: Sequence[int], samples: Sequence[Samples]) -> tuple[str, ...]:
