@@ -12,13 +12,15 @@ from towtank.vehicle import Vehicle, inverse_dynamics
 
 from .runs import POSE, VELOCITY, box, table
 
-# Everything that the rows claim to honour: off-diagonal inertia and damping, offsets, net weight, constants.
+# Everything that the rows claim to honour: off-diagonal inertia and damping, offsets, net weight, constants, lift.
 FULL = {
     "X_udot": -10.0, "Y_vdot": -20.0, "Z_wdot": -25.0, "K_pdot": -0.5, "M_qdot": -0.6, "N_rdot": -0.8,
     "Y_rdot": 0.6, "Z_qdot": -0.5, "X_qdot": 0.3, "K_rdot": 0.1,
     "X_u": -4.0, "Y_v": -7.0, "Z_w": -6.0, "K_p": -0.5, "M_q": -0.6, "N_r": -0.7, "Y_r": 0.4, "N_v": 0.3, "M_w": -0.2,
     "X_uu": -30.0, "Y_vv": -60.0, "Z_ww": -70.0, "K_pp": -1.0, "M_qq": -1.5, "N_rr": -2.0, "Y_rr": 0.5, "N_vv": -0.6,
     "X_0": 0.7, "Y_0": -0.4, "Z_0": 0.9, "K_0": 0.05, "M_0": -0.06, "N_0": 0.08,
+    "Y_uv": -9.0, "Y_ur": 2.0, "N_uv": 1.5, "N_ur": -0.8, "K_up": -0.2, "Z_uw": -8.0, "Z_uq": -1.6, "M_uw": -1.1,
+    "M_uq": -0.7,
 }  # fmt: skip
 
 

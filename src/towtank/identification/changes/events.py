@@ -14,7 +14,6 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.identification.kalman.state import JointState, coefficient_std
 from towtank.identification.model.parameters import (
-    CONSTANT,
     GAIN_PREFIX,
     LINEAR,
     MASS,
@@ -24,6 +23,7 @@ from towtank.identification.model.parameters import (
     WEIGHT,
     FreeParameters,
 )
+from towtank.identification.model.terms import TERMS
 from towtank.recording.event import Event
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def change_details(free: FreeParameters, before: tuple[Array, Array], now: tuple
     old, new = free.values(before[0]), free.values(now[0])
     std = np.hypot(np.abs(free.slopes(before[0])) * before[1], np.abs(free.slopes(now[0])) * now[1])
     for k, name in enumerate(free.names):
-        if int(free.codes[k, 0]) in (MASS, LINEAR, QUADRATIC, WEIGHT, MOMENT, CONSTANT) or name.startswith(GAIN_PREFIX):
+        if int(free.codes[k, 0]) in TERMS or name.startswith(GAIN_PREFIX):
             out[name], out[f"{name}_std"] = float(new[k] - old[k]), float(std[k])
     return out
 
@@ -129,7 +129,7 @@ def _one(free: FreeParameters, k: int, old: float, new: float, std: float) -> st
     if kind == MOMENT and i == 2 and abs(old) > 0.0:
         share = 100.0 / abs(old)
         return f"roll and pitch stiffness {_signed((new - old) * share * math.copysign(1.0, old), std * share)} %"
-    if kind in (MASS, LINEAR, QUADRATIC, MOMENT, CONSTANT):
+    if kind in TERMS:
         return f"{name} {_signed(new - old, std)}"
     return ""
 

@@ -17,20 +17,15 @@ from towtank.core.arrays import Array
 from towtank.identification.changes.branch import Branch
 from towtank.identification.changes.evidence import InformationIncrement
 from towtank.identification.model.parameters import (
-    CONSTANT,
     DELAY,
     GAIN_PREFIX,
     IN_GAIN,
     LAG,
-    LINEAR,
-    MASS,
-    MOMENT,
-    QUADRATIC,
     UNTRANSFORMED,
-    WEIGHT,
     FreeParameters,
 )
 from towtank.identification.model.prior import size_of
+from towtank.identification.model.terms import TERMS
 from towtank.vehicle import COEFFICIENTS, Vehicle
 
 __all__ = [
@@ -46,10 +41,7 @@ __all__ = [
 ]
 
 BODY_PARTS = ("inertia", "drag", "weight", "righting")  # what a payload changes
-_PARTS = {MASS: "inertia", LINEAR: "drag", QUADRATIC: "drag", WEIGHT: "weight", CONSTANT: "weight", MOMENT: "righting"}
-_LOG_STEP = {MASS: 0.10, LINEAR: 0.25, QUADRATIC: 0.25, IN_GAIN: 0.4}  # of a logarithm
-# share of the usual size of the rest
-_SIZE_STEP = {MASS: 0.3, LINEAR: 0.5, QUADRATIC: 0.5, WEIGHT: 0.2, MOMENT: 0.2, CONSTANT: 0.5}
+_GAIN_STEP = 0.4  # of the logarithm of a thruster's gain; the steps of coefficients stand in `model.terms`
 _TOUCHED = 0.05  # probability of a part from which on it is thought to have changed too,
 _ALONG = 0.2  # and the share of its step that any other part of the body may have made: a payload touches all
 _REPEATS = 0.01  # share by which a vehicle differs from itself, taken up again
@@ -83,16 +75,17 @@ def steps_of(vehicle: Vehicle, free: FreeParameters) -> Array:
     out = np.zeros(len(free))
     for k in range(len(free)):
         kind, transform = int(free.codes[k, 0]), free.codes[k, 3]
-        if transform == UNTRANSFORMED:
-            out[k] = _SIZE_STEP.get(kind, 0.0) * size[k]
-        else:
-            out[k] = _LOG_STEP.get(kind, 0.0)
+        if kind in TERMS:
+            term = TERMS[kind]
+            out[k] = term.size_step * size[k] if transform == UNTRANSFORMED else term.log_step
+        elif kind == IN_GAIN:
+            out[k] = _GAIN_STEP
     return out
 
 
 def hypotheses(free: FreeParameters, steps: Array) -> tuple[Hypothesis, ...]:
     """Return every hypothesis: each combination of the parts of the body that are free, and each gain that is."""
-    part = [_PARTS.get(int(code[0]), "") for code in free.codes]
+    part = [TERMS[int(code[0])].part if int(code[0]) in TERMS else "" for code in free.codes]
     there = [name for name in BODY_PARTS if name in part]
     body = [chosen for count in range(1, len(there) + 1) for chosen in itertools.combinations(there, count)]
     gains = [k for k in range(len(free)) if free.codes[k, 0] == IN_GAIN and steps[k] > 0.0]

@@ -7,10 +7,10 @@ of time, from which the covariance that honours coloured residuals is built (`le
 
 Row i of the regression holds the integrals over one sample interval of [nu_i, |nu_i| nu_i, r_i(k), 1, F_i] and the
 left-hand side nu_i(end) - nu_i(start); F_i is the wrench less C(nu) nu, less the off-diagonal inertia, plus
-off-diagonal damping and the restoring terms that are no column of their own, all from the model as known so far; see
-`model.terms`. Functions of the state are integrated by the trapezoid with end correction (`core.least_squares`). The
-slopes at the two ends come from the mean acceleration over the interval, which is measured, and its change within the
-interval, which the model gives; a wrong model costs O(h^3) only.
+off-diagonal damping, forward-speed terms and the restoring terms that are no column of their own, all from the model as
+known so far; see `model.terms`. Functions of the state are integrated by the trapezoid with end correction
+(`core.least_squares`). The slopes at the two ends come from the mean acceleration over the interval, which is
+measured, and its change within the interval, which the model gives; a wrong model costs O(h^3) only.
 """
 
 from __future__ import annotations
@@ -20,8 +20,21 @@ import math
 import numpy as np
 
 from towtank.core.arrays import Array, inlined_kernel, kernel
+from towtank.core.forces import add_forward_speed_force_into
 from towtank.core.inertia import bilinear_coriolis_into
-from towtank.core.layout import I_CONSTANT, I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT
+from towtank.core.layout import (
+    FORWARD_COLUMNS,
+    FORWARD_ROWS,
+    I_CONSTANT,
+    I_FORWARD,
+    I_LINEAR,
+    I_MASS,
+    I_MASS_INVERSE,
+    I_MOMENT,
+    I_QUADRATIC,
+    I_WEIGHT,
+    N_FORWARD,
+)
 from towtank.core.least_squares import accumulate_into, cubic_increment, hermite_increment
 from towtank.core.zero_order_hold import ZeroOrderHold, force_integral_into, hold_force
 from towtank.identification.least_squares.forgetting import absorb_row, forget_blocks
@@ -47,13 +60,14 @@ _FASTEST = 20.0  # m/s or rad/s, of a simulated instrument
 
 @inlined_kernel
 def _state_force_into(p: Array, mass: Array, nu: Array, k: Array, out: Array) -> None:
-    """Write -C(nu) nu + off-diagonal damping + restoring terms without a column, (6,)."""
+    """Write -C(nu) nu + off-diagonal damping + forward-speed terms + restoring terms without a column, (6,)."""
     bilinear_coriolis_into(mass, nu, nu, out)
     for i in range(6):
         out[i] = -out[i]
         for j in range(6):
             if j != i:
                 out[i] += (p[I_LINEAR + 6 * i + j] + p[I_QUADRATIC + 6 * i + j] * math.fabs(nu[j])) * nu[j]
+    add_forward_speed_force_into(p, nu, 1.0, out)
     out[0] += p[I_WEIGHT] * k[0]
     out[1] += p[I_WEIGHT] * k[1]
     out[2] += p[I_CONSTANT + 2]
@@ -75,6 +89,9 @@ def _state_force_slope_into(
             if j != i:
                 gain = p[I_LINEAR + 6 * i + j] + 2.0 * p[I_QUADRATIC + 6 * i + j] * math.fabs(nu[j])
                 out[i] += gain * nu_dot[j]
+    for n in range(N_FORWARD):
+        c = FORWARD_COLUMNS[n]
+        out[FORWARD_ROWS[n]] += p[I_FORWARD + n] * (nu[0] * nu_dot[c] + nu_dot[0] * nu[c])
     out[0] += p[I_WEIGHT] * k_dot[0]
     out[1] += p[I_WEIGHT] * k_dot[1]
     out[3] += p[I_MOMENT + 1] * k_dot[2]
@@ -111,7 +128,7 @@ def axis_increments_into(
     """Write the increments of all axes over one interval into `out` (6, 6), a row an axis.
 
     Args:
-        p: kernel parameters (154,) as known so far.
+        p: kernel parameters (163,) as known so far.
         nu: velocity (2, 6) at the start and the end of the interval, 0 where not measured.
         k: gravity direction (2, 3) there.
         wrench: integral of the wrench over the interval (6,).

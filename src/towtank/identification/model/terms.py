@@ -2,7 +2,8 @@
 
 Name, place, unit and words of a coefficient are the vehicle's knowledge (`towtank.vehicle.names`); its force, that per
 unit of it and its derivative by the velocity are the core's (`towtank.core.rk4`, `regressor`, `forces`). `TERMS` adds
-how it is written as an unconstrained number, and how large it is on a body of this size.
+how it is written as an unconstrained number, how large it is on a body of this size, what it does beside the others,
+and by how much a change of the vehicle moves it. Whatever depends on the kind of a coefficient reads it here.
 
 One axis obeys M nu_dot = c_lin nu + c_quad |nu| nu + c_rest r(k) + c_0 + F, where F is everything known: the
 thrusters' wrench, C(nu) nu and off-diagonal damping. Divided by M it is the paper's regression,
@@ -20,7 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ from towtank.core.arrays import Array
 from towtank.core.layout import CONSTANT, FORWARD, LINEAR, MASS, MOMENT, N_KINDS, QUADRATIC, WEIGHT
 from towtank.errors import InputError, nearest
 from towtank.vehicle import Vehicle
+from towtank.vehicle.names import KINDS
 
 __all__ = [
     "ADDED",
@@ -58,6 +60,7 @@ __all__ = [
     "body_size",
     "candidates",
     "damping_guess",
+    "given_terms",
     "paper_names",
     "usual_disturbance",
 ]
@@ -125,6 +128,9 @@ def _lift_size(body: BodySize, i: int, j: int) -> float:
     return 0.5 * _WATER * body.length**2 * body.arm(i) * body.arm(j)
 
 
+Part = Literal["inertia", "drag", "weight", "righting"]
+
+
 @dataclass(frozen=True)
 class Term:
     """What an estimator needs of a kind of coefficient.
@@ -132,21 +138,102 @@ class Term:
     Attributes:
         diagonal: how an element on the diagonal is written, `LOG`, `NEGATIVE_LOG` or `UNTRANSFORMED`; all others are
             untransformed. size: of an element (row, column) of either sign, for a wide start.
+        role: kind, row and column of an element's part in the model (`posterior.wording.Role`), -1 for no axis.
+        part: of the body, that changes with it. size_step, log_step: deviation of such a change, as a share of `size`
+            where it is untransformed, of its logarithm where it is one.
+        by_motion: whether motion makes its force, along the axis of its row.
+        given: whether it is free where a vehicle's file has a value of it and nobody says what to learn.
+        noun: what one is called that is no inertia, damping, constant force or restoring term.
+        apart: what tells such a one from another coefficient.
     """
 
     diagonal: int
     size: Callable[[BodySize, int, int], float]
+    role: Callable[[int, int], tuple[str, int, int]]
+    part: Part
+    size_step: float
+    log_step: float = 0.0
+    by_motion: bool = False
+    given: bool = False
+    noun: str = "coupling"
+    apart: str = "motion in which these axes do not move together would tell them apart"
+
+
+def _on_diagonal(kind: str) -> Callable[[int, int], tuple[str, int, int]]:
+    return lambda i, j: (kind if i == j else "coupling", i, j)
 
 
 TERMS: dict[int, Term] = {
-    MASS: Term(LOG, lambda body, i, j: 0.3 * math.sqrt(body.rigid[i] * body.rigid[j])),
-    LINEAR: Term(NEGATIVE_LOG, _damping_size(LINEAR)),
-    QUADRATIC: Term(NEGATIVE_LOG, _damping_size(QUADRATIC)),
-    WEIGHT: Term(UNTRANSFORMED, lambda body, *_: 0.05 * body.weight),
-    MOMENT: Term(UNTRANSFORMED, lambda body, *_: 0.1 * body.weight * body.length),
-    CONSTANT: Term(UNTRANSFORMED, lambda body, i, _: 3.0 * body.disturbance[i]),
-    FORWARD: Term(UNTRANSFORMED, _lift_size),  # it damps ahead and drives astern: of either sign
+    MASS: Term(
+        LOG,
+        lambda body, i, j: 0.3 * math.sqrt(body.rigid[i] * body.rigid[j]),
+        _on_diagonal("inertia"),
+        "inertia",
+        size_step=0.3,
+        log_step=0.10,
+        by_motion=True,
+    ),
+    LINEAR: Term(
+        NEGATIVE_LOG,
+        _damping_size(LINEAR),
+        _on_diagonal("linear"),
+        "drag",
+        size_step=0.5,
+        log_step=0.25,
+        by_motion=True,
+    ),
+    QUADRATIC: Term(
+        NEGATIVE_LOG,
+        _damping_size(QUADRATIC),
+        _on_diagonal("quadratic"),
+        "drag",
+        size_step=0.5,
+        log_step=0.25,
+        by_motion=True,
+    ),
+    WEIGHT: Term(
+        UNTRANSFORMED,
+        lambda body, *_: 0.05 * body.weight,
+        lambda *_: ("restoring", 2, -1),
+        "weight",
+        size_step=0.2,
+    ),
+    MOMENT: Term(
+        UNTRANSFORMED,
+        lambda body, *_: 0.1 * body.weight * body.length,
+        lambda axis, _: ("restoring", (4, 3, 3)[axis], -1),
+        "righting",
+        size_step=0.2,
+    ),
+    CONSTANT: Term(
+        UNTRANSFORMED,
+        lambda body, i, _: 3.0 * body.disturbance[i],
+        lambda i, _: ("constant", i, -1),
+        "weight",
+        size_step=0.5,
+    ),
+    FORWARD: Term(
+        UNTRANSFORMED,  # it damps ahead and drives astern: of either sign
+        _lift_size,
+        lambda i, j: ("coupling", i, j),
+        "drag",
+        size_step=0.5,
+        by_motion=True,
+        given=True,
+        noun="forward-speed term",
+        apart="stretches at several speeds ahead would tell them apart",
+    ),
 }
+
+
+def given_terms(vehicle: Vehicle, axes: Collection[int]) -> tuple[str, ...]:
+    """Return the names that are free because the vehicle's file has a value of them, of forces along `axes`."""
+    found = []
+    for kind in KINDS.values():
+        if TERMS[kind.code].given:
+            names = [kind.name(i, j) for i, j in kind.elements if i in axes]
+            found += [name for name in names if vehicle.coefficient(name) != 0.0]
+    return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -222,7 +309,8 @@ def candidates(vehicle: Vehicle, free: Collection[str] | None = None) -> tuple[C
         if name not in names:
             raise InputError(
                 f'free: found "{name}", expected one of {", ".join(names)}{nearest(name, names)} '
-                "(the paper's method takes one axis at a time, so no off-diagonal coefficients)"
+                "(the paper's method takes one axis at a time and keeps couplings and forward-speed terms at the "
+                "vehicle's values; methods joint and output-error learn them)"
             )
     found = []
     for axis in AXES:

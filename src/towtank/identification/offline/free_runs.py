@@ -9,8 +9,9 @@ parts the model from the data.
 
 Where nobody said which coefficients to learn, what the first model left out is tried, in this order: constant forces,
 thrusters that give more or less than their curves say, the thrusters' lag, the other damping terms, couplings between
-the axes. A term stays that stands out of its deviation and reduces the errors over windows that it was not fitted to;
-gains, which contradict what somebody wrote down, only where chance does not explain that.
+the axes, forward-speed terms of a vehicle that goes ahead. A term stays that stands out of its deviation and reduces
+the errors over windows that it was not fitted to; gains, which contradict what somebody wrote down, only where chance
+does not explain that.
 
 Where they are the better judge, what they leave undetermined is held, until all that is free is determined.
 """
@@ -25,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.core.attitude import quaternions_from_eulers
 from towtank.identification.data.samples import Samples
 from towtank.identification.model.parameters import (
     CONSTANT,
@@ -51,7 +53,8 @@ from towtank.identification.simulation_error.cross_validation import (
 )
 from towtank.identification.simulation_error.fit import OutputErrorFit
 from towtank.identification.simulation_error.segments import CandidateModel, Knowledge
-from towtank.vehicle import Vehicle, configuration_matrix
+from towtank.recording.frames.rotations import conjugate, rotate
+from towtank.vehicle import FORWARD_SPEED, Vehicle, configuration_matrix, index
 from towtank.vehicle.names import COLUMNS, ROWS
 
 __all__ = ["FreeRunOutcome", "FreeRunTask", "TermGroups", "groups_of_terms", "learn_free_runs", "prior_with_terms"]
@@ -65,6 +68,7 @@ CHANGE, CHANGE_WORTH = 2.0, 0.05  # and that a change of judge must
 _LAG = 0.03  # s, to begin with
 _GAIN = 0.3  # deviation of ln gain of a thruster, beforehand
 _ROOM = 100.0  # usual sizes that an added term may have
+_PACE = 0.5  # s between two poses that give the speed ahead
 _ROUNDS = 3  # of trying terms, and of holding what is not determined
 _LOST = 0.5  # share of the windows in which runs go nowhere
 _WIDE = 1e6  # deviation that free runs start from: none
@@ -78,6 +82,7 @@ class TermGroups(NamedTuple):
     lag: tuple[str, ...]
     damping: tuple[str, ...]
     couplings: tuple[str, ...]
+    forward_speed: tuple[str, ...] = ()
 
 
 def groups_of_terms(
@@ -95,8 +100,28 @@ def groups_of_terms(
         own = (AXES[i].linear, AXES[i].quadratic)
         damping += [name for name in own if vehicle.coefficient(name) != 0.0] or own
     couplings = [f"{ROWS[i]}_{COLUMNS[j]}" for i in axes for j in _coupled(i) if j in axes and j in fed and i in fed]
+    lift = [index(name)[1:] for name in FORWARD_SPEED] if 0 in fed and _goes_ahead(samples) else []
+    forward = [FORWARD_SPEED[n] for n, (i, j) in enumerate(lift) if {i, j} <= set(axes) and {i, j} <= set(fed)]
     gains = _gains(vehicle, axes, samples) if all(each.commands for each in samples) else ()
-    return TermGroups(tuple(constants), gains, (LAG,) if find_lag else (), tuple(damping), tuple(couplings))
+    return TermGroups(
+        tuple(constants), gains, (LAG,) if find_lag else (), tuple(damping), tuple(couplings), tuple(forward)
+    )
+
+
+def _goes_ahead(samples: Sequence[Samples]) -> bool:
+    """Whether the vehicle goes ahead, as forward-speed terms suppose: mean u exceeds its deviation and the rest."""
+    speeds = []
+    for each in samples:
+        speed = each.values[:, 6:9]
+        if not np.isfinite(speed).all(axis=1).any():
+            posed = np.flatnonzero(np.isfinite(each.values[:, :6]).all(axis=1))
+            apart = np.searchsorted(each.t[posed], np.arange(each.t[0], each.t[-1], _PACE))
+            rows = np.unique(posed[apart[apart < posed.size]])
+            q = quaternions_from_eulers(each.values[rows[:-1], 3:6])
+            speed = rotate(conjugate(q), np.diff(each.values[rows, :3], axis=0)) / np.diff(each.t[rows])[:, None]
+        speeds.append(speed[np.isfinite(speed).all(axis=1)])
+    u, v, w = np.concatenate(speeds).T
+    return bool(u.size and abs(u.mean()) > max(u.std(), math.sqrt(np.mean(v**2 + w**2))))
 
 
 def _gains(vehicle: Vehicle, axes: Sequence[int], samples: Sequence[Samples]) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ from towtank.identification.least_squares.solution import not_commanded
 from towtank.identification.least_squares.velocity import drifting_attitude
 from towtank.identification.model.parameters import DELAY, LAG, FreeParameters, free_parameters
 from towtank.identification.model.prior import start_theta, usual_disturbance
-from towtank.identification.model.terms import AXES, paper_names
+from towtank.identification.model.terms import AXES, given_terms, paper_names
 from towtank.identification.offline.free_runs import FreeRunOutcome, FreeRunTask, learn_free_runs
 from towtank.identification.offline.rounds import SURE, FilterTask, Rounds, Start, doubted_inertias, run_rounds
 from towtank.identification.posterior.assembly import Assembled, Current, LogLearning, Outcome, Posterior, assemble
@@ -168,6 +168,8 @@ def _prepared(request: LearningRequest, progress: Progress) -> Prepared:
     to_learn, held = tuple(request.free or ()), dict[str, str]()
     if not request.named:
         to_learn = tuple(each.name for each in coefficients if each.identified)
+        moved = [axis.index for axis in AXES if {axis.added_mass, axis.linear, axis.quadratic} & set(to_learn)]
+        to_learn += given_terms(vehicle, moved)
         held = {each.name: each.reason or "" for each in coefficients if not each.identified}
     if request.delay is None and any(each.commands for each in samples):
         to_learn = (*to_learn, DELAY)

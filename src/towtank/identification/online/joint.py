@@ -23,18 +23,14 @@ from towtank.identification.kalman.state import JointState, coefficient_std
 from towtank.identification.learner import Learner, sample_vector
 from towtank.identification.model.parameters import (
     DELAY,
-    FORWARD,
     GAIN_PREFIX,
     LAG,
-    LINEAR,
-    MASS,
     N_FIXED,
-    QUADRATIC,
     FreeParameters,
     free_parameters,
 )
 from towtank.identification.model.prior import prior_information, size_of
-from towtank.identification.model.terms import paper_names
+from towtank.identification.model.terms import TERMS, paper_names
 from towtank.identification.online.least_squares import PaperLearner
 from towtank.identification.online.stream import JointStream
 from towtank.identification.posterior.assembly import Current, Outcome, Posterior, assemble, judge
@@ -87,7 +83,7 @@ def _inflated(covariance: Array, deviation: Array, prior: Array | None, inflatio
 def _inflation(free: FreeParameters, state: JointState) -> Array:
     """Return by how much deviations (n,) grow, since the disturbance's level is not known but estimated as well."""
     each = variance_inflation(state.disturbance_statistics["effective_samples"])
-    axes = [int(code[1]) if code[0] in (MASS, LINEAR, QUADRATIC, FORWARD) else -1 for code in free.codes]
+    axes = [int(code[1]) if int(code[0]) in TERMS and TERMS[int(code[0])].by_motion else -1 for code in free.codes]
     used = [axis for axis in axes if axis >= 0] or list(range(6))
     most = float(each[used].max())
     return np.array([each[axis] if axis >= 0 else most for axis in axes])

@@ -43,7 +43,7 @@ from towtank.identification.kalman.state import (
 )
 from towtank.identification.model.parameters import DELAY, MASS, N_FIXED, FreeParameters
 from towtank.identification.model.prior import size_of, start_theta
-from towtank.identification.model.terms import candidates
+from towtank.identification.model.terms import candidates, given_terms
 from towtank.identification.posterior.estimate import Estimate
 from towtank.identification.simulation_error.cross_validation import FreeRuns, columns_of
 from towtank.identification.simulation_error.segments import CandidateModel
@@ -314,7 +314,10 @@ def names_to_learn(
     *,
     with_delay: bool,
 ) -> list[str]:
-    """Return what is free: as asked, or of the axes that are measured what least squares has not put aside."""
+    """Return what is free: as asked, or of the axes that are measured what least squares has not put aside.
+
+    Terms that are free where the file has a value of them follow (`model.terms.given_terms`).
+    """
     if requested is not None:
         names = list(requested)
     else:
@@ -334,6 +337,7 @@ def names_to_learn(
                 if (c == 3 and not known) or (c in (0, 1) and put_aside and _partner_known(regression, columns, c)):
                     continue
                 names.append(name)
+        names += given_terms(vehicle, [i for i in range(6) if measured[i]])
     if with_delay and DELAY not in names:
         names.append(DELAY)
     return names

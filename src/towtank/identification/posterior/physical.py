@@ -6,6 +6,8 @@ the coefficients x: one direction is one linear bound, and the worst directions 
 planes). Where coefficients x0 with covariance C break a bound, the likeliest x within all bounds minimises
 (x - x0)^T C^-1 (x - x0): the correlated coefficients move along, as they would had the bound been known. Every bound
 that was broken is reported with how far and which way, for such a pull is a sign of something else that is wrong.
+
+Forward-speed terms bear no bound: they take energy out ahead and feed it in astern, and a wing may feed it in ahead.
 """
 
 from __future__ import annotations

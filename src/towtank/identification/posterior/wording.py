@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.model.terms import AXES
-from towtank.vehicle.names import COEFFICIENTS, COLUMNS, ROWS, index, unit
+from towtank.identification.model.terms import AXES, TERMS, Term
+from towtank.vehicle.names import COEFFICIENTS, COLUMNS, KINDS, ROWS, index, unit
 
 __all__ = [
     "NOT_DETERMINED",
@@ -49,8 +49,8 @@ class Role:
     """What a free parameter does.
 
     Attributes:
-        kind: "inertia", "linear", "quadratic" (all three on the diagonal), "coupling", "restoring", "constant", "gain",
-            "delay", "lag" or "other".
+        kind: "inertia", "linear", "quadratic" (all three on the diagonal), "coupling" (forward-speed terms too),
+            "restoring", "constant", "gain", "delay", "lag" or "other".
         row: axis (0..5) whose force it makes, -1 for none. column: axis whose speed or acceleration makes it, or -1.
     """
 
@@ -72,16 +72,13 @@ def role(name: str) -> Role:
         return Role("gain")
     if name not in COEFFICIENTS:
         return Role("other")
-    kind, i, j = index(name)
-    if kind == "weight":
-        return Role("restoring", 2)
-    if kind == "moment":
-        return Role("restoring", (4, 3, 3)[i])
-    if kind == "constant":
-        return Role("constant", i)
-    if i != j:
-        return Role("coupling", i, j)
-    return Role("inertia" if kind == "mass" else kind, i, j)
+    _, i, j = index(name)
+    return Role(*_term(name).role(i, j))
+
+
+def _term(name: str) -> Term:
+    """Return the row of a coefficient's kind."""
+    return TERMS[KINDS[index(name)[0]].code]
 
 
 def label(name: str) -> str:
@@ -123,7 +120,7 @@ def phrase(name: str, names: Collection[str] = ()) -> str:
         both = f"{row}_{column}" in names and f"{row}_{column * 2}" in names
         return f"{part.kind + ' ' if both else ''}{AXES[part.row].name} drag"
     if part.kind == "coupling":
-        return f"the coupling {name}"
+        return f"the {_term(name).noun} {name}"
     if part.kind == "constant":
         return f"the constant {AXES[part.row].name} {'force' if part.row < 3 else 'moment'}"
     if part.kind == "gain":
@@ -362,7 +359,8 @@ def _distinguishing(pair: Pair) -> str:
     if "inertia" in kinds and kinds & {"linear", "quadratic"}:
         return f"reversals as well as steady {axis} would tell them apart"
     if "coupling" in kinds:
-        return "motion in which these axes do not move together would tell them apart"
+        roles = ((pair.winner_role, pair.winner), (pair.loser_role, pair.loser))
+        return max((_term(name) for part, name in roles if part.kind == "coupling"), key=lambda term: term.given).apart
     return "a more varied run would tell them apart"
 
 

@@ -56,7 +56,7 @@ class CandidateModel:
 
     @property
     def parameters(self) -> Array:
-        """Parameters of the vehicle's kernels (154,)."""
+        """Parameters of the vehicle's kernels (163,)."""
         return np.array(self.vehicle.parameters)
 
 

@@ -164,7 +164,7 @@ class Workspace(NamedTuple):
     E: Array  # (12, c)
     A: Array  # (12, 21 + n)
     J: Array  # (3, c)
-    p: Array  # (154,)
+    p: Array  # (163,)
     x: Array  # (13,) state
     middle: Array  # (13,) state at the middle of a step
     rate: Array  # (13,) derivative of the state
@@ -231,7 +231,7 @@ def free_run_into(
     """Run all segments and add up their normal equations; False where the coefficients or the motion are impossible.
 
     Args:
-        parameters: of the vehicle's kernels (154,); theta is put into a copy.
+        parameters: of the vehicle's kernels (163,); theta is put into a copy.
         hold: an empty one with the nominal lags and delay; changed.
         scale: of the residuals of each column (18,), in standard deviations of the noise.
         gated: whether far residuals are left out altogether.

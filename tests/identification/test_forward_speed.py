@@ -1,0 +1,95 @@
+"""Forward-speed terms are learned: a torpedo's yaw, who learns them, and what is said of them."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from towtank.errors import InputError
+from towtank.identification import Learner, LogLearning, learn_recordings
+from towtank.identification.changes.hypotheses import hypotheses, steps_of
+from towtank.identification.data.samples import samples_of
+from towtank.identification.model.parameters import free_parameters
+from towtank.identification.model.terms import TERMS, given_terms
+from towtank.identification.offline.free_runs import groups_of_terms
+from towtank.identification.online.reestimation import names_to_learn
+from towtank.identification.posterior.wording import phrase, role
+from towtank.simulation import simulate
+from towtank.vehicle import FORWARD_SPEED
+from towtank.vehicle.names import KINDS
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
+
+from torpedo_study import LEAST_FIT, LIFT, PLANE, known, learned, torpedo, zigzag, zigzags
+
+
+def test_the_yaw_of_a_torpedo_is_predicted_with_them_and_not_without() -> None:
+    with_them, without = (learned(case, "joint", seed=1, duration=120.0) for case in ("with", "without"))
+    assert with_them.fit[0] >= LEAST_FIT
+    assert without.fit[0] < LEAST_FIT - 20.0
+    assert max(abs(off) for off in with_them.errors) < 15.0  # percent
+
+
+def test_they_are_free_where_the_file_has_them() -> None:
+    truth = torpedo()
+    half = known(truth, 0.5)
+    assert given_terms(half, range(6)) == (*LIFT, "Z_uw", "Z_uq", "M_uw", "M_uq")
+    assert given_terms(half, (0, 5)) == ("N_uv", "N_ur")
+    assert given_terms(truth.model_copy(update={"hydrodynamics": {}}), range(6)) == ()
+    plane = [True, True, False, False, False, True]
+    assert set(LIFT) <= set(names_to_learn(half, None, None, plane, with_delay=False))
+    assert names_to_learn(half, ("X_u",), None, plane, with_delay=False) == ["X_u"]
+
+
+def test_free_runs_try_them_where_the_vehicle_goes_ahead() -> None:
+    truth = torpedo()
+    ahead = samples_of(zigzags(truth, 1, 20.0), truth)
+    assert groups_of_terms(truth, PLANE, [ahead], find_lag=False).forward_speed == LIFT
+    commands = zigzag(20.0, 1) * [0.0, 1.0, 1.0]
+    still = samples_of(simulate(truth, commands=commands, dt=0.02), truth)
+    assert groups_of_terms(truth, PLANE, [still], find_lag=False).forward_speed == ()
+
+
+def test_the_papers_method_names_those_that_can_learn_them() -> None:
+    truth = torpedo()
+    run = zigzags(truth, 1, 10.0)
+    for refused in (
+        lambda: learn_recordings(truth, [run], method="paper", free=("N_r", "N_uv")),
+        lambda: Learner(truth, "paper", free=("N_uv",)),
+    ):
+        with pytest.raises(InputError, match="methods joint and output-error learn them"):
+            refused()
+
+
+def test_the_papers_method_takes_them_as_known() -> None:
+    truth = torpedo()
+    run = simulate(truth, commands=zigzag(60.0, 3), dt=0.02, nu0=(1.0, 0, 0, 0, 0, 0))
+    names = ("Y_vdot", "Y_vv", "Y_v", "N_rdot", "N_r", "N_rr")
+    right = learn_recordings(known(truth, 1.0), [run], method="paper", free=names, delay=0.05)
+    plain = learn_recordings(known(truth, 0.0), [run], method="paper", free=names, delay=0.05)
+
+    def off(name: str, learning: LogLearning) -> float:
+        total = truth.rigid_body_matrix[int(role(name).row), int(role(name).row)]
+        return abs((learning.model.coefficient(name) - truth.coefficient(name)) / (total - truth.coefficient(name)))
+
+    for name in ("Y_vdot", "N_rdot"):
+        assert off(name, right) < 0.03
+        assert off(name, plain) > 3.0 * off(name, right)
+
+
+def test_every_kind_of_coefficient_has_its_row() -> None:
+    assert set(TERMS) == {kind.code for kind in KINDS.values()}
+    assert phrase("N_uv") == "the forward-speed term N_uv"
+    assert phrase("N_v") == "the coupling N_v"
+
+
+def test_a_change_of_drag_changes_them_too() -> None:
+    truth = torpedo()
+    free = free_parameters(truth, ("N_rr", "N_uv", "N_rdot"))
+    steps = steps_of(truth, free)
+    drag = next(each for each in hypotheses(free, steps) if each.parts == ("drag",))
+    assert np.array_equal(drag.steps > 0.0, [True, True, False])
+    assert all(steps_of(truth, free_parameters(truth, FORWARD_SPEED)) > 0.0)
