@@ -117,7 +117,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             case,
             *(f"{np.median(column):.1f} ({column.min():.1f})" for column in fit.T),
             *(f"{each:.1f}" for each in off),
-            f"{away:.1f}",
+            f"{away:.1f}" if np.isfinite(away) else "-",
         )
         met = met and (case == "without" or float(fit[:, 0].min()) >= LEAST_FIT)
     show(

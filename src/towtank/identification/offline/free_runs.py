@@ -109,7 +109,7 @@ def groups_of_terms(
 
 
 def _goes_ahead(samples: Sequence[Samples]) -> bool:
-    """Whether the vehicle goes ahead, as forward-speed terms suppose: mean u exceeds its deviation and the rest."""
+    """Whether the vehicle goes ahead, as forward-speed terms suppose: mean u exceeds its deviation and v, w."""
     speeds = []
     for each in samples:
         speed = each.values[:, 6:9]
@@ -121,7 +121,7 @@ def _goes_ahead(samples: Sequence[Samples]) -> bool:
             speed = rotate(conjugate(q), np.diff(each.values[rows, :3], axis=0)) / np.diff(each.t[rows])[:, None]
         speeds.append(speed[np.isfinite(speed).all(axis=1)])
     u, v, w = np.concatenate(speeds).T
-    return bool(u.size and abs(u.mean()) > max(u.std(), math.sqrt(np.mean(v**2 + w**2))))
+    return bool(u.size and u.mean() > max(u.std(), math.sqrt(np.mean(v**2 + w**2))))
 
 
 def _gains(vehicle: Vehicle, axes: Sequence[int], samples: Sequence[Samples]) -> tuple[str, ...]:
