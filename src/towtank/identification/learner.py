@@ -22,7 +22,7 @@ from towtank.vehicle import Vehicle
 if TYPE_CHECKING:
     from towtank.identification.posterior.assembly import Current
 
-__all__ = ["STREAMING_METHODS", "Learner", "sample_vector"]
+__all__ = ["Learner", "sample_vector"]
 
 
 class Learner:

@@ -18,7 +18,7 @@ from towtank.recording import Recording
 from towtank.vehicle import Vehicle, configuration_matrix
 from towtank.vehicle.names import ROWS
 
-__all__ = ["METHODS", "LearningOptions", "learn_recordings"]
+__all__ = ["learn_recordings"]
 
 
 class LearningOptions(TypedDict, total=False):

@@ -20,16 +20,7 @@ from towtank.identification.kalman.state import KNOWN_STD, JointState, coefficie
 from towtank.identification.kalman.update import inject
 from towtank.identification.model.parameters import N_FIXED, UNTRANSFORMED, FreeParameters
 
-__all__ = [
-    "Branch",
-    "Recent",
-    "copied",
-    "inform",
-    "split_later",
-    "split_off",
-    "with_coordinates",
-    "without_change_of",
-]
+__all__: list[str] = []
 
 _Record = TypeVar("_Record", JointState, ZeroOrderHold)
 _FIXED_SHARE = 1e-4  # of the step that a coefficient might have made: its deviation where a hypothesis leaves it alone

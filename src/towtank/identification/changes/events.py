@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from towtank.core.zero_order_hold import ZeroOrderHold
     from towtank.identification.changes.hypotheses import Verdict
 
-__all__ = ["Change", "ChangeLog", "Recognised", "change_words"]
+__all__: list[str] = []
 
 _AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 _MOST_NAMED, _SURE_STEP = 4, 2.0  # coefficients at most; deviations

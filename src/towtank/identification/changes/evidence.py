@@ -28,7 +28,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 
-__all__ = ["InformationIncrement", "Overdispersion", "increment_between"]
+__all__: list[str] = []
 
 _REGULAR = 1e-12  # share of the widened covariance, so that what is known exactly at first has an inverse
 _FADES = 1.0 / 120.0  # share of what was learned that every increment takes off

@@ -28,17 +28,7 @@ from towtank.identification.model.prior import size_of
 from towtank.identification.model.terms import TERMS
 from towtank.vehicle import COEFFICIENTS, Vehicle
 
-__all__ = [
-    "ConfigurationMatch",
-    "Hypothesis",
-    "Known",
-    "Verdict",
-    "hypotheses",
-    "judged",
-    "known_as",
-    "likeness",
-    "steps_of",
-]
+__all__: list[str] = []
 
 BODY_PARTS = ("inertia", "drag", "weight", "righting")  # what a payload changes
 _GAIN_STEP = 0.4  # of the logarithm of a thruster's gain; the steps of coefficients stand in `model.terms`

@@ -36,14 +36,7 @@ from towtank.identification.model.terms import C_LINEAR, C_QUADRATIC, candidates
 from towtank.identification.posterior.assembly import Current
 from towtank.vehicle import Vehicle
 
-__all__ = [
-    "Choice",
-    "Pair",
-    "choose_damping",
-    "current_of",
-    "damping_in_question",
-    "suspected_current",
-]
+__all__ = ["Pair", "choose_damping", "current_of", "damping_in_question", "suspected_current"]
 
 _BOTH = 4.0  # deviations that each term needs to stay beside the other: it is known to a quarter then
 _NOTHING = 2.0  # deviations below which a term is not different from 0

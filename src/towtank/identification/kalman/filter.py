@@ -32,7 +32,7 @@ from towtank.identification.model.parameters import (
 )
 from towtank.vehicle.matrices import GRAVITY
 
-__all__ = ["Rows", "begin_motion", "joint_events", "joint_step", "rows_of", "take_all"]
+__all__ = ["joint_events", "joint_step", "rows_of", "take_all"]
 
 _DIST = 12
 _TINY = 1e-30  # N^2, (N m)^2

@@ -36,7 +36,6 @@ __all__ = [
     "inputs_of",
     "joint_passes",
     "limit_step",
-    "log_posterior",
     "next_recording",
     "one_pass",
     "prior_deviation",

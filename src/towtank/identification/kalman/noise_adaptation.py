@@ -31,9 +31,7 @@ __all__ = [
     "inconsistent",
     "initial_noise_levels",
     "log_prior_of_levels",
-    "midpoint",
     "noise_of_rows",
-    "rejected_share",
     "variance_inflation",
     "velocity_walk_of_rows",
 ]

@@ -32,7 +32,6 @@ from towtank.identification.model.parameters import (
 )
 
 __all__ = [
-    "INFORMATION_MEMORY",
     "KNOWN_STD",
     "FilterSettings",
     "HealthySnapshot",

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from towtank.identification.kalman.state import JointState
 
 
-__all__ = ["count_speed", "inject", "scalar_update", "update_row"]
+__all__ = ["inject"]
 
 _CLIPPED_SQUARE = 25.0  # times S that an innovation^2 counts for at most in the score of a random walk
 _NOISE_SHOWS = 5.0  # times R: below, S shows the sensor's noise

@@ -20,7 +20,7 @@ from towtank.core.least_squares import qr_absorb
 from towtank.identification.least_squares.state import PaperState
 from towtank.identification.model.terms import C_FORCE, C_LHS, C_MASS, N_COLUMNS
 
-__all__ = ["absorb_row", "directional_information", "forget_blocks"]
+__all__: list[str] = []
 
 _N = N_COLUMNS - 1  # coefficients of an axis
 _SIZE = N_COLUMNS * N_COLUMNS

@@ -51,7 +51,7 @@ from towtank.identification.model.terms import (
     N_COLUMNS,
 )
 
-__all__ = ["axis_increments_into", "paper_events", "paper_step"]
+__all__: list[str] = []
 
 _ROUNDING = 1e-6  # s, so that times that are equal but for rounding give equal blocks
 _REFRESH = 0.25  # s between updates of the model that the couplings and the end corrections use

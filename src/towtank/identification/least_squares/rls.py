@@ -16,7 +16,7 @@ from towtank.core.forgetting import directional_run, directional_start, directio
 from towtank.core.least_squares import qr_covariance, qr_run, qr_solve, qr_start, qr_update
 from towtank.errors import InputError
 
-__all__ = ["RecursiveLeastSquares", "Scheme", "require_scheme"]
+__all__ = ["RecursiveLeastSquares"]
 
 Scheme = Literal["directional", "exponential"]
 _FLOAT64 = np.dtype(np.float64)

@@ -17,14 +17,7 @@ from towtank.core.layout import I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QU
 from towtank.core.least_squares import qr_absorb
 from towtank.identification.model.terms import C_FORCE, C_LHS, C_LINEAR, C_MASS, C_QUADRATIC, C_RESTORING, N_COLUMNS
 
-__all__ = [
-    "N_BLOCKS",
-    "Instruments",
-    "PaperState",
-    "RecursionSettings",
-    "new_paper_state",
-    "refresh_model",
-]
+__all__: list[str] = []
 
 N_BLOCKS = 256
 _FIRST_BLOCK = 0.25  # s; doubled, and neighbours merged, whenever the blocks are full

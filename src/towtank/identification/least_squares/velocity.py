@@ -24,23 +24,7 @@ from towtank.identification.data.samples import Sources
 from towtank.recording import Grid
 from towtank.recording.channel import in_one_block
 
-__all__ = [
-    "ABSENT",
-    "ATTITUDES",
-    "ATTITUDE_ACCELEROMETER",
-    "ATTITUDE_GYRO",
-    "ATTITUDE_MEASURED",
-    "DERIVED",
-    "MEASURED",
-    "VELOCITIES",
-    "Motion",
-    "MotionRows",
-    "drifting_attitude",
-    "gravity_directions",
-    "motion_step",
-    "new_motion",
-    "rows_of",
-]
+__all__ = ["drifting_attitude", "gravity_directions"]
 
 ABSENT, MEASURED, DERIVED = 0.0, 1.0, 2.0
 ATTITUDE_MEASURED, ATTITUDE_ACCELEROMETER, ATTITUDE_GYRO = 0.0, 1.0, 2.0

@@ -27,17 +27,14 @@ from towtank.vehicle.matrices import GRAVITY
 
 __all__ = [
     "ATTITUDE",
-    "LATENCIES",
     "LEAST_NOISE",
     "LONGEST_OUTAGE",
     "LOOSE",
     "N_SENSORS",
     "OFFSET_STAYS",
     "REACQUIRE",
-    "SENSORS",
     "SPECIFIC_FORCE",
     "TYPICAL_NOISE",
-    "VELOCITY",
     "WATER_VELOCITY",
     "attitude_error",
     "cosine_of_pitch",

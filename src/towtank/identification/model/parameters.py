@@ -16,7 +16,6 @@ import numpy as np
 from towtank.core.arrays import Array, kernel
 from towtank.core.layout import (
     CONSTANT,
-    FORWARD,
     I_MASS,
     I_MASS_INVERSE,
     LINEAR,
@@ -46,17 +45,14 @@ from towtank.vehicle.names import KINDS
 __all__ = [
     "CONSTANT",
     "DELAY",
-    "FORWARD",
     "GAIN_PREFIX",
     "IN_DELAY",
     "IN_GAIN",
     "IN_LAG",
     "LAG",
     "LINEAR",
-    "LOG",
     "MASS",
     "MOMENT",
-    "NEGATIVE_LOG",
     "N_FIXED",
     "N_MOVING",
     "QUADRATIC",
@@ -65,7 +61,6 @@ __all__ = [
     "Codes",
     "FreeParameters",
     "free_parameters",
-    "invert_mass",
     "put_parameters",
 ]
 

@@ -33,7 +33,6 @@ from towtank.vehicle import Vehicle
 from towtank.vehicle.names import KINDS
 
 __all__ = [
-    "ADDED",
     "AXES",
     "C_CONSTANT",
     "C_FORCE",
@@ -42,27 +41,15 @@ __all__ = [
     "C_MASS",
     "C_QUADRATIC",
     "C_RESTORING",
-    "IN_DELAY",
-    "IN_GAIN",
-    "IN_LAG",
-    "LOG",
-    "NEGATIVE_LOG",
     "N_COLUMNS",
     "N_FIXED",
-    "N_MOVING",
     "TERMS",
-    "UNTRANSFORMED",
     "Axis",
-    "BodySize",
     "Candidates",
-    "Codes",
     "Term",
-    "body_size",
     "candidates",
-    "damping_guess",
     "given_terms",
     "paper_names",
-    "usual_disturbance",
 ]
 
 IN_DELAY, IN_LAG, IN_GAIN = range(N_KINDS, N_KINDS + 3)  # of the inputs, behind the kinds of coefficients

@@ -57,7 +57,7 @@ from towtank.recording.frames.rotations import conjugate, rotate
 from towtank.vehicle import FORWARD_SPEED, Vehicle, configuration_matrix, index
 from towtank.vehicle.names import COLUMNS, ROWS
 
-__all__ = ["FreeRunOutcome", "FreeRunTask", "TermGroups", "groups_of_terms", "learn_free_runs", "prior_with_terms"]
+__all__: list[str] = []
 
 RIGHTING = "BG_z"
 _FEWEST = 3  # thrusters, of which most give what their curves say

@@ -38,7 +38,7 @@ from towtank.recording import Grid, Recording
 from towtank.recording.frames.rotations import conjugate, multiply, rotate
 from towtank.vehicle import Vehicle
 
-__all__ = ["LearningRequest", "learn_joint", "speeds_of"]
+__all__ = ["LearningRequest", "learn_joint"]
 
 _PACE = 0.5  # s between two poses that give a speed
 _IDLE = 0.3  # of the usual disturbance: a commanded force that teaches nothing

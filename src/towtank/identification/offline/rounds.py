@@ -33,7 +33,7 @@ from towtank.identification.posterior.wording import NOT_DETERMINED
 from towtank.recording.grids.stretches import spread
 from towtank.vehicle import Vehicle
 
-__all__ = ["SURE", "FilterTask", "Rounds", "Start", "doubted_inertias", "run_rounds"]
+__all__: list[str] = []
 
 SURE = 0.025  # deviation of an inertia that least squares cannot tell: on real water the filter's are too small
 _ROUNDS = 3  # of holding what is not determined

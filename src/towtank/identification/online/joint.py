@@ -41,7 +41,7 @@ from towtank.recording import Recording
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle
 
-__all__ = ["JointLearner", "JointSettings"]
+__all__ = ["JointLearner"]
 
 
 def estimate_of(

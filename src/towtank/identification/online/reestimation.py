@@ -49,18 +49,7 @@ from towtank.identification.simulation_error.cross_validation import FreeRuns, c
 from towtank.identification.simulation_error.segments import CandidateModel
 from towtank.vehicle import Vehicle
 
-__all__ = [
-    "Reestimation",
-    "Start",
-    "Task",
-    "bank_of_delays",
-    "begun_later",
-    "measured_axes",
-    "names_to_learn",
-    "noise_levels_of_rows",
-    "reestimate",
-    "starting_points",
-]
+__all__: list[str] = []
 
 _PLAINLY_WRONG = -100.0  # log likelihood ratio beyond which no free run is asked
 _STILL = 0.1  # of the usual disturbance

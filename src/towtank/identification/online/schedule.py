@@ -35,7 +35,7 @@ from towtank.identification.online.reestimation import (
 )
 from towtank.vehicle import Vehicle
 
-__all__ = ["ReestimationJob", "ReestimationSchedule", "Schedule"]
+__all__: list[str] = []
 
 _PASSES = 4  # over what was seen, that a choice of damping terms may cost each time
 _EARLY = 8.0  # s of motion until which re-estimations are frequent

@@ -39,7 +39,7 @@ from towtank.identification.online.schedule import ReestimationJob, Reestimation
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle, configuration_matrix
 
-__all__ = ["JointStream", "Running"]
+__all__: list[str] = []
 
 _ADAPT = 10.0  # s over which the live filter follows the disturbance
 _REST = 0.05  # share of a steady pace of learning below which a coefficient is only considered

@@ -13,7 +13,7 @@ from towtank.identification.model.terms import AXES
 from towtank.vehicle import Coefficient, Provenance, Vehicle
 from towtank.vehicle import unit as unit_of
 
-__all__ = ["AxisReport", "Estimate", "Learned", "SumOfInertias", "with_covariance", "with_shift"]
+__all__ = ["AxisReport", "Estimate", "Learned", "SumOfInertias", "with_shift"]
 
 
 @dataclass(frozen=True)

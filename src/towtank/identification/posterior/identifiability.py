@@ -23,16 +23,7 @@ from towtank.identification.posterior import wording as words
 from towtank.identification.posterior.statistics import alone, along, correlations, deviations, pair, relative, weakest
 from towtank.identification.posterior.wording import Role, phrase, role
 
-__all__ = [
-    "DETECTED",
-    "DETERMINED",
-    "Criteria",
-    "Hold",
-    "Identifiability",
-    "excitation",
-    "excitation_words",
-    "identifiability",
-]
+__all__ = ["DETECTED", "DETERMINED", "Criteria", "Hold", "Identifiability", "excitation", "excitation_words"]
 
 State = Literal["determined", "merged", "undetermined"]
 Hold = Literal["", "zero", "value"]

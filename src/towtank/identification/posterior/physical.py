@@ -27,7 +27,7 @@ from towtank.vehicle import Vehicle
 from towtank.vehicle.matrices import damping_matrices
 from towtank.vehicle.names import HYDRODYNAMIC
 
-__all__ = ["Consistency", "consistent", "families"]
+__all__: list[str] = []
 
 Kind = Literal["added", "inertia", "linear", "quadratic"]
 _INSIDE = 1e-7  # of the scaled matrix, that bounds on couplings stay inside

@@ -17,20 +17,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 
-__all__ = [
-    "alone",
-    "along",
-    "conditional_covariance",
-    "correlations",
-    "deviations",
-    "information_of_data",
-    "long_run",
-    "nearest_point",
-    "pair",
-    "relative",
-    "square_root",
-    "weakest",
-]
+__all__ = ["deviations", "information_of_data", "long_run", "relative"]
 
 _NULL = 1e-12  # eigenvalue, per row, of the matrix with unit diagonal
 _DARK = 1e-12  # information of a deviation of a million times the value: rounding, no more

@@ -20,7 +20,7 @@ from towtank.identification.posterior.assembly import LogLearning
 from towtank.identification.posterior.estimate import Estimate, with_covariance
 from towtank.vehicle import Curve, PolynomialCurve, QuadraticCurve, TableCurve, Vehicle, index
 
-__all__ = ["learned_gains", "scale_remarks", "with_gains_of", "with_scale", "with_thrust_scale", "with_thrusters"]
+__all__ = ["learned_gains", "with_gains_of", "with_scale", "with_thrust_scale", "with_thrusters"]
 
 _CURE = "a bench test (towtank vehicle fit-thruster) or a bollard pull fixes the scale"
 

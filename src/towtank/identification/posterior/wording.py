@@ -17,22 +17,15 @@ from towtank.vehicle.names import COEFFICIENTS, COLUMNS, KINDS, ROWS, index, uni
 
 __all__ = [
     "NOT_DETERMINED",
-    "NOT_FREE",
-    "Role",
     "as_fitted",
-    "coupling",
     "current_estimated",
     "current_suspected",
-    "diagonal",
-    "follows",
     "free_runs_remark",
     "inertia_doubted",
     "least_squares_remark",
-    "needed_factor",
     "phrase",
     "reversed_force",
     "role",
-    "unreachable",
 ]
 
 HELD = "; held at the vehicle's value"

@@ -67,7 +67,7 @@ from towtank.identification.simulation_error.trajectory import (
 )
 from towtank.identification.simulation_error.whiteness import Autocorrelation, autocorrelation_of
 
-__all__ = ["OutputErrorFit", "fit_output_error"]
+__all__ = ["OutputErrorFit"]
 
 _LOG_STEP = 1.0  # that the logarithm of a coefficient may go in one step
 _LAG_STEP, _SHORTEST = -0.5, 0.002  # share that a lag may lose in one step; s, below which it no longer matters

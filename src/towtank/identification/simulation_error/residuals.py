@@ -34,22 +34,7 @@ from towtank.identification.model.measurements import (
 )
 from towtank.identification.model.terms import N_FIXED
 
-__all__ = [
-    "GATE",
-    "GONE",
-    "HUBER",
-    "NORMAL_MEDIAN",
-    "RobustMoments",
-    "RowSpace",
-    "RowSums",
-    "Weighing",
-    "absorb_row_into",
-    "absorb_specific_force_into",
-    "jumps",
-    "robust_cost",
-    "robust_moments",
-    "weight_of",
-]
+__all__: list[str] = []
 
 HUBER, GATE, GONE = 2.0, 4.5, 6.0
 _UPRIGHT = 0.05  # cosine of pitch below which roll and yaw alone mean nothing

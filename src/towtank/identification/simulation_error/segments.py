@@ -20,15 +20,7 @@ from towtank.identification.data.samples import N_MEASURED, Samples
 from towtank.identification.model.parameters import FreeParameters
 from towtank.vehicle import Vehicle
 
-__all__ = [
-    "CandidateModel",
-    "FreeRun",
-    "Indices",
-    "Knowledge",
-    "free_run_of",
-    "starting_states",
-    "warm_up_of",
-]
+__all__ = ["CandidateModel", "Knowledge"]
 
 _WINDOW = 0.5  # s that a line is drawn through
 _POINTS = 15  # at most; pairs grow with the square

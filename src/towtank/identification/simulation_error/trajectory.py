@@ -41,18 +41,7 @@ from towtank.identification.simulation_error.residuals import (
 if TYPE_CHECKING:
     from towtank.identification.simulation_error.segments import FreeRun, Indices
 
-__all__ = [
-    "STEP",
-    "Arrowhead",
-    "NormalEquations",
-    "Step",
-    "Unknowns",
-    "Workspace",
-    "free_run_into",
-    "inverse_information",
-    "new_equations",
-    "new_workspace",
-]
+__all__: list[str] = []
 
 _WIDTH = 8  # columns are padded to whole vectors
 STEP = 0.02  # s, longest step of the integration

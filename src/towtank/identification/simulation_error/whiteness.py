@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import N_MEASURED
 
-__all__ = ["Autocorrelation", "autocorrelation_of"]
+__all__: list[str] = []
 
 _BAND = 2.0  # standard deviations of r_k of a white series
 _FEWEST = 20
