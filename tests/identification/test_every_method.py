@@ -149,7 +149,7 @@ def test_row_by_row_equals_at_once(method: str) -> None:
 def test_memory_is_bounded(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Once the last re-estimation is done, nothing grows any more: here after three seconds in place of two minutes."""
     monkeypatch.setattr("towtank.identification.online.schedule._LAST", 3.0)
-    monkeypatch.setattr("towtank.identification.changes.detector._WATCHED", 3.0)
+    monkeypatch.setattr("towtank.identification.changes.detector._LEAST_MOTION", 3.0)
     run, learner = run_of(60.0), new(method)
     feed(learner, run, 0, 1000)
     sizes = [numbers_in(feed(learner, run, k, k + 50)) for k in range(1000, 3000, 50)]
