@@ -149,9 +149,9 @@ def test_the_error_reduction_is_a_share_of_the_square_error_and_no_window_alone_
 
 
 def test_columns_that_tell_of_coefficients() -> None:
-    assert columns_of(("X_udot", "delay", "lag", "gain_left")) == (0, 6)
+    assert columns_of(("X_udot", "delay", "lag", "gain_left")) == (0, 6, 15)
     assert columns_of(("BG_z", "N_r")) == (3, 4, 5, 9, 10, 11)
-    assert columns_of(("W_minus_B",)) == (2, 8)
+    assert columns_of(("W_minus_B",)) == (2, 8, 17)
 
 
 def test_recordings_stay_as_they_are() -> None:

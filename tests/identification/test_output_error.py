@@ -31,7 +31,7 @@ SURGE = ("X_udot", "X_uu")
 YAW = ("N_rdot", "N_rr")
 ALL = (*TRUTH, "BG_z")
 POSE, RATES = range(6), range(9, 12)
-NOISE = np.array([1e-3] * 6 + [5e-3] * 3 + [2e-3] * 3 + [2e-2] * 3)
+NOISE = np.array([1e-3] * 6 + [5e-3] * 3 + [2e-3] * 3 + [2e-2] * 3 + [5e-3] * 3)
 
 
 def push(n: int, *axes: int, period: float = 4.0) -> Array:
@@ -46,11 +46,11 @@ def push(n: int, *axes: int, period: float = 4.0) -> Array:
 
 
 def recorded(vehicle: Vehicle, wrench: Array, *, seed: int = 0, noise: Array = NOISE, **more: object) -> Samples:
-    """Every column measured with white noise."""
+    """Every column measured with white noise, but those of velocity through the water."""
     samples = samples_of(simulate(vehicle, wrench=wrench, dt=DT, seed=seed, **more), vehicle)  # type: ignore[arg-type]
-    return replace(
-        samples, values=samples.values + noise * np.random.default_rng(seed).standard_normal(samples.values.shape)
-    )
+    values = samples.values.copy()
+    values[:, :15] += noise[:15] * np.random.default_rng(seed).standard_normal((len(values), 15))
+    return replace(samples, values=values)
 
 
 def only(samples: Samples, columns: object) -> Samples:

@@ -100,7 +100,7 @@ def test_a_session_gone_on_with_ends_where_an_uninterrupted_one_does(
     assert again.estimate.samples > 1500
 
 
-class Kept:
+class Kept(Learner):
     """What `Learner.save` and `load` are expected to do, with a learner whose memory is a list."""
 
     keeps_checkpoints = True
@@ -119,7 +119,7 @@ class Kept:
         self.restarts += 1
 
     @property
-    def estimate(self) -> None:
+    def estimate(self) -> None:  # type: ignore[override]
         return None
 
     def save(self, path: Path) -> None:
