@@ -82,7 +82,7 @@ class Outcome:
 class Fed:
     """The JSON link, fed with datagrams by its own reader, so that none is lost to a full buffer."""
 
-    name = "json"
+    name, keeps_time, patient = "json", False, False
 
     def __init__(self, datagrams: Iterator[bytes], link: JsonSource, address: tuple[str, int]) -> None:
         self._datagrams, self._link, self._address = datagrams, link, address

@@ -221,7 +221,7 @@ def test_an_inertial_set_at_its_own_rates() -> None:
     vehicle = box()
     quiet = Ins(gyro_bias=0.0, accelerometer_bias=0.0)
     samples = samples_of(simulate(vehicle, wrench=push(4000, *range(6)), dt=DT, sensors=quiet), vehicle)
-    noise = np.array([5e-3] * 3 + [2e-3, 2e-3, 5e-3] + [5e-3] * 3 + [2e-3] * 3 + [2e-2] * 3)
+    noise = np.array([5e-3] * 3 + [2e-3, 2e-3, 5e-3] + [5e-3] * 3 + [2e-3] * 3 + [2e-2] * 3 + [5e-3] * 3)
     fit, truth = fitted(samples, vehicle, ALL, noise=noise)
     assert_found(fit, truth, deviation=0.05)
 

@@ -179,8 +179,8 @@ def test_unknown_names_are_refused(name: str, hint: str) -> None:
 
 def test_damping_terms_of_the_file_decide_what_is_wanted() -> None:
     quadratic, neither = candidates(box())[0], candidates(unknown(box()))[0]
-    assert quadratic.wanted[:2] == (False, True)
-    assert neither.wanted[:2] == (True, True)
+    assert quadratic.to_learn[:2] == (False, True)
+    assert neither.to_learn[:2] == (True, True)
 
 
 # -- the rules by themselves, over data of every kind
@@ -229,7 +229,10 @@ def test_whatever_is_not_identified_has_a_reason(outcomes: list[tuple[Vehicle, A
         (f.axis.name, c)
         for _, f in outcomes
         for c in range(5)
-        if f.wanted[c] and not (f.solution and f.solution.free[c]) and (*f.axis.columns, "mass")[c] and not f.reasons[c]
+        if f.to_learn[c]
+        and not (f.solution and f.solution.free[c])
+        and (*f.axis.columns, "mass")[c]
+        and not f.reasons[c]
     ]
     assert not silent
 

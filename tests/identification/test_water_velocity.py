@@ -67,6 +67,3 @@ def test_free_runs_take_it_for_the_speed_where_no_other_is_measured() -> None:
     assert learning.method == "output-error"
     drag = learning.estimate["X_uu"]
     assert abs(drag.value - TRUTH.coefficient("X_uu")) < 3.0 * drag.std < 0.3 * abs(drag.value)
-    blind = learn_recordings(TRUTH, [run.without("u_w", "v_w", "w_w")], free=("X_udot", "X_uu"), delay=0.0)
-    seen, unseen = learning.estimate["X_uu"], blind.estimate["X_uu"]
-    assert not unseen.identified or unseen.std > 2.0 * seen.std

@@ -296,8 +296,8 @@ def candidates(vehicle: Vehicle, free: Collection[str] | None = None) -> tuple[C
         if name not in names:
             raise InputError(
                 f'free: found "{name}", expected one of {", ".join(names)}{nearest(name, names)} '
-                "(the paper's method takes one axis at a time and keeps couplings and forward-speed terms at the "
-                "vehicle's values; methods joint and output-error learn them)"
+                "(the paper's method takes one axis at a time and keeps off-diagonal and forward-speed "
+                "coefficients at the vehicle's values; methods joint and output-error learn them)"
             )
     found = []
     for axis in AXES:
