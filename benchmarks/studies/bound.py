@@ -137,8 +137,8 @@ def force_covariance(disturbance: OrnsteinUhlenbeck, n: int, dt: float) -> Array
 
 def visible(sensors: Mocap, t: Array, seed: int) -> Flags:
     """Return (n,) which samples are free of marker jumps in the run of this seed, as the sensors draw them."""
-    outage = intervals(t, sensors.jump_fraction, sensors.jump_s, stream(seed, "mocap", "jumps"))
-    return np.asarray(outage < 0)
+    hidden = intervals(t, sensors.jump_fraction, sensors.jump_s, stream(seed, "mocap", "jumps"))
+    return np.asarray(hidden < 0)
 
 
 @cache

@@ -66,7 +66,7 @@ class Experiment:
     free: tuple[str, ...]
     commands: Array
     sensors: Mocap | Ins
-    outage: tuple[str, ...] = ()
+    hidden: tuple[str, ...] = ()
     disturbance: OrnsteinUhlenbeck | None = None
     delay_known: bool = True
     depth: float = 0.0
@@ -97,7 +97,7 @@ class Experiment:
             disturbance=self.disturbance,
             seed=seed,
         )
-        return run.without(*self.outage)
+        return run.without(*self.hidden)
 
     def quantity(self, name: str, coefficient: float) -> float:
         """Return what is judged: the total inertia for an added mass, else the coefficient itself."""
@@ -148,7 +148,7 @@ def chosen(names: Iterable[str], only: str | None) -> tuple[str, ...]:
 
 def _coupled(name: str, sensors: str) -> Experiment:
     truth = load_vehicle("vlbv300")
-    outage = {"pose": (), "dvl": _ATTITUDE + _ACCELEROMETER, "gyro": _ATTITUDE + _ACCELEROMETER + _DVL}[sensors]
+    hidden = {"pose": (), "dvl": _ATTITUDE + _ACCELEROMETER, "gyro": _ATTITUDE + _ACCELEROMETER + _DVL}[sensors]
     return Experiment(
         name=name,
         truth=truth,
@@ -156,7 +156,7 @@ def _coupled(name: str, sensors: str) -> Experiment:
         free=COUPLED_FREE,
         commands=coupled_commands(truth, COUPLED_TIME, DT),
         sensors=Mocap() if sensors == "pose" else Ins(),
-        outage=outage,
+        hidden=hidden,
         disturbance=_WRENCH,
         depth=_DEPTH,
     )

@@ -106,7 +106,7 @@ class Fed:
 
     def state(self) -> SourceState:
         state = self._link.state()
-        return SourceState(state.said, state.requested, state.rates, state.bad, state.late, state.senders, self._ended)
+        return SourceState(state.said, state.asked, state.rates, state.bad, state.late, state.senders, self._ended)
 
     def close(self) -> None:
         self._link.close()

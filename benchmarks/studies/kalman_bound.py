@@ -134,15 +134,15 @@ def measurements(experiment: Experiment, n: int, seed: int | None) -> tuple[Bloc
             Block(due, angles, np.full(3, (1e-3 * sensors.noise_mrad) ** 2), euler=True),
         )
     found = []
-    if "u" not in experiment.outage:
+    if "u" not in experiment.hidden:
         found.append(Block(_due(n, sensors.dvl_rate), _rows((6, 7, 8)), np.full(3, sensors.dvl_noise**2)))
-    if "p" not in experiment.outage:
+    if "p" not in experiment.hidden:
         gyro = _rows((9, 10, 11))
         gyro[:, _BIAS] = np.eye(3)
         found.append(Block(_due(n, sensors.imu_rate), gyro, np.full(3, sensors.gyro_noise**2)))
-    if "z" not in experiment.outage:
+    if "z" not in experiment.hidden:
         found.append(Block(_due(n, sensors.depth_rate), _rows((2,)), np.full(1, sensors.depth_noise**2)))
-    if "phi" not in experiment.outage or "ax" not in experiment.outage:
+    if "phi" not in experiment.hidden or "ax" not in experiment.hidden:
         raise ValueError(f"{experiment.name}: attitude and accelerometer are not part of this bound")
     return tuple(found)
 
