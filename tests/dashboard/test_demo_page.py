@@ -52,7 +52,7 @@ def test_a_payload_appears_while_it_is_learned(browser: Any, ran: Ran, tmp_path:
     complaints: list[str] = []
     view.on("pageerror", lambda error: complaints.append(str(error)))
     view.goto(ran.page.url)
-    view.wait_for_selector("#events td:has-text('net weight')", timeout=60_000)
+    view.wait_for_selector("#events td:has-text('net weight')", timeout=300_000)
     assert "change: " in view.text_content("#latest-event")
     assert ran.course.events
     when, kind, text = view.locator("#events tbody tr").first.locator("td, th").all_inner_texts()
@@ -82,7 +82,7 @@ def test_the_course_goes_on_through_the_change(browser: Any, ran: Ran) -> None:
     context = browser.new_context(viewport={"width": 1440, "height": 2200})
     view = context.new_page()
     view.goto(ran.page.url)
-    view.wait_for_selector("#convergence canvas", timeout=20_000)
+    view.wait_for_selector("#convergence canvas", timeout=90_000)
     find = "window.towtank.charts.find((c) => c.settings.title === 'W_minus_B')"
     wait_until(lambda: view.evaluate(f"!!{find} && !!{find}.data?.[0]?.length"))
     t, _, reference = view.evaluate(f"{find}.data.slice(0, 3)")

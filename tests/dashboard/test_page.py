@@ -190,7 +190,7 @@ def test_it_comes_back_when_the_server_does(browser: Any, rig: Rig) -> None:
     assert re.fullmatch(r"no connection, trying again in \d+ s", view.text("#link"))
     assert view.page.is_disabled("#pause")
     again = rig.new_page(port, token).start()
-    view.page.wait_for_selector("#link[data-link=open]", timeout=20_000)
+    view.page.wait_for_selector("#link[data-link=open]", timeout=90_000)
     frames = view.page.evaluate("window.towtank.frames")
     until(view.page, f"window.towtank.frames > {frames + 10}")
     assert view.page.is_enabled("#pause")
