@@ -22,7 +22,9 @@ from towtank.vehicle import Vehicle, load_vehicle
 
 __all__ = [
     "BOAT_HALVES",
+    "BOAT_MAP",
     "POOL",
+    "POOL_MAP",
     "SPINS",
     "Case",
     "Learned",
@@ -36,11 +38,11 @@ __all__ = [
     "wrongly_wired",
 ]
 
-_POOL_MAP = """
+POOL_MAP = """
 thrusters = ["pwm1", "pwm2", "pwm3", "pwm4", "pwm5", "pwm6"]
 columns = { ax = "acc_x", ay = "acc_y", az = "acc_z", p = "gyro_p", q = "gyro_q", r = "gyro_r" }
 """
-_BOAT_MAP = """
+BOAT_MAP = """
 thrusters = ["pwm_left", "pwm_right"]
 [columns]
 x = "north_m"
@@ -132,12 +134,12 @@ class Learned:
 
 def pool(data: Path) -> Learned:
     """The first BlueROV in a pool: thrusters as PWM, rotation by gyros alone."""
-    return Learned(load_vehicle("bluerov_2016"), data / "bluerov_pool_2016", _POOL_MAP, "{}_2016*.csv")
+    return Learned(load_vehicle("bluerov_2016"), data / "bluerov_pool_2016", POOL_MAP, "{}_2016*.csv")
 
 
 def boat(data: Path) -> Learned:
     """The surface craft with two thrusters."""
-    return Learned(load_vehicle("blueboat"), data / "blueboat_2024", _BOAT_MAP, "log_{}.csv")
+    return Learned(load_vehicle("blueboat"), data / "blueboat_2024", BOAT_MAP, "log_{}.csv")
 
 
 def wrongly_wired(vehicle: Vehicle) -> Vehicle:

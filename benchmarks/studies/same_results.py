@@ -29,7 +29,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from real_cases import data_folder
+from real_cases import BOAT_MAP, POOL_MAP, data_folder
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -40,20 +40,6 @@ _METHODS = ("joint", "output-error", "paper")
 _WALL_CLOCK = ("elapsed_s", "rates_hz", "latency_ms")  # keys that a clock decides
 _ONE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # orders of sums
 
-_POOL = """
-thrusters = ["pwm1", "pwm2", "pwm3", "pwm4", "pwm5", "pwm6"]
-columns = { ax = "acc_x", ay = "acc_y", az = "acc_z", p = "gyro_p", q = "gyro_q", r = "gyro_r" }
-"""
-_BOAT = """
-thrusters = ["pwm_left", "pwm_right"]
-[columns]
-x = "north_m"
-y = "east_m"
-psi = { from = "yaw_deg", scale = 0.017453292519943295 }
-u = "u"
-v = "v"
-r = "r"
-"""
 _SEA = """
 thrusters = ["pwm1", "pwm2", "pwm3", "pwm4", "pwm5", "pwm6", "pwm7", "pwm8"]
 columns = { u = "dvl_u", v = "dvl_v", w = "dvl_w", p = "p", q = "q", r = "r", phi = "phi", theta = "theta", psi = "psi", z = "depth_m" }
@@ -77,10 +63,10 @@ CASES = (
     Case("tank", "vlbv300", ("tank-session", "--duration", "60", "--sensors", "mocap", "--seed", "2")),
     Case("coupled", "seamor", ("all-multisine", "--duration", "30", "--sensors", "ins", "--seed", "3")),
     Case("heavy", "bluerov2_heavy", ("all-telegraph", "--duration", "30", "--sensors", "mocap", "--seed", "4")),
-    Case("pool-yaw", "bluerov_2016", real="bluerov_pool_2016/yaw_3_*.csv", mapping=_POOL),
-    Case("pool-all", "bluerov_2016", real="bluerov_pool_2016/all_3_*.csv", mapping=_POOL),
+    Case("pool-yaw", "bluerov_2016", real="bluerov_pool_2016/yaw_3_*.csv", mapping=POOL_MAP),
+    Case("pool-all", "bluerov_2016", real="bluerov_pool_2016/all_3_*.csv", mapping=POOL_MAP),
     Case("sea", "bluerov2_heavy", real="bluerov2_dvl_sea_2026/run_20hz.csv", mapping=_SEA, window="0,100"),
-    Case("boat", "blueboat", real="blueboat_2024/log_222.csv", mapping=_BOAT),
+    Case("boat", "blueboat", real="blueboat_2024/log_222.csv", mapping=BOAT_MAP),
 )
 
 
