@@ -92,7 +92,6 @@ LOOSE = tuple(each.loose for each in SENSORS)
 # by column
 TYPICAL_NOISE = tuple(each.typical for each in SENSORS for _ in each.columns)
 LEAST_NOISE = tuple(each.least for each in SENSORS for _ in each.columns)
-LATENCIES = tuple(each.latency for each in SENSORS for _ in each.columns)
 
 
 @kernel
