@@ -146,7 +146,7 @@ class JointState(NamedTuple):
     theta: Array  # (n,) free coefficients
     bias: Array  # (6,) gyro [rad/s], accelerometer [m/s^2]
     P: Array  # (N, N)
-    p: Array  # (163,) kernel parameters at the linearisation point
+    p: Array  # (170,) kernel parameters at the linearisation point
     codes: Codes  # (n, 4)
     linearised_at: Array  # (n,) theta that the motion is linearised about; `p` and the inputs have these values
     information_time: Array  # (n,) time over which theta has learned [s]
@@ -200,7 +200,7 @@ def new_joint_state(
     """Return a filter that has seen nothing.
 
     Args:
-        p: kernel parameters (163,) for all that is not free.
+        p: kernel parameters (170,) for all that is not free.
         theta, deviation: start values and their deviations (n,), or a covariance (n, n) in place of the deviations.
         B: wrench of each unit input (6, m).
         linearised_at: what the motion is linearised about (n,), by default the start values.

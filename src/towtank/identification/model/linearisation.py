@@ -5,7 +5,8 @@ With x the state and everything taken at the middle of the step,
 
     d p_dot  = R dv - R [v]x e + d v_c
     d e_dot  = -[omega]x e + d omega
-    d nu_dot = M^-1 { (L + 2 Q |nu| + d(u F nu - C(nu) nu)/d nu) d nu + [W - B; S(b)] ([k]x e) + d d - sum Phi_j d c_j }
+    d nu_dot = M^-1 { D d nu + [W - B; S(b)] ([k]x e) + d d - sum Phi_j d c_j }
+    D        = L + 2 Q |nu| + 2 A nu + d(u F nu - C(nu) nu)/d nu
 
 C(nu) nu is bilinear, so its derivative is C(dnu) nu + C(nu) dnu in Kirchhoff's form; Phi is the regressor of (8),
 Phi c = tau along the motion, whence the last term. The step's matrix is F = I + A h + A^2 h^2 / 2.
@@ -16,11 +17,11 @@ from __future__ import annotations
 import math
 
 from towtank.core.arrays import Array, kernel
-from towtank.core.forces import add_forward_speed_slope_into
+from towtank.core.forces import add_even_slope_into
 from towtank.core.inertia import bilinear_coriolis_into
 from towtank.core.layout import I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT, N_KINDS
 from towtank.core.regressor import unit_wrench_into
-from towtank.core.rk4 import N_STATES, has_forward_speed, stage_into, step_into
+from towtank.core.rk4 import N_STATES, has_even_terms, stage_into, step_into
 from towtank.identification.model.terms import (
     IN_DELAY,
     IN_GAIN,
@@ -78,7 +79,7 @@ def linearise_into(
     """Write A (12, 21 + n), the derivative of the error's rate, at the state x (13,) with derivative `rate` (13,).
 
     Args:
-        p: kernel parameters (163,), theta (n,) already put in.
+        p: kernel parameters (170,), theta (n,) already put in.
         shape: wrench of each unit input (6, m).
         pushed: (3, m) of each input over the step: mean force, d mean / d delay, d mean / d ln lag.
         w: scratch (2, 6).
@@ -120,7 +121,7 @@ def linearise_into(
 
     # Velocity.
     mass = p[I_MASS:I_MASS_INVERSE].reshape(6, 6)
-    forward = has_forward_speed(p.reshape(p.shape[0], 1))
+    even = has_even_terms(p.reshape(p.shape[0], 1))
     unit = w[1]
     for j in range(6):
         for i in range(6):
@@ -134,8 +135,8 @@ def linearise_into(
         for i in range(6):
             c = p[I_LINEAR + 6 * i + j] + p[I_QUADRATIC + 6 * i + j] * size
             w[0, i] = c - w[0, i] + A[6 + i, _DIST + i]
-        if forward:
-            add_forward_speed_slope_into(p, nu, j, w[0])
+        if even:
+            add_even_slope_into(p, nu, j, w[0])
         _by_mass(p, A, 6 + j, w[0])
     for i in range(6):
         for j in range(6):
@@ -203,11 +204,11 @@ def step_and_linearise(
         wrench[2, j, 0] = tau[j]
     for i in range(N_STATES):
         middle[i, 0] = x[i]
-    forward = has_forward_speed(parameters)
+    even = has_even_terms(parameters)
     if coupled:
-        step_into(parameters, lane, wrench, current, h, work[:3], True, forward)
+        step_into(parameters, lane, wrench, current, h, work[:3], True, even)
     else:
-        step_into(parameters, lane, wrench, current, h, work[:3], False, forward)
+        step_into(parameters, lane, wrench, current, h, work[:3], False, even)
     for i in range(N_STATES):
         middle[i, 0] = 0.5 * (middle[i, 0] + x[i])
     stage_into(parameters, middle, wrench[0], current, rate, True)
