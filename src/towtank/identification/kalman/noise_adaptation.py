@@ -16,7 +16,7 @@ from towtank.core.arrays import Array
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, Samples
 from towtank.identification.kalman.state import FilterSettings, JointState
 from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
-from towtank.identification.model.prior import usual_disturbance
+from towtank.identification.model.terms import DISTURBANCE
 from towtank.recording import Recording
 from towtank.recording.noise import noise_level, noise_levels
 from towtank.recording.standard import EULER, MEASURED, QUATERNION
@@ -178,7 +178,7 @@ def initial_noise_levels(recording: Recording, vehicle: Vehicle) -> NoiseLevels:
             noise[j] = max(
                 level.of_each(_rate(recording, name)), level.quantum / math.sqrt(12.0), float(LEAST_NOISE[j])
             )
-    return NoiseLevels(noise, usual_disturbance(vehicle))
+    return NoiseLevels(noise, np.array(DISTURBANCE))
 
 
 def common_noise_levels(recordings: Sequence[Recording], samples: Sequence[Samples], vehicle: Vehicle) -> NoiseLevels:
@@ -235,9 +235,6 @@ def _rate(recording: Recording, name: str) -> float:
 
 def filter_settings(vehicle: Vehicle) -> FilterSettings:
     """Return the filter's settings for a vehicle: floors of the disturbance in proportion to its inertia."""
-    usual = usual_disturbance(vehicle)
     return FilterSettings(
-        floor_force=_FLOOR_SHARE * float(usual[:3].min()),
-        floor_moment=_FLOOR_SHARE * float(usual[3:].min()),
-        usual=tuple(float(level) for level in usual),
+        floor_force=_FLOOR_SHARE * DISTURBANCE[0], floor_moment=_FLOOR_SHARE * DISTURBANCE[3], usual=DISTURBANCE
     )

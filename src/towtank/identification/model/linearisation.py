@@ -5,10 +5,12 @@ With x the state and everything taken at the middle of the step,
 
     d p_dot  = R dv - R [v]x e + d v_c
     d e_dot  = -[omega]x e + d omega
-    d nu_dot = M^-1 { (L + 2 Q |nu| + d(u F nu - C(nu) nu)/d nu) d nu + [W - B; S(b)] ([k]x e) + d d - sum Phi_j d c_j }
+    d nu_dot = M^-1 { (L + 2 Q |nu| + d(u F nu - C(nu) nu)/d nu) d nu + [W - B; S(b)] ([k]x e) - sum Phi_j d c_j } + d a
 
 C(nu) nu is bilinear, so its derivative is C(dnu) nu + C(nu) dnu in Kirchhoff's form; Phi is the regressor of (8),
-Phi c = tau along the motion, whence the last term. The step's matrix is F = I + A h + A^2 h^2 / 2.
+Phi c = tau along the motion, whence the last term. The disturbance a is an acceleration: one that is stated in newtons
+would fix the scale of all forces by the accelerations that it could cause. So Phi is taken without what a does to nu_dot.
+The step's matrix is F = I + A h + A^2 h^2 / 2.
 """
 
 from __future__ import annotations
@@ -75,7 +77,9 @@ def linearise_into(
     A: Array,
     w: Array,
 ) -> None:
-    """Write A (12, 21 + n), the derivative of the error's rate, at the state x (13,) with derivative `rate` (13,).
+    """Write A (12, 21 + n), the derivative of the error's rate, at the state x (13,).
+
+    `rate` (13,) is its derivative by the forces that the model knows, without the disturbance.
 
     Args:
         p: kernel parameters (163,), theta (n,) already put in.
@@ -139,7 +143,7 @@ def linearise_into(
         _by_mass(p, A, 6 + j, w[0])
     for i in range(6):
         for j in range(6):
-            A[6 + i, _DIST + j] = p[I_MASS_INVERSE + 6 * i + j]
+            A[6 + i, _DIST + j] = 1.0 if i == j else 0.0
 
     # Coefficients.
     gravity = w[1]
@@ -157,6 +161,8 @@ def linearise_into(
                 w[0, m] = 0.0
                 for a_ in range(shape.shape[1]):
                     w[0, m] += shape[m, a_] * pushed[row, a_]
+        else:
+            continue  # of a sensor: no force
         slope = 1.0
         if transform == LOG and kind != IN_LAG:
             slope = math.exp(theta[c])
@@ -172,6 +178,7 @@ def step_and_linearise(
     p: Array,
     x: Array,
     tau: Array,
+    disturbance: Array,
     current: Array,
     h: float,
     fade: float,
@@ -188,7 +195,7 @@ def step_and_linearise(
     """Advance the state x (13,) by h [s] in place and write the step's matrix F (12, 21 + n).
 
     Args:
-        tau: mean wrench over the step (6,), disturbance included. current: (3,) NED.
+        tau: mean wrench over the step (6,). disturbance: mean acceleration (6,) beside it. current: (3,) NED.
         fade: 1/T of the disturbance [1/s].
         A: scratch (12, 21 + n). work: scratch (5, 13, 1). scratch: (12, 6) at least.
         Others as `linearise_into`.
@@ -198,9 +205,12 @@ def step_and_linearise(
     middle, rate = work[3], work[4]
     wrench = scratch[:3].reshape(3, 6, 1)
     for j in range(6):
-        wrench[0, j, 0] = tau[j]
-        wrench[1, j, 0] = tau[j]
-        wrench[2, j, 0] = tau[j]
+        total = tau[j]
+        for k in range(6):
+            total += p[I_MASS + 6 * j + k] * disturbance[k]
+        wrench[0, j, 0] = total
+        wrench[1, j, 0] = total
+        wrench[2, j, 0] = total
     for i in range(N_STATES):
         middle[i, 0] = x[i]
     forward = has_forward_speed(parameters)
@@ -211,6 +221,8 @@ def step_and_linearise(
     for i in range(N_STATES):
         middle[i, 0] = 0.5 * (middle[i, 0] + x[i])
     stage_into(parameters, middle, wrench[0], current, rate, True)
+    for j in range(6):
+        rate[7 + j, 0] -= disturbance[j]
     linearise_into(p, middle[:, 0], rate[:, 0], codes, theta, shape, pushed, A, scratch[4:6])
     columns = A.shape[1]
     half = 0.5 * h * h
