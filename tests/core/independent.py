@@ -82,6 +82,7 @@ class Body:
     r_B: Vector
     constant: Vector = field(default_factory=lambda: np.zeros(6))
     lift: Vector = field(default_factory=lambda: np.zeros(9))  # Y_uv Y_ur N_uv N_ur K_up Z_uw Z_uq M_uw M_uq
+    asymmetry: Vector = field(default_factory=lambda: np.zeros(6))  # X_u2 .. N_r2
 
     @property
     def M(self) -> Vector:
@@ -89,9 +90,16 @@ class Body:
 
     @cached_property
     def p(self) -> Vector:
-        """The kernels' parameter vector (163,)."""
+        """The kernels' parameter vector (170,)."""
         return pack_parameters(
-            self.M, self.L, self.Q, self.W - self.B, self.W * self.r_G - self.B * self.r_B, self.constant, self.lift
+            self.M,
+            self.L,
+            self.Q,
+            self.W - self.B,
+            self.W * self.r_G - self.B * self.r_B,
+            self.constant,
+            self.lift,
+            self.asymmetry,
         )
 
     def potential(self, eta: Vector) -> Vector:
@@ -107,7 +115,7 @@ class Body:
 
     def damping(self, nu: Vector) -> Vector:
         """Damping, and the lift of hull and wings: all forces that depend on the velocity but for the inertial ones."""
-        return self.L @ nu + self.Q @ (np.abs(nu) * nu) + self.forward_speed(nu)
+        return self.L @ nu + self.Q @ (np.abs(nu) * nu) + self.forward_speed(nu) + self.asymmetry * nu**2
 
     def forward_speed(self, nu: Vector) -> Vector:
         Y_uv, Y_ur, N_uv, N_ur, K_up, Z_uw, Z_uq, M_uw, M_uq = self.lift
@@ -184,6 +192,7 @@ def body(seed: int, *, damped: bool = True) -> Body:
         constant=rng.uniform(-1.0, 1.0, 6) * [2.0, 2.0, 2.0, 0.1, 0.1, 0.1] * damped,
         lift=rng.uniform(-1.0, 1.0, 9) * [9.0, 3.0, 3.0, 1.0, 1.0, 9.0, 3.0, 3.0, 1.0] * damped
         - np.array([9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 0.0, 0.0, 1.0]) * damped,
+        asymmetry=rng.uniform(-0.4, 0.4, 6) * drag * damped,
     )
 
 

@@ -7,7 +7,17 @@ import pytest
 from hypothesis import given
 
 from towtank.core.dynamics import forward_dynamics, inverse_dynamics, net_wrench
-from towtank.core.layout import FORWARD, LINEAR, MASS, N_PARAMETERS, QUADRATIC, address, pack_parameters
+from towtank.core.layout import (
+    ASYMMETRY,
+    FORWARD,
+    INFLOW,
+    LINEAR,
+    MASS,
+    N_PARAMETERS,
+    QUADRATIC,
+    address,
+    pack_parameters,
+)
 
 from .independent import body, cross_matrix, derivative, quaternion, rotation
 from .proof import eulers, proof, seeds, vectors
@@ -61,7 +71,7 @@ def test_rows_are_independent_and_one_vehicle_may_be_shared() -> None:
 def test_layout_of_the_parameters() -> None:
     b = body(4)
     assert b.p.shape == (N_PARAMETERS,)
-    assert N_PARAMETERS == 163
+    assert N_PARAMETERS == 170
     assert np.array_equal(b.p[:36].reshape(6, 6), b.M)
     assert np.abs(b.p[36:72].reshape(6, 6) @ b.M - np.eye(6)).max() < 1e-12
     assert np.array_equal(b.p[72:108].reshape(6, 6), b.L)
@@ -69,12 +79,17 @@ def test_layout_of_the_parameters() -> None:
     assert b.p[144] == b.W - b.B
     assert np.array_equal(b.p[145:148], b.W * b.r_G - b.B * b.r_B)
     assert np.array_equal(b.p[148:154], b.constant)
-    assert np.array_equal(b.p[154:], b.lift)
+    assert np.array_equal(b.p[154:163], b.lift)
+    assert np.array_equal(b.p[163:169], b.asymmetry)
+    assert b.p[169] == 0.0
     assert not pack_parameters(b.M, b.L, b.Q, 0.0, np.zeros(3))[148:].any()
     kinds = {MASS: b.M, LINEAR: b.L, QUADRATIC: b.Q}
     for kind, matrix in kinds.items():
         assert b.p[address(kind, 4, 2)] == matrix[4, 2]
     assert [b.p[address(FORWARD, i, j)] for i, j in ((1, 5), (5, 1), (4, 4))] == [b.lift[1], b.lift[2], b.lift[8]]
+    assert [address(ASYMMETRY, i, i) for i in range(6)] == list(range(163, 169))
+    assert address(ASYMMETRY, 0, 1) == -1  # on the diagonal only
+    assert address(INFLOW, 0, 0) == 169
     assert address(FORWARD, 0, 1) == -1  # no X_uv: what a hull symmetric to port and starboard does not have
     with pytest.raises(np.linalg.LinAlgError):
         pack_parameters(np.zeros((6, 6)), b.L, b.Q, 0.0, np.zeros(3))

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 
 from towtank.core.dynamics import inverse_dynamics
-from towtank.core.forces import add_forward_speed_force_into, add_forward_speed_slope_into
-from towtank.core.layout import FORWARD_COLUMNS, FORWARD_ROWS, I_FORWARD, N_PARAMETERS
+from towtank.core.forces import add_even_force_into, add_even_slope_into
+from towtank.core.layout import FORWARD_COLUMNS, FORWARD_ROWS, I_ASYMMETRY, I_FORWARD, N_PARAMETERS
 from towtank.core.rk4 import simulate_run
 
 from .independent import Body, body, quaternion, state
@@ -22,8 +22,8 @@ MIRROR = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])  # port for starboard: v, p
 
 def force(lift: np.ndarray, nu: np.ndarray) -> np.ndarray:
     p, out = np.zeros(N_PARAMETERS), np.zeros(6)
-    p[I_FORWARD:] = lift
-    add_forward_speed_force_into(p, nu, 1.0, out)
+    p[I_FORWARD:I_ASYMMETRY] = lift
+    add_even_force_into(p, nu, 1.0, out)
     return out
 
 
@@ -70,10 +70,10 @@ def test_port_and_starboard_are_alike(lift: np.ndarray, nu: np.ndarray) -> None:
 def test_slope_is_the_derivative(lift: np.ndarray, nu: np.ndarray, way: np.ndarray) -> None:
     """The force is quadratic in the velocity, so that central differences are exact."""
     p, slope = np.zeros(N_PARAMETERS), np.zeros(6)
-    p[I_FORWARD:] = lift
+    p[I_FORWARD:I_ASYMMETRY] = lift
     for j in range(6):
         column = np.zeros(6)
-        add_forward_speed_slope_into(p, nu, j, column)
+        add_even_slope_into(p, nu, j, column)
         slope += column * way[j]
     assert np.abs(0.5 * (force(lift, nu + way) - force(lift, nu - way)) - slope).max() < 1e-10
 
@@ -105,7 +105,7 @@ def test_a_vehicle_without_them_moves_to_the_last_bit_as_before_and_one_with_a_t
     n = sized(400, 40)
     tau = 20.0 * np.sin(0.05 * np.arange(n)[:, None, None] + np.arange(6))
     start = state(np.array([0.3, -0.2, 1.0, 0.2, -0.3, 1.0]), np.array([0.6, 0.3, -0.2, 0.3, -0.2, 0.4]))
-    b: Body = replace(body(3), lift=np.zeros(9))
+    b: Body = replace(body(3), lift=np.zeros(9), asymmetry=np.zeros(6))
     trace = replace(b, lift=np.full(9, 1e-300))
     a, c = (simulate_run(each.p, start, tau, 0.02, current) for each in (b, trace))
     assert np.abs(a - c).max() < 1e-12

@@ -48,7 +48,7 @@ def test_each_column_is_one_unknown(column: int, euler: np.ndarray, nu: np.ndarr
     M = np.zeros((6, 6))
     M[np.triu_indices(6)] = theta[:21]
     p[:36] = (M + np.triu(M, 1).T).ravel()
-    p[72:] = theta[21:]
+    p[72:169] = theta[21:]
     assert np.array_equal(unknowns_from_parameters(p), theta)
     q = quaternion(euler)
     tau = inverse_dynamics(p[None], q[None], nu[None], nu_dot[None])[0]

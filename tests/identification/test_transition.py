@@ -26,6 +26,7 @@ NAMES = (
     *("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot", "Y_rdot", "X_qdot"),
     *("X_u", "Y_vv", "N_rr", "N_v", "K_pp", "W_minus_B", "BG_x", "BG_y", "BG_z", "X_0", "N_0"),
     *("Y_uv", "Y_ur", "N_uv", "N_ur", "K_up", "Z_uw", "Z_uq", "M_uw", "M_uq"),
+    *("X_u2", "Y_v2", "Z_w2", "K_p2", "M_q2", "N_r2"),
     *("delay", "lag"),
 )
 H = 0.01
@@ -36,6 +37,7 @@ def vehicle() -> Vehicle:
     start = load_vehicle("vlbv300")
     lift = {"Y_uv": -30.0, "Y_ur": 6.0, "N_uv": 4.0, "N_ur": -2.0, "K_up": -0.4, "Z_uw": -28.0, "Z_uq": -5.0}
     others = {"Y_rdot": 0.7, "X_qdot": -0.4, "N_v": -1.3, "X_u": -4.0, "BG_x": 0.3, "BG_y": -0.2}
+    others |= {"X_u2": 9.0, "Y_v2": -7.0, "Z_w2": 12.0, "K_p2": 0.4, "M_q2": -0.3, "N_r2": 0.5}
     return start.with_coefficients({**lift, "M_uw": 3.0, **others})
 
 

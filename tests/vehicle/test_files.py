@@ -262,7 +262,7 @@ def test_nonsense_is_an_input_error(nonsense):
 
 
 def test_every_coefficient_has_a_unit():
-    assert len(COEFFICIENTS) == 127
+    assert len(COEFFICIENTS) == 134
     assert unit("X_uu") == "kg/m"
     assert unit("X_udot") == "kg"
     assert unit("K_pp") == "kg m^2/rad^2"

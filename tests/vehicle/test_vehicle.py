@@ -186,6 +186,12 @@ WARNINGS = [
     (with_values(Y_v=-1.0, N_r=-1.0, Y_r=3.0), "linear damping can feed energy in"),
     (with_values(BG_z=-1.0), "BG_z = -1 N m/rad is negative: the centre of buoyancy lies below"),
     (with_values(W_minus_B=50.0), "W - B = 50 N is 25% of the weight 196.2 N: the vehicle sinks fast"),
+    (with_values(X_u=-5.0, X_uu=-20.0, X_u2=26.0), "X_u2 = +26 outweighs the drag of its axis: at u = +1 m/s it feeds"),
+    (with_values(N_rr=-2.0, N_r2=-3.0), "N_r2 = -3 outweighs the drag of its axis: at r = -1 rad/s it feeds energy in"),
+    (
+        with_values(inflow_loss=-0.1),
+        "inflow_loss = -0.1 s/m is negative: thrusters that gain from inflow feed energy in",
+    ),
     (Vehicle(name="v", rigid_body=RigidBody(mass=1.0, inertia=(1.0, 1.0, 3.0))), "larger than the sum of the others"),
     (Vehicle(name="v", rigid_body=RigidBody(mass=1.0, inertia=(-1.0, 1.0, 1.0))), "not all are above 0"),
 ]
@@ -235,6 +241,38 @@ def test_forward_speed_terms_that_hold_the_munk_moment_are_doubted():
 
 def test_a_plain_vehicle_has_no_warnings():
     assert PLAIN.warnings == ()
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_asymmetric_drag_up_to_the_drag_of_its_axis_is_no_doubt(sign):
+    assert with_values(X_u=-5.0, X_uu=-20.0, X_u2=25.0 * sign).warnings == ()
+
+
+def test_a_loss_of_thrust_that_may_be_nothing_is_no_fault():
+    for loss in (Coefficient(value=-0.02, std=0.01), 0.0, 0.2):
+        assert PLAIN.with_coefficients({"inflow_loss": loss}).warnings == ()
+    assert faults(PLAIN.with_coefficients({"inflow_loss": Coefficient(value=-0.04, std=0.01)}))
+
+
+@pytest.mark.parametrize("axis", range(6))
+def test_asymmetric_drag_has_the_unit_of_quadratic_drag(axis):
+    velocity, row = "uvwpqr"[axis], "XYZKMN"[axis]
+    name = f"{row}_{velocity}2"
+    assert index(name) == ("asymmetric", axis, axis)
+    assert unit(name) == unit(f"{row}_{velocity}{velocity}")
+    assert PLAIN.with_coefficients({name: -1.5}).parameters[163 + axis] == -1.5
+
+
+def test_loss_of_thrust_with_inflow_is_a_coefficient_like_others():
+    vehicle = PLAIN.with_coefficients({"inflow_loss": Coefficient(value=0.12, std=0.03, unit="s/m")})
+    assert vehicle.coefficient("inflow_loss") == vehicle.parameters[169] == 0.12
+    assert vehicle.deviation("inflow_loss") == 0.03
+    assert vehicle.hydrodynamics["inflow_loss"].unit == unit("inflow_loss") == "s/m"
+    assert describe("inflow_loss") == "loss of thrust with inflow"
+    assert mirror("inflow_loss") == "inflow_loss"
+    assert PLAIN.coefficient("inflow_loss") == 0.0
+    with pytest.raises(InputError, match="convert the value to SI"):
+        PLAIN.with_coefficients({"inflow_loss": Coefficient(value=0.12, unit="m/s")})
 
 
 def test_names():

@@ -10,7 +10,7 @@ import numpy as np
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import gravity_direction
-from towtank.core.forces import add_forward_speed_force_into, damping_force, restoring_wrench
+from towtank.core.forces import add_even_force_into, damping_force, restoring_wrench
 from towtank.core.inertia import coriolis_force
 from towtank.core.layout import (
     I_CONSTANT,
@@ -33,7 +33,7 @@ def forward_dynamics(p: Array, q: Array, nu: Array, tau: Array) -> Array:
     """Return nu_dot (n, 6) [m/s^2, rad/s^2].
 
     Args:
-        p: kernel parameters (n, 163), or (1, 163) shared by all rows.
+        p: kernel parameters (n, 170), or (1, 170) shared by all rows.
         q: attitude (n, 4). nu: velocity relative to the water (n, 6). tau: wrench (n, 6), all body FRD.
     """
     n = nu.shape[0]
@@ -60,10 +60,10 @@ def forward_dynamics(p: Array, q: Array, nu: Array, tau: Array) -> Array:
 
 @kernel
 def net_wrench(p: Array, q: Array, nu: Array) -> Array:
-    """Return C(nu) nu + D(nu) nu + g(eta) - tau_0 (6,) for one vehicle p (163,), attitude q (4,), velocity nu (6,)."""
+    """Return C(nu) nu + D(nu) nu + g(eta) - tau_0 (6,) for one vehicle p (170,), attitude q (4,), velocity nu (6,)."""
     out = coriolis_force(p[I_MASS:I_MASS_INVERSE].reshape(6, 6), nu)
     out -= damping_force(p[I_LINEAR:I_QUADRATIC].reshape(6, 6), p[I_QUADRATIC:I_WEIGHT].reshape(6, 6), nu)
-    add_forward_speed_force_into(p, nu, -1.0, out)
+    add_even_force_into(p, nu, -1.0, out)
     out += restoring_wrench(p[I_WEIGHT], p[I_MOMENT:I_CONSTANT], gravity_direction(q))
     out -= p[I_CONSTANT:I_FORWARD]
     return out

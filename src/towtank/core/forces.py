@@ -13,6 +13,20 @@ these forms are negative, as fins make them, energy goes out while the vehicle g
 astern; a pair Y_ur = -N_uv does no work. The Munk moment is in C(nu) and no part of them. Fossen (2021), section 6.4;
 Prestero, Verification of a six-degree of freedom simulation model for the REMUS AUV, MIT (2001), chapter 4.
 
+Asymmetric drag A_i nu_i^2, of the same sign whichever way the body goes: with X = X_uu |u| u + X_u2 u^2 drag ahead is
+(X_uu + X_u2) u^2 and drag astern (X_uu - X_u2) u^2. Its power sum_i A_i nu_i^3 changes its sign with the direction: out
+one way, in the other way, and never more than quadratic drag takes out where |A_i| <= -Q_ii. It and the forward-speed
+terms are even in the velocity: the same force where all of the motion is reversed.
+
+Loss of thrust with inflow. A thruster that moves through the water along its thrust gives less, T (1 - k u_j sign T):
+k = inflow_loss [s/m], u_j [m/s] the velocity of its place through the water along its direction d_j. The thrust
+coefficient of a propeller falls in a straight line with its advance number, Fossen (2021), chapter 9. With the wrench
+b_j = [d_j ; r_j x d_j] of its unit force, u_j = d_j . (v + omega x r_j) = b_j . nu, so that all thrusters together lose
+
+    tau_loss = -k sum_j |T_j| b_j b_j^T nu,
+
+a linear damping whose matrix is symmetric and positive semidefinite: no thrust ever feeds energy in by it.
+
 Restoring forces of gravity and buoyancy for any centres and any net weight.
 
 With k = R^T e_z and b = r_G W - r_B B, Fossen (4.5) is g(eta) = -[(W - B) k ; b x k]. The printed paper's (20), row 4,
@@ -33,11 +47,12 @@ import numpy as np
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import rotation_from_quaternion
-from towtank.core.layout import FORWARD_COLUMNS, FORWARD_ROWS, I_FORWARD, N_FORWARD
+from towtank.core.layout import FORWARD_COLUMNS, FORWARD_ROWS, I_ASYMMETRY, I_FORWARD, I_LINEAR, N_FORWARD
 
 __all__ = [
-    "add_forward_speed_force_into",
-    "add_forward_speed_slope_into",
+    "add_even_force_into",
+    "add_even_slope_into",
+    "add_inflow_damping_into",
     "current_acceleration",
     "current_in_body",
     "damping_force",
@@ -56,20 +71,39 @@ def damping_force(linear: Array, quadratic: Array, nu: Array) -> Array:
 
 
 @kernel
-def add_forward_speed_force_into(p: Array, nu: Array, factor: float, out: Array) -> None:
-    """Add `factor` times u (F nu), F in the kernel vector p (163,), to the wrench `out` (6,) [N, N m]."""
+def add_even_force_into(p: Array, nu: Array, factor: float, out: Array) -> None:
+    """Add `factor` times u (F nu) + A nu^2, both in the kernel vector p (170,), to the wrench `out` (6,) [N, N m]."""
     for n in range(N_FORWARD):
         out[FORWARD_ROWS[n]] += factor * p[I_FORWARD + n] * nu[0] * nu[FORWARD_COLUMNS[n]]
+    for i in range(6):
+        out[i] += factor * p[I_ASYMMETRY + i] * nu[i] * nu[i]
 
 
 @kernel
-def add_forward_speed_slope_into(p: Array, nu: Array, j: int, out: Array) -> None:
-    """Add the derivative of u (F nu) by nu_j to `out` (6,)."""
+def add_even_slope_into(p: Array, nu: Array, j: int, out: Array) -> None:
+    """Add the derivative of u (F nu) + A nu^2 by nu_j to `out` (6,)."""
     for n in range(N_FORWARD):
         if FORWARD_COLUMNS[n] == j:
             out[FORWARD_ROWS[n]] += p[I_FORWARD + n] * nu[0]
         elif j == 0:
             out[FORWARD_ROWS[n]] += p[I_FORWARD + n] * nu[FORWARD_COLUMNS[n]]
+    out[j] += 2.0 * p[I_ASYMMETRY + j] * nu[j]
+
+
+@kernel
+def add_inflow_damping_into(B: Array, forces: Array, loss: float, p: Array) -> None:
+    """Add -loss sum_j |T_j| b_j b_j^T to the linear damping L of the kernel vector p (170,).
+
+    Args:
+        B: wrench of each thruster's unit force (6, m), b_j its columns [-, m].
+        forces: thrust without inflow T (m,) [N].
+        loss: share of the thrust lost per m/s [s/m].
+    """
+    for j in range(forces.shape[0]):
+        share = loss * math.fabs(forces[j])
+        for i in range(6):
+            for k in range(6):
+                p[I_LINEAR + 6 * i + k] -= share * B[i, j] * B[k, j]
 
 
 @kernel

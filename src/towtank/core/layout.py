@@ -1,4 +1,4 @@
-"""The kernel's view of a vehicle: one vector of 163 numbers, and where in it each coefficient has its place.
+"""The kernel's view of a vehicle: one vector of 170 numbers, and where in it each coefficient has its place.
 
 p[0:36]     M    total mass matrix M_RB + M_A, row-major 6x6, symmetric        [kg, kg m, kg m^2]
 p[36:72]    its inverse
@@ -9,8 +9,13 @@ p[145:148]  b = r_G W - r_B B (BG_x, BG_y, BG_z)                                
 p[148:154]  constant wrench (X_0 .. N_0), fixed in the body: thrusters that differ, a tether   [N, N m]
 p[154:163]  forward-speed derivatives, force_i += F_ij u nu_j, those of a hull and wings that are the same to port and
             starboard: Y_uv Y_ur N_uv N_ur K_up Z_uw Z_uq M_uw M_uq             [kg/m, kg, kg m]
+p[163:169]  asymmetric drag, force_i += A_i nu_i^2: X_u2 Y_v2 Z_w2 K_p2 M_q2 N_r2     [kg/m, kg m^2]
+p[169]      inflow_loss, share of its thrust that a thruster loses per m/s of water that meets it             [s/m]
 
-A kind of coefficient is a number, `MASS` to `FORWARD`, and a coefficient its kind, row (force) and column (velocity).
+The loss of thrust is no force by itself: whoever knows the thrusters' forces adds what it comes to, a linear damping,
+to L (`towtank.core.forces.add_inflow_damping_into`).
+
+A kind of coefficient is a number, `MASS` to `INFLOW`, and a coefficient its kind, row (force) and column (velocity).
 """
 
 from __future__ import annotations
@@ -21,12 +26,16 @@ from numba.extending import register_jitable
 from towtank.core.arrays import Array
 
 __all__ = [
+    "ASYMMETRY",
     "CONSTANT",
     "FORWARD",
     "FORWARD_COLUMNS",
     "FORWARD_ROWS",
+    "INFLOW",
+    "I_ASYMMETRY",
     "I_CONSTANT",
     "I_FORWARD",
+    "I_INFLOW",
     "I_LINEAR",
     "I_MASS",
     "I_MASS_INVERSE",
@@ -36,6 +45,7 @@ __all__ = [
     "LINEAR",
     "MASS",
     "MOMENT",
+    "N_EVEN",
     "N_FORWARD",
     "N_KINDS",
     "N_PARAMETERS",
@@ -45,8 +55,8 @@ __all__ = [
     "pack_parameters",
 ]
 
-MASS, LINEAR, QUADRATIC, WEIGHT, MOMENT, CONSTANT, FORWARD = range(7)
-N_KINDS = 7
+MASS, LINEAR, QUADRATIC, WEIGHT, MOMENT, CONSTANT, FORWARD, ASYMMETRY, INFLOW = range(9)
+N_KINDS = 9
 
 I_MASS = 0
 I_MASS_INVERSE = 36
@@ -57,7 +67,10 @@ I_MOMENT = 145
 I_CONSTANT = 148
 I_FORWARD = 154
 N_FORWARD = 9
-N_PARAMETERS = 163
+I_ASYMMETRY = 163
+I_INFLOW = 169
+N_EVEN = I_INFLOW - I_FORWARD  # terms that are even in the velocity: forward speed and asymmetric drag
+N_PARAMETERS = 170
 FORWARD_ROWS = (1, 1, 5, 5, 3, 2, 2, 4, 4)
 FORWARD_COLUMNS = (1, 5, 1, 5, 3, 2, 4, 2, 4)
 
@@ -84,6 +97,10 @@ def address(kind: int, row: int, column: int) -> int:
         for n in range(N_FORWARD):
             if FORWARD_ROWS[n] == row and FORWARD_COLUMNS[n] == column:
                 return I_FORWARD + n
+    if kind == ASYMMETRY and row == column:
+        return I_ASYMMETRY + row
+    if kind == INFLOW:
+        return I_INFLOW
     return -1
 
 
@@ -95,8 +112,9 @@ def pack_parameters(
     moment: Array,
     constant: Array | None = None,
     forward: Array | None = None,
+    asymmetry: Array | None = None,
 ) -> Array:
-    """Return the kernel vector (163,) of a vehicle.
+    """Return the kernel vector (170,) of a vehicle without loss of thrust with inflow.
 
     Args:
         mass: total mass matrix M = M_RB + M_A (6, 6), symmetric, invertible.
@@ -105,6 +123,7 @@ def pack_parameters(
         moment: r_G W - r_B B (3,) [N m], body FRD.
         constant: wrench (6,) [N, N m] that always acts, body FRD; none where omitted.
         forward: forward-speed derivatives (9,) in the order of the vector; none where omitted.
+        asymmetry: asymmetric drag (6,); none where omitted.
 
     Raises:
         numpy.linalg.LinAlgError: the mass matrix is singular.
@@ -117,5 +136,7 @@ def pack_parameters(
     p[I_WEIGHT] = weight
     p[I_MOMENT:I_CONSTANT] = moment
     p[I_CONSTANT:I_FORWARD] = 0.0 if constant is None else constant
-    p[I_FORWARD:] = 0.0 if forward is None else forward
+    p[I_FORWARD:I_ASYMMETRY] = 0.0 if forward is None else forward
+    p[I_ASYMMETRY:I_INFLOW] = 0.0 if asymmetry is None else asymmetry
+    p[I_INFLOW] = 0.0
     return p

@@ -1,8 +1,9 @@
 """The regressor of (8): Phi(q, nu, nu_dot) theta = tau for every unknown at once, or the wrench of one of them.
 
-theta (112) = [M upper triangle by rows (21), L (36), Q (36), W - B, b (3), constant wrench (6), forward speed (9)], all
-but M as in the kernel vector. Kirchhoff's form of C(nu) nu is linear in a full symmetric M, so nothing has to be
-diagonal. L and Q are SNAME derivatives (negative dissipates).
+theta (118) = [M upper triangle by rows (21), L (36), Q (36), W - B, b (3), constant wrench (6), forward speed (9),
+asymmetric drag (6)], all but M as in the kernel vector. Kirchhoff's form of C(nu) nu is linear in a full symmetric M,
+so nothing has to be diagonal. L and Q are SNAME derivatives (negative dissipates). The loss of thrust with inflow is no
+force of the motion alone and has no column.
 """
 
 from __future__ import annotations
@@ -14,37 +15,38 @@ import numpy as np
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import gravity_direction
 from towtank.core.layout import (
+    ASYMMETRY,
     CONSTANT,
     FORWARD,
     FORWARD_COLUMNS,
     FORWARD_ROWS,
+    I_INFLOW,
     I_LINEAR,
     I_MASS,
     LINEAR,
     MASS,
     MOMENT,
     N_FORWARD,
-    N_PARAMETERS,
     QUADRATIC,
     WEIGHT,
 )
 
 __all__ = ["N_UNKNOWNS", "regressor", "unit_wrench_into", "unknowns_from_parameters"]
 
-N_UNKNOWNS = 112
+N_UNKNOWNS = 118
 _TRIANGLE = 21
 
 
 @kernel
 def unknowns_from_parameters(p: Array) -> Array:
-    """Return theta (112,) of the kernel parameters p (163,)."""
+    """Return theta (118,) of the kernel parameters p (170,)."""
     out = np.empty(N_UNKNOWNS)
     n = 0
     for i in range(6):
         for j in range(i, 6):
             out[n] = p[I_MASS + 6 * i + j]
             n += 1
-    out[_TRIANGLE:] = p[I_LINEAR:N_PARAMETERS]
+    out[_TRIANGLE:] = p[I_LINEAR:I_INFLOW]
     return out
 
 
@@ -84,6 +86,8 @@ def _add_momentum_into(row: int, speed: float, rate: float, nu: Array, factor: f
 def unit_wrench_into(kind: int, i: int, j: int, nu: Array, nu_dot: Array, k: Array, out: Array) -> None:
     """Write the wrench (6,) on the vehicle that one coefficient makes per unit: the derivative of all forces by it.
 
+    None of the loss of thrust with inflow, which asks for the thrusters' forces.
+
     Args:
         kind, i, j: the coefficient (`towtank.core.layout`); an added mass stands for its mirrored element too.
         nu, nu_dot: velocity through the water and its derivative (6,).
@@ -112,11 +116,13 @@ def unit_wrench_into(kind: int, i: int, j: int, nu: Array, nu_dot: Array, k: Arr
         out[i] = 1.0
     elif kind == FORWARD:
         out[i] = nu[0] * nu[j]
+    elif kind == ASYMMETRY:
+        out[i] = nu[j] * nu[j]
 
 
 @kernel
 def _column(kind: int, i: int, j: int, n: int, nu: Array, nu_dot: Array, k: Array, w: Array, phi: Array) -> int:
-    """Write column n of `phi` (6, 112), the wrench that the unknown asks of the thrusters; return n + 1. w: (6,)."""
+    """Write column n of `phi` (6, 118), the wrench that the unknown asks of the thrusters; return n + 1. w: (6,)."""
     unit_wrench_into(kind, i, j, nu, nu_dot, k, w)
     for m in range(6):
         phi[m, n] = -w[m]
@@ -125,7 +131,7 @@ def _column(kind: int, i: int, j: int, n: int, nu: Array, nu_dot: Array, k: Arra
 
 @kernel
 def regressor(q: Array, nu: Array, nu_dot: Array) -> Array:
-    """Return Phi (6, 112) for one sample: attitude q (4,), velocity nu (6,), acceleration nu_dot (6,)."""
+    """Return Phi (6, 118) for one sample: attitude q (4,), velocity nu (6,), acceleration nu_dot (6,)."""
     out, w, k = np.zeros((6, N_UNKNOWNS)), np.empty(6), gravity_direction(q)
     n = 0
     for i in range(6):
@@ -142,4 +148,6 @@ def regressor(q: Array, nu: Array, nu_dot: Array) -> Array:
         n = _column(CONSTANT, i, 0, n, nu, nu_dot, k, w, out)
     for m in range(N_FORWARD):
         n = _column(FORWARD, FORWARD_ROWS[m], FORWARD_COLUMNS[m], n, nu, nu_dot, k, w, out)
+    for i in range(6):
+        n = _column(ASYMMETRY, i, i, n, nu, nu_dot, k, w, out)
     return out

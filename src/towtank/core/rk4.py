@@ -4,13 +4,13 @@ State (13): [x y z, qw qx qy qz, u v w p q r], position in NED [m], quaternion b
 water in body FRD [m/s, rad/s]. With a current v_c constant in NED the equations of motion hold unchanged in the
 relative velocity nu_r (Galilean invariance), so the current enters the kinematics alone:
 
-    M nu_r_dot = tau + tau_0 - C(nu_r) nu_r + L nu_r + Q |nu_r| nu_r + u_r (F nu_r) - g(eta)
+    M nu_r_dot = tau + tau_0 - C(nu_r) nu_r + L nu_r + Q |nu_r| nu_r + u_r (F nu_r) + A nu_r^2 - g(eta)
     p_dot = R v_r + v_c,   q_dot = q (0, omega) / 2
 
 Fossen (2021), sections 2.2, 6.1, 8.1; Kirchhoff's form of C(nu) nu in `towtank.core.inertia`.
 
-The forward-speed terms u (F nu) are added to the acceleration afterwards, where any of them is not zero: every other
-vehicle keeps its motion to the last bit, and pays one test a step.
+The terms even in the velocity, forward speed u (F nu) and asymmetric drag A nu^2, are added to the acceleration
+afterwards, where any is not zero: every other vehicle keeps its motion to the last bit, and pays one test a step.
 
 Runs are advanced in lanes: every array carries the run as its last axis and the innermost loop goes over it, so that
 the compiler turns several vehicles into one vector instruction. One vehicle is a lane of one: the same code.
@@ -25,6 +25,7 @@ import numpy as np
 
 from towtank.core.arrays import Array, inlined_kernel, kernel, parallel_kernel
 from towtank.core.layout import (
+    I_ASYMMETRY,
     I_CONSTANT,
     I_FORWARD,
     I_LINEAR,
@@ -33,14 +34,14 @@ from towtank.core.layout import (
     I_MOMENT,
     I_QUADRATIC,
     I_WEIGHT,
-    N_FORWARD,
+    N_EVEN,
     N_PARAMETERS,
 )
 
 __all__ = [
     "LANES",
     "N_STATES",
-    "has_forward_speed",
+    "has_even_terms",
     "is_coupled",
     "simulate_final",
     "simulate_run",
@@ -51,7 +52,7 @@ __all__ = [
 N_STATES = 13
 LANES = 16
 _M, _V, _L, _Q = I_MASS, I_MASS_INVERSE, I_LINEAR, I_QUADRATIC
-_W, _B, _0, _F = I_WEIGHT, I_MOMENT, I_CONSTANT, I_FORWARD
+_W, _B, _0, _F, _A = I_WEIGHT, I_MOMENT, I_CONSTANT, I_FORWARD, I_ASYMMETRY
 
 
 @inlined_kernel
@@ -59,35 +60,36 @@ def stage_into(p: Array, x: Array, tau: Array, current: Array, rate: Array, coup
     """Write the time derivative of the states `x` (13, lanes) into `rate` (13, lanes).
 
     Args:
-        p: kernel parameters (163, lanes), see `towtank.core.layout`.
+        p: kernel parameters (170, lanes), see `towtank.core.layout`.
         tau: wrench (6, lanes) [N, N m], body FRD.
         current: water velocity (3,) [m/s], NED.
         coupled: False where every matrix is diagonal (`is_coupled`), which takes half the time.
     """
     _base_stage_into(p, x, tau, current, rate, coupled)
-    if has_forward_speed(p):
-        _add_forward_speed_into(p, x, rate)
+    if has_even_terms(p):
+        _add_even_terms_into(p, x, rate)
 
 
 @kernel
-def _add_forward_speed_into(p: Array, x: Array, rate: Array) -> None:
-    """Add M^-1 u (F nu) at the states `x` (13, lanes) to the acceleration in `rate` (13, lanes)."""
+def _add_even_terms_into(p: Array, x: Array, rate: Array) -> None:
+    """Add M^-1 (u (F nu) + A nu^2) at the states `x` (13, lanes) to the acceleration in `rate` (13, lanes)."""
     for k in range(x.shape[1]):
         u, v, w, pp, q, r = x[7, k], x[8, k], x[9, k], x[10, k], x[11, k], x[12, k]
-        f1 = u * (p[_F, k] * v + p[_F + 1, k] * r)
-        f5 = u * (p[_F + 2, k] * v + p[_F + 3, k] * r)
-        f3 = u * p[_F + 4, k] * pp
-        f2 = u * (p[_F + 5, k] * w + p[_F + 6, k] * q)
-        f4 = u * (p[_F + 7, k] * w + p[_F + 8, k] * q)
+        f0 = p[_A, k] * u * u
+        f1 = u * (p[_F, k] * v + p[_F + 1, k] * r) + p[_A + 1, k] * v * v
+        f5 = u * (p[_F + 2, k] * v + p[_F + 3, k] * r) + p[_A + 5, k] * r * r
+        f3 = u * p[_F + 4, k] * pp + p[_A + 3, k] * pp * pp
+        f2 = u * (p[_F + 5, k] * w + p[_F + 6, k] * q) + p[_A + 2, k] * w * w
+        f4 = u * (p[_F + 7, k] * w + p[_F + 8, k] * q) + p[_A + 4, k] * q * q
         for i in range(6):
             row = _V + 6 * i
-            a = p[row + 1, k] * f1 + p[row + 2, k] * f2 + p[row + 3, k] * f3
-            rate[7 + i, k] += a + p[row + 4, k] * f4 + p[row + 5, k] * f5
+            a = p[row, k] * f0 + p[row + 1, k] * f1 + p[row + 2, k] * f2
+            rate[7 + i, k] += a + p[row + 3, k] * f3 + p[row + 4, k] * f4 + p[row + 5, k] * f5
 
 
 @inlined_kernel
 def _base_stage_into(p: Array, x: Array, tau: Array, current: Array, rate: Array, coupled: bool) -> None:
-    """As `stage_into`, without the forward-speed terms."""
+    """As `stage_into`, without the terms even in the velocity."""
     for k in range(x.shape[1]):
         qw, qx, qy, qz = x[3, k], x[4, k], x[5, k], x[6, k]
         u, v, w, pp, q, r = x[7, k], x[8, k], x[9, k], x[10, k], x[11, k], x[12, k]
@@ -191,7 +193,7 @@ def _base_stage_into(p: Array, x: Array, tau: Array, current: Array, rate: Array
 
 @kernel
 def is_coupled(p: Array) -> bool:
-    """Whether the mass or a damping matrix of any lane of `p` (163, lanes) has an element off its diagonal."""
+    """Whether the mass or a damping matrix of any lane of `p` (170, lanes) has an element off its diagonal."""
     for start in (_M, _L, _Q):
         for i in range(6):
             for j in range(6):
@@ -202,9 +204,9 @@ def is_coupled(p: Array) -> bool:
 
 
 @kernel
-def has_forward_speed(p: Array) -> bool:
-    """Whether any forward-speed derivative of any lane of `p` (163, lanes) is not zero."""
-    for n in range(N_FORWARD):
+def has_even_terms(p: Array) -> bool:
+    """Whether any forward-speed term or asymmetric drag of any lane of `p` (170, lanes) is not zero."""
+    for n in range(N_EVEN):
         for k in range(p.shape[1]):
             if p[_F + n, k] != 0.0:
                 return True
@@ -213,34 +215,34 @@ def has_forward_speed(p: Array) -> bool:
 
 @inlined_kernel
 def step_into(
-    p: Array, x: Array, tau: Array, current: Array, dt: float, work: Array, coupled: bool, forward: bool
+    p: Array, x: Array, tau: Array, current: Array, dt: float, work: Array, coupled: bool, even: bool
 ) -> None:
     """Advance the states `x` (13, lanes) by one step of `dt` seconds, in place.
 
     Args:
-        p: kernel parameters (163, lanes).
+        p: kernel parameters (170, lanes).
         tau: wrench (3, 6, lanes) at the start, the middle and the end of the step.
         current: water velocity (3,), NED.
         work: scratch (3, 13, lanes).
-        coupled: as `stage_into`. forward: whether there are forward-speed terms (`has_forward_speed`).
+        coupled: as `stage_into`. even: whether there are terms even in the velocity (`has_even_terms`).
     """
-    if forward:
-        _forward_step_into(p, x, tau, current, dt, work)
+    if even:
+        _even_step_into(p, x, tau, current, dt, work)
     else:
         _base_step_into(p, x, tau, current, dt, work, coupled, False)
 
 
 @kernel
-def _forward_step_into(p: Array, x: Array, tau: Array, current: Array, dt: float, work: Array) -> None:
-    """A step with forward-speed terms, out of line so that all other vehicles keep their short one."""
+def _even_step_into(p: Array, x: Array, tau: Array, current: Array, dt: float, work: Array) -> None:
+    """A step with terms even in the velocity, out of line so that all other vehicles keep their short one."""
     _base_step_into(p, x, tau, current, dt, work, True, True)
 
 
 @inlined_kernel
 def _base_step_into(
-    p: Array, x: Array, tau: Array, current: Array, dt: float, work: Array, coupled: bool, forward: bool
+    p: Array, x: Array, tau: Array, current: Array, dt: float, work: Array, coupled: bool, even: bool
 ) -> None:
-    """As `step_into`; forward: with the forward-speed terms."""
+    """As `step_into`; even: with the terms even in the velocity."""
     rate, trial, total = work[0], work[1], work[2]
     for i in range(N_STATES):
         for k in range(x.shape[1]):
@@ -251,8 +253,8 @@ def _base_step_into(
             _base_stage_into(p, trial, tau[(stage + 1) // 2], current, rate, True)
         else:
             _base_stage_into(p, trial, tau[(stage + 1) // 2], current, rate, False)
-        if forward:
-            _add_forward_speed_into(p, trial, rate)
+        if even:
+            _add_even_terms_into(p, trial, rate)
         weight = dt / 6.0 if stage == 0 or stage == 3 else dt / 3.0
         ahead = dt if stage == 2 else 0.5 * dt
         for i in range(N_STATES):
@@ -291,7 +293,7 @@ def simulate_run(p: Array, state0: Array, tau: Array, dt: float, current: Array)
     """Simulate one vehicle and keep every state.
 
     Args:
-        p: kernel parameters (163,).
+        p: kernel parameters (170,).
         state0: initial state (13,) with the ABSOLUTE velocity nu in its last six places.
         tau: wrench (n, s, 6): s = 1 held over each step; s = 3 at the start, the middle and the end of each step.
         dt: step [s].
@@ -311,7 +313,7 @@ def simulate_run(p: Array, state0: Array, tau: Array, dt: float, current: Array)
         x[j, 0] = state0[j]
     out = np.empty((n + 1, N_STATES))
     out[0] = state0
-    coupled, forward = is_coupled(parameters), has_forward_speed(parameters)
+    coupled, even = is_coupled(parameters), has_even_terms(parameters)
     still = current[0] == 0.0 and current[1] == 0.0 and current[2] == 0.0
     if not still:
         _add_current(x, 0, current, -1.0)
@@ -320,7 +322,7 @@ def simulate_run(p: Array, state0: Array, tau: Array, dt: float, current: Array)
             wrench[0, j, 0] = tau[i, 0, j]
             wrench[1, j, 0] = tau[i, s // 2, j]
             wrench[2, j, 0] = tau[i, s - 1, j]
-        step_into(parameters, x, wrench, current, dt, work, coupled, forward)
+        step_into(parameters, x, wrench, current, dt, work, coupled, even)
         for j in range(N_STATES):
             out[i + 1, j] = x[j, 0]
         if not still:
@@ -334,7 +336,7 @@ def simulate_final(p: Array, state0: Array, tau: Array, dt: float, current: Arra
     """Simulate many vehicles at once on all cores and keep the final states.
 
     Args:
-        p: kernel parameters (runs, 163).
+        p: kernel parameters (runs, 170).
         state0: initial states (runs, 13), absolute velocity in the last six places.
         tau: held wrench (runs, n, 6), or (1, n, 6) shared by all runs.
         dt: step [s].
@@ -359,7 +361,7 @@ def simulate_final(p: Array, state0: Array, tau: Array, dt: float, current: Arra
             for j in range(N_STATES):
                 x[j, k] = state0[run, j]
             _add_current(x, k, current, -1.0)
-        coupled, forward = is_coupled(parameters), has_forward_speed(parameters)
+        coupled, even = is_coupled(parameters), has_even_terms(parameters)
         for i in range(n):
             if tau.shape[0] == 1:
                 for j in range(6):
@@ -372,7 +374,7 @@ def simulate_final(p: Array, state0: Array, tau: Array, dt: float, current: Arra
                         wrench[0, j, k] = tau[run, i, j]
             wrench[1] = wrench[0]
             wrench[2] = wrench[0]
-            step_into(parameters, x, wrench, current, dt, work, coupled, forward)
+            step_into(parameters, x, wrench, current, dt, work, coupled, even)
         for k in range(LANES):
             if first + k < runs:
                 _add_current(x, k, current, 1.0)

@@ -52,7 +52,7 @@ def simulate_batch(
     """Simulate r runs in parallel, each over n steps of dt [s].
 
     Args:
-        vehicles: one vehicle for all runs, r vehicles, or kernel parameters (r, 163) (`Vehicle.parameters`).
+        vehicles: one vehicle for all runs, r vehicles, or kernel parameters (r, 170) (`Vehicle.parameters`).
         wrench: held X Y Z K M N [N, N m]: (n, 6) shared, or (r, n, 6).
         eta0, nu0: start, (6,) shared or (r, 6); default zero.
         current: velocity of the water (3,) [m/s], NED.
@@ -97,7 +97,7 @@ def simulate_batch(
 
 
 def _parameters(vehicles: Vehicle | Sequence[Vehicle] | ArrayLike) -> Array:
-    """Return kernel parameters (r, 163)."""
+    """Return kernel parameters (r, 170)."""
     if isinstance(vehicles, Vehicle):
         return np.array(vehicles.parameters)[None]
     if isinstance(vehicles, Sequence) and len(vehicles) and isinstance(vehicles[0], Vehicle):

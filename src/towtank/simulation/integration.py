@@ -11,7 +11,7 @@ import numpy as np
 
 from towtank.core.arrays import Array, kernel, parallel_kernel
 from towtank.core.layout import N_PARAMETERS
-from towtank.core.rk4 import LANES, N_STATES, has_forward_speed, is_coupled, step_into
+from towtank.core.rk4 import LANES, N_STATES, has_even_terms, is_coupled, step_into
 
 __all__ = ["relative_to_water", "simulate_all", "simulate_pieces"]
 
@@ -21,7 +21,7 @@ def simulate_pieces(p: Array, state0: Array, tau: Array, pieces: Array, current:
     """Simulate one vehicle in steps that are cut into pieces, each with a smooth wrench.
 
     Args:
-        p: kernel parameters (163,).
+        p: kernel parameters (170,).
         state0: initial state (13,).
         tau: wrench (n m, 3, 6) at the start, the middle and the end of each piece [N, N m], body FRD.
         pieces: lengths (m,) [s] of the pieces of every step.
@@ -41,10 +41,10 @@ def simulate_pieces(p: Array, state0: Array, tau: Array, pieces: Array, current:
     for j in range(N_STATES):
         x[j, 0] = state0[j]
         out[0, j] = state0[j]
-    coupled, forward = is_coupled(parameters), has_forward_speed(parameters)
+    coupled, even = is_coupled(parameters), has_even_terms(parameters)
     for i in range(n):
         for k in range(m):
-            step_into(parameters, x, tau[i * m + k].reshape(3, 6, 1), current, pieces[k], work, coupled, forward)
+            step_into(parameters, x, tau[i * m + k].reshape(3, 6, 1), current, pieces[k], work, coupled, even)
         for j in range(N_STATES):
             out[i + 1, j] = x[j, 0]
     return out
@@ -55,7 +55,7 @@ def simulate_all(p: Array, state0: Array, tau: Array, dt: float, current: Array)
     """Simulate many vehicles at once on all cores and keep every state.
 
     Args:
-        p: kernel parameters (runs, 163).
+        p: kernel parameters (runs, 170).
         state0: initial states (runs, 13).
         tau: held wrench (runs, n, 6), or (1, n, 6) shared by all runs.
         dt: step [s].
@@ -79,7 +79,7 @@ def simulate_all(p: Array, state0: Array, tau: Array, dt: float, current: Array)
                 parameters[j, k] = p[run, j]
             for j in range(N_STATES):
                 x[j, k] = state0[run, j]
-        coupled, forward = is_coupled(parameters), has_forward_speed(parameters)
+        coupled, even = is_coupled(parameters), has_even_terms(parameters)
         for i in range(n + 1):
             for k in range(min(LANES, runs - first)):
                 for j in range(N_STATES):
@@ -92,7 +92,7 @@ def simulate_all(p: Array, state0: Array, tau: Array, dt: float, current: Array)
                     wrench[0, j, k] = tau[run, i, j]
             wrench[1] = wrench[0]
             wrench[2] = wrench[0]
-            step_into(parameters, x, wrench, current, dt, work, coupled, forward)
+            step_into(parameters, x, wrench, current, dt, work, coupled, even)
     return out
 
 

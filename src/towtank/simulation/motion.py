@@ -39,7 +39,7 @@ class Motion:
         eta: x y z phi theta psi (n + 1, 6) [m, rad], angles without jumps. q: the same attitude (n + 1, 4).
         nu: velocity over ground (n + 1, 6) [m/s, rad/s], body FRD. nu_r: relative to the water (n + 1, 6).
         tau: total wrench on the body from each instant on (n + 1, 6) [N, N m]; last row: up to the end.
-        parameters: kernel vector (163,) of the vehicle. later: the vector from a step on, where the vehicle changes.
+        parameters: kernel vector (170,) of the vehicle. later: the vector from a step on, where the vehicle changes.
     """
 
     t: Array

@@ -20,6 +20,8 @@ __all__ = ["doubts", "faults"]
 _ROUNDING = 1e-9
 _LARGE_NET_WEIGHT = 0.05
 _FAR = 50.0
+_SPEED = 1.0  # m/s, rad/s, up to which asymmetric drag may not feed energy in
+_BEYOND_DOUBT = 3.0  # standard deviations
 _SAMPLES = 257
 _STALE = 5.0  # deviations that a coefficient may be from its posterior: limits of what is physical move it less
 
@@ -27,13 +29,20 @@ _STALE = 5.0  # deviations that a coefficient may be from its posterior: limits 
 def faults(vehicle: Vehicle) -> tuple[str, ...]:
     """Return what no physical vehicle has, one line each."""
     found = _mass(vehicle) + _added_mass(vehicle) + _damping(vehicle) + _lift(vehicle)
-    return tuple(found + _inertia(vehicle) + _righting(vehicle))
+    return tuple(found + _inflow(vehicle) + _inertia(vehicle) + _righting(vehicle))
 
 
 def doubts(vehicle: Vehicle) -> tuple[str, ...]:
     """Return what is possible and still deserves a look, one line each."""
-    found = _net_weight(vehicle) + _mirrors(vehicle) + _munk(vehicle) + _places(vehicle) + _curves(vehicle)
-    return tuple(found + _stale(vehicle))
+    return tuple(
+        _net_weight(vehicle)
+        + _mirrors(vehicle)
+        + _munk(vehicle)
+        + _asymmetry(vehicle)
+        + _places(vehicle)
+        + _curves(vehicle)
+        + _stale(vehicle)
+    )
 
 
 def _negative(matrix: Array) -> float | None:
@@ -106,6 +115,27 @@ def _munk(vehicle: Vehicle) -> list[str]:
                 f"{names} together can feed energy in while the vehicle goes ahead: if they hold parts of added mass"
                 " such as the Munk moment, take these out, they follow from the added mass already"
             )
+    return lines
+
+
+def _inflow(vehicle: Vehicle) -> list[str]:
+    value, std = vehicle.coefficient("inflow_loss"), vehicle.deviation("inflow_loss") or 0.0
+    if value >= -_BEYOND_DOUBT * std:
+        return []
+    return [f"inflow_loss = {value:+g} s/m is negative: thrusters that gain from inflow feed energy in"]
+
+
+def _asymmetry(vehicle: Vehicle) -> list[str]:
+    """Say where drag feeds energy in one way: |X_u2| above the quadratic drag and the linear one's share of it."""
+    linear, quadratic = matrices.damping_matrices(_values(vehicle))
+    lines = []
+    for i in range(6):
+        name = f"{ROWS[i]}_{COLUMNS[i]}2"
+        value = vehicle.coefficient(name)
+        drag = max(-quadratic[i, i], 0.0) + max(-linear[i, i], 0.0) / _SPEED
+        if abs(value) > drag * (1.0 + _ROUNDING):
+            motion = f"{COLUMNS[i]} = {np.copysign(_SPEED, value):+g} {'m/s' if i < 3 else 'rad/s'}"
+            lines.append(f"{name} = {value:+g} outweighs the drag of its axis: at {motion} it feeds energy in")
     return lines
 
 

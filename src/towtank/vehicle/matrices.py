@@ -82,7 +82,7 @@ def forward_speed_matrix(values: Mapping[str, float]) -> Array:
 
 
 def parameters(mass: Array, values: Mapping[str, float], weight: float, moment: Array) -> Array:
-    """Return the kernels' vector (163,): the total mass matrix (6, 6), and every other coefficient in its place.
+    """Return the kernels' vector (170,): the total mass matrix (6, 6), and every other coefficient in its place.
 
     Args:
         weight: W - B [N]. moment: BG_x, BG_y, BG_z (3,) [N m/rad].

@@ -2,9 +2,10 @@
 
 Rows are forces and moments X Y Z K M N, columns velocities u v w p q r. `X_udot` is added mass (M_A = -X_udot),
 `X_u` linear and `X_uu` quadratic damping (force X_u u and X_uu |u| u), `X_0` a constant force fixed in the body (the
-asymmetry of hull and thrusters, a tether), `Y_uv` a forward-speed term (force Y_uv u v, lift of hull and wings). Beside
-them stand the restoring quantities `W_minus_B` and `BG_x`, `BG_y`, `BG_z` = r_G W - r_B B, of which `BG_z` = z_G W -
-z_B B rights the vehicle.
+asymmetry of hull and thrusters, a tether), `Y_uv` a forward-speed term (force Y_uv u v, lift of hull and wings), `X_u2`
+asymmetric drag (force X_u2 u^2, by which drag differs ahead and astern). `inflow_loss` is the share of its thrust that
+a thruster loses per m/s of water that meets it. Beside them stand the restoring quantities `W_minus_B` and `BG_x`,
+`BG_y`, `BG_z` = r_G W - r_B B, of which `BG_z` = z_G W - z_B B rights the vehicle.
 
 All of it is one table, a row per kind of coefficient; what an estimator needs of a kind besides stands in
 `towtank.identification.model.terms`, its forces in `towtank.core`.
@@ -39,7 +40,7 @@ __all__ = [
 ROWS = "XYZKMN"
 COLUMNS = "uvwpqr"
 RESTORING = ("W_minus_B", "BG_x", "BG_y", "BG_z")
-Kind = Literal["mass", "linear", "quadratic", "constant", "weight", "moment", "forward"]
+Kind = Literal["mass", "linear", "quadratic", "constant", "weight", "moment", "forward", "asymmetric", "inflow"]
 _AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 _ALL = tuple((i, j) for i in range(6) for j in range(6))
 _FORWARD = tuple(zip(layout.FORWARD_ROWS, layout.FORWARD_COLUMNS, strict=True))
@@ -150,10 +151,34 @@ KINDS: dict[Kind, KindOfCoefficient] = {
         lambda i, j: f"forward-speed term: {_force(i)} per u {COLUMNS[j]}",
         lambda i, j: f"{_force(i)} per u {COLUMNS[j]}",
     ),
+    "asymmetric": KindOfCoefficient(
+        layout.ASYMMETRY,
+        tuple((i, i) for i in range(6)),
+        lambda i, j: f"{ROWS[i]}_{COLUMNS[j]}2",
+        (("kg/m", "kg/m"), ("kg m^2/rad^2", "kg m^2/rad^2")),
+        lambda i, j: f"asymmetric drag: {_force(i)} per {COLUMNS[j]}^2, of the same sign either way",
+        lambda i, _: f"{_AXES[i]} asymmetric drag",
+    ),
+    "inflow": KindOfCoefficient(
+        layout.INFLOW,
+        ((0, 0),),
+        lambda *_: "inflow_loss",
+        (("s/m", "s/m"), ("s/m", "s/m")),
+        lambda *_: "loss of thrust with inflow",
+        lambda *_: "loss of thrust with inflow",
+    ),
 }
 _INDEX: dict[str, tuple[Kind, int, int]] = {
     KINDS[kind].name(i, j): (kind, i, j)
-    for kinds in (("mass", "linear", "quadratic"), ("constant",), ("weight",), ("moment",), ("forward",))
+    for kinds in (
+        ("mass", "linear", "quadratic"),
+        ("constant",),
+        ("weight",),
+        ("moment",),
+        ("forward",),
+        ("asymmetric",),
+        ("inflow",),
+    )
     for i, j in KINDS[kinds[0]].elements
     for kind in kinds
 }

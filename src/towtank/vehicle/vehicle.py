@@ -182,7 +182,7 @@ class Vehicle(Record):
 
     @cached_property
     def parameters(self) -> Array:
-        """The kernels' vector (163,), read-only; see `towtank.core.layout`.
+        """The kernels' vector (170,), read-only; see `towtank.core.layout`.
 
         Raises:
             InputError: the total mass matrix is singular.

@@ -14,6 +14,8 @@ from typing import NamedTuple
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import quaternion_from_euler
+from towtank.core.forces import add_inflow_damping_into
+from towtank.core.layout import I_INFLOW, I_LINEAR
 from towtank.core.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
 from towtank.identification.data.samples import Samples
 from towtank.identification.kalman.state import INFORMATION_MEMORY, KNOWN_STD, JointState
@@ -244,6 +246,26 @@ def _choose_active(state: JointState, h: float) -> None:
 
 
 @kernel
+def _with_inflow(state: JointState) -> None:
+    """Add to the linear damping what the thrusters lose by the water through them, at the last step's forces."""
+    if state.p[I_INFLOW] != 0.0:
+        _without_inflow(state)
+        state.linear[0] = 1.0
+        for i in range(36):
+            state.linear[1 + i] = state.p[I_LINEAR + i]
+        add_inflow_damping_into(state.B, state.mean_force[0], state.p[I_INFLOW], state.p)
+
+
+@kernel
+def _without_inflow(state: JointState) -> None:
+    """Take back what `_with_inflow` has added."""
+    if state.linear[0] > 0.0:
+        for i in range(36):
+            state.p[I_LINEAR + i] = state.linear[1 + i]
+        state.linear[0] = 0.0
+
+
+@kernel
 def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
     """Advance the filter to the time t [s]; return whether the inputs are known."""
     clock = state.clock[0]
@@ -261,6 +283,7 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
         input_wrench_into(state)
         for i in range(6):
             total[i] = mean * state.force[i]
+        _with_inflow(state)
         step_and_linearise(
             state.p,
             state.x,
@@ -421,9 +444,11 @@ def joint_step(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> bo
             update_row(state, z)
         return False
     if not predict(state, held, t):
+        _without_inflow(state)
         clock.started = 0.0
         return False
     update_row(state, z)
+    _without_inflow(state)
     if state.settings[0].relinearise > 0.0 and wants_relinearisation(state):
         relinearise(state, held)
     clock.rows += 1.0

@@ -62,7 +62,7 @@ class FilterProblem:
     """What passes of the filter are about.
 
     Attributes:
-        samples: of each recording. p: kernel parameters (163,) for all that is fixed. free: the coefficients.
+        samples: of each recording. p: kernel parameters (170,) for all that is fixed. free: the coefficients.
         deviation: how wide a pass starts about its linearisation point (n,), see `prior_deviation`.
         prior: mean (n,) and information (n, n) known beforehand. delay: of the inputs [s] where it is not free.
         own_noise: noise (18,) that the samples show by themselves, by default that of the levels to begin with.

@@ -75,7 +75,16 @@ def _fields(*names: str, **shapes: tuple[int, ...]) -> np.dtype[Any]:
 CLOCK = _fields("time", "started", "log_likelihood", "rows", "duration", "resets", "since_accepted")
 SETTINGS = _fields(
     *("time_constant", "gate", "huber", "reacquire", "gap", "step", "adapt", "floor_force", "floor_moment"),
-    *("current_walk", "bias_walk", "biases", "waves", "wave_frequency", "wave_decay", "relinearise", "considered_share"),
+    *(
+        "current_walk",
+        "bias_walk",
+        "biases",
+        "waves",
+        "wave_frequency",
+        "wave_decay",
+        "relinearise",
+        "considered_share",
+    ),
     attitude_bias=(3,),
 )
 STATISTICS = _fields(
@@ -164,7 +173,8 @@ class JointState(NamedTuple):
     rate: Array  # (6,) acceleration over the last step [m/s^2, rad/s^2]
     latency: NDArray[np.int64]  # (6,) which coefficient is the latency of each sensor, -1 where it is known
     P: Array  # (N, N)
-    p: Array  # (163,) kernel parameters at the linearisation point
+    p: Array  # (170,) kernel parameters at the linearisation point
+    linear: Array  # (37,) whether `p` has losses by inflow now, and its linear damping without them
     codes: Codes  # (n, 4)
     linearised_at: Array  # (n,) theta that the motion is linearised about; `p` and the inputs have these values
     information_time: Array  # (n,) time over which theta has learned [s]
@@ -220,7 +230,7 @@ def new_joint_state(
     """Return a filter that has seen nothing.
 
     Args:
-        p: kernel parameters (163,) for all that is not free.
+        p: kernel parameters (170,) for all that is not free.
         theta, deviation: start values and their deviations (n,), or a covariance (n, n) in place of the deviations.
         B: wrench of each unit input (6, m).
         linearised_at: what the motion is linearised about (n,), by default the start values.
@@ -260,6 +270,7 @@ def new_joint_state(
         latency=_latency_columns(free.codes),
         P=P,
         p=kernel,
+        linear=np.zeros(37),
         codes=np.ascontiguousarray(free.codes),
         linearised_at=about,
         information_time=np.zeros(n),

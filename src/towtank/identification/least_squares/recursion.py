@@ -20,11 +20,12 @@ import math
 import numpy as np
 
 from towtank.core.arrays import Array, inlined_kernel, kernel
-from towtank.core.forces import add_forward_speed_force_into
+from towtank.core.forces import add_even_force_into
 from towtank.core.inertia import bilinear_coriolis_into
 from towtank.core.layout import (
     FORWARD_COLUMNS,
     FORWARD_ROWS,
+    I_ASYMMETRY,
     I_CONSTANT,
     I_FORWARD,
     I_LINEAR,
@@ -60,14 +61,14 @@ _FASTEST = 20.0  # m/s or rad/s, of a simulated instrument
 
 @inlined_kernel
 def _state_force_into(p: Array, mass: Array, nu: Array, k: Array, out: Array) -> None:
-    """Write -C(nu) nu + off-diagonal damping + forward-speed terms + restoring terms without a column, (6,)."""
+    """Write -C(nu) nu + off-diagonal damping + terms even in nu + restoring terms without a column, (6,)."""
     bilinear_coriolis_into(mass, nu, nu, out)
     for i in range(6):
         out[i] = -out[i]
         for j in range(6):
             if j != i:
                 out[i] += (p[I_LINEAR + 6 * i + j] + p[I_QUADRATIC + 6 * i + j] * math.fabs(nu[j])) * nu[j]
-    add_forward_speed_force_into(p, nu, 1.0, out)
+    add_even_force_into(p, nu, 1.0, out)
     out[0] += p[I_WEIGHT] * k[0]
     out[1] += p[I_WEIGHT] * k[1]
     out[2] += p[I_CONSTANT + 2]
@@ -92,6 +93,8 @@ def _state_force_slope_into(
     for n in range(N_FORWARD):
         c = FORWARD_COLUMNS[n]
         out[FORWARD_ROWS[n]] += p[I_FORWARD + n] * (nu[0] * nu_dot[c] + nu_dot[0] * nu[c])
+    for i in range(6):
+        out[i] += 2.0 * p[I_ASYMMETRY + i] * nu[i] * nu_dot[i]
     out[0] += p[I_WEIGHT] * k_dot[0]
     out[1] += p[I_WEIGHT] * k_dot[1]
     out[3] += p[I_MOMENT + 1] * k_dot[2]
@@ -128,7 +131,7 @@ def axis_increments_into(
     """Write the increments of all axes over one interval into `out` (6, 6), a row an axis.
 
     Args:
-        p: kernel parameters (163,) as known so far.
+        p: kernel parameters (170,) as known so far.
         nu: velocity (2, 6) at the start and the end of the interval, 0 where not measured.
         k: gravity direction (2, 3) there.
         wrench: integral of the wrench over the interval (6,).

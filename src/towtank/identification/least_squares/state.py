@@ -88,7 +88,7 @@ class PaperState(NamedTuple):
     """Everything the recursion remembers; arrays are changed in place."""
 
     settings: RecursionSettings
-    p: Array  # (163,) the vehicle as known so far
+    p: Array  # (170,) the vehicle as known so far
     free: Array  # (6, 5) 1 where a column's coefficient (linear, quadratic, restoring, constant, mass) is free
     known: Array  # (6, 5) its value where it is fixed
     shape: Array  # (6, m) configuration matrix: wrench of each input's force

@@ -10,6 +10,7 @@ cube of water of its mass, a_i = 1.7 sqrt(I_i/m) the arm of hull and fins, W = m
     quadratic damping    -g +- 2 g, g = rho L^2, rotation rho L^2 a_i^3
     linear damping       -l +- 2 l, l = 0.1 rho L^2 (1 m/s), rotation 0.1 rho L^2 a_i^2; couplings 0 +- sqrt(l_i l_j)
     drag ahead, astern   0 +- 0.3 of the quadratic damping
+    thrust, inflow       0.05 +- 0.15 of the thrust lost per m/s of water through the thruster
     net weight, BG       0 +- 0.01 W; BG_z 0.02 W L +- 0.1 W L, BG_x and BG_y 0 +- 0.02 W L
     constant wrench      0 +- 0.005 m/s^2 m, 0.01 rad/s^2 I_i
     inputs               delay 0.08 +- 0.06 s, lag 0.1 s and a factor of exp(0.8), gains 1 +- 8 %
@@ -22,7 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -37,7 +38,7 @@ from towtank.identification.model.parameters import (
 )
 from towtank.vehicle import COEFFICIENTS, Vehicle
 from towtank.vehicle.matrices import GRAVITY
-from towtank.vehicle.names import COLUMNS, FORWARD_SPEED, ROWS
+from towtank.vehicle.names import COLUMNS, ROWS
 
 __all__ = ["Belief", "belief"]
 
@@ -52,7 +53,8 @@ _CONSTANT = (0.005, 0.01)  # m/s^2, rad/s^2
 _ASYMMETRY_STD = 0.3  # of the quadratic damping
 _STATED = 0.5  # deviation of what the file states without one, as a share of it
 _DELAY, _LAG, _LAG_STD, _GAIN_STD = (0.08, 0.06), 0.1, 0.8, 0.08
-_LATENCY = (0.05, 0.1)
+_LATENCY = (0.05, 0.1)  # s
+_INFLOW = (0.05, 0.15)  # s/m
 _INERTIAS = ((0, 2), (0, 4), (2, 4), (1, 3), (1, 5), (3, 5))  # couplings of a body that is the same to both sides
 _DAMPINGS = ((1, 5), (5, 1), (2, 4), (4, 2), (1, 3), (3, 1), (0, 4), (4, 0))
 
@@ -110,8 +112,8 @@ class _Body:
         self.quadratic = area * arm**3
         self.linear = 0.1 * area * arm**2
 
-    def lines(self) -> dict[str, Line]:
-        """Return the line of every plausible unknown."""
+    def lines(self, *, commands: bool) -> dict[str, Line]:
+        """Return the line of every plausible coefficient."""
         out: dict[str, Line] = {}
         for i in range(6):
             row, column = ROWS[i], COLUMNS[i]
@@ -129,6 +131,11 @@ class _Body:
         for i, j in _DAMPINGS:
             std = math.sqrt(self.linear[i] * self.linear[j])
             out[f"{ROWS[i]}_{COLUMNS[j]}"] = Line(0.0, std, "a hull that is the same to port and starboard")
+        for i in range(6):
+            std = _ASYMMETRY_STD * self.quadratic[i]
+            out[f"{ROWS[i]}_{COLUMNS[i]}2"] = Line(0.0, std, "drag that differs one way and the other")
+        if self.vehicle.thrusters and commands:
+            out["inflow_loss"] = Line(*_INFLOW, "propellers as they usually are")
         out["W_minus_B"] = Line(0.0, _NET_WEIGHT * self.weight, "a vehicle trimmed to 1 % of its weight")
         arm = self.weight * self.length
         out["BG_z"] = Line(_RIGHTING * arm, _RIGHTING_STD * arm, "weight and displaced volume")
@@ -158,7 +165,7 @@ def belief(
     Raises:
         InputError: an unknown name.
     """
-    lines = {name: _stated(vehicle, name, line) for name, line in _Body(vehicle).lines().items()}
+    lines = {name: _stated(vehicle, name, line) for name, line in _Body(vehicle).lines(commands=commands).items()}
     for name in vehicle.hydrodynamics:
         if name not in lines and not _mirrored(name, lines):
             lines[name] = _stated(vehicle, name, Line(0.0, 0.0, ""))

@@ -5,7 +5,8 @@ With x the state and everything taken at the middle of the step,
 
     d p_dot  = R dv - R [v]x e + d v_c
     d e_dot  = -[omega]x e + d omega
-    d nu_dot = M^-1 { (L + 2 Q |nu| + d(u F nu - C(nu) nu)/d nu) d nu + [W - B; S(b)] ([k]x e) - sum Phi_j d c_j } + d a
+    d nu_dot = M^-1 { D d nu + [W - B; S(b)] ([k]x e) - sum Phi_j d c_j } + d a
+    D        = L + 2 Q |nu| + 2 A nu + d(u F nu - C(nu) nu)/d nu
 
 C(nu) nu is bilinear, so its derivative is C(dnu) nu + C(nu) dnu in Kirchhoff's form; Phi is the regressor of (8),
 Phi c = tau along the motion, whence the last term. The disturbance a is an acceleration: one that is stated in newtons
@@ -18,11 +19,20 @@ from __future__ import annotations
 import math
 
 from towtank.core.arrays import Array, kernel
-from towtank.core.forces import add_forward_speed_slope_into
+from towtank.core.forces import add_even_slope_into
 from towtank.core.inertia import bilinear_coriolis_into
-from towtank.core.layout import I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT, N_KINDS
+from towtank.core.layout import (
+    I_LINEAR,
+    I_MASS,
+    I_MASS_INVERSE,
+    I_MOMENT,
+    I_QUADRATIC,
+    I_WEIGHT,
+    INFLOW,
+    N_KINDS,
+)
 from towtank.core.regressor import unit_wrench_into
-from towtank.core.rk4 import N_STATES, has_forward_speed, stage_into, step_into
+from towtank.core.rk4 import N_STATES, has_even_terms, stage_into, step_into
 from towtank.identification.model.terms import (
     IN_DELAY,
     IN_GAIN,
@@ -66,6 +76,24 @@ def _by_mass(p: Array, A: Array, column: int, w: Array) -> None:
 
 
 @kernel
+def inflow_wrench_into(B: Array, forces: Array, nu: Array, out: Array) -> None:
+    """Write the wrench (6,) per unit of loss of thrust with inflow, -sum |T_j| b_j (b_j . nu), into `out`.
+
+    Args:
+        B: wrench of each unit force (6, m). forces: thrust (m,) [N]. nu: velocity through the water (6,).
+    """
+    for i in range(6):
+        out[i] = 0.0
+    for j in range(forces.shape[0]):
+        along = 0.0
+        for i in range(6):
+            along += B[i, j] * nu[i]
+        along *= math.fabs(forces[j])
+        for i in range(6):
+            out[i] -= B[i, j] * along
+
+
+@kernel
 def linearise_into(
     p: Array,
     x: Array,
@@ -82,7 +110,7 @@ def linearise_into(
     `rate` (13,) is its derivative by the forces that the model knows, without the disturbance.
 
     Args:
-        p: kernel parameters (163,), theta (n,) already put in.
+        p: kernel parameters (170,), theta (n,) already put in.
         shape: wrench of each unit input (6, m).
         pushed: (3, m) of each input over the step: mean force, d mean / d delay, d mean / d ln lag.
         w: scratch (2, 6).
@@ -124,7 +152,7 @@ def linearise_into(
 
     # Velocity.
     mass = p[I_MASS:I_MASS_INVERSE].reshape(6, 6)
-    forward = has_forward_speed(p.reshape(p.shape[0], 1))
+    even = has_even_terms(p.reshape(p.shape[0], 1))
     unit = w[1]
     for j in range(6):
         for i in range(6):
@@ -138,8 +166,8 @@ def linearise_into(
         for i in range(6):
             c = p[I_LINEAR + 6 * i + j] + p[I_QUADRATIC + 6 * i + j] * size
             w[0, i] = c - w[0, i] + A[6 + i, _DIST + i]
-        if forward:
-            add_forward_speed_slope_into(p, nu, j, w[0])
+        if even:
+            add_even_slope_into(p, nu, j, w[0])
         _by_mass(p, A, 6 + j, w[0])
     for i in range(6):
         for j in range(6):
@@ -150,7 +178,9 @@ def linearise_into(
     gravity[0], gravity[1], gravity[2] = k0, k1, k2
     for c in range(n):
         kind, i, j, transform = codes[c, 0], codes[c, 1], codes[c, 2], codes[c, 3]
-        if kind < N_KINDS:
+        if kind == INFLOW:
+            inflow_wrench_into(shape, pushed[0], nu, w[0])
+        elif kind < N_KINDS:
             unit_wrench_into(kind, i, j, nu, nu_dot, gravity, w[0])
         elif kind == IN_GAIN:
             for m in range(6):
@@ -213,11 +243,11 @@ def step_and_linearise(
         wrench[2, j, 0] = total
     for i in range(N_STATES):
         middle[i, 0] = x[i]
-    forward = has_forward_speed(parameters)
+    even = has_even_terms(parameters)
     if coupled:
-        step_into(parameters, lane, wrench, current, h, work[:3], True, forward)
+        step_into(parameters, lane, wrench, current, h, work[:3], True, even)
     else:
-        step_into(parameters, lane, wrench, current, h, work[:3], False, forward)
+        step_into(parameters, lane, wrench, current, h, work[:3], False, even)
     for i in range(N_STATES):
         middle[i, 0] = 0.5 * (middle[i, 0] + x[i])
     stage_into(parameters, middle, wrench[0], current, rate, True)

@@ -137,9 +137,7 @@ def residual_of(z: Array, x: Array, current: Array, bias: Array, sensor: int, k:
 
 
 @kernel
-def measurement_row_into(
-    x: Array, current: Array, flows: bool, sensor: int, k: int, whole: bool, h: Array
-) -> None:
+def measurement_row_into(x: Array, current: Array, flows: bool, sensor: int, k: int, whole: bool, h: Array) -> None:
     """Write H of number k of a sensor (not of specific force) into `h` (N,), which is zero before; `flows`: there may
     be a current."""
     unit = unit_error(sensor, k, whole)

@@ -202,7 +202,7 @@ def _code(name: str, thrusters: Sequence[str]) -> tuple[int, int, int, int]:
 
 @kernel
 def invert_mass(p: Array, work: Array) -> bool:
-    """Write the inverse of the symmetric positive definite mass matrix in `p` (163,) beside it, by Cholesky.
+    """Write the inverse of the symmetric positive definite mass matrix in `p` (170,) beside it, by Cholesky.
 
     False, and the inverse unchanged, where the matrix is not positive definite. work: (6, 6).
     """
@@ -234,7 +234,7 @@ def invert_mass(p: Array, work: Array) -> bool:
 
 @kernel
 def put_parameters(p: Array, codes: Codes, theta: Array, work: Array) -> bool:
-    """Write the coefficients of theta (n,) into `p` (163,); False where the mass matrix is not positive definite."""
+    """Write the coefficients of theta (n,) into `p` (170,); False where the mass matrix is not positive definite."""
     masses = False
     for k in range(theta.shape[0]):
         kind, i, j, transform = codes[k, 0], codes[k, 1], codes[k, 2], codes[k, 3]

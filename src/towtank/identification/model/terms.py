@@ -27,7 +27,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
-from towtank.core.layout import CONSTANT, FORWARD, LINEAR, MASS, MOMENT, N_KINDS, QUADRATIC, WEIGHT
+from towtank.core.layout import (
+    ASYMMETRY,
+    CONSTANT,
+    FORWARD,
+    INFLOW,
+    LINEAR,
+    MASS,
+    MOMENT,
+    N_KINDS,
+    QUADRATIC,
+    WEIGHT,
+)
 from towtank.errors import InputError, nearest
 from towtank.vehicle import Vehicle
 from towtank.vehicle.names import KINDS
@@ -63,6 +74,7 @@ _GRAVITY = 9.81  # m/s^2
 DISTURBANCE = (0.006,) * 3 + (0.015,) * 3  # m/s^2, rad/s^2: what one does to a vehicle, to begin with
 _LINEAR_SPEED = (0.3, 0.5)  # m/s, rad/s at which a guessed linear damping equals the quadratic one
 _ARM = 1.7  # times the gyradius: where the force of a hull that turns acts
+_INFLOW_LOSS = 0.3  # s/m: thrust gone at 3 m/s
 
 C_LINEAR, C_QUADRATIC, C_RESTORING, C_CONSTANT, C_FORCE, C_LHS = range(6)
 C_MASS = C_FORCE  # among an axis' coefficients, the inertia has the place of the force among its columns
@@ -210,6 +222,26 @@ TERMS: dict[int, Term] = {
         noun="forward-speed term",
         apart="stretches at several speeds ahead would tell them apart",
     ),
+    ASYMMETRY: Term(
+        UNTRANSFORMED,  # whichever way has more drag
+        lambda body, i, _: 0.5 * damping_guess(body, QUADRATIC, i),
+        lambda i, j: ("coupling", i, j),
+        "drag",
+        size_step=0.5,
+        by_motion=True,
+        given=True,
+        noun="asymmetric drag",
+        apart="motion both ways along this axis would tell them apart",
+    ),
+    INFLOW: Term(
+        UNTRANSFORMED,  # what data say of one that is nearly nothing may be below it
+        lambda *_: _INFLOW_LOSS,
+        lambda *_: ("coupling", -1, -1),
+        "drag",
+        size_step=0.5,
+        noun="loss of thrust with inflow",
+        apart="the same thrust at several speeds would tell them apart",
+    ),
 }
 
 
@@ -296,8 +328,8 @@ def candidates(vehicle: Vehicle, free: Collection[str] | None = None) -> tuple[C
         if name not in names:
             raise InputError(
                 f'free: found "{name}", expected one of {", ".join(names)}{nearest(name, names)} '
-                "(the paper's method takes one axis at a time and keeps off-diagonal and forward-speed "
-                "coefficients at the vehicle's values; methods joint and output-error learn them)"
+                "(the paper's method takes one axis at a time and keeps off-diagonal, forward-speed "
+                "and asymmetric coefficients at the vehicle's values; methods joint and output-error learn them)"
             )
     found = []
     for axis in AXES:

@@ -48,7 +48,7 @@ class CandidateModel:
 
     @property
     def parameters(self) -> Array:
-        """Parameters of the vehicle's kernels (163,)."""
+        """Parameters of the vehicle's kernels (170,)."""
         return np.array(self.vehicle.parameters)
 
 

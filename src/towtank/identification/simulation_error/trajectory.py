@@ -25,7 +25,7 @@ import numpy as np
 
 from towtank.core.arrays import Array, inlined_kernel, kernel
 from towtank.core.layout import N_PARAMETERS
-from towtank.core.rk4 import N_STATES, has_forward_speed, is_coupled, stage_into, step_into
+from towtank.core.rk4 import N_STATES, has_even_terms, is_coupled, stage_into, step_into
 from towtank.core.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
 from towtank.identification.data.samples import N_MEASURED
 from towtank.identification.model.linearisation import linearise_into
@@ -153,7 +153,7 @@ class Workspace(NamedTuple):
     E: Array  # (12, c)
     A: Array  # (12, 21 + n)
     J: Array  # (3, c)
-    p: Array  # (163,)
+    p: Array  # (170,)
     x: Array  # (13,) state
     middle: Array  # (13,) state at the middle of a step
     rate: Array  # (13,) derivative of the state
@@ -220,7 +220,7 @@ def free_run_into(
     """Run all segments and add up their normal equations; False where the coefficients or the motion are impossible.
 
     Args:
-        parameters: of the vehicle's kernels (163,); theta is put into a copy.
+        parameters: of the vehicle's kernels (170,); theta is put into a copy.
         hold: an empty one with the nominal lags and delay; changed.
         scale: of the residuals of each column (18,), in standard deviations of the noise.
         gated: whether far residuals are left out altogether.
@@ -251,7 +251,7 @@ def free_run_into(
             hold.lag[:] = math.exp(theta[c])
         elif codes[c, 0] == IN_GAIN:
             gain[codes[c, 1]] = math.exp(theta[c])
-    forward = has_forward_speed(p_lane)
+    even = has_even_terms(p_lane)
     coupled, lagless, clock = is_coupled(p_lane), not (hold.lag > 0.0).any(), hold.clock
     k, n = estimated.shape[0], theta.shape[0]
     weighing, room = Weighing(run.noise, scale, gated), RowSpace(current, space.bias, space.h)
@@ -289,9 +289,9 @@ def free_run_into(
                 for j in range(N_STATES):
                     middle[j] = x[j]
                 if coupled:
-                    step_into(p_lane, x_lane, wrench_lane, current, h, work, True, forward)
+                    step_into(p_lane, x_lane, wrench_lane, current, h, work, True, even)
                 else:
-                    step_into(p_lane, x_lane, wrench_lane, current, h, work, False, forward)
+                    step_into(p_lane, x_lane, wrench_lane, current, h, work, False, even)
                 if half_way and steady:
                     half_way = False  # the second step of a pair
                     _advance_into(S, D, E, h, 1.5 * h * h, moving)
