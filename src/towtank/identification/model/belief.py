@@ -2,15 +2,15 @@
 
 Nothing is chosen: every coefficient that a body of this kind may have is free, with a mean and a deviation. The data
 narrow them. Where the file has a value, that is the mean, with its deviation, or half of it where none is stated. Where
-it is silent, the size of the body says what is plausible. With m and I_i the rigid body, L = (m/rho)^(1/3) the edge of a
-cube of water of its mass, a_i = 1.7 sqrt(I_i/m) the arm of hull and fins, W = m g:
+it is silent, the size of the body says what is plausible. With m and I_i the rigid body, L = (m/rho)^(1/3) the edge of
+a cube of water of its mass, a_i = 1.7 sqrt(I_i/m) the arm of hull and fins, W = m g:
 
     total inertia        1.7 m, 1.6 I_i, a factor of exp(0.5) either way
     its couplings        0 +- 0.24 sqrt(M_i M_j), of a body that is the same to port and starboard
     quadratic damping    -g +- 2 g, g = rho L^2, rotation rho L^2 a_i^3
     linear damping       -l +- 2 l, l = 0.1 rho L^2 (1 m/s), rotation 0.1 rho L^2 a_i^2; couplings 0 +- sqrt(l_i l_j)
     drag ahead, astern   0 +- 0.3 of the quadratic damping
-    thrust, inflow       0.05 +- 0.15 of the thrust lost per m/s of water through the thruster
+    thrust, inflow       0 +- 0.2 of the thrust lost per m/s of water through the thruster
     net weight, BG       0 +- 0.01 W; BG_z 0.02 W L +- 0.1 W L, BG_x and BG_y 0 +- 0.02 W L
     constant wrench      0 +- 0.005 m/s^2 m, 0.01 rad/s^2 I_i
     inputs               delay 0.08 +- 0.06 s, lag 0.1 s and a factor of exp(0.8), gains 1 +- 8 %
@@ -28,7 +28,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.errors import InputError, nearest
 from towtank.identification.model.parameters import (
     DELAY,
     GAIN_PREFIX,
@@ -39,6 +38,8 @@ from towtank.identification.model.parameters import (
 from towtank.vehicle import COEFFICIENTS, Vehicle
 from towtank.vehicle.matrices import GRAVITY
 from towtank.vehicle.names import COLUMNS, ROWS
+from towtank.vehicle.posterior import Posterior
+from towtank.vehicle.thrusters.curves import is_of_unit_scale
 
 __all__ = ["Belief", "belief"]
 
@@ -54,19 +55,28 @@ _ASYMMETRY_STD = 0.3  # of the quadratic damping
 _STATED = 0.5  # deviation of what the file states without one, as a share of it
 _DELAY, _LAG, _LAG_STD, _GAIN_STD = (0.08, 0.06), 0.1, 0.8, 0.08
 _LATENCY = (0.05, 0.1)  # s
-_INFLOW = (0.05, 0.15)  # s/m
+_INFLOW = (0.0, 0.2)  # s/m
+_NO_SCALE = 1.0  # deviation of the logarithm of a scale of force that nobody measured
 _INERTIAS = ((0, 2), (0, 4), (2, 4), (1, 3), (1, 5), (3, 5))  # couplings of a body that is the same to both sides
+_OTHER_DAMPING = {f"{r}_{c}": f"{r}_{c * 2}" for r, c in zip(ROWS, COLUMNS, strict=True)}
+_OTHER_DAMPING |= {quadratic: linear for linear, quadratic in _OTHER_DAMPING.items()}
 _DAMPINGS = ((1, 5), (5, 1), (2, 4), (4, 2), (1, 3), (3, 1), (0, 4), (4, 0))
 
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """Means (n,) and covariance (n, n) of all unknowns, in the coordinates of `free`, and where each comes from."""
+    """What is supposed of all unknowns.
+
+    Attributes:
+        mean, covariance: (n,), (n, n) in the coordinates of `free`. sources: where each comes from.
+        reference: deviations (n,) before any data were seen at all; a learned file knows more than that.
+    """
 
     free: FreeParameters
     mean: Array
     covariance: Array
     sources: tuple[str, ...]
+    reference: Array
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -86,7 +96,14 @@ class Belief:
             self.mean[rows],
             self.covariance[np.ix_(rows, rows)],
             tuple(self.sources[k] for k in rows),
+            self.reference[rows],
         )
+
+    @property
+    def vehicle_values(self) -> dict[str, float]:
+        """The coefficients among the means, by name, in their own units."""
+        values = self.free.values(self.mean)
+        return {name: float(v) for name, v in zip(self.names, values, strict=True) if name in COEFFICIENTS}
 
 
 @dataclass(frozen=True)
@@ -152,7 +169,7 @@ def belief(
     *,
     commands: bool = True,
     late: Sequence[str] = (),
-    names: Sequence[str] | None = None,
+    beside: Vehicle | None = None,
 ) -> Belief:
     """Return what is supposed of a vehicle.
 
@@ -160,48 +177,82 @@ def belief(
         commands: it is driven by thruster commands, so that delay, lag and gains are unknown; by a wrench that was
             measured or computed, only a delay is.
         late: `latency_<sensor>` of the sensors whose clock is not that of the others.
-        names: what is free alone; by default everything plausible.
-
-    Raises:
-        InputError: an unknown name.
+        beside: another vehicle, which counts where it says something: one whose coefficients bear deviations, or that
+            was learned.
     """
     lines = {name: _stated(vehicle, name, line) for name, line in _Body(vehicle).lines(commands=commands).items()}
     for name in vehicle.hydrodynamics:
         if name not in lines and not _mirrored(name, lines):
             lines[name] = _stated(vehicle, name, Line(0.0, 0.0, ""))
+    if beside is not None:
+        lines = {name: _stated(beside, name, line, "the prior's file") for name, line in lines.items()}
     lines |= _inputs(vehicle, commands=commands)
     lines |= {name: Line(*_LATENCY, "what sensors need to compute and send") for name in late}
-    if names is not None:
-        for name in names:
-            if name not in lines:
-                raise InputError(f'free: "{name}" is not a coefficient of the prior{nearest(name, tuple(lines))}')
-        lines = {name: lines[name] for name in names}
-    free = free_parameters(vehicle, tuple(lines))
-    plain = [n for n in free.names if n in COEFFICIENTS and not n.endswith("dot")]
-    free = free.untransformed(plain)
+    plain = [name for name in lines if name in COEFFICIENTS and not name.endswith("dot")]
+    free = free_parameters(vehicle, tuple(lines)).untransformed(plain)
     kept = [lines[name] for name in free.names]
-    mean = free.thetas(np.array([line.mean for line in kept]))
-    return Belief(free, mean, np.diag([line.std**2 for line in kept]), tuple(line.source for line in kept))
+    mean, std = free.thetas(np.array([line.mean for line in kept])), np.array([line.std for line in kept])
+    covariance = np.diag(std**2)
+    gains = [k for k, name in enumerate(free.names) if name.startswith(GAIN_PREFIX)]
+    covariance[np.ix_(gains, gains)] = _gain_covariance(vehicle, len(gains))
+    physics = Belief(free, mean, covariance, tuple(line.source for line in kept), np.sqrt(np.diag(covariance)))
+    learned = vehicle.posterior if beside is None or beside.posterior is None else beside.posterior
+    return physics if learned is None else _gone_on(physics, learned)
+
+
+def _gain_covariance(vehicle: Vehicle, n: int) -> Array:
+    """Return the covariance (n, n) of the logarithms of thrusters' gains.
+
+    Each differs from its curve by itself; what all have in common is as sure as `scale_std` says where the file has it,
+    and nearly unknown where curves are of unit scale, which nobody measured.
+    """
+    own = _GAIN_STD**2 * np.eye(n)
+    scale = vehicle.scale_std
+    if scale is None and n and all(is_of_unit_scale(thruster.curve) for thruster in vehicle.thrusters):
+        scale = _NO_SCALE
+    if scale is None or not n:
+        return own
+    common = np.full((n, n), 1.0 / n)
+    return np.asarray(own - _GAIN_STD**2 * common + n * max(scale, 1e-4) ** 2 * common)
+
+
+def _gone_on(physics: Belief, learned: Posterior) -> Belief:
+    """Return what was learned before, of all unknowns that it knows of, and physics of the others."""
+    rows = [physics.names.index(name) for name in learned.names if name in physics.names]
+    known = [k for k, name in enumerate(learned.names) if name in physics.names]
+    mean, covariance, reference = physics.mean.copy(), physics.covariance.copy(), physics.reference.copy()
+    mean[rows] = np.array(learned.mean)[known]
+    covariance[rows] = 0.0
+    covariance[:, rows] = 0.0
+    covariance[np.ix_(rows, rows)] = learned.covariance[np.ix_(known, known)]
+    reference[rows] = np.array(learned.prior_std)[known]
+    sources = list(physics.sources)
+    for k in rows:
+        sources[k] = "learned before"
+    return Belief(physics.free, mean, covariance, tuple(sources), reference)
 
 
 def _mirrored(name: str, lines: Mapping[str, Line]) -> bool:
     return name.endswith("dot") and any(other.endswith("dot") and {*other} == {*name} for other in lines)
 
 
-def _stated(vehicle: Vehicle, name: str, line: Line) -> Line:
-    """Return the line with what the vehicle's file says of it."""
+def _stated(vehicle: Vehicle, name: str, line: Line, source: str = "the vehicle's file") -> Line:
+    """Return the line with what a vehicle's file says of it.
+
+    A file that has one damping term of an axis says that the other is nothing, or little.
+    """
     value, std = vehicle.coefficient(name), vehicle.deviation(name)
     if value == 0.0 and std is None:
+        if vehicle.coefficient(_OTHER_DAMPING.get(name, name)) != 0.0:
+            return Line(0.0, 0.5 * line.std, f"{source}, which has {_OTHER_DAMPING[name]} alone")
         return line
-    source = "the vehicle's file"
-    diagonal = name.endswith("dot") and ROWS.index(name[0]) == COLUMNS.index(name[2])
     if std is None:
         std, source = _STATED * abs(value), f"{source}, which states no deviation: half of it"
-    if diagonal:
+    if name.endswith("dot") and ROWS.index(name[0]) == COLUMNS.index(name[2]):
         i = ROWS.index(name[0])
         total = float(vehicle.rigid_body_matrix[i, i]) - value
         return Line(value, max(std / total, 1e-6), source)
-    return Line(value, std, source)
+    return Line(value, max(std, 1e-9), source)
 
 
 def _inputs(vehicle: Vehicle, *, commands: bool) -> dict[str, Line]:

@@ -10,8 +10,8 @@ With x the state and everything taken at the middle of the step,
 
 C(nu) nu is bilinear, so its derivative is C(dnu) nu + C(nu) dnu in Kirchhoff's form; Phi is the regressor of (8),
 Phi c = tau along the motion, whence the last term. The disturbance a is an acceleration: one that is stated in newtons
-would fix the scale of all forces by the accelerations that it could cause. So Phi is taken without what a does to nu_dot.
-The step's matrix is F = I + A h + A^2 h^2 / 2.
+would fix the scale of all forces by the accelerations that it could cause. So Phi is without what a does to nu_dot. The
+step's matrix is F = I + A h + A^2 h^2 / 2.
 """
 
 from __future__ import annotations
