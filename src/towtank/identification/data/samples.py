@@ -83,17 +83,17 @@ class Samples:
 
     def shifted(self, latency: Array) -> Samples:
         """Return the rows with each sensor's numbers at the times that they speak of: latency (6,) [s] before."""
-        late = [s for s in range(latency.size) if latency[s] != 0.0 and self.measured[3 * s : 3 * s + 3].any()]
+        late = [s for s in range(latency.size) if latency[s] != 0.0 and np.any(self.measured[3 * s : 3 * s + 3])]
         if not late:
             return self
         rest = self.values.copy()
         parts = []
         for s in late:
             columns = slice(3 * s, 3 * s + 3)
-            rows = np.isfinite(self.values[:, columns]).any(axis=1)
-            moved = np.full((int(rows.sum()), N_MEASURED), np.nan)
-            moved[:, columns] = self.values[rows, columns]
-            parts.append((self.t[rows] - latency[s], moved))
+            own = np.flatnonzero(np.isfinite(self.values[:, columns]).any(axis=1))
+            moved = np.full((own.size, N_MEASURED), np.nan)
+            moved[:, columns] = self.values[own, columns]
+            parts.append((self.t[own] - latency[s], moved))
             rest[:, columns] = np.nan
         left = np.isfinite(rest).any(axis=1)
         parts.append((self.t[left], rest[left]))

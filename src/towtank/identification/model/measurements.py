@@ -120,7 +120,7 @@ def residual_of(z: Array, x: Array, current: Array, bias: Array, sensor: int, k:
     if sensor == ATTITUDE:
         if whole:
             ex, ey, ez = attitude_error(x[3:7], z[3], z[4], z[5])
-            return (ex if k == 0 else (ey if k == 1 else ez)) - bias[6 + k]
+            return float((ex if k == 0 else (ey if k == 1 else ez)) - bias[6 + k])
         qw, qx, qy, qz = x[3], x[4], x[5], x[6]
         ky, kz = 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
         if k == 0:

@@ -71,7 +71,7 @@ def free_run_verdict(
     samples = [each.shifted(latency) for each in problem.samples]
     sources = [Sources.of(grid.pose, grid.velocity, grid.acceleration) for grid in grids]
     attitude = [drifting_attitude(g, s, each.t) for g, s, each in zip(grids, sources, samples, strict=True)]
-    known = (prior.mean, np.linalg.inv(prior.covariance))
+    known = (prior.mean, np.asarray(np.linalg.inv(prior.covariance), dtype=np.float64))
 
     def same_prior(free: FreeParameters) -> tuple[Array, Array]:
         return known

@@ -328,5 +328,5 @@ def is_of_unit_scale(curve: Curve) -> bool:
     return False
 
 
-def _is_one(coefficients: Sequence[float]) -> bool:
+def _is_one(coefficients: tuple[float, ...]) -> bool:
     return [abs(c) for c in coefficients if c != 0.0] == [1.0]
