@@ -32,9 +32,7 @@ from towtank.vehicle import COEFFICIENTS, Vehicle
 
 __all__ = ["FreeRunVerdict", "free_run_verdict"]
 
-_CONTRADICT = (
-    1.3  # median of the factors by which windows differ more than they state, from which the filter is doubted
-)
+_CONTRADICT = 1.3  # median factor by which windows differ more than they state: the filter is doubted
 _SAVED, _SAVED_WORTH = 2.0, 0.05  # deviations, and share of the square error, that free runs must save
 
 
