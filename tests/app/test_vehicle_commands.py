@@ -56,6 +56,25 @@ def test_show_tells_deviation_and_source(tmp_path: Path) -> None:
     assert "tank of 2020 [a, b]" in out
 
 
+def test_show_tells_of_a_posterior(vehicle: Path) -> None:
+    assert document("vehicle", "show", vehicle)["posterior"] is None
+    assert "Posterior" not in command("vehicle", "show", vehicle).out
+    table = (
+        'names = ["X_u", "delay"]\nmean = [-3, 0.1]\nstd = [0.5, 0.01]\nprior_std = [4, 0.05]\ncholesky = [[1], [3, 4]]'
+    )
+    vehicle.write_text(f"{SMALL}X_u = -3.0\n[posterior]\n{table}\n")
+    out = command("vehicle", "show", vehicle).out
+    assert "Posterior with its covariance, over 2 unknowns" in out
+    assert "X_u, delay" in out
+    assert document("vehicle", "show", vehicle)["posterior"] == {
+        "names": ["X_u", "delay"],
+        "mean": [-3.0, 0.1],
+        "std": [0.5, 0.01],
+        "prior_std": [4.0, 0.05],
+        "cholesky": [[1.0], [3.0, 4.0]],
+    }
+
+
 def test_check(vehicle: Path) -> None:
     assert document("vehicle", "check", vehicle) == {"file": str(vehicle), "ok": True, "warnings": []}
     assert "can be read, physical, no warnings" in " ".join(command("vehicle", "check", vehicle).out.split())

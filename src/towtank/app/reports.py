@@ -93,7 +93,7 @@ def learn_facts(
         remarks=learning.remarks,
         delay=learning.delay,
         delay_std=delay_deviation(learning),
-        delay_given=learning.delay_scan is None,
+        delay_given=learning.delay_given,
         lag=learning.lag,
         lag_std=learning.lag_std,
         gains=learning.gains,

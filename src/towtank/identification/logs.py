@@ -12,7 +12,7 @@ from towtank.identification.least_squares.batch import Progress, learn_paper
 from towtank.identification.offline.first_look import mirrored, reversals
 from towtank.identification.offline.joint import LearningRequest, learn_joint
 from towtank.identification.posterior.assembly import LogLearning
-from towtank.identification.posterior.thrusters import with_gains_of, with_scale
+from towtank.identification.posterior.thrusters import with_scale
 from towtank.methods import METHODS
 from towtank.recording import Recording
 from towtank.vehicle import Vehicle, configuration_matrix
@@ -51,8 +51,8 @@ def learn_recordings(
         progress: called with a text and the share done, 0 .. 1.
         free: names of the coefficients to learn, see `Learner`.
         delay: from command (or recorded wrench) to force [s]; found, up to `longest_delay` (0.4 s), where omitted.
-        prior: a vehicle whose coefficients bear deviations: what is known beforehand. Its thrusters' gains are taken as
-            they are, which the warnings say. Not for "paper".
+        prior: a vehicle whose coefficients bear deviations, or that was learned: what is known beforehand. Not for
+            "paper".
         current: of the water, estimated along; free runs, which know none, then judge nothing. Not for "paper" and
             "output-error".
 
@@ -67,8 +67,7 @@ def learn_recordings(
     if method != "joint" and request.current:
         raise InputError(f"current: method {method} knows none; use method joint")
     recordings = [prepared(recording, vehicle) for recording in recordings]
-    free, prior = request.free, request.prior
-    vehicle, of_gains = (vehicle, ()) if prior is None else with_gains_of(vehicle, prior)
+    free = request.free
     try:
         samples = tuple(samples_of(recording, vehicle) for recording in recordings)
     except InputError:
@@ -80,11 +79,10 @@ def learn_recordings(
     if method == "paper":
         delay, longest = request.delay, request.longest_delay
         learning = learn_paper(vehicle, recordings, free=free, delay=delay, longest_delay=longest, progress=progress)
+        learning = with_scale(learning, free or ())
     else:
         learning = learn_joint(request, progress)
-    learning = with_scale(learning, free or ())
-    before = (*of_gains, *of_signs)
-    return replace(learning, warnings=(*before, *learning.warnings)) if before else learning
+    return replace(learning, warnings=(*of_signs, *learning.warnings)) if of_signs else learning
 
 
 def _right_way_round(

@@ -15,6 +15,7 @@ from towtank.vehicle.files import (
 )
 from towtank.vehicle.motion import forward_dynamics, inverse_dynamics
 from towtank.vehicle.names import COEFFICIENTS, FORWARD_SPEED, HYDRODYNAMIC, RESTORING, describe, index, mirror, unit
+from towtank.vehicle.posterior import Posterior
 from towtank.vehicle.records import Buoyancy, Coefficient, Provenance, Restoring, RigidBody, Thruster
 from towtank.vehicle.thrusters.bench import Bench, read_bench
 from towtank.vehicle.thrusters.curves import Curve, PolynomialCurve, QuadraticCurve, TableCurve, Voltage, force_range
@@ -44,6 +45,7 @@ __all__ = [
     "Difference",
     "Differences",
     "PolynomialCurve",
+    "Posterior",
     "Provenance",
     "QuadraticCurve",
     "Restoring",

@@ -8,7 +8,8 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.vehicle import matrices
-from towtank.vehicle.names import COLUMNS, ROWS
+from towtank.vehicle.names import COEFFICIENTS, COLUMNS, ROWS
+from towtank.vehicle.posterior import coordinate
 from towtank.vehicle.thrusters.curves import Curve, PolynomialCurve
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ _FAR = 50.0
 _SPEED = 1.0  # m/s, rad/s, up to which asymmetric drag may not feed energy in
 _BEYOND_DOUBT = 3.0  # standard deviations
 _SAMPLES = 257
+_STALE = 5.0  # deviations that a coefficient may be from its posterior: limits of what is physical move it less
 
 
 def faults(vehicle: Vehicle) -> tuple[str, ...]:
@@ -39,6 +41,7 @@ def doubts(vehicle: Vehicle) -> tuple[str, ...]:
         + _asymmetry(vehicle)
         + _places(vehicle)
         + _curves(vehicle)
+        + _stale(vehicle)
     )
 
 
@@ -227,3 +230,18 @@ def _dips(curve: PolynomialCurve) -> bool:
         if np.any(np.maximum.accumulate(size) - size > 0.01 * size.max()):
             return True
     return False
+
+
+def _stale(vehicle: Vehicle) -> list[str]:
+    """Say which coefficients are not those that the posterior belongs to, as after an edit by hand."""
+    posterior = vehicle.posterior
+    if posterior is None:
+        return []
+    far = [
+        name
+        for name, mean, std in zip(posterior.names, posterior.mean, posterior.std, strict=True)
+        if name in COEFFICIENTS and not abs(coordinate(vehicle, name) - mean) <= _STALE * std
+    ]
+    if not far:
+        return []
+    return [f"posterior: it belongs to other values of {', '.join(far)}; learn anew, or take the table out"]

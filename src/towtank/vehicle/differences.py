@@ -2,7 +2,7 @@
 
 The deviations of both models count, as if they were independent; where a file gives none for a coefficient, the other's
 alone does, and where neither does, a difference is told without a verdict. All quantities with a deviation together
-make a chi-square: vehicle files keep no covariances.
+make a chi-square; covariances of posteriors do not enter.
 """
 
 from __future__ import annotations

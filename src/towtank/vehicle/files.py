@@ -15,6 +15,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomlkit
 from pydantic import ValidationError
 from tomlkit.items import InlineTable, Table
@@ -24,6 +25,7 @@ from towtank.outputs import write_text
 from towtank.vehicle.base import Record, first_line
 from towtank.vehicle.checks import faults
 from towtank.vehicle.names import RESTORING
+from towtank.vehicle.posterior import Posterior
 from towtank.vehicle.records import Coefficient, Thruster
 from towtank.vehicle.thrusters.curves import Curve
 from towtank.vehicle.vehicle import Vehicle
@@ -39,6 +41,7 @@ __all__ = [
     "vehicle_text",
 ]
 
+_WHOLE = 1e15  # numbers that are whole and below this are written so
 _LINE_COLUMN = re.compile(r"^(.*) \(at line (\d+), column (\d+)\)$", re.DOTALL)
 
 
@@ -144,7 +147,35 @@ def vehicle_text(vehicle: Vehicle) -> str:
     notes.extend(vehicle.provenance.notes)
     provenance.add("notes", notes.multiline(len(vehicle.provenance.notes) > 0))
     document.add("provenance", provenance)
-    return tomlkit.dumps(document)
+    text = tomlkit.dumps(document)
+    return text if vehicle.posterior is None else f"{text}\n{_posterior(vehicle.posterior)}"
+
+
+def _posterior(posterior: Posterior) -> str:
+    """Return the table [posterior], a row of the triangle on each line, behind it whose row it is."""
+    quoted = ", ".join(f'"{name}"' for name in posterior.names)
+    lines = [
+        "[posterior]",
+        f"names = [{quoted}]",
+        f"mean = [{', '.join(map(_compact, posterior.mean))}]",
+        f"std = [{', '.join(map(_compact, posterior.std))}]",
+        f"prior_std = [{', '.join(map(_compact, posterior.prior_std))}]",
+        "cholesky = [",
+        *(
+            f"[{','.join(map(_compact, row))}], # {name}"
+            for name, row in zip(posterior.names, posterior.cholesky, strict=True)
+        ),
+        "]",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _compact(number: float) -> str:
+    """Return the shortest text that TOML reads as this very number."""
+    if number.is_integer() and abs(number) < _WHOLE:
+        return str(int(number))
+    fixed = np.format_float_positional(number, trim="-")
+    return min(fixed, np.format_float_scientific(number, trim="-", exp_digits=1), key=len)
 
 
 def curve_text(curve: Curve) -> str:

@@ -1,7 +1,7 @@
 """Forward and inverse dynamics of a vehicle, for any leading shape.
 
 M nu_dot + C(nu) nu + D(nu) nu + g(eta) = tau. The shells check shapes and turn Euler angles into quaternions;
-the kernels do the rest.
+the kernels do the rest. Shapes of arrays at the public edge: wrong ones are told in one line.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 from towtank.core import dynamics
 from towtank.core.arrays import Array
 from towtank.core.attitude import quaternions_from_eulers
-from towtank.vehicle.shapes import broadcast_rows, last_axis
+from towtank.errors import InputError
 from towtank.vehicle.vehicle import Vehicle
 
-__all__ = ["forward_dynamics", "inverse_dynamics"]
+__all__ = ["forward_dynamics", "inverse_dynamics", "last_axis"]
 
 _ETA = "x y z phi theta psi"
 _NU = "u v w p q r"
@@ -34,7 +34,7 @@ def forward_dynamics(vehicle: Vehicle, eta: ArrayLike, nu: ArrayLike, tau: Array
     Raises:
         InputError: a last axis that is not 6, leading shapes that do not fit, or a singular mass matrix.
     """
-    shape, (poses, velocities, wrenches) = broadcast_rows(
+    shape, (poses, velocities, wrenches) = _broadcast_rows(
         {
             "eta": last_axis(eta, 6, "eta", _ETA),
             "nu": last_axis(nu, 6, "nu", _NU),
@@ -47,7 +47,7 @@ def forward_dynamics(vehicle: Vehicle, eta: ArrayLike, nu: ArrayLike, tau: Array
 
 def inverse_dynamics(vehicle: Vehicle, eta: ArrayLike, nu: ArrayLike, nu_dot: ArrayLike) -> Array:
     """Return the wrench tau (..., 6) [N, N m] that makes the acceleration nu_dot (..., 6); arguments as forward."""
-    shape, (poses, velocities, accelerations) = broadcast_rows(
+    shape, (poses, velocities, accelerations) = _broadcast_rows(
         {
             "eta": last_axis(eta, 6, "eta", _ETA),
             "nu": last_axis(nu, 6, "nu", _NU),
@@ -61,3 +61,28 @@ def inverse_dynamics(vehicle: Vehicle, eta: ArrayLike, nu: ArrayLike, nu_dot: Ar
 def _parameters(vehicle: Vehicle) -> Array:
     """Return the kernel vector as one writable row, for which the kernels are already compiled."""
     return np.array(vehicle.parameters)[None, :]
+
+
+def last_axis(values: ArrayLike, count: int, name: str, meaning: str) -> Array:
+    """Return `values` as float64 (..., count). Raises InputError for another last axis or for what is not numbers."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: not an array of numbers; expected shape (..., {count}): {meaning}") from None
+    if array.ndim == 0 or array.shape[-1] != count:
+        raise InputError(f"{name}: found shape {array.shape}, expected (..., {count}): {meaning}")
+    return array
+
+
+def _broadcast_rows(arrays: dict[str, Array]) -> tuple[tuple[int, ...], list[Array]]:
+    """Return the common leading shape and the arrays as contiguous rows (n, k). Raises InputError where none fits."""
+    try:
+        shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays.values()))
+    except ValueError:
+        found = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
+        raise InputError(f"leading shapes do not fit together: {found}") from None
+    rows = [
+        np.ascontiguousarray(np.broadcast_to(array, (*shape, array.shape[-1]))).reshape(-1, array.shape[-1])
+        for array in arrays.values()
+    ]
+    return shape, rows

@@ -15,17 +15,19 @@ from pydantic_core import PydanticCustomError
 
 from towtank.core.arrays import Array
 from towtank.core.inertia import rigid_body_mass
-from towtank.errors import InputError
+from towtank.errors import InputError, nearest
 from towtank.vehicle import matrices
 from towtank.vehicle.base import NonNegative, Record, Share, described, first_line, misplaced, unknown_key
 from towtank.vehicle.checks import doubts, faults
 from towtank.vehicle.names import HYDRODYNAMIC, RESTORING, ROWS, index, mirror
+from towtank.vehicle.posterior import GAIN_PREFIX, Posterior, drawn
 from towtank.vehicle.records import Buoyancy, Coefficient, Provenance, Restoring, RigidBody, Thruster
 
 __all__ = ["Vehicle"]
 
 _K = TypeVar("_K")
 _V = TypeVar("_V")
+_WORDS = {"name", "description", "provenance"}  # fields whose change leaves what was learned as it is
 
 
 class FrozenDict(dict[_K, _V]):
@@ -74,7 +76,8 @@ class Vehicle(Record):
     """A vehicle, as its file says it. Frozen; `with_coefficients` makes a changed copy.
 
     `command_delay` [s] is the time from command to thruster. `scale_std` is the relative standard deviation of the
-    scale of force that all thrusters have in common; None where the file does not say.
+    scale of force that all thrusters have in common; None where the file does not say. `posterior` is what was learned
+    with its covariance, None where nothing was; a copy with other numbers has none, unless it is given one.
     """
 
     name: Annotated[str, BeforeValidator(_name)]
@@ -87,6 +90,7 @@ class Vehicle(Record):
     command_delay: NonNegative = 0.0
     scale_std: Share | None = None
     provenance: Provenance = Provenance()
+    posterior: Posterior | None = None
 
     @field_validator("hydrodynamics", mode="after")
     @classmethod
@@ -118,6 +122,11 @@ class Vehicle(Record):
                     "; give each thruster its own",
                 )
             seen[thruster.name] = k
+        for k, name in enumerate(self.posterior.names if self.posterior else ()):
+            thruster_name = name.removeprefix(GAIN_PREFIX)
+            if name.startswith(GAIN_PREFIX) and thruster_name not in seen:
+                hint = nearest(thruster_name, seen)
+                raise misplaced(f"posterior.names[{k}]", f'found "{name}", but no thruster is "{thruster_name}"{hint}')
         return self
 
     # -- forces of gravity and buoyancy
@@ -221,7 +230,8 @@ class Vehicle(Record):
     ) -> Vehicle:
         """Return a copy with some coefficients replaced or added (W_minus_B and BG_x, BG_y, BG_z too).
 
-        An added mass replaces its mirrored name as well, unless both are in `changes`.
+        An added mass replaces its mirrored name as well, unless both are in `changes`. The posterior is kept where no
+        value changes (other deviations or sources), and dropped otherwise: it belongs to the old values.
 
         Raises:
             InputError: an unknown name, or a value that is not a finite number in SI.
@@ -243,7 +253,24 @@ class Vehicle(Record):
         update: dict[str, Any] = {"hydrodynamics": hydrodynamics, "restoring": Restoring(**restoring)}
         if provenance is not None:
             update["provenance"] = provenance
-        return self.model_copy(update=update)
+        changed = self.model_copy(update=update)
+        if self.posterior is None or any(changed.coefficient(name) != self.coefficient(name) for name in changes):
+            return changed
+        return changed.model_copy(update={"posterior": self.posterior})
+
+    def sample(self, n: int, seed: int = 0) -> tuple[Vehicle, ...]:
+        """Return n vehicles drawn from what is known of this one; the same seed draws the same ones.
+
+        Coordinates are drawn from the posterior N(mean, covariance) and put back into coefficients, time constants and
+        gains of thrusters and the command delay, which is never below 0. Without a posterior, coefficients that have
+        a `std` are drawn independently of each other (total inertias log-normal), as suits a file typed in by hand.
+        Damping on the diagonal that would feed energy in is 0; a draw whose total mass matrix is not positive definite
+        is drawn again. Drawn vehicles have no posterior.
+
+        Raises:
+            InputError: neither posterior nor std; or no mass matrix drawn is positive definite.
+        """
+        return drawn(self, n, seed)
 
     # -- equality, copies and pickles know the fields only, not the cached arrays
 
@@ -257,8 +284,14 @@ class Vehicle(Record):
         return hash(tuple(self._fields().values()))
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Vehicle:
-        """Return a validated copy with some fields replaced."""
-        return type(self)(**{**self._fields(), **(update or {})})
+        """Return a validated copy with some fields replaced.
+
+        The posterior is dropped unless it is among them, or they are only name, description and provenance.
+        """
+        changes = dict(update or {})
+        if not changes.keys() <= _WORDS:
+            changes.setdefault("posterior", None)
+        return type(self)(**{**self._fields(), **changes})
 
     def __copy__(self) -> Vehicle:
         return self

@@ -192,7 +192,7 @@ def _show_input(learning: LogLearning, output: Output) -> None:
     output.heading("From command to thrust")
     std = delay_deviation(learning)
     spread = "" if std is None else f" ± {1e3 * std:.1f}"
-    found = "given" if learning.delay_scan is None else "found"
+    found = "given" if learning.delay_given else "found"
     output.line(f"delay {1e3 * learning.delay:.1f}{spread} ms ({found})")
     if math.isfinite(learning.lag):
         value, spread = measured(1e3 * learning.lag, 1e3 * learning.lag_std)
@@ -212,9 +212,8 @@ def _show_input(learning: LogLearning, output: Output) -> None:
 
 def delay_deviation(learning: LogLearning) -> float | None:
     """Return the deviation of the delay [s]; None where it was given or has none."""
-    if learning.delay_scan is None:
-        return None
-    std = learning.delay_std if math.isfinite(learning.delay_std) else learning.delay_scan.std
+    scan = learning.delay_scan
+    std = learning.delay_std if scan is None or math.isfinite(learning.delay_std) else scan.std
     return std if math.isfinite(std) else None
 
 

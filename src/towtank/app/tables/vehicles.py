@@ -59,6 +59,7 @@ def show_vehicle(vehicle: Vehicle, output: Output) -> None:
         output.line(vehicle.description)
     _show_body(vehicle, output)
     _show_coefficients(vehicle, output)
+    _show_posterior(vehicle, output)
     _show_thrusters(vehicle, output)
     if vehicle.provenance.source or vehicle.provenance.notes:
         output.heading("Where it comes from")
@@ -124,6 +125,13 @@ def _show_coefficients(vehicle: Vehicle, output: Output) -> None:
         output.item(source, mark=f"[{number}]")
 
 
+def _show_posterior(vehicle: Vehicle, output: Output) -> None:
+    if vehicle.posterior is not None:
+        count = len(vehicle.posterior.names)
+        output.heading(f"Posterior with its covariance, over {count} unknown{'s' if count > 1 else ''}")
+        output.line(", ".join(vehicle.posterior.names))
+
+
 def _show_thrusters(vehicle: Vehicle, output: Output) -> None:
     if not vehicle.thrusters:
         output.heading("No thrusters")
@@ -177,6 +185,7 @@ def vehicle_document(vehicle: Vehicle) -> dict[str, Any]:
         ],
         "command_delay": vehicle.command_delay,
         "scale_std": vehicle.scale_std,
+        "posterior": None if vehicle.posterior is None else vehicle.posterior.model_dump(),
         "provenance": vehicle.provenance,
         "warnings": vehicle.warnings,
     }

@@ -81,6 +81,30 @@ class Samples:
         inputs = input_rows(self.input_t, float(self.t[first]), float(self.t[last - 1]))
         return self.taken(slice(first, last), slice(inputs.start, max(inputs.stop, inputs.start + 1)))
 
+    def shifted(self, latency: Array) -> Samples:
+        """Return the rows with each sensor's numbers at the times that they speak of: latency (6,) [s] before."""
+        late = [s for s in range(latency.size) if latency[s] != 0.0 and np.any(self.measured[3 * s : 3 * s + 3])]
+        if not late:
+            return self
+        rest = self.values.copy()
+        parts = []
+        for s in late:
+            columns = slice(3 * s, 3 * s + 3)
+            own = np.flatnonzero(np.isfinite(self.values[:, columns]).any(axis=1))
+            moved = np.full((own.size, N_MEASURED), np.nan)
+            moved[:, columns] = self.values[own, columns]
+            parts.append((self.t[own] - latency[s], moved))
+            rest[:, columns] = np.nan
+        left = np.isfinite(rest).any(axis=1)
+        parts.append((self.t[left], rest[left]))
+        t, rows_of_parts = _instants([part[0] for part in parts])
+        values = np.full((t.size, N_MEASURED), np.nan)
+        for (_, numbers), rows in zip(parts, rows_of_parts, strict=True):
+            known = np.isfinite(numbers)
+            place, column = np.nonzero(known)
+            values[rows[place], column] = numbers[known]
+        return replace(self, t=t, values=values)
+
     def only(self, rows: NDArray[np.intp], columns: Sequence[int]) -> Samples:
         """Return these rows (k,), with nothing in other columns than these, and all inputs."""
         values = np.full((rows.size, self.values.shape[1]), np.nan)
@@ -105,11 +129,13 @@ class NoiseLevels:
 
     velocity_walk: random walk (6,) of each speed [m/s^2 sqrt(s), rad/s^2 sqrt(s)] that no force of the model accounts
         for, NaN where nothing is known of it.
+    waves: deviations (3,) [m/s] of the water's velocity in waves, north, east and down.
     """
 
     noise: Array
     disturbance: Array
     velocity_walk: Array = field(default_factory=lambda: np.zeros(6))
+    waves: Array = field(default_factory=lambda: np.zeros(3))
 
 
 def with_absent_zero(wrench: Array) -> Array:

@@ -14,6 +14,8 @@ from typing import NamedTuple
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import quaternion_from_euler
+from towtank.core.forces import add_inflow_damping_into
+from towtank.core.layout import I_INFLOW, I_LINEAR
 from towtank.core.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
 from towtank.identification.data.samples import Samples
 from towtank.identification.kalman.state import INFORMATION_MEMORY, KNOWN_STD, JointState
@@ -35,7 +37,8 @@ from towtank.vehicle.matrices import GRAVITY
 __all__ = ["joint_events", "joint_step", "rows_of", "take_all"]
 
 _DIST = 12
-_TINY = 1e-30  # N^2, (N m)^2
+_TINY = 1e-30  # m^2/s^4
+_ATTITUDE_MEMORY = 30.0  # s: of the bias of an attitude that wanders
 _FAR = 1e-3  # of a logarithm (share of the coefficient), from its linearisation point
 _START = (0.3, 0.2, 0.3, 0.2)  # m, rad, m/s, rad/s: deviations at the start where a sensor has shown nothing
 _UNKNOWN_POSITION = 100.0  # m^2: variance of it
@@ -107,6 +110,14 @@ def _covariance(state: JointState, h: float) -> None:
             if f != 0.0:
                 for j in range(size):
                     W[i, j] += f * P[k, j]
+    if state.settings[0].waves > 0.0:
+        first = size - 6
+        for i in range(N_MOVING):  # the water of waves moves a vehicle as a current does
+            for k in range(3):
+                f = F[i, 18 + k]
+                if f != 0.0:
+                    for j in range(size):
+                        W[i, j] += f * P[first + k, j]
     for i in range(N_MOVING):
         for j in range(N_MOVING):
             P[i, j] = 0.0
@@ -115,6 +126,10 @@ def _covariance(state: JointState, h: float) -> None:
             if a != 0.0:
                 for j in range(i, N_MOVING):
                     P[i, j] += a * T[k, j]
+        if state.settings[0].waves > 0.0:
+            for k in range(3):
+                for j in range(i, N_MOVING):
+                    P[i, j] += W[i, size - 6 + k] * F[j, 18 + k]
         for j in range(N_MOVING, size):
             P[i, j] = W[i, j]
         for j in range(_DIST, _DIST + 6):
@@ -129,6 +144,48 @@ def _covariance(state: JointState, h: float) -> None:
         for i in range(N_MOVING, size):
             P[i, j] *= fade
     _noise(state, h, fade)
+    if state.settings[0].biases > 0.0 and state.settings[0].attitude_bias[0] > 0.0:
+        _attitude_bias(state, h)
+    if state.settings[0].waves > 0.0:
+        _waves(state, h)
+
+
+@kernel
+def _attitude_bias(state: JointState, h: float) -> None:
+    """Let the bias of the attitude fade over a step."""
+    P, first = state.P, N_FIXED + state.theta.shape[0] + 6
+    fade = math.exp(-h / _ATTITUDE_MEMORY)
+    for i in range(first, first + 3):
+        state.bias[i - first + 6] *= fade
+        for j in range(P.shape[0]):
+            P[i, j] *= fade
+        for j in range(P.shape[0]):
+            P[j, i] *= fade
+        P[i, i] += state.settings[0].attitude_bias[i - first] ** 2 * (1.0 - fade * fade)
+
+
+@kernel
+def _waves(state: JointState, h: float) -> None:
+    """Let the water in waves go on over a step: each axis turns in its complex plane, and fades."""
+    P, wave, settings = state.P, state.wave, state.settings[0]
+    size = P.shape[0]
+    fade = math.exp(-h * settings.wave_decay)
+    c, s = fade * math.cos(settings.wave_frequency * h), fade * math.sin(settings.wave_frequency * h)
+    for k in range(3):
+        own = state.wave_statistics[k]
+        own.time += h
+        own.square += h * wave[k] ** 2
+        own.variance += h * P[size - 6 + k, size - 6 + k]
+        a, b = size - 6 + k, size - 3 + k
+        wave[k], wave[3 + k] = c * wave[k] - s * wave[3 + k], s * wave[k] + c * wave[3 + k]
+        for j in range(size):
+            P[a, j], P[b, j] = c * P[a, j] - s * P[b, j], s * P[a, j] + c * P[b, j]
+        for j in range(size):
+            P[j, a], P[j, b] = c * P[j, a] - s * P[j, b], s * P[j, a] + c * P[j, b]
+        more = state.wave_level[k] ** 2 * (1.0 - fade * fade)
+        P[a, a] += more
+        P[b, b] += more
+        state.water[k] = state.current[k] + wave[k]
 
 
 @kernel
@@ -189,6 +246,26 @@ def _choose_active(state: JointState, h: float) -> None:
 
 
 @kernel
+def _with_inflow(state: JointState) -> None:
+    """Add to the linear damping what the thrusters lose by the water through them, at the last step's forces."""
+    if state.p[I_INFLOW] != 0.0:
+        _without_inflow(state)
+        state.linear[0] = 1.0
+        for i in range(36):
+            state.linear[1 + i] = state.p[I_LINEAR + i]
+        add_inflow_damping_into(state.B, state.mean_force[0], state.p[I_INFLOW], state.p)
+
+
+@kernel
+def _without_inflow(state: JointState) -> None:
+    """Take back what `_with_inflow` has added."""
+    if state.linear[0] > 0.0:
+        for i in range(36):
+            state.p[I_LINEAR + i] = state.linear[1 + i]
+        state.linear[0] = 0.0
+
+
+@kernel
 def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
     """Advance the filter to the time t [s]; return whether the inputs are known."""
     clock = state.clock[0]
@@ -205,12 +282,14 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
             return False
         input_wrench_into(state)
         for i in range(6):
-            total[i] = state.tau[i] + mean * state.force[i]
+            total[i] = mean * state.force[i]
+        _with_inflow(state)
         step_and_linearise(
             state.p,
             state.x,
+            state.tau,
             total,
-            state.current,
+            state.water,
             h,
             1.0 / T,
             state.codes,
@@ -223,6 +302,8 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
             state.work,
             state.scratch,
         )
+        for i in range(6):
+            state.rate[i] = state.work[4, 7 + i, 0] + total[i]
         _off_linearisation(state)
         _covariance(state, h)
         for i in range(6):
@@ -334,6 +415,7 @@ def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> 
         P[9 + i, 9 + i] = _START[3] ** 2
     for i in range(6):
         state.force[i] = 0.0
+        state.rate[i] = 0.0
         P[12 + i, 12 + i] = state.disturbance[i] ** 2
     for j in range(size):
         state.dx[j] = 0.0
@@ -362,9 +444,11 @@ def joint_step(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> bo
             update_row(state, z)
         return False
     if not predict(state, held, t):
+        _without_inflow(state)
         clock.started = 0.0
         return False
     update_row(state, z)
+    _without_inflow(state)
     if state.settings[0].relinearise > 0.0 and wants_relinearisation(state):
         relinearise(state, held)
     clock.rows += 1.0

@@ -16,7 +16,7 @@ from towtank.core.arrays import Array
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, Samples
 from towtank.identification.kalman.state import FilterSettings, JointState
 from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
-from towtank.identification.model.prior import usual_disturbance
+from towtank.identification.model.terms import DISTURBANCE
 from towtank.recording import Recording
 from towtank.recording.noise import noise_level, noise_levels
 from towtank.recording.standard import EULER, MEASURED, QUATERNION
@@ -49,6 +49,7 @@ _WALK_SURE = 4.0  # deviations by which innovations must be too large for a velo
 _SMOOTHER = 0.9  # times a velocity walk that was too large: it hid the disturbance, whose level may rise but not fall
 _SWING = 5.0  # factor by which a level may change from one pass to the next
 _FLOOR_SHARE = 0.3  # of the usual disturbance: its least level
+_LEAST_WAVE = 2e-3  # m/s
 _LATEST, _FEWEST_ROWS = 2000, 30  # rows that show the noise of a stream
 _SPEED_STEP = 0.1  # s between two speeds whose difference shows what a vehicle does
 
@@ -96,7 +97,17 @@ def adapt_noise(
             disturbance[i] = disturbance[i] ** weight * usual[i] ** (1.0 - weight)
         if smoother[i]:
             disturbance[i] = max(disturbance[i], levels.disturbance[i])
-    return NoiseLevels(noise, np.maximum(disturbance, floors), velocity_walk)
+    return NoiseLevels(noise, np.maximum(disturbance, floors), velocity_walk, _wave_level(state, levels))
+
+
+def _wave_level(state: JointState, levels: NoiseLevels) -> Array:
+    """Return the deviations (3,) of the water's velocity in waves, as the pass shows them; 0 where it has none."""
+    waves = levels.waves.copy()
+    for i, shown in enumerate(state.wave_statistics):
+        expected = waves[i] ** 2 * shown.time - shown.variance
+        if expected > 1e-3 * waves[i] ** 2 * shown.time > 0.0:
+            waves[i] *= np.sqrt(np.clip(shown.square / expected, 1.0 / _SWING, _SWING))
+    return np.where(waves > 0.0, np.maximum(waves, _LEAST_WAVE), 0.0)
 
 
 def rejected_share(state: JointState) -> Array:
@@ -147,6 +158,7 @@ def converged(new: NoiseLevels, old: NoiseLevels) -> bool:
     return bool(
         np.all(np.abs(new.disturbance - old.disturbance) <= _CONVERGED * old.disturbance)
         and np.all(np.abs(new.noise - old.noise) <= _CONVERGED * old.noise)
+        and np.all(np.abs(new.waves - old.waves) <= 2.0 * _CONVERGED * old.waves)
         and np.all(
             np.abs(np.nan_to_num(new.velocity_walk - old.velocity_walk))
             <= _CONVERGED * np.nan_to_num(old.velocity_walk)
@@ -178,7 +190,7 @@ def initial_noise_levels(recording: Recording, vehicle: Vehicle) -> NoiseLevels:
             noise[j] = max(
                 level.of_each(_rate(recording, name)), level.quantum / math.sqrt(12.0), float(LEAST_NOISE[j])
             )
-    return NoiseLevels(noise, usual_disturbance(vehicle))
+    return NoiseLevels(noise, np.array(DISTURBANCE))
 
 
 def common_noise_levels(recordings: Sequence[Recording], samples: Sequence[Samples], vehicle: Vehicle) -> NoiseLevels:
@@ -235,9 +247,6 @@ def _rate(recording: Recording, name: str) -> float:
 
 def filter_settings(vehicle: Vehicle) -> FilterSettings:
     """Return the filter's settings for a vehicle: floors of the disturbance in proportion to its inertia."""
-    usual = usual_disturbance(vehicle)
     return FilterSettings(
-        floor_force=_FLOOR_SHARE * float(usual[:3].min()),
-        floor_moment=_FLOOR_SHARE * float(usual[3:].min()),
-        usual=tuple(float(level) for level in usual),
+        floor_force=_FLOOR_SHARE * DISTURBANCE[0], floor_moment=_FLOOR_SHARE * DISTURBANCE[3], usual=DISTURBANCE
     )

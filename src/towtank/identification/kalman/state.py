@@ -1,7 +1,12 @@
 """The joint filter's state: motion, disturbance, current, coefficients and biases, with their common covariance.
 
 Errors stand in this order: position 3 (NED), attitude 3 (body), velocity 6 (relative to the water), disturbance 6
-(body), current 3 (NED), free coefficients n, and, where an IMU is there, gyro bias 3 and accelerometer bias 3.
+(an acceleration, body), current 3 (NED), free coefficients n; where an IMU is there, biases of gyro 3, accelerometer 3
+and attitude 3; where there are waves, the velocity of the water in them 3 and its quadrature 3 (NED).
+
+A wave is a complex Ornstein-Uhlenbeck process z on each axis, z_dot = (-1/T + i omega) z + noise: its real part moves
+the water, its imaginary part is a quarter of a period ahead. The attitude of an AHRS wanders: a bias with a memory of
+half a minute.
 
 Kernels of this package advance a `JointState` in place. What it counts and what it is set to stand in records, arrays
 whose elements have named fields of 8 bytes each: `state.clock[0].time`, `state.statistics["accepted"]`.
@@ -11,6 +16,7 @@ Also whether a running filter is healthy, and how it goes on where it is not.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -23,6 +29,7 @@ from towtank.core.rk4 import N_STATES
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels
 from towtank.identification.model.measurements import N_SENSORS
 from towtank.identification.model.parameters import (
+    IN_LATENCY,
     N_FIXED,
     N_MOVING,
     UNTRANSFORMED,
@@ -52,7 +59,9 @@ _LEAST_VELOCITY_WALK = 1e-4  # m/s^2 sqrt(s), rad/s^2 sqrt(s): what no model of 
 _MOVED = 0.2  # of a logarithm (share of the coefficient), from its linearisation point
 _RECOVERY_INFLATION = 4.0  # factor to the variances of a filter that had to recover
 _GYRO_BIAS, _ACCELEROMETER_BIAS = 0.02, 0.3  # rad/s, m/s^2: deviations at the start
-_CURRENT_STD = 0.2  # m/s, at the start
+_CURRENT_STD = 0.15  # m/s, at the start
+_ATTITUDE_BIAS = (0.009, 0.009, 0.03)  # rad: half a degree of tilt, a compass worse
+N_BIASES, N_WAVES = 9, 6  # errors
 
 Record = NDArray[Any]  # elements with named fields
 
@@ -66,7 +75,17 @@ def _fields(*names: str, **shapes: tuple[int, ...]) -> np.dtype[Any]:
 CLOCK = _fields("time", "started", "log_likelihood", "rows", "duration", "resets", "since_accepted")
 SETTINGS = _fields(
     *("time_constant", "gate", "huber", "reacquire", "gap", "step", "adapt", "floor_force", "floor_moment"),
-    *("current_walk", "bias_walk", "biases", "relinearise", "considered_share"),
+    *(
+        "current_walk",
+        "bias_walk",
+        "biases",
+        "waves",
+        "wave_frequency",
+        "wave_decay",
+        "relinearise",
+        "considered_share",
+    ),
+    attitude_bias=(3,),
 )
 STATISTICS = _fields(
     *("noise_samples", "noise_sum", "nis_sum", "rejected", "accepted", "walk_score", "walk_information"),
@@ -88,11 +107,12 @@ class FilterSettings:
         gap: after a pause longer than this [s] the motion begins anew.
         step: longest integration step [s].
         adapt: time over which the disturbance's level is adapted [s], 0 for a fixed level.
-        floor_force, floor_moment: least level of the disturbance [N], [N m].
-        usual: level of it [N, N m] that short data are supplemented with, 0 for none.
+        floor_force, floor_moment: least level of the disturbance [m/s^2], [rad/s^2].
+        usual: level of it [m/s^2, rad/s^2] that short data are supplemented with, 0 for none.
         relinearise: about coefficients once they are known; else the filter stays linear.
         current: water current (3) estimated. current_walk, bias_walk: random walks [m/s, rad/s or m/s^2 per sqrt(s)].
-        biases: those of an IMU are estimated.
+        biases: those of an IMU are estimated. wanders: the attitude comes from one, too.
+        wave_period: [s] where the levels have waves.
     """
 
     time_constant: float = 2.0
@@ -102,14 +122,16 @@ class FilterSettings:
     gap: float = 2.0
     step: float = 0.02
     adapt: float = 0.0
-    floor_force: float = 0.02
-    floor_moment: float = 0.002
+    floor_force: float = 0.001
+    floor_moment: float = 0.003
     usual: tuple[float, ...] = (0.0,) * 6
     relinearise: bool = True
     current: bool = False
     current_walk: float = 1e-3
     bias_walk: float = 1e-5
     biases: bool = False
+    wanders: bool = False
+    wave_period: float = 6.0
 
     @property
     def record(self) -> Record:
@@ -117,7 +139,8 @@ class FilterSettings:
         numbers = (
             *(self.time_constant, self.gate, self.huber, self.reacquire, self.gap, self.step, self.adapt),
             *(self.floor_force, self.floor_moment, self.current_walk**2 if self.current else 0.0, self.bias_walk**2),
-            *(float(self.biases), float(self.relinearise), 0.0),
+            *(float(self.biases), 0.0, 2.0 * math.pi / self.wave_period, 1.0 / self.wave_period),
+            *(float(self.relinearise), 0.0, _ATTITUDE_BIAS if self.wanders else (0.0, 0.0, 0.0)),
         )
         return np.array([numbers], dtype=SETTINGS)
 
@@ -141,12 +164,17 @@ class JointState(NamedTuple):
     """
 
     x: Array  # (13,) position, quaternion, velocity relative to the water
-    force: Array  # (6,) disturbance [N, N m]
+    force: Array  # (6,) disturbance [m/s^2, rad/s^2]
     current: Array  # (3,) [m/s] NED
     theta: Array  # (n,) free coefficients
-    bias: Array  # (6,) gyro [rad/s], accelerometer [m/s^2]
+    bias: Array  # (9,) gyro [rad/s], accelerometer [m/s^2], attitude [rad]
+    wave: Array  # (6,) [m/s] NED: the water's velocity in waves, and its quadrature
+    water: Array  # (3,) [m/s] NED: current and waves
+    rate: Array  # (6,) acceleration over the last step [m/s^2, rad/s^2]
+    latency: NDArray[np.int64]  # (6,) which coefficient is the latency of each sensor, -1 where it is known
     P: Array  # (N, N)
     p: Array  # (170,) kernel parameters at the linearisation point
+    linear: Array  # (37,) whether `p` has losses by inflow now, and its linear damping without them
     codes: Codes  # (n, 4)
     linearised_at: Array  # (n,) theta that the motion is linearised about; `p` and the inputs have these values
     information_time: Array  # (n,) time over which theta has learned [s]
@@ -154,7 +182,8 @@ class JointState(NamedTuple):
     active: Array  # (N,) 1, and 0 for a coefficient that is considered but not updated
     B: Array  # (6, m) wrench of each unit input
     noise: Array  # (18,) deviations of the measured columns
-    disturbance: Array  # (6,) levels of the disturbance [N, N m]
+    disturbance: Array  # (6,) levels of the disturbance [m/s^2, rad/s^2]
+    wave_level: Array  # (3,) deviations of the water's velocity in waves [m/s]
     velocity_walk: Array  # (6,) random walk of the speeds [m/s^2 sqrt(s), rad/s^2 sqrt(s)]
     settings: Record
     clock: Record
@@ -162,6 +191,7 @@ class JointState(NamedTuple):
     outages: Record
     statistics: Record
     disturbance_statistics: Record
+    wave_statistics: Record  # (3,) as those of the disturbance
     F_transposed: Array  # (21 + n, 12)
     F: Array  # (12, 21 + n)
     A: Array  # (12, 21 + n)
@@ -206,13 +236,18 @@ def new_joint_state(
         linearised_at: what the motion is linearised about (n,), by default the start values.
     """
     n = len(free)
-    size = N_FIXED + n + (6 if settings.biases else 0)
+    waves = bool(np.any(levels.waves > 0.0))
+    size = N_FIXED + n + N_BIASES * settings.biases + N_WAVES * waves
     F, A, work, scratch = transition_scratch(n)
     P = np.zeros((size, size))
     block = np.diag(deviation**2) if deviation.ndim == 1 else deviation
     P[N_FIXED : N_FIXED + n, N_FIXED : N_FIXED + n] = block
     if settings.biases:
-        P[N_FIXED + n :, N_FIXED + n :] = np.diag([_GYRO_BIAS**2] * 3 + [_ACCELEROMETER_BIAS**2] * 3)
+        attitude = settings.record["attitude_bias"][0] ** 2
+        variance = np.concatenate([[_GYRO_BIAS**2] * 3, [_ACCELEROMETER_BIAS**2] * 3, attitude])
+        P[N_FIXED + n : N_FIXED + n + N_BIASES, N_FIXED + n : N_FIXED + n + N_BIASES] = np.diag(variance)
+    if waves:
+        P[-N_WAVES:, -N_WAVES:] = np.diag(np.tile(levels.waves**2, 2))
     if settings.current:
         P[18:21, 18:21] = _CURRENT_STD**2 * np.eye(3)
     kernel = np.array(p)
@@ -221,14 +256,21 @@ def new_joint_state(
     put_parameters(kernel, free.codes, about, np.empty((6, 6)))
     x = np.zeros(13)
     x[3] = 1.0
+    record = settings.record
+    record["waves"] = float(waves)
     return JointState(
         x=x,
         force=np.zeros(6),
         current=np.zeros(3),
         theta=start,
-        bias=np.zeros(6),
+        bias=np.zeros(N_BIASES),
+        wave=np.zeros(N_WAVES),
+        water=np.zeros(3),
+        rate=np.zeros(6),
+        latency=_latency_columns(free.codes),
         P=P,
         p=kernel,
+        linear=np.zeros(37),
         codes=np.ascontiguousarray(free.codes),
         linearised_at=about,
         information_time=np.zeros(n),
@@ -237,13 +279,15 @@ def new_joint_state(
         B=np.ascontiguousarray(B),
         noise=np.array(levels.noise, dtype=np.float64),
         disturbance=np.array(levels.disturbance, dtype=np.float64),
+        wave_level=np.array(levels.waves, dtype=np.float64),
         velocity_walk=np.fmax(levels.velocity_walk, _LEAST_VELOCITY_WALK),
-        settings=settings.record,
+        settings=record,
         clock=np.zeros(1, dtype=CLOCK),
         last_accepted=np.zeros(N_SENSORS),
         outages=np.zeros(N_SENSORS, dtype=OUTAGE),
         statistics=np.zeros(N_MEASURED, dtype=STATISTICS),
         disturbance_statistics=np.zeros(6, dtype=DISTURBANCE_STATISTICS),
+        wave_statistics=np.zeros(3, dtype=DISTURBANCE_STATISTICS),
         F_transposed=np.zeros((N_FIXED + n, 12)),
         F=F,
         A=A,
@@ -260,10 +304,19 @@ def new_joint_state(
     )
 
 
+def _latency_columns(codes: Codes) -> NDArray[np.int64]:
+    """Return which coefficient is the latency of each sensor (6,), -1 where none is."""
+    out = np.full(N_SENSORS, -1)
+    for k, code in enumerate(codes):
+        if code[0] == IN_LATENCY:
+            out[code[1]] = k
+    return out
+
+
 def restored_state(arrays: Mapping[str, Any], prefix: str) -> JointState:
     """Return a filter from its arrays, kept by name behind a prefix."""
     records = {"settings": SETTINGS, "clock": CLOCK, "outages": OUTAGE, "statistics": STATISTICS}
-    records["disturbance_statistics"] = DISTURBANCE_STATISTICS
+    records["disturbance_statistics"] = records["wave_statistics"] = DISTURBANCE_STATISTICS
     kept = {name: arrays[prefix + name] for name in JointState._fields}
     return JointState(**{name: each.view(records.get(name, each.dtype)) for name, each in kept.items()})
 
@@ -282,7 +335,9 @@ def healthy_snapshot(state: JointState) -> HealthySnapshot | None:
     finite = np.isfinite(state.theta).all() and np.isfinite(state.P).all() and np.isfinite(state.x).all()
     if not (finite and (np.diag(state.P) >= 0.0).all()):
         return None
-    levels = NoiseLevels(state.noise.copy(), state.disturbance.copy(), state.velocity_walk.copy())
+    levels = NoiseLevels(
+        state.noise.copy(), state.disturbance.copy(), state.velocity_walk.copy(), state.wave_level.copy()
+    )
     return HealthySnapshot(state.theta.copy(), coefficient_block(state).copy(), levels)
 
 
@@ -310,7 +365,7 @@ def recovered(
     """Return a filter that begins its motion anew with what was known last, and trusts that less."""
     levels = replace(healthy.levels, disturbance=np.sqrt(_RECOVERY_INFLATION) * healthy.levels.disturbance)
     now = state.settings[0]
-    settings = replace(settings, biases=bool(now.biases))
+    settings = replace(settings, biases=bool(now.biases), wanders=bool(now.attitude_bias[0] > 0.0))
     fresh = new_joint_state(
         state.p, free, healthy.theta, _RECOVERY_INFLATION * healthy.covariance, state.B, levels, settings
     )

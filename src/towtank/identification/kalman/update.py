@@ -28,9 +28,11 @@ from towtank.identification.model.measurements import (
     RATES,
     REACQUIRE,
     SPECIFIC_FORCE,
+    VELOCITY,
     attitude_error,
     cosine_of_pitch,
     measurement_row_into,
+    pace_of,
     residual_of,
     specific_force,
     specific_force_row_into,
@@ -163,8 +165,13 @@ def inject(state: JointState) -> None:
     for k in range(n):
         state.theta[k] += dx[N_FIXED + k]
     if state.settings[0].biases > 0.0:
-        for i in range(6):
+        for i in range(9):
             state.bias[i] += dx[N_FIXED + n + i]
+    if state.settings[0].waves > 0.0:
+        for i in range(6):
+            state.wave[i] += dx[dx.shape[0] - 6 + i]
+    for i in range(3):
+        state.water[i] = state.current[i] + state.wave[i]
     for j in range(dx.shape[0]):
         dx[j] = 0.0
 
@@ -172,11 +179,27 @@ def inject(state: JointState) -> None:
 @kernel
 def _expected_into(state: JointState, z: Array, sensor: int, k: int, whole: bool) -> float:
     """Write H of number k of a sensor into `state.h`, which is zero before; return its residual at dx = 0."""
-    c = state.current
-    flows = c[0] != 0.0 or c[1] != 0.0 or c[2] != 0.0 or state.P[18, 18] > 0.0
-    biases = state.settings[0].biases > 0.0
-    measurement_row_into(state.x, c, flows, biases, sensor, k, whole, state.h)
-    return residual_of(z, state.x, c, state.bias, sensor, k, whole)
+    h, water = state.h, state.water
+    n, size = state.theta.shape[0], state.P.shape[0]
+    waves = state.settings[0].waves > 0.0
+    flows = waves or water[0] != 0.0 or water[1] != 0.0 or water[2] != 0.0 or state.P[18, 18] > 0.0
+    measurement_row_into(state.x, water, flows, sensor, k, whole, h)
+    if state.settings[0].biases > 0.0:
+        if sensor == RATES:
+            h[N_FIXED + n + k] = 1.0
+        elif sensor == ATTITUDE and whole:
+            for j in range(3):
+                h[N_FIXED + n + 6 + j] = h[3 + j]
+    if waves and sensor == VELOCITY:
+        for j in range(3):
+            h[size - 6 + j] = h[18 + j]
+    residual = residual_of(z, state.x, water, state.bias, sensor, k, whole)
+    column = state.latency[sensor]
+    if column >= 0 and (whole or sensor != ATTITUDE):
+        slope = pace_of(state.x, water, state.rate, sensor, k)
+        h[N_FIXED + column] = -slope
+        residual += slope * (state.theta[column] - state.linearised_at[column])
+    return residual
 
 
 @kernel
@@ -188,11 +211,13 @@ def update_specific_force(state: JointState, z: Array) -> None:
     rate = state.work[4]
     wrench = state.scratch[:1].reshape(6, 1)
     for i in range(6):
-        wrench[i, 0] = state.tau[i] + state.force[i]
-    stage_into(state.p.reshape(state.p.shape[0], 1), lane, wrench, state.current, rate, True)
+        wrench[i, 0] = state.tau[i]
+    stage_into(state.p.reshape(state.p.shape[0], 1), lane, wrench, state.water, rate, True)
     linearise_into(
         state.p, x, rate[:, 0], state.codes, state.linearised_at, state.B, state.mean_force, A, state.scratch[4:6]
     )
+    for i in range(6):
+        rate[7 + i, 0] += state.force[i]
     n = state.theta.shape[0]
     gate = state.settings[0].gate
     for pass_ in range(2):

@@ -393,7 +393,10 @@ def learn_paper(
         model = model.model_copy(update={"command_delay": passes.settings.delay})
     warnings = _warnings(vehicle, estimate, scan, longest_delay, grids)
     sources = tuple(map(sources_of, grids))
-    return LogLearning(vehicle, estimate, model, passes.settings.delay, scan, grids, sources, warnings)
+    given = delay is not None
+    return LogLearning(
+        vehicle, estimate, model, passes.settings.delay, scan, grids, sources, warnings, delay_given=given
+    )
 
 
 def _settled(last: Estimate, new: Estimate) -> bool:

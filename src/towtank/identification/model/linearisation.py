@@ -5,11 +5,13 @@ With x the state and everything taken at the middle of the step,
 
     d p_dot  = R dv - R [v]x e + d v_c
     d e_dot  = -[omega]x e + d omega
-    d nu_dot = M^-1 { D d nu + [W - B; S(b)] ([k]x e) + d d - sum Phi_j d c_j }
+    d nu_dot = M^-1 { D d nu + [W - B; S(b)] ([k]x e) - sum Phi_j d c_j } + d a
     D        = L + 2 Q |nu| + 2 A nu + d(u F nu - C(nu) nu)/d nu
 
 C(nu) nu is bilinear, so its derivative is C(dnu) nu + C(nu) dnu in Kirchhoff's form; Phi is the regressor of (8),
-Phi c = tau along the motion, whence the last term. The step's matrix is F = I + A h + A^2 h^2 / 2.
+Phi c = tau along the motion, whence the last term. The disturbance a is an acceleration: one that is stated in newtons
+would fix the scale of all forces by the accelerations that it could cause. So Phi is without what a does to nu_dot. The
+step's matrix is F = I + A h + A^2 h^2 / 2.
 """
 
 from __future__ import annotations
@@ -19,7 +21,16 @@ import math
 from towtank.core.arrays import Array, kernel
 from towtank.core.forces import add_even_slope_into
 from towtank.core.inertia import bilinear_coriolis_into
-from towtank.core.layout import I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT, N_KINDS
+from towtank.core.layout import (
+    I_LINEAR,
+    I_MASS,
+    I_MASS_INVERSE,
+    I_MOMENT,
+    I_QUADRATIC,
+    I_WEIGHT,
+    INFLOW,
+    N_KINDS,
+)
 from towtank.core.regressor import unit_wrench_into
 from towtank.core.rk4 import N_STATES, has_even_terms, stage_into, step_into
 from towtank.identification.model.terms import (
@@ -65,6 +76,24 @@ def _by_mass(p: Array, A: Array, column: int, w: Array) -> None:
 
 
 @kernel
+def inflow_wrench_into(B: Array, forces: Array, nu: Array, out: Array) -> None:
+    """Write the wrench (6,) per unit of loss of thrust with inflow, -sum |T_j| b_j (b_j . nu), into `out`.
+
+    Args:
+        B: wrench of each unit force (6, m). forces: thrust (m,) [N]. nu: velocity through the water (6,).
+    """
+    for i in range(6):
+        out[i] = 0.0
+    for j in range(forces.shape[0]):
+        along = 0.0
+        for i in range(6):
+            along += B[i, j] * nu[i]
+        along *= math.fabs(forces[j])
+        for i in range(6):
+            out[i] -= B[i, j] * along
+
+
+@kernel
 def linearise_into(
     p: Array,
     x: Array,
@@ -76,7 +105,9 @@ def linearise_into(
     A: Array,
     w: Array,
 ) -> None:
-    """Write A (12, 21 + n), the derivative of the error's rate, at the state x (13,) with derivative `rate` (13,).
+    """Write A (12, 21 + n), the derivative of the error's rate, at the state x (13,).
+
+    `rate` (13,) is its derivative by the forces that the model knows, without the disturbance.
 
     Args:
         p: kernel parameters (170,), theta (n,) already put in.
@@ -140,14 +171,16 @@ def linearise_into(
         _by_mass(p, A, 6 + j, w[0])
     for i in range(6):
         for j in range(6):
-            A[6 + i, _DIST + j] = p[I_MASS_INVERSE + 6 * i + j]
+            A[6 + i, _DIST + j] = 1.0 if i == j else 0.0
 
     # Coefficients.
     gravity = w[1]
     gravity[0], gravity[1], gravity[2] = k0, k1, k2
     for c in range(n):
         kind, i, j, transform = codes[c, 0], codes[c, 1], codes[c, 2], codes[c, 3]
-        if kind < N_KINDS:
+        if kind == INFLOW:
+            inflow_wrench_into(shape, pushed[0], nu, w[0])
+        elif kind < N_KINDS:
             unit_wrench_into(kind, i, j, nu, nu_dot, gravity, w[0])
         elif kind == IN_GAIN:
             for m in range(6):
@@ -158,6 +191,8 @@ def linearise_into(
                 w[0, m] = 0.0
                 for a_ in range(shape.shape[1]):
                     w[0, m] += shape[m, a_] * pushed[row, a_]
+        else:
+            continue  # of a sensor: no force
         slope = 1.0
         if transform == LOG and kind != IN_LAG:
             slope = math.exp(theta[c])
@@ -173,6 +208,7 @@ def step_and_linearise(
     p: Array,
     x: Array,
     tau: Array,
+    disturbance: Array,
     current: Array,
     h: float,
     fade: float,
@@ -189,7 +225,7 @@ def step_and_linearise(
     """Advance the state x (13,) by h [s] in place and write the step's matrix F (12, 21 + n).
 
     Args:
-        tau: mean wrench over the step (6,), disturbance included. current: (3,) NED.
+        tau: mean wrench over the step (6,). disturbance: mean acceleration (6,) beside it. current: (3,) NED.
         fade: 1/T of the disturbance [1/s].
         A: scratch (12, 21 + n). work: scratch (5, 13, 1). scratch: (12, 6) at least.
         Others as `linearise_into`.
@@ -199,9 +235,12 @@ def step_and_linearise(
     middle, rate = work[3], work[4]
     wrench = scratch[:3].reshape(3, 6, 1)
     for j in range(6):
-        wrench[0, j, 0] = tau[j]
-        wrench[1, j, 0] = tau[j]
-        wrench[2, j, 0] = tau[j]
+        total = tau[j]
+        for k in range(6):
+            total += p[I_MASS + 6 * j + k] * disturbance[k]
+        wrench[0, j, 0] = total
+        wrench[1, j, 0] = total
+        wrench[2, j, 0] = total
     for i in range(N_STATES):
         middle[i, 0] = x[i]
     even = has_even_terms(parameters)
@@ -212,6 +251,8 @@ def step_and_linearise(
     for i in range(N_STATES):
         middle[i, 0] = 0.5 * (middle[i, 0] + x[i])
     stage_into(parameters, middle, wrench[0], current, rate, True)
+    for j in range(6):
+        rate[7 + j, 0] -= disturbance[j]
     linearise_into(p, middle[:, 0], rate[:, 0], codes, theta, shape, pushed, A, scratch[4:6])
     columns = A.shape[1]
     half = 0.5 * h * h

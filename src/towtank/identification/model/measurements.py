@@ -39,6 +39,7 @@ __all__ = [
     "attitude_error",
     "cosine_of_pitch",
     "measurement_row_into",
+    "pace_of",
     "residual_of",
     "rotation_between",
     "specific_force",
@@ -110,7 +111,7 @@ def residual_of(z: Array, x: Array, current: Array, bias: Array, sensor: int, k:
     """Return what number k of a sensor shows beyond what the state expects, angles by the shortest way.
 
     Args:
-        z: the row (18,). x: state (13,). current: (3,) [m/s], NED. bias: (6,) of gyro and accelerometer.
+        z: the row (18,). x: state (13,). current: (3,) [m/s], NED. bias: (9,) of gyro, accelerometer, whole attitude.
         sensor: not specific force. whole: all three numbers of the sensor are there.
     """
     value = z[3 * sensor + k]
@@ -119,7 +120,7 @@ def residual_of(z: Array, x: Array, current: Array, bias: Array, sensor: int, k:
     if sensor == ATTITUDE:
         if whole:
             ex, ey, ez = attitude_error(x[3:7], z[3], z[4], z[5])
-            return ex if k == 0 else (ey if k == 1 else ez)
+            return float((ex if k == 0 else (ey if k == 1 else ez)) - bias[6 + k])
         qw, qx, qy, qz = x[3], x[4], x[5], x[6]
         ky, kz = 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
         if k == 0:
@@ -136,14 +137,9 @@ def residual_of(z: Array, x: Array, current: Array, bias: Array, sensor: int, k:
 
 
 @kernel
-def measurement_row_into(
-    x: Array, current: Array, flows: bool, biases: bool, sensor: int, k: int, whole: bool, h: Array
-) -> None:
-    """Write H of number k of a sensor (not of specific force) into `h` (N,), which is zero before.
-
-    Args:
-        flows: there may be a current. biases: the last six errors are biases of gyro and accelerometer.
-    """
+def measurement_row_into(x: Array, current: Array, flows: bool, sensor: int, k: int, whole: bool, h: Array) -> None:
+    """Write H of number k of a sensor (not of specific force) into `h` (N,), which is zero before; `flows`: there may
+    be a current."""
     unit = unit_error(sensor, k, whole)
     if unit >= 0:
         h[unit] = 1.0
@@ -169,8 +165,35 @@ def measurement_row_into(
         else:
             h[18], h[19], h[20] = 2.0 * (qx * qz + qw * qy), 2.0 * (qy * qz - qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
             h[3], h[4] = -b, a
-    elif sensor == RATES and biases:
-        h[h.shape[0] - 6 + k] = 1.0
+
+
+@kernel
+def pace_of(x: Array, current: Array, rate: Array, sensor: int, k: int) -> float:
+    """Return the derivative by time of number k of a sensor (not specific force; an attitude in the body): what it
+    shows late.
+
+    Args:
+        x: state (13,). current: (3,) [m/s], NED. rate: acceleration (6,) [m/s^2, rad/s^2].
+    """
+    if sensor == POSITION:
+        qw, qx, qy, qz, u, v, w = x[3], x[4], x[5], x[6], x[7], x[8], x[9]
+        if k == 0:
+            a, b, c = 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy - qw * qz), 2.0 * (qx * qz + qw * qy)
+        elif k == 1:
+            a, b, c = 2.0 * (qx * qy + qw * qz), 1.0 - 2.0 * (qx * qx + qz * qz), 2.0 * (qy * qz - qw * qx)
+        else:
+            a, b, c = 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
+        return float(a * u + b * v + c * w + current[k])
+    if sensor == ATTITUDE:
+        return float(x[10 + k])
+    if sensor == RATES:
+        return float(rate[3 + k])
+    if sensor == VELOCITY:  # R^T v_c turns with the body
+        a, b, c = _current_in_body(x, current)
+        p, q, r = x[10], x[11], x[12]
+        turning = q * c - r * b if k == 0 else (r * a - p * c if k == 1 else p * b - q * a)
+        return float(rate[k] - turning)
+    return float(rate[k])
 
 
 @kernel

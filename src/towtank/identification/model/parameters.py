@@ -27,10 +27,12 @@ from towtank.core.layout import (
     address,
 )
 from towtank.errors import InputError, nearest
+from towtank.identification.model.measurements import SENSORS
 from towtank.identification.model.terms import (
     IN_DELAY,
     IN_GAIN,
     IN_LAG,
+    IN_LATENCY,
     LOG,
     N_FIXED,
     N_MOVING,
@@ -49,7 +51,9 @@ __all__ = [
     "IN_DELAY",
     "IN_GAIN",
     "IN_LAG",
+    "IN_LATENCY",
     "LAG",
+    "LATENCIES",
     "LINEAR",
     "MASS",
     "MOMENT",
@@ -65,6 +69,7 @@ __all__ = [
 ]
 
 DELAY, LAG, GAIN_PREFIX = "delay", "lag", "gain_"
+LATENCIES = tuple(f"latency_{sensor.name.replace(' ', '_')}" for sensor in SENSORS)  # [s], of each sensor
 
 
 @dataclass(frozen=True)
@@ -95,6 +100,8 @@ class FreeParameters:
                 value = max(lag, 1e-3)
             elif kind == IN_GAIN:
                 value = 1.0
+            elif kind == IN_LATENCY:
+                value = 0.0
             else:
                 value = vehicle.coefficient(name)
             out[k] = self._theta(k, value)
@@ -161,7 +168,7 @@ def free_parameters(vehicle: Vehicle, names: Sequence[str]) -> FreeParameters:
         InputError: an unknown name.
     """
     thrusters = [thruster.name for thruster in vehicle.thrusters]
-    known = (*COEFFICIENTS, DELAY, LAG, *(GAIN_PREFIX + name for name in thrusters))
+    known = (*COEFFICIENTS, DELAY, LAG, *(GAIN_PREFIX + name for name in thrusters), *LATENCIES)
     kept: list[str] = []
     codes: list[tuple[int, int, int, int]] = []
     rigid: list[float] = []
@@ -182,6 +189,8 @@ def _code(name: str, thrusters: Sequence[str]) -> tuple[int, int, int, int]:
         return IN_DELAY, 0, 0, UNTRANSFORMED
     if name == LAG:
         return IN_LAG, 0, 0, LOG
+    if name in LATENCIES:
+        return IN_LATENCY, LATENCIES.index(name), 0, UNTRANSFORMED
     if name.startswith(GAIN_PREFIX):
         return IN_GAIN, thrusters.index(name.removeprefix(GAIN_PREFIX)), 0, LOG
     kind, i, j = index(name)

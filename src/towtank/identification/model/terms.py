@@ -63,7 +63,7 @@ __all__ = [
     "paper_names",
 ]
 
-IN_DELAY, IN_LAG, IN_GAIN = range(N_KINDS, N_KINDS + 3)  # of the inputs, behind the kinds of coefficients
+IN_DELAY, IN_LAG, IN_GAIN, IN_LATENCY = range(N_KINDS, N_KINDS + 4)  # of inputs and sensors, behind the coefficients
 Codes = NDArray[np.int64]  # (n, 4) kind, row, column and transform of each free coefficient
 N_MOVING = 12  # errors of position, attitude and velocity
 N_FIXED = 21  # and of disturbance 6 and current 3; those of the free coefficients follow
@@ -71,7 +71,7 @@ UNTRANSFORMED, LOG, NEGATIVE_LOG = range(3)
 ADDED = 0.6  # of the rigid body's inertia
 _WATER = 1000.0  # kg/m^3
 _GRAVITY = 9.81  # m/s^2
-_FORCE, _MOMENT = 0.006, 0.015  # m/s^2, rad/s^2: what a disturbance does to a vehicle, to begin with
+DISTURBANCE = (0.006,) * 3 + (0.015,) * 3  # m/s^2, rad/s^2: what one does to a vehicle, to begin with
 _LINEAR_SPEED = (0.3, 0.5)  # m/s, rad/s at which a guessed linear damping equals the quadratic one
 _ARM = 1.7  # times the gyradius: where the force of a hull that turns acts
 _INFLOW_LOSS = 0.3  # s/m: thrust gone at 3 m/s
@@ -109,7 +109,7 @@ def body_size(vehicle: Vehicle) -> BodySize:
 def usual_disturbance(vehicle: Vehicle) -> Array:
     """Return levels (6,) [N, N m] of a disturbance that a vehicle of this inertia feels."""
     inertia = np.diag(vehicle.rigid_body_matrix) * (1.0 + ADDED)
-    return np.asarray(inertia * np.array([_FORCE] * 3 + [_MOMENT] * 3), dtype=np.float64)
+    return np.asarray(inertia * np.array(DISTURBANCE), dtype=np.float64)
 
 
 def damping_guess(body: BodySize, kind: int, axis: int) -> float:

@@ -32,7 +32,7 @@ from towtank.identification.kalman.state import (
     restored_state,
 )
 from towtank.identification.model.parameters import LAG, FreeParameters, free_parameters
-from towtank.identification.model.prior import usual_disturbance
+from towtank.identification.model.terms import DISTURBANCE
 from towtank.identification.online.least_squares import PaperLearner
 from towtank.identification.online.reestimation import Reestimation
 from towtank.identification.online.schedule import ReestimationJob, ReestimationSchedule
@@ -88,7 +88,7 @@ class JointStream:
         self.reestimating = True
         self.seen = 0.0
         self.running: Running | None = None
-        self.levels = NoiseLevels(np.full(N_MEASURED, 1e-3), usual_disturbance(vehicle), np.full(6, np.nan))
+        self.levels = NoiseLevels(np.full(N_MEASURED, 1e-3), np.array(DISTURBANCE), np.full(6, np.nan))
         self.reestimations = ReestimationSchedule(
             vehicle,
             requested,

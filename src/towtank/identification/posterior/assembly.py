@@ -10,6 +10,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import NoiseLevels, Sources
+from towtank.identification.model.belief import Belief
 from towtank.identification.model.parameters import IN_DELAY, UNTRANSFORMED, FreeParameters
 from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.estimate import AxisReport, Estimate, SumOfInertias
@@ -162,7 +163,9 @@ class LogLearning:
         method: that the coefficients come from. delay_std: [s], NaN where given. lag, lag_std: time constant of the
             thrusters, NaN where it was not free. current: of the water, where it was estimated.
         gains: of thrusters where they were free, value and deviation.
-        remarks: how it was learned, in plain words.
+        remarks: how it was learned, in plain words. delay_given: whether somebody gave it.
+        latency: of sensors, value and deviation [s]. prior: what was supposed, None of the paper's method.
+        narrowed: deviation of each unknown as a share of what it was before any data.
     """
 
     vehicle: Vehicle
@@ -181,6 +184,10 @@ class LogLearning:
     current: Current | None = None
     gains: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    delay_given: bool = False
+    latency: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    prior: Belief | None = None
+    narrowed: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

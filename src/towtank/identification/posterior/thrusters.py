@@ -9,7 +9,7 @@ added mass, which is the rigid body's less the total, minus the total inertia.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +18,8 @@ from towtank.core.arrays import Array
 from towtank.identification.model.parameters import GAIN_PREFIX, FreeParameters
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.identification.posterior.estimate import Estimate, with_covariance
-from towtank.vehicle import Curve, PolynomialCurve, QuadraticCurve, TableCurve, Vehicle, index
+from towtank.vehicle import Vehicle, index
+from towtank.vehicle.thrusters.curves import is_of_unit_scale
 
 __all__ = ["learned_gains", "with_gains_of", "with_scale", "with_thrust_scale", "with_thrusters"]
 
@@ -57,30 +58,12 @@ def scale_remarks(vehicle: Vehicle, free: Collection[str] = ()) -> tuple[str, ..
         return ()
     if all(GAIN_PREFIX + thruster.name in free for thruster in thrusters):
         return (f"the gain of every thruster is free, so that only ratios of the coefficients are known; {_CURE}",)
-    if vehicle.scale_std is None and all(_of_unit_scale(thruster.curve) for thruster in thrusters):
+    if vehicle.scale_std is None and all(is_of_unit_scale(thruster.curve) for thruster in thrusters):
         return (
             "the thrusters' curves are of unit scale and name no source, so that force has no known unit and only "
             f"ratios of the coefficients are known; {_CURE}, and scale_std in the vehicle file says how well",
         )
     return ()
-
-
-def _of_unit_scale(curve: Curve) -> bool:
-    """Whether a curve only says that force grows with the command: nobody measured it."""
-    if curve.source:
-        return False
-    match curve:
-        case QuadraticCurve():
-            return abs(curve.forward) == 1.0 and (curve.reverse is None or abs(curve.reverse) == 1.0)
-        case PolynomialCurve():
-            return _one(curve.coefficients) and (curve.reverse is None or _one(curve.reverse))
-        case TableCurve():
-            return max(abs(force) for force in curve.force) == 1.0
-    return False
-
-
-def _one(coefficients: Sequence[float]) -> bool:
-    return [abs(c) for c in coefficients if c != 0.0] == [1.0]
 
 
 def with_scale(learning: LogLearning, free: Collection[str] = ()) -> LogLearning:

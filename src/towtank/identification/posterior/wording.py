@@ -23,6 +23,7 @@ __all__ = [
     "free_runs_remark",
     "inertia_doubted",
     "least_squares_remark",
+    "not_narrowed",
     "phrase",
     "reversed_force",
     "role",
@@ -72,6 +73,23 @@ def role(name: str) -> Role:
 def _term(name: str) -> Term:
     """Return the row of a coefficient's kind."""
     return TERMS[KINDS[index(name)[0]].code]
+
+
+def not_narrowed(name: str, share: float) -> str:
+    """Return why a coefficient is not identified: what is left of its prior's deviation, and what would narrow it."""
+    left = f"the data leave {100.0 * min(share, 1.0):.0f} % of the prior's deviation"
+    part = role(name)
+    if part.kind == "coupling":
+        return f"{left}; {_term(name).apart}"
+    if part.kind == "constant":
+        return f"{left}; a run over all headings and attitudes would narrow it"
+    if part.row < 0:
+        return left
+    axis = AXES[part.row].name
+    if part.kind == "restoring":
+        return f"{left}; larger angles would narrow it" if name.startswith("BG") else f"{left}; heave would narrow it"
+    how = "faster and slower" if part.kind in ("linear", "quadratic") else "harder, to and fro"
+    return f"{left}; driving {axis} {how} would narrow it"
 
 
 def label(name: str) -> str:

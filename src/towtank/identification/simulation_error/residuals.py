@@ -56,7 +56,7 @@ class RowSpace(NamedTuple):
     """What a row is compared in: the water, the biases that a free run has none of, and room for a row of H."""
 
     current: Array  # (3,) [m/s]
-    bias: Array  # (6,) of gyro and accelerometer
+    bias: Array  # (9,) of gyro, accelerometer and attitude
     h: Array  # (21 + n,) zero
 
 
@@ -192,7 +192,7 @@ def absorb_row_into(
                 for c in range(S.shape[1]):
                     J[0, c] = S[unit, c]
             else:
-                measurement_row_into(x, space.current, False, False, sensor, k, whole, h)
+                measurement_row_into(x, space.current, False, sensor, k, whole, h)
                 for c in range(S.shape[1]):
                     J[0, c] = h[3] * S[3, c] + h[4] * S[4, c] + h[5] * S[5, c]
                 h[3], h[4], h[5] = 0.0, 0.0, 0.0

@@ -197,7 +197,7 @@ def new_workspace(columns: int, n: int, m: int) -> Workspace:
         work=np.zeros((3, N_STATES, 1)),
         scratch=np.zeros((6, 6)),
         current=np.zeros(3),
-        bias=np.zeros(6),
+        bias=np.zeros(9),
         h=np.zeros(N_FIXED + n),
     )
 

@@ -36,6 +36,7 @@ __all__ = [
     "command",
     "force",
     "force_range",
+    "is_of_unit_scale",
 ]
 
 _SAMPLES = 1025
@@ -311,3 +312,21 @@ def _distance(curve: Curve, branch: _Branch, demand: Array) -> Array:
         low, high = np.where(enough, low, middle), np.where(enough, middle, high)
     step = np.where(demand > 0.5 * branch.reached[0], branch.a[0], 0.0)
     return np.where(saturated, full, np.where(below, step, high))
+
+
+def is_of_unit_scale(curve: Curve) -> bool:
+    """Whether a curve only says that force grows with the command: nobody measured it."""
+    if curve.source:
+        return False
+    match curve:
+        case QuadraticCurve():
+            return abs(curve.forward) == 1.0 and (curve.reverse is None or abs(curve.reverse) == 1.0)
+        case PolynomialCurve():
+            return _is_one(curve.coefficients) and (curve.reverse is None or _is_one(curve.reverse))
+        case TableCurve():
+            return max(abs(force) for force in curve.force) == 1.0
+    return False
+
+
+def _is_one(coefficients: tuple[float, ...]) -> bool:
+    return [abs(c) for c in coefficients if c != 0.0] == [1.0]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
-from towtank.vehicle.shapes import last_axis
+from towtank.vehicle.motion import last_axis
 from towtank.vehicle.thrusters import curves
 from towtank.vehicle.vehicle import Vehicle
 

@@ -1,0 +1,341 @@
+"""The joint filter over whole recordings: from the prior, pass after pass, until nothing moves any more.
+
+Every pass starts from the prior itself, linearised about what the last pass found, so that data count once however
+many passes there are: Gauss and Newton's way to the mode of the posterior. A first pass takes the disturbance for far
+larger than it will be, so that a start that is far off is led by the data's large features alone. Between passes the
+levels of noise and disturbance follow what the pass shows (`kalman.noise_adaptation`), sensors that are late are moved
+back by what their latency is found to be, and no step is longer than the prior allows.
+
+Where a sensor sees the ground, waves are among the unknowns, water that goes to and fro with a period of seconds. They
+stay where the likelihood gains by far more than chance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.core.zero_order_hold import ZeroOrderHold, new_zero_order_hold
+from towtank.identification.data.samples import NoiseLevels, Samples
+from towtank.identification.kalman.filter import joint_events, rows_of
+from towtank.identification.kalman.noise_adaptation import adapt_noise, converged, rejected_share
+from towtank.identification.kalman.state import FilterSettings, JointState, coefficient_block, new_joint_state
+from towtank.identification.model.belief import Belief
+from towtank.identification.model.parameters import IN_DELAY, IN_LAG, IN_LATENCY, FreeParameters
+from towtank.recording.grids.stretches import spread
+
+__all__ = ["JointFit", "JointProblem", "inputs_of", "joint_fit", "next_recording", "one_pass", "settings_for"]
+
+_WINDOWS, _LEAST_WINDOW = 16, 25  # of a pass, that must agree; rows
+_PASSES = 16
+_ROUGH = 20.0  # times the usual disturbance, in the first pass
+_LONGEST_STEP = 1.5  # deviations of the prior
+_STILL = 0.1  # deviations of the posterior that a coefficient may still move
+_MUCH_WORSE = 100.0  # of the log likelihood, that a pass may lose on the best one
+_LAGS = (5e-3, 2.0)  # s: least and largest time constant of the thrusters
+_PERIODS = (3.5, 5.0, 8.0)  # s, of waves that are tried beside that of the settings
+_WAVE = 0.03  # m/s: their size to begin with
+_DISAGREE = 100.0  # times the variance, at most
+_WAVES_GAIN = 20.0  # of the log likelihood: far beyond chance with four numbers
+_SMALLEST_WAVE = 0.015  # m/s: below, a wave stands for what the model lacks
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class JointProblem:
+    """What is asked of the filter.
+
+    Attributes:
+        samples: of each recording. p: kernel parameters (170,) for all that is fixed. prior: of all unknowns.
+        settings: of the filter, `settings_for`. own_noise: (18,) that the samples show by themselves.
+        delay, lag: of the inputs [s] where they are no unknowns; lag (m,).
+    """
+
+    samples: Sequence[Samples]
+    p: Array
+    prior: Belief
+    settings: FilterSettings
+    own_noise: Array
+    delay: float = 0.0
+
+    @property
+    def free(self) -> FreeParameters:
+        """The unknowns."""
+        return self.prior.free
+
+    def over(self, samples: Sequence[Samples]) -> JointProblem:
+        """Return the same question about other samples."""
+        return replace(self, samples=samples)
+
+
+class Reading(NamedTuple):
+    """What a pass knew at some time: mean (n,) and covariance (n, n) of theta."""
+
+    theta: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, eq=False)
+class JointFit:
+    """The posterior, and how it was found.
+
+    Attributes:
+        prior: what was supposed. theta, covariance: mean (n,) and covariance (n, n) in the coordinates of its `free`.
+        disagreement: factor (n,) by which windows of the data differ more than they state, 1 at least; the covariance
+            is widened by it. levels: as the data show them. wave_period: [s], where the levels have waves.
+        likelihood: log, of the last pass's innovations. passes: how many were run.
+        duration [s], rows: learned from. rejected: share of each column's samples that lay beyond the gate (18,).
+        nis: mean of innovation^2 / S per column (18,), 1 where noise and model are right.
+        state: of the filter at the end of the last pass.
+    """
+
+    prior: Belief
+    theta: Array
+    covariance: Array
+    disagreement: Array
+    levels: NoiseLevels
+    wave_period: float
+    likelihood: float
+    passes: int
+    duration: float
+    rows: int
+    rejected: Array
+    nis: Array
+    state: JointState
+
+    @property
+    def free(self) -> FreeParameters:
+        """The unknowns."""
+        return self.prior.free
+
+    @property
+    def std(self) -> Array:
+        """Deviations of theta (n,)."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def narrowed(self) -> Array:
+        """Deviations as a share of the prior's (n,)."""
+        return np.asarray(self.std / self.prior.std)
+
+
+def settings_for(samples: Sequence[Samples], settings: FilterSettings) -> FilterSettings:
+    """Return the settings with the states that these samples' sensors need.
+
+    Biases where there is an inertial sensor; an attitude that wanders where no camera measures it together with the
+    position; a current where position or speed over ground is measured.
+    """
+    measured = np.any([each.measured for each in samples], axis=0)
+    inertial = bool(measured[9:12].any() or measured[12:15].any())
+    camera = bool(measured[:6].all())
+    over_ground = bool((measured[:3].any() or measured[6:9].any()) and measured[5])
+    return replace(settings, biases=inertial, wanders=inertial and not camera, current=over_ground)
+
+
+def inputs_of(samples: Samples, free: FreeParameters, theta: Array, delay: float) -> ZeroOrderHold:
+    """Return the inputs of a recording with the delay and lag of theta."""
+    lag = samples.lag
+    for k in range(len(free)):
+        if free.codes[k, 0] == IN_DELAY:
+            delay = max(0.0, float(theta[k]))
+        elif free.codes[k, 0] == IN_LAG:
+            lag = np.full(samples.lag.size, np.exp(theta[k]))
+    return new_zero_order_hold(samples.B.shape[1], lag, delay)
+
+
+def latencies_of(free: FreeParameters, theta: Array) -> Array:
+    """Return the latency (6,) [s] of each sensor at theta (n,), 0 where it is no unknown."""
+    out = np.zeros(6)
+    for k in range(len(free)):
+        if free.codes[k, 0] == IN_LATENCY:
+            out[free.codes[k, 1]] = theta[k]
+    return out
+
+
+def next_recording(state: JointState, samples: Samples) -> JointState:
+    """Return the filter, to go on with another recording: its motion begins anew."""
+    state.clock["started"] = 0.0
+    return state._replace(B=np.ascontiguousarray(samples.B), mean_force=np.zeros((3, samples.B.shape[1])))
+
+
+def one_pass(
+    problem: JointProblem, about: Array, levels: NoiseLevels, progress: Progress | None = None
+) -> tuple[JointState, ZeroOrderHold, list[Reading]]:
+    """Run the filter once over all recordings, linearised about theta (n,) `about`.
+
+    Returns its state and the inputs' at the end, and what was known at the ends of windows.
+    """
+    free, samples = problem.free, problem.samples
+    settings = replace(problem.settings, relinearise=False)
+    state = new_joint_state(
+        problem.p, free, problem.prior.mean, problem.prior.covariance, samples[0].B, levels, settings, about
+    )
+    latency = latencies_of(free, about)
+    total, done = max(sum(len(each) for each in samples), 1), 0
+    window, readings = max(_LEAST_WINDOW, total // _WINDOWS), [Reading(problem.prior.mean, problem.prior.covariance)]
+    for recorded in samples:
+        each = recorded.shifted(latency)
+        state = next_recording(state, each)
+        held = inputs_of(each, free, about, problem.delay)
+        rows, taken = rows_of(each), 0
+        for first in range(0, len(each), window):
+            last = min(first + window, len(each))
+            taken = joint_events(state, held, rows, first, last, taken)
+            if progress is not None:
+                progress(min(1.0, (done + last) / total))
+            readings.append(Reading(state.theta.copy(), coefficient_block(state).copy()))
+        done += len(each)
+    return state, held, readings
+
+
+def joint_fit(problem: JointProblem, levels: NoiseLevels, progress: Progress | None = None) -> JointFit:
+    """Return the posterior of a problem.
+
+    Args:
+        levels: of noise and disturbance, to begin with. progress: gets the share done.
+    """
+    progress = progress or (lambda share: None)
+    few = spread(problem.samples)
+    whole = sum(map(len, few)) == sum(map(len, problem.samples))
+    problem, fit = _with_waves(problem, few, levels, lambda share: progress(share if whole else 0.5 * share))
+    if not whole:
+        fit = _settled(problem, fit.theta, fit.levels, lambda share: progress(0.5 + 0.5 * share))
+    progress(1.0)
+    return fit
+
+
+def _with_waves(
+    problem: JointProblem, samples: Sequence[Samples], levels: NoiseLevels, progress: Progress
+) -> tuple[JointProblem, JointFit]:
+    """Return the posterior from samples, in water with waves of the likeliest period, or in water without any.
+
+    Waves stand in the model from the first pass on: a disturbance that has to stand for them hides them.
+    """
+    problem = problem.over(samples)
+    rough = replace(levels, disturbance=_ROUGH * levels.disturbance)
+    if not problem.settings.current:
+        return problem, _settled(problem, problem.prior.mean, rough, progress)
+    wavy = replace(rough, waves=np.full(3, _WAVE))
+    fit = _settled(problem, problem.prior.mean, wavy, lambda share: progress(0.5 * share))
+    plain = replace(fit.levels, waves=np.zeros(3))
+    calm = _settled(problem, fit.theta, plain, lambda share: progress(0.5 + 0.2 * share))
+    if not (fit.likelihood > calm.likelihood + _WAVES_GAIN and fit.levels.waves.max() > _SMALLEST_WAVE):
+        return problem, calm
+    found = [(fit.likelihood, problem)]
+    for period in _PERIODS:
+        other = replace(problem, settings=replace(problem.settings, wave_period=period))
+        found.append((float(one_pass(other, fit.theta, fit.levels)[0].clock[0].log_likelihood), other))
+    _, best = max(found, key=lambda each: np.nan_to_num(each[0], nan=-np.inf))
+    return best, _settled(best, fit.theta, fit.levels, lambda share: progress(0.8 + 0.2 * share))
+
+
+def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress: Progress) -> JointFit:
+    """Run passes from theta (n,) `about` until nothing moves any more."""
+    best: JointFit | None = None
+    at_best, about = about, _within_bounds(problem.free, about)
+    for k in range(_PASSES):
+        state, _, readings = one_pass(problem, about, levels, lambda share, k=k: progress((k + share) / _PASSES))  # type: ignore[misc]
+        fit = _fit_of(problem, state, levels, k + 1, readings)
+        finite = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.std).all() and np.isfinite(fit.likelihood))
+        if not finite and best is None:
+            levels = replace(levels, disturbance=_ROUGH * levels.disturbance)
+            continue
+        if best is not None and not (finite and fit.likelihood > best.likelihood - _MUCH_WORSE):
+            about, levels = 0.5 * (about + at_best), _midpoint(levels, best.levels)
+            continue
+        adapted = adapt_noise(state, levels, problem.settings, problem.own_noise, neighbours=True)
+        still = bool(np.all(np.abs(fit.theta - about) <= _STILL * fit.std + 1e-9))
+        best, at_best = fit, about
+        if k > 0 and still and converged(adapted, levels):
+            break
+        step = fit.theta - about
+        longest = float(np.max(np.abs(step) / problem.prior.std, initial=0.0))
+        about = _within_bounds(problem.free, about + step * min(1.0, _LONGEST_STEP / max(longest, 1e-9)))
+        levels = adapted
+    return fit if best is None else best
+
+
+def _within_bounds(free: FreeParameters, theta: Array) -> Array:
+    """Return theta (n,) with a delay that is not negative and a lag that thrusters can have."""
+    out = np.array(theta)
+    for k in range(len(free)):
+        if free.codes[k, 0] == IN_DELAY:
+            out[k] = max(0.0, out[k])
+        elif free.codes[k, 0] == IN_LAG:
+            out[k] = np.clip(out[k], np.log(_LAGS[0]), np.log(_LAGS[1]))
+    return out
+
+
+def _midpoint(one: NoiseLevels, other: NoiseLevels) -> NoiseLevels:
+    """Return the geometric mean of two levels."""
+    return NoiseLevels(
+        np.sqrt(one.noise * other.noise),
+        np.sqrt(one.disturbance * other.disturbance),
+        np.sqrt(one.velocity_walk * other.velocity_walk),
+        np.sqrt(one.waves * other.waves),
+    )
+
+
+def _fit_of(
+    problem: JointProblem, state: JointState, levels: NoiseLevels, passes: int, readings: Sequence[Reading]
+) -> JointFit:
+    """Return the result of a pass with these levels from the filter at its end."""
+    clock, accepted = state.clock[0], state.statistics["accepted"]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        nis = np.where(accepted > 0.0, state.statistics["nis_sum"] / accepted, np.nan)
+    wider = disagreement(readings)
+    return JointFit(
+        prior=problem.prior,
+        theta=state.theta.copy(),
+        covariance=coefficient_block(state) * np.outer(wider, wider),
+        disagreement=wider,
+        levels=levels,
+        wave_period=problem.settings.wave_period,
+        likelihood=float(clock.log_likelihood),
+        passes=passes,
+        duration=float(clock.duration),
+        rows=int(clock.rows),
+        rejected=rejected_share(state),
+        nis=nis,
+        state=state,
+    )
+
+
+def disagreement(readings: Sequence[Reading]) -> Array:
+    """Return the factor (n,) by which windows of a pass contradict each other more than they state, 1 at least.
+
+    The information that window k adds is L_k = P_k^-1 - P_(k-1)^-1, its own view eta_k = P_k^-1 theta_k -
+    P_(k-1)^-1 theta_(k-1), so that P s_k, s_k = eta_k - L_k theta, is how far it alone would pull the final theta. If
+    the model is right s_k has the covariance L_k. Where it is not, windows pull farther than they should, and the
+    ratio of what they do to what they should, sum (P s_k)^2 / sum diag(P L_k P), is the square of the factor: the
+    diagonal of the sandwich P (sum s_k s_k^T) P (White 1982).
+
+    Args:
+        readings: before the first window and after each.
+    """
+    theta, P = readings[-1]
+    n = theta.size
+    if not (np.isfinite(theta).all() and np.isfinite(P).all()):
+        return np.ones(n)
+    size = np.sqrt(np.maximum(np.diag(readings[0].covariance), 1e-300))  # coordinates of a like size
+    scaled = P / np.outer(size, size)
+    did, should = np.zeros(n), np.zeros(n)
+    before: tuple[Array, Array] | None = None
+    for reading in readings:
+        try:
+            information = np.linalg.inv(reading.covariance / np.outer(size, size))
+        except np.linalg.LinAlgError:
+            return np.ones(n)
+        view = information @ (reading.theta / size)
+        if before is not None:
+            gained = information - before[0]
+            pull = scaled @ (view - before[1] - gained @ (theta / size))
+            did += pull**2
+            should += np.diag(scaled @ gained @ scaled)
+        before = information, view
+    ratio = did / np.maximum(should, 1e-300)
+    return np.asarray(np.sqrt(np.clip(np.nan_to_num(ratio, nan=1.0), 1.0, _DISAGREE)))

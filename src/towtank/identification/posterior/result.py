@@ -1,0 +1,87 @@
+"""From the posterior's coordinates to what is said and kept: coefficients, reasons, a model with its posterior."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.identification.model.belief import Belief
+from towtank.identification.model.parameters import GAIN_PREFIX
+from towtank.identification.model.terms import AXES
+from towtank.identification.posterior.estimate import Estimate, SumOfInertias
+from towtank.identification.posterior.physical import consistent
+from towtank.identification.posterior.thrusters import with_thrusters
+from towtank.identification.posterior.wording import not_narrowed
+from towtank.vehicle import COEFFICIENTS, Coefficient, Provenance, Vehicle
+from towtank.vehicle.posterior import Posterior
+
+__all__ = ["NARROWED", "estimate_of", "model_of", "with_posterior"]
+
+NARROWED = 0.5  # share of the prior's deviation up to which a coefficient counts as identified
+
+
+def estimate_of(
+    vehicle: Vehicle, prior: Belief, theta: Array, covariance: Array, duration: float, samples: int
+) -> tuple[Estimate, tuple[str, ...]]:
+    """Return the coefficients of a posterior, and what had to be moved for them to be physical.
+
+    A coefficient is identified where its deviation is at most half of what it was before any data. Values are the
+    likeliest physical ones; deviations stay those of the posterior, so that none claims more for having met a bound.
+
+    Args:
+        vehicle: what is not free. theta, covariance: (n,), (n, n) in the coordinates of the prior's `free`.
+    """
+    free = prior.free
+    rows = [k for k, name in enumerate(free.names) if name in COEFFICIENTS]
+    names = tuple(free.names[k] for k in rows)
+    slopes, values = free.slopes(theta)[rows], free.values(theta)[rows]
+    block = covariance[np.ix_(rows, rows)] * np.outer(slopes, slopes)
+    physical = consistent(vehicle, names, values, block)
+    std = np.sqrt(np.maximum(np.diag(block), 0.0))
+    share = np.sqrt(np.maximum(np.diag(covariance), 0.0))[rows] / prior.reference[rows]
+    identified = tuple(bool(each <= NARROWED) for each in share)
+    sums = []
+    for axis in AXES:
+        if axis.added_mass in names and identified[names.index(axis.added_mass)]:
+            i = names.index(axis.added_mass)
+            total = float(vehicle.rigid_body_matrix[axis.index, axis.index]) - float(physical.values[i])
+            sums.append(SumOfInertias(axis.sum_name, total, float(std[i]), axis.unit))
+    reasons = tuple(
+        None if ok else not_narrowed(name, float(left)) for name, ok, left in zip(names, identified, share, strict=True)
+    )
+    estimate = Estimate(names, physical.values, std, block, identified, reasons, tuple(sums), (), duration, samples)
+    return estimate, physical.messages
+
+
+def model_of(
+    vehicle: Vehicle,
+    estimate: Estimate,
+    source: str,
+    *,
+    delay: float,
+    lag: float,
+    gains: Mapping[str, tuple[float, float]],
+) -> Vehicle:
+    """Return the vehicle with all that was free at the posterior's mean, and its deviations."""
+    changes: dict[str, Coefficient | float] = {}
+    for each in estimate.coefficients:
+        origin = source if each.identified else f"{source}: {each.reason}"
+        changes[each.name] = Coefficient(value=each.value, std=each.std, source=origin)
+    kept = vehicle.provenance.notes
+    notes = kept if isinstance(kept, tuple) else (kept,) if kept else ()
+    model = vehicle.with_coefficients(changes, provenance=Provenance(source=source, notes=notes))
+    if vehicle.thrusters:
+        model = with_thrusters(model, lag=lag, gains=gains).model_copy(update={"command_delay": max(0.0, delay)})
+    return model
+
+
+def with_posterior(model: Vehicle, prior: Belief, theta: Array, covariance: Array) -> Vehicle:
+    """Return the model with the posterior itself, from which learning goes on and vehicles are drawn."""
+    at = np.array(theta)
+    for k, name in enumerate(prior.names):
+        if name.startswith(GAIN_PREFIX):
+            at[k] = 0.0  # the model's thrusters have the gains that were found
+    posterior = Posterior.from_covariance(prior.names, at, covariance, prior.reference)
+    return model.model_copy(update={"posterior": posterior})
