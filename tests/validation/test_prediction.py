@@ -194,13 +194,13 @@ def test_a_wrench_of_fewer_components() -> None:
     assert validate(box(), [log]).fit["u"] == pytest.approx(100.0, abs=1e-6)
 
 
-def thrusted(lag: float) -> Vehicle:
+def thrusted(lag: float, **hydrodynamics: float) -> Vehicle:
     """The box with one thruster that pushes it forward."""
     thruster = {
         "name": "aft", "position": (-0.3, 0.0, 0.0), "direction": (1.0, 0.0, 0.0), "time_constant": lag,
         "curve": {"kind": "quadratic", "forward": 40.0, "reverse": 40.0},
     }  # fmt: skip
-    return Vehicle.model_validate({**box().model_dump(), "thrusters": [thruster]})
+    return Vehicle.model_validate({**box(**hydrodynamics).model_dump(), "thrusters": [thruster]})
 
 
 def test_a_run_begins_when_lagging_thrusters_have_forgotten_what_nobody_recorded() -> None:
@@ -218,3 +218,20 @@ def test_models_are_set_back_at_the_same_instants_whatever_their_lag_and_delay()
         first, *others = predict(thrusted(lag), align(log), horizon=2.0, delay=delay).restarts
         assert first == pytest.approx(begin, abs=0.011)
         assert others == pytest.approx([k for k in (2.0, 4.0, 6.0, 8.0) if k > first])
+
+
+@pytest.mark.parametrize("horizon", [None, 3.0])
+@pytest.mark.parametrize("step", [1, 5])
+def test_a_free_run_by_commands_loses_thrust_with_inflow(step: int, horizon: float | None) -> None:
+    truth, bare = thrusted(0.1, inflow_loss=0.3), thrusted(0.1)
+    commands = np.where(np.arange(3000) % 700 < 400, 0.9, -0.6)[:, None]
+    log = simulate(truth, commands=commands, dt=0.01, nu0=(0.3, 0.2, 0.0, 0.0, 0.0, 0.1))
+    thin = Recording.from_table(log["u"].t[::step], {name: log[name].values[::step] for name in CHANNELS})
+    fits = [validate(each, [thin.replace([log["cmd_aft"]])], horizon=horizon).fit["u"] or 0.0 for each in (truth, bare)]
+    assert fits[0] > 99.5
+    assert fits[1] < 97.0
+
+
+def test_a_free_run_by_a_wrench_loses_nothing_with_inflow() -> None:
+    judged = [validate(box(inflow_loss=loss), [run()]).fit for loss in (0.0, 0.3)]
+    assert judged[0] == judged[1]

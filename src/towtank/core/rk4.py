@@ -220,8 +220,8 @@ def step_into(
     """Advance the states `x` (13, lanes) by one step of `dt` seconds, in place.
 
     Args:
-        p: kernel parameters (170, lanes).
-        tau: wrench (3, 6, lanes) at the start, the middle and the end of the step.
+        p: kernel parameters (170, lanes), or (3, 170, lanes) at the start, the middle and the end of the step.
+        tau: wrench (3, 6, lanes) at the same instants.
         current: water velocity (3,), NED.
         work: scratch (3, 13, lanes).
         coupled: as `stage_into`. even: whether there are terms even in the velocity (`has_even_terms`).
@@ -240,7 +240,7 @@ def _even_step_into(p: Array, x: Array, tau: Array, current: Array, dt: float, w
 
 @inlined_kernel
 def _base_step_into(
-    p: Array, x: Array, tau: Array, current: Array, dt: float, work: Array, coupled: bool, even: bool
+    parameters: Array, x: Array, tau: Array, current: Array, dt: float, work: Array, coupled: bool, even: bool
 ) -> None:
     """As `step_into`; even: with the terms even in the velocity."""
     rate, trial, total = work[0], work[1], work[2]
@@ -249,6 +249,7 @@ def _base_step_into(
             trial[i, k] = x[i, k]
             total[i, k] = x[i, k]
     for stage in range(4):
+        p = parameters if parameters.ndim == 2 else parameters[(stage + 1) // 2]
         if coupled:
             _base_stage_into(p, trial, tau[(stage + 1) // 2], current, rate, True)
         else:

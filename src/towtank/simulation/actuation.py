@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,17 @@ def cut_step(dt: float, *, delay: float = 0.0, substeps: int = 1, lags: Array | 
     return Pieces(np.array(lengths), np.array(late, dtype=np.intp))
 
 
+class Stages(NamedTuple):
+    """What acts at the start, the middle and the end of k pieces of steps.
+
+    Attributes:
+        wrench: (k, 3, 6) [N, N m]. forces: of the thrusters (k, 3, d) [N]; None where it is a wrench that was given.
+    """
+
+    wrench: Array
+    forces: Array | None
+
+
 class Drive(Protocol):
     """A source of wrenches, asked for consecutive runs of steps."""
 
@@ -65,29 +76,31 @@ class Drive(Protocol):
     def pieces(self) -> Pieces:
         """How every step is cut."""
 
-    def stages(self, first: int, last: int) -> Array:
-        """Return the wrench ((last - first) m, 3, 6) in the pieces of the steps first .. last - 1."""
+    def stages(self, first: int, last: int) -> Stages:
+        """Return what acts in the (last - first) m pieces of the steps first .. last - 1."""
 
 
 class HeldDrive:
     """A held input of d values per step (a wrench, or the forces of d thrusters), delayed and lagged."""
 
-    def __init__(self, values: Array, matrix: Array, lags: Array, pieces: Pieces) -> None:
-        """Take over the held `values` (n, d), the `matrix` (6, d) from them to the wrench, and the `lags` (d,) [s]."""
+    def __init__(self, values: Array, pieces: Pieces, matrix: Array | None = None, lags: Array | None = None) -> None:
+        """Take over the held `values` (n, d); where they are forces, the thrusters' `matrix` (6, d) and `lags` [s]."""
         self.pieces = pieces
-        self._values, self._matrix, self._lags = values, matrix, lags
+        self._values, self._matrix = values, matrix
+        self._lags = np.zeros(values.shape[1]) if lags is None else lags
         self._now = np.zeros(values.shape[1])
 
-    def stages(self, first: int, last: int) -> Array:
-        """Return the wrench ((last - first) m, 3, 6); calls must follow one another."""
+    def stages(self, first: int, last: int) -> Stages:
+        """Return what acts; calls must follow one another."""
         given = (np.arange(first, last)[:, None] - self.pieces.late).ravel()
         targets = np.where(given[:, None] >= 0, self._values[np.maximum(given, 0)], 0.0)
         if self._lags.any():
             forces, self._now = _lagged(targets, self.pieces.lengths, self._lags, self._now)
         else:
             forces = np.repeat(targets[:, None, :], 3, axis=1)
-        wrench: Array = forces @ self._matrix.T
-        return wrench
+        if self._matrix is None:
+            return Stages(forces, None)
+        return Stages(forces @ self._matrix.T, forces)
 
 
 class FunctionDrive:
@@ -100,8 +113,8 @@ class FunctionDrive:
         starts = np.concatenate([[0.0], np.cumsum(pieces.lengths)[:-1]])
         self._nodes = starts[:, None] + pieces.lengths[:, None] * np.array([0.0, 0.5, 1.0])
 
-    def stages(self, first: int, last: int) -> Array:
-        """Return the wrench ((last - first) m, 3, 6)."""
+    def stages(self, first: int, last: int) -> Stages:
+        """Return what acts."""
         t = (np.arange(first, last)[:, None, None] * self._dt + self._nodes).reshape(-1, 3)
         wrench = np.asarray(self._function(t), dtype=np.float64)
         if wrench.shape != (*t.shape, 6):
@@ -110,7 +123,7 @@ class FunctionDrive:
             )
         if not np.isfinite(wrench).all():
             raise InputError("wrench: the function gave a number that is not finite")
-        return wrench
+        return Stages(wrench, None)
 
 
 @kernel

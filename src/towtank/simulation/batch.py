@@ -53,7 +53,7 @@ def simulate_batch(
 
     Args:
         vehicles: one vehicle for all runs, r vehicles, or kernel parameters (r, 170) (`Vehicle.parameters`).
-        wrench: held X Y Z K M N [N, N m]: (n, 6) shared, or (r, n, 6).
+        wrench: held X Y Z K M N [N, N m]: (n, 6) shared, or (r, n, 6). A vehicle's `inflow_loss` takes nothing of it.
         eta0, nu0: start, (6,) shared or (r, 6); default zero.
         current: velocity of the water (3,) [m/s], NED.
         keep: "final" states, or "all" of them (about 200 bytes per step and run while it works).

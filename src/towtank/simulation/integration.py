@@ -10,10 +10,11 @@ import numba
 import numpy as np
 
 from towtank.core.arrays import Array, kernel, parallel_kernel
-from towtank.core.layout import N_PARAMETERS
+from towtank.core.forces import add_inflow_damping_into
+from towtank.core.layout import I_INFLOW, I_LINEAR, I_QUADRATIC, N_PARAMETERS
 from towtank.core.rk4 import LANES, N_STATES, has_even_terms, is_coupled, step_into
 
-__all__ = ["relative_to_water", "simulate_all", "simulate_pieces"]
+__all__ = ["relative_to_water", "simulate_all", "simulate_pieces", "simulate_thrusters"]
 
 
 @kernel
@@ -47,6 +48,45 @@ def simulate_pieces(p: Array, state0: Array, tau: Array, pieces: Array, current:
             step_into(parameters, x, tau[i * m + k].reshape(3, 6, 1), current, pieces[k], work, coupled, even)
         for j in range(N_STATES):
             out[i + 1, j] = x[j, 0]
+    return out
+
+
+@kernel
+def simulate_thrusters(
+    p: Array, state0: Array, push: Array, forces: Array, B: Array, pieces: Array, current: Array
+) -> Array:
+    """Simulate one vehicle as `simulate_pieces`, by the forces of thrusters of which the water that meets them takes.
+
+    Args:
+        push: wrench of all else (n m, 6) [N, N m], held over each piece.
+        forces: thrust without inflow (n m, 3, thrusters) [N] at the start, the middle and the end of each piece.
+        B: wrench of each thruster's unit force (6, thrusters).
+        Others as `simulate_pieces`.
+    """
+    m = pieces.shape[0]
+    n = forces.shape[0] // m
+    parameters = np.empty((3, N_PARAMETERS))
+    x = np.empty((N_STATES, 1))
+    tau = np.empty((3, 6, 1))
+    work = np.empty((3, N_STATES, 1))
+    out = np.empty((n + 1, N_STATES))
+    for s in range(3):
+        parameters[s] = p
+    for j in range(N_STATES):
+        x[j, 0] = state0[j]
+        out[0, j] = state0[j]
+    for i in range(n * m):
+        for s in range(3):
+            parameters[s, I_LINEAR:I_QUADRATIC] = p[I_LINEAR:I_QUADRATIC]
+            add_inflow_damping_into(B, forces[i, s], p[I_INFLOW], parameters[s])
+            for a in range(6):
+                tau[s, a, 0] = push[i, a]
+                for j in range(B.shape[1]):
+                    tau[s, a, 0] += B[a, j] * forces[i, s, j]
+        step_into(parameters.reshape(3, N_PARAMETERS, 1), x, tau, current, pieces[i % m], work, True, True)
+        if (i + 1) % m == 0:
+            for j in range(N_STATES):
+                out[(i + 1) // m, j] = x[j, 0]
     return out
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from towtank.core.arrays import Array
+from towtank.core.layout import I_INFLOW
 from towtank.errors import InputError, nearest
 from towtank.recording.channel import Channel, read_only, standard_channel
 from towtank.recording.recording import Recording
@@ -23,7 +24,7 @@ from towtank.recording.standard import COMMAND_PREFIX, WRENCH
 from towtank.simulation.actuation import Drive, FunctionDrive, HeldDrive, cut_step
 from towtank.simulation.disturbance import OrnsteinUhlenbeck
 from towtank.simulation.inputs import finite_array, initial_states, positive, step_count
-from towtank.simulation.integration import relative_to_water, simulate_pieces
+from towtank.simulation.integration import relative_to_water, simulate_pieces, simulate_thrusters
 from towtank.simulation.motion import Motion, continuous_eulers
 from towtank.simulation.sensors.presets import sensors_named
 from towtank.simulation.sensors.sensor import Sensors, channels
@@ -70,12 +71,12 @@ def drive_of(
         pieces = cut_step(dt, substeps=substeps)
         if callable(wrench):
             return FunctionDrive(wrench, dt, pieces), n, {}
-        return HeldDrive(np.zeros((n, 6)), np.eye(6), np.zeros(6), pieces), n, {}
+        return HeldDrive(np.zeros((n, 6)), pieces), n, {}
     if commands is None:
         values = finite_array("wrench", cast(ArrayLike, wrench), ("n", 6))
         n = _steps(values, duration, dt, "wrench")
         pieces = cut_step(dt, delay=late, substeps=substeps)
-        return HeldDrive(values[:n], np.eye(6), np.zeros(6), pieces), n, {}
+        return HeldDrive(values[:n], pieces), n, {}
     m = len(vehicle.thrusters)
     if m == 0:
         raise InputError(f"{vehicle.name} has no thrusters; add [[thrusters]] to its file or give a wrench instead")
@@ -96,7 +97,7 @@ def drive_of(
                 f"changes: {other.name} has its thrusters elsewhere than {vehicle.name}; keep their places"
             )
         forces[first:] = thruster_forces(other, orders[first:n], None if supply is None else supply[first:])
-    return HeldDrive(forces, configuration_matrix(vehicle), lags, pieces), n, given
+    return HeldDrive(forces, pieces, configuration_matrix(vehicle), lags), n, given
 
 
 def _steps(values: Array, duration: float | None, dt: float, name: str) -> int:
@@ -138,7 +139,8 @@ def simulate(
     Args:
         wrench: X Y Z K M N [N, N m], body FRD: held (n, 6), or a function of time, (...) [s] -> (..., 6), taken at the
             start, the middle and the end of each step. Neither wrench nor commands: free motion.
-        commands: (n, m) held, one column per thruster: curve with dead band, then delay, then first-order lag.
+        commands: (n, m) held, one column per thruster: curve with dead band, then delay, then first-order lag. Where
+            the vehicle has an `inflow_loss`, water that meets the thrusters takes its share; of a wrench it takes none.
         dt: step [s].
         duration: [s]; needed unless the input is held; cuts a held input.
         eta0, nu0: pose and velocity over ground (6,) at the start, default zero.
@@ -158,7 +160,8 @@ def simulate(
 
     Returns:
         A Recording: what the sensors measure, then cmd_<thruster> for commands, or X .. N for a wrench. X .. N is the
-        mean over the step that begins at its time (for a held wrench without delay: the wrench itself).
+        mean over the step that begins at its time (for a held wrench without delay: the wrench itself), less what
+        thrusters lose with inflow.
 
     Raises:
         InputError: an argument is wrong, or the motion grows beyond all bounds.
@@ -241,24 +244,37 @@ def _run(
     edges = sorted({*range(0, n, _CHUNK), *starts_anew, n})
     for first, last in itertools.pairwise(edges):
         _, vehicle, p = bodies[bisect.bisect_right(starts_anew, first) - 1]
-        tau = drive.stages(first, last)
-        means[first:last] = _means(tau, pieces)
-        tau = tau + np.repeat(push[first:last], m, axis=0)[:, None, :]
+        stages, pushed = drive.stages(first, last), np.repeat(push[first:last], m, axis=0)
+        means[first:last] = _means(stages.wrench, pieces)
+        tau = stages.wrench + pushed[:, None, :]
         starts[first:last], starts[last] = tau[::m, 0], tau[-1, 2]
-        states[first : last + 1] = simulate_pieces(p, states[first], tau, pieces, water)
-        _require_finite(vehicle, states[first : last + 1], first, dt)
+        part, forces = slice(first, last + 1), stages.forces
+        if forces is None or p[I_INFLOW] == 0.0:
+            states[part] = simulate_pieces(p, states[first], tau, pieces, water)
+        else:
+            B = configuration_matrix(vehicle)
+            states[part] = simulate_thrusters(p, states[first], pushed, forces, B, pieces, water)
+            nu = states[part, 7:]
+            starts[part] += _lost(p[I_INFLOW], B, np.vstack([forces[::m, 0], forces[-1:, 2]]), nu)
+            means[first:last] += _lost(p[I_INFLOW], B, _means(forces, pieces), 0.5 * (nu[:-1] + nu[1:]))
+        _require_finite(vehicle, states[part], first, dt)
         if progress is not None and (last == n or time.monotonic() - reported >= _PAUSE):
             reported = time.monotonic()
             progress(last, n)
     return states, starts, means
 
 
+def _lost(loss: float, B: Array, forces: Array, nu: Array) -> Array:
+    """Return the wrench (k, 6) that thrusters B (6, m) with forces (k, m) lose at velocities nu (k, 6)."""
+    return np.asarray(-loss * (np.abs(forces) * (nu @ B)) @ B.T)
+
+
 def _means(tau: Array, pieces: Array) -> Array:
-    """Return the mean wrench (n, 6) over each step by Simpson's rule; exactly the wrench itself where it is held."""
+    """Return the mean (n, d) over each step by Simpson's rule; exactly the value itself where it is held."""
     m = pieces.size
     start = tau[::m, 0]
     rise = (4.0 * (tau[:, 1] - tau[:, 0]) + (tau[:, 2] - tau[:, 0])) / 6.0 + tau[:, 0] - np.repeat(start, m, axis=0)
-    mean: Array = start + np.einsum("nmi,m->ni", rise.reshape(-1, m, 6), pieces / pieces.sum())
+    mean: Array = start + np.einsum("nmi,m->ni", rise.reshape(-1, m, tau.shape[2]), pieces / pieces.sum())
     return mean
 
 

@@ -17,10 +17,12 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.core.attitude import euler_from_quaternion
+from towtank.core.forces import add_inflow_damping_into
+from towtank.core.layout import I_INFLOW
 from towtank.core.rk4 import simulate_run
 from towtank.recording import Recording
 from towtank.simulation import MANOEUVRES, Mocap, OrnsteinUhlenbeck, manoeuvre, simulate, usual_amplitudes
-from towtank.vehicle import Provenance, Vehicle, allocate, load_vehicle, thruster_wrench
+from towtank.vehicle import Provenance, Vehicle, allocate, configuration_matrix, load_vehicle, thruster_wrench
 
 __all__ = [
     "ALL",
@@ -200,12 +202,15 @@ def _steered(
     parameters = [(when, np.array(body.parameters)) for when, body in bodies]
     still, state = np.zeros(3), np.zeros(13)
     state[2], state[3] = _DEPTH, 1.0
+    B = configuration_matrix(truth)
+    forces_of = np.linalg.pinv(B)
     pulls = _pull(_DT * np.arange(0, n, _LOOK, dtype=np.float64), turns)
     for look, first in enumerate(range(0, n, _LOOK)):
         last = min(first + _LOOK, n)
-        p = [each for when, each in parameters if when <= _DT * first + 1e-9][-1]
+        p = [each for when, each in parameters if when <= _DT * first + 1e-9][-1].copy()
         asked[first:last] += given @ np.clip(inertia * _towards_middle(state, pulls[look]), -limit, limit)
         acting[first + wait : last + wait] = asked[first:last]
+        add_inflow_damping_into(B, forces_of @ acting[first:last].mean(axis=0), p[I_INFLOW], p)
         state = simulate_run(p, state, (acting[first:last] + push[first:last])[:, None, :], _DT, still)[-1]
     return allocate(truth, asked)
 

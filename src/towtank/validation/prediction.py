@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,6 +32,7 @@ from towtank.identification.least_squares.chain import uses_commands
 from towtank.identification.least_squares.velocity import gravity_directions
 from towtank.recording import Grid
 from towtank.recording.standard import POSE, VELOCITIES
+from towtank.simulation.integration import simulate_thrusters
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
 
 __all__ = ["CHANNELS", "Prediction", "predict"]
@@ -117,11 +119,28 @@ def _heading(q: Array) -> float:
     return float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
 
 
+class Acted(NamedTuple):
+    """What acted over each of the n - 1 steps of a grid.
+
+    Attributes:
+        wrench: mean wrench [N, N m] (n - 1, 6), body FRD, without what thrusters lose with inflow.
+        forces: mean force of each thruster [N] (n - 1, m), where inflow takes some of it; None where it does not.
+    """
+
+    wrench: Array
+    forces: Array | None = None
+
+
 @kernel
-def _means(held: ZeroOrderHold, shape: Array, t: Array, stamps: Array, forces: Array) -> Array:
-    """Return the mean wrench (n - 1, 6) over each interval of t (n,) of forces (k, m) held from stamps (k,) on."""
+def _means(
+    held: ZeroOrderHold, shape: Array, t: Array, stamps: Array, forces: Array, each: bool
+) -> tuple[Array, Array]:
+    """Return means over each interval of t (n,) of forces (k, m) held from stamps (k,) on: of the wrench (n - 1, 6),
+
+    and where wanted of `each` force (n - 1, m).
+    """
     n, m = t.shape[0], forces.shape[1]
-    out = np.zeros((n - 1, 6))
+    out, means = np.zeros((n - 1, 6)), np.empty((n - 1 if each else 0, m))
     total = np.empty(m)
     event = 0
     for i in range(n):
@@ -133,11 +152,14 @@ def _means(held: ZeroOrderHold, shape: Array, t: Array, stamps: Array, forces: A
             for a in range(6):
                 for j in range(m):
                     out[i - 1, a] += shape[a, j] * total[j] / (t[i] - t[i - 1])
-    return out
+        if each and i > 0:
+            for j in range(m):
+                means[i - 1, j] = total[j] / (t[i] - t[i - 1])
+    return out, means
 
 
-def mean_wrenches(vehicle: Vehicle, grid: Grid, delay: float | None = None) -> Array:
-    """Return the mean wrench [N, N m] (n - 1, 6) over each step of the grid, body FRD; before the first command, it.
+def acted(vehicle: Vehicle, grid: Grid, delay: float | None = None) -> Acted:
+    """Return what acted over each step of the grid; before the first command, it.
 
     Args:
         delay: from input to force [s]; where omitted the vehicle's for commands and none for a recorded wrench, which
@@ -146,7 +168,9 @@ def mean_wrenches(vehicle: Vehicle, grid: Grid, delay: float | None = None) -> A
     Raises:
         InputError: the grid has neither this vehicle's commands nor a wrench.
     """
+    losing = False
     if uses_commands(vehicle, grid):
+        losing = vehicle.coefficient("inflow_loss") != 0.0
         stamps = np.array(grid.command_t)
         voltage = np.interp(stamps, grid.t, grid.voltage) if np.isfinite(grid.voltage).any() else None
         forces = np.ascontiguousarray(thruster_forces(vehicle, grid.command_values, voltage))
@@ -166,13 +190,15 @@ def mean_wrenches(vehicle: Vehicle, grid: Grid, delay: float | None = None) -> A
         stamps, forces = stamps[finite], forces[finite]
     if not stamps.size:
         raise InputError(f"{grid.source or 'recording'}: no row has a command for every thruster")
-    return _means(
+    wrench, means = _means(
         new_zero_order_hold(shape.shape[1], lag, delay),
         np.ascontiguousarray(shape),
         grid.t,
         stamps,
         np.ascontiguousarray(forces),
+        losing,
     )
+    return Acted(wrench, means if losing else None)
 
 
 def inputs_known_from(vehicle: Vehicle, grid: Grid, delay: float | None = None) -> float:
@@ -181,7 +207,7 @@ def inputs_known_from(vehicle: Vehicle, grid: Grid, delay: float | None = None) 
     Thrusters that lag still remember for a few time constants what came before the recording. No more than a tenth of
     what is left is spent on that.
 
-    Args as `mean_wrenches`.
+    Args as `acted`.
     """
     if uses_commands(vehicle, grid):
         values, stamps = grid.command_values, grid.command_t
@@ -204,7 +230,8 @@ class Prediction:
     Attributes:
         t: times (n,) [s]. channels: name -> (measured (n,), predicted (n,)); measured is NaN where there was no
             sample. restarts: times at which the prediction was set to the measured state. source: of the recording.
-        wrench: mean wrench [N, N m] (n, 6) over the step that ends at each time, body FRD.
+        wrench: mean wrench [N, N m] (n, 6) over the step that ends at each time, body FRD, without what thrusters
+            lose with inflow.
         states: predicted states (n, 13) [x y z, quaternion, nu], NaN before the first restart.
     """
 
@@ -219,6 +246,8 @@ class Prediction:
 def predict(vehicle: Vehicle, grid: Grid, *, horizon: float | None = None, delay: float | None = None) -> Prediction:
     """Predict a recording from its commands (or wrenches) alone.
 
+    Where the vehicle has an `inflow_loss`, commands come to less in water that meets the thrusters; a wrench does not.
+
     Args:
         horizon: seconds after which the prediction is set back to the measured state; never where omitted.
         delay: from input to force [s]; where omitted the vehicle's for commands, none for a wrench.
@@ -231,9 +260,7 @@ def predict(vehicle: Vehicle, grid: Grid, *, horizon: float | None = None, delay
     if horizon == np.inf:
         horizon = None
     starts = Starts.of(grid)
-    acted = mean_wrenches(vehicle, grid, delay)
-    acted = np.vstack([acted[:1], acted])
-    wrenches = acted[1:]
+    over = acted(vehicle, grid, delay)
     n = len(grid)
     begin = inputs_known_from(vehicle, grid, delay)
     origin = next((i for i in range(n - 1) if starts.known(i)), n)
@@ -252,15 +279,16 @@ def predict(vehicle: Vehicle, grid: Grid, *, horizon: float | None = None, delay
         if row == first:
             states[row] = reached
         for begun in range(row, end, _BLOCK):
-            run = _run(vehicle, reached, wrenches[begun : min(begun + _BLOCK, end)], grid.dt)
+            run = _run(vehicle, reached, over, slice(begun, min(begun + _BLOCK, end)), grid.dt)
             states[begun + 1 : begun + len(run)] = run[1:]  # the row of a restart is judged by what ends there
             reached = run[-1].copy()
         if not np.isfinite(reached).all():
             reached = np.where(np.isfinite(reached), reached, 0.0)
             reached[3:7] = (1.0, 0.0, 0.0, 0.0)
         row = end
-    del starts, wrenches  # room for what follows
-    return Prediction(grid.t, _channels(grid, states), tuple(restarts), grid.source, acted, states)
+    wrench = np.vstack([over.wrench[:1], over.wrench])
+    del starts, over  # room for what follows
+    return Prediction(grid.t, _channels(grid, states), tuple(restarts), grid.source, wrench, states)
 
 
 def _next_start(grid: Grid, starts: Starts, origin: int, row: int, horizon: float | None) -> int:
@@ -275,13 +303,17 @@ def _next_start(grid: Grid, starts: Starts, origin: int, row: int, horizon: floa
     return min(end, last)
 
 
-def _run(vehicle: Vehicle, state: Array, wrenches: Array, dt: float) -> Array:
-    """Return the states (m + 1, 13) of m steps of held wrenches (m, 6), in substeps where the grid is coarse."""
+def _run(vehicle: Vehicle, state: Array, over: Acted, steps: slice, dt: float) -> Array:
+    """Return the states (m + 1, 13) of m steps of what acted, each held, in substeps where the grid is coarse."""
     substeps = max(1, int(np.ceil(dt / _LONGEST_STEP - 1e-9)))
-    held = np.repeat(wrenches, substeps, axis=0)[:, None, :]
     with np.errstate(all="ignore"):
-        run = simulate_run(vehicle.parameters, state, np.ascontiguousarray(held), dt / substeps, _STILL)
-    return run[::substeps]
+        if over.forces is None:
+            held = np.repeat(over.wrench[steps], substeps, axis=0)[:, None, :]
+            run = simulate_run(vehicle.parameters, state, held, dt / substeps, _STILL)
+            return run[::substeps]
+        forces = np.repeat(np.repeat(over.forces[steps, None], substeps, axis=0), 3, axis=1)
+        p, B, pieces = np.array(vehicle.parameters), configuration_matrix(vehicle), np.full(substeps, dt / substeps)
+        return np.asarray(simulate_thrusters(p, state, np.zeros((len(forces), 6)), forces, B, pieces, _STILL))
 
 
 def _channels(grid: Grid, states: Array) -> dict[str, tuple[Array, Array]]:

@@ -21,7 +21,7 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["read_checkpoint", "write_checkpoint"]
 
-_VERSION = 7
+_VERSION = 8
 
 T = TypeVar("T")
 
