@@ -33,7 +33,8 @@ from towtank.vehicle import COEFFICIENTS, Vehicle
 __all__ = ["FreeRunVerdict", "free_run_verdict"]
 
 _CONTRADICT = 1.3  # median factor by which windows differ more than they state: the filter is doubted
-_SAVED, _SAVED_WORTH = 2.0, 0.05  # deviations, and share of the square error, that free runs must save
+_SAVED, _SAVED_WORTH = 1.0, 0.0  # deviations, and share of the square error, that free runs must save
+_WEIGHINGS = 2  # fits that show what the data are worth
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +78,11 @@ def free_run_verdict(
     runs = FreeRuns.over(vehicle, samples, problem.own_noise, prior.names, attitude, same_prior)
     if not runs.comparable and not always:
         return None
-    fitted = runs.fit(model)
+    weighed = _weighed(runs, model)
+    if weighed is None:
+        return None
+    runs, by_runs = weighed
+    fitted = runs.fit(by_runs)
     if fitted is None:
         return None
     by_runs = replace(model, theta=fitted.theta)
@@ -85,7 +90,7 @@ def free_run_verdict(
     theta[rows] = fitted.theta
     covariance[rows] = 0.0
     covariance[:, rows] = 0.0
-    covariance[np.ix_(rows, rows)] = fitted.covariance
+    covariance[np.ix_(rows, rows)] = _no_surer(fitted.covariance, fitted.information)
     late = [k for k in range(len(fit.free)) if k not in rows]
     covariance[np.ix_(late, late)] = fit.covariance[np.ix_(late, late)]
     posterior = replace(fit, theta=theta, covariance=covariance)
@@ -99,6 +104,33 @@ def free_run_verdict(
     spread = runs.spread()
     fits = fit_percent(unseen, spread, columns), fit_percent(before, spread, columns)
     return FreeRunVerdict(always or saved.beyond(_SAVED, _SAVED_WORTH), posterior, _said(saved, fits, always=always))
+
+
+def _weighed(runs: FreeRuns, model: CandidateModel) -> tuple[FreeRuns, CandidateModel] | None:
+    """Return free runs whose data weigh as much as they are worth, and where these end; None where none can be made.
+
+    What free runs leave is larger than the sensors' noise and goes on for seconds. Taken for so many independent
+    samples of noise it would outweigh any prior; so each column counts with the size of what is left, and with one
+    sample for each time over which that is correlated.
+    """
+    noise = runs.noise
+    for _ in range(_WEIGHINGS):
+        fitted = runs.fit(model)
+        if fitted is None:
+            return None
+        shown = fitted.autocorrelation
+        with np.errstate(invalid="ignore"):
+            own = fitted.residual_std * np.sqrt(np.maximum(shown.time / shown.step, 1.0))
+        runs = replace(runs, noise=np.where(np.isfinite(own), np.maximum(own, noise), runs.noise))
+        model = replace(model, theta=fitted.theta)
+    return runs, model
+
+
+def _no_surer(covariance: Array, information: Array) -> Array:
+    """Return the covariance (n, n), no deviation smaller than the information (n, n), prior included, allows."""
+    least = np.diag(np.linalg.inv(information))
+    grow = np.sqrt(np.maximum(1.0, least / np.maximum(np.diag(covariance), 1e-300)))
+    return np.asarray(covariance * np.outer(grow, grow))
 
 
 def _water_moves(fit: JointFit) -> bool:

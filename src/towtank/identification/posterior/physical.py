@@ -29,7 +29,7 @@ from towtank.vehicle.names import HYDRODYNAMIC
 
 __all__: list[str] = []
 
-Kind = Literal["added", "inertia", "linear", "quadratic"]
+Kind = Literal["added", "inertia", "linear", "quadratic", "loss"]
 _INSIDE = 1e-7  # of the scaled matrix, that bounds on couplings stay inside
 _OUTSIDE = 1e-10  # of the scaled matrix, that counts as a violation
 _LEAST_INERTIA = 1e-3  # of the rigid body's own
@@ -156,6 +156,7 @@ def _matrices(vehicle: Vehicle, changes: dict[str, float]) -> dict[Kind, Array]:
         "inertia": vehicle.rigid_body_matrix + added - least,
         "linear": -linear,
         "quadratic": -quadratic,
+        "loss": np.diag([changed.coefficient("inflow_loss"), 0.0, 0.0, 0.0, 0.0, 0.0]),
     }
 
 

@@ -385,6 +385,9 @@ def diagonal(kind: str, row: int, name: str, value: float, std: float, deviation
     if kind in ("linear", "quadratic"):
         what = "drag that feeds energy in"
         check = f"check the direction of the {_wrench(row)}, the delay, a current or a slow disturbance"
+    elif kind == "loss":
+        what = "thrusters that gain thrust from the water through them"
+        check = "check their curves ahead and astern"
     elif kind == "added":
         what = "an added mass below zero" if row < 3 else "an added inertia below zero"
         check = f"check the {_body(row)} in the file, the thrusters' force scale or the delay"

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
 from towtank.core.attitude import quaternion_product
+from towtank.core.layout import I_INFLOW, INFLOW
 from towtank.core.zero_order_hold import new_zero_order_hold
 from towtank.errors import InputError
 from towtank.identification.data.samples import N_MEASURED, Samples
@@ -437,8 +438,8 @@ def fit_output_error(
     known = prior or (np.zeros(n), np.zeros((n, n)))
     _check(samples, model, noise, known)
     noise[~np.isfinite(noise)] = 1.0
-    gains = bool((model.free.codes[:, 0] == IN_GAIN).any())
-    runs = [free_run_of(each, noise, segment, gap, gains) for each in samples]
+    single = np.isin(model.free.codes[:, 0], (IN_GAIN, INFLOW)).any() or model.parameters[I_INFLOW] != 0.0
+    runs = [free_run_of(each, noise, segment, gap, bool(single)) for each in samples]
     kept = [each for each, run in zip(samples, runs, strict=True) if run.first.size]
     runs = [run for run in runs if run.first.size]
     if not runs:

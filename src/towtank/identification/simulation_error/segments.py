@@ -68,19 +68,19 @@ class FreeRun(NamedTuple):
     block: Indices  # (n,) block of time of each row
 
 
-def free_run_of(samples: Samples, noise: Array, segment: float | None, gap: float, gains: bool) -> FreeRun:
+def free_run_of(samples: Samples, noise: Array, segment: float | None, gap: float, single: bool) -> FreeRun:
     """Return a recording as the kernel takes it; thrusters with the same lag are taken together as their wrench.
 
     Args:
         noise: standard deviation (18,) of every column.
         segment: length [s] that segments are cut to, about; None for no cuts but at gaps.
         gap: time between rows [s] beyond which a new segment begins; at least four times the usual one.
-        gains: whether gains of single thrusters are free.
+        single: whether single thrusters count: their gains, or their losses by inflow.
     """
     t, step = samples.t, _usual_step(samples.t)
     first, last = _segments(t, segment, max(gap, 4.0 * step))
     force, B, lag = samples.input_force, np.ascontiguousarray(samples.B), samples.lag
-    if not gains and lag.size and np.all(lag == lag[0]):
+    if not single and lag.size and np.all(lag == lag[0]):
         wrench = force @ B.T
         acting = np.flatnonzero(np.any(wrench != 0.0, axis=0))
         force, B = np.ascontiguousarray(wrench[:, acting]), np.ascontiguousarray(np.eye(6)[:, acting])

@@ -24,7 +24,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from towtank.core.arrays import Array, inlined_kernel, kernel
-from towtank.core.layout import N_PARAMETERS
+from towtank.core.forces import add_inflow_damping_into
+from towtank.core.layout import I_INFLOW, I_LINEAR, N_PARAMETERS
 from towtank.core.rk4 import N_STATES, has_even_terms, is_coupled, stage_into, step_into
 from towtank.core.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
 from towtank.identification.data.samples import N_MEASURED
@@ -163,8 +164,9 @@ class Workspace(NamedTuple):
     work: Array  # (3, 13, 1)
     scratch: Array  # (6, 6)
     current: Array  # (3,)
-    bias: Array  # (6,)
+    bias: Array  # (9,)
     h: Array  # (21 + n,) zero
+    linear: Array  # (36,) linear damping without losses by inflow
 
 
 def new_equations(segments: int, blocks: int, rows: int, columns: int) -> NormalEquations:
@@ -199,6 +201,7 @@ def new_workspace(columns: int, n: int, m: int) -> Workspace:
         current=np.zeros(3),
         bias=np.zeros(9),
         h=np.zeros(N_FIXED + n),
+        linear=np.zeros(36),
     )
 
 
@@ -251,8 +254,9 @@ def free_run_into(
             hold.lag[:] = math.exp(theta[c])
         elif codes[c, 0] == IN_GAIN:
             gain[codes[c, 1]] = math.exp(theta[c])
-    even = has_even_terms(p_lane)
-    coupled, lagless, clock = is_coupled(p_lane), not (hold.lag > 0.0).any(), hold.clock
+    even, loss = has_even_terms(p_lane), p[I_INFLOW] != 0.0
+    space.linear[:] = p[I_LINEAR : I_LINEAR + 36]
+    coupled, lagless, clock = loss or is_coupled(p_lane), not (hold.lag > 0.0).any(), hold.clock
     k, n = estimated.shape[0], theta.shape[0]
     weighing, room = Weighing(run.noise, scale, gated), RowSpace(current, space.bias, space.h)
     force[:] = 0.0
@@ -286,6 +290,8 @@ def free_run_into(
                     mean_forces_into(hold, end, force)
                     change = _next_change(input_t, hold, given)
                     steady = _wrench_into(B, force, gain, wrench) and not steered
+                    if loss:
+                        _lose_by_inflow(B, force[0], space.linear, p)
                 for j in range(N_STATES):
                     middle[j] = x[j]
                 if coupled:
@@ -314,6 +320,8 @@ def free_run_into(
                 given = _give_into(input_t, input_force, hold, given, t[row])
                 _force_now_into(hold, t[row], force)
                 _wrench_into(B, force, gain, wrench)
+                if loss:
+                    _lose_by_inflow(B, force[0], space.linear, p)
                 stage_into(p_lane, x_lane, wrench_lane[0], current, rate_lane, coupled)
                 linearise_into(p, x, rate, codes, theta, B, force, A, scratch)
                 absorb_specific_force_into(z, x, rate, A, S, room, weighing, sums)
@@ -321,6 +329,14 @@ def free_run_into(
             for j in range(S.shape[1]):
                 out.reach[i, j] += math.fabs(S[i, j])
     return True
+
+
+@kernel
+def _lose_by_inflow(B: Array, force: Array, linear: Array, p: Array) -> None:
+    """Put into `p` the linear damping (36,) with what thrusters of these forces (m,) lose by the water through them."""
+    for i in range(36):
+        p[I_LINEAR + i] = linear[i]
+    add_inflow_damping_into(B, force, p[I_INFLOW], p)
 
 
 @inlined_kernel
