@@ -1,7 +1,7 @@
 """What was learned together: a Gaussian over a vehicle's unknowns, its table [posterior], and vehicles drawn from it.
 
 Unknowns are coefficients by their SNAME names, the `delay` [s] of the commands, the `lag` [s] of the thrusters,
-`gain_<thruster>` and `latency_<sensor>` [s]. Each has a coordinate in which it is Gaussian: the natural logarithm of
+`gain_<thruster>`, `latency_<sensor>` [s] and the place of the accelerometer `imu_x`, `imu_y`, `imu_z` [m]. Each has a coordinate in which it is Gaussian: the natural logarithm of
 the total inertia M_ii (rigid body and added mass, kg or kg m^2) for the six added masses on the diagonal, of the lag
 [s], and of a gain as a multiple of the gain that the file gives the thruster; the quantity itself, in SI, for all
 others.
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 __all__ = ["DELAY", "GAIN_PREFIX", "LAG", "LATENCY_PREFIX", "Posterior", "coordinate", "drawn", "with_coordinates"]
 
 DELAY, LAG, GAIN_PREFIX, LATENCY_PREFIX = "delay", "lag", "gain_", "latency_"
-_NAMED = re.compile(rf"{GAIN_PREFIX}[A-Za-z0-9_.-]+|{LATENCY_PREFIX}[A-Za-z0-9_]+")
+_NAMED = re.compile(rf"{GAIN_PREFIX}[A-Za-z0-9_.-]+|{LATENCY_PREFIX}[A-Za-z0-9_]+|imu_[xyz]")
 _DIGITS = range(4, 16)  # of the length of a row; a double has no more than 15
 _KEPT = 1e-3  # relative error of the deviation of any direction; with 1000 samples it is itself known to 2e-2
 _TRIES = 100  # draws in a row; one in twenty that can move fails to be found once in 170 times

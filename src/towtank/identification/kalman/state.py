@@ -30,6 +30,7 @@ from towtank.identification.data.samples import N_MEASURED, NoiseLevels
 from towtank.identification.model.measurements import N_SENSORS
 from towtank.identification.model.parameters import (
     IN_LATENCY,
+    IN_PLACE,
     N_FIXED,
     N_MOVING,
     UNTRANSFORMED,
@@ -172,6 +173,7 @@ class JointState(NamedTuple):
     water: Array  # (3,) [m/s] NED: current and waves
     rate: Array  # (6,) acceleration over the last step [m/s^2, rad/s^2]
     latency: NDArray[np.int64]  # (6,) which coefficient is the latency of each sensor, -1 where it is known
+    place: NDArray[np.int64]  # (3,) which are the place of the accelerometer, -1 where it is the origin
     P: Array  # (N, N)
     p: Array  # (170,) kernel parameters at the linearisation point
     linear: Array  # (37,) whether `p` has losses by inflow now, and its linear damping without them
@@ -267,7 +269,8 @@ def new_joint_state(
         wave=np.zeros(N_WAVES),
         water=np.zeros(3),
         rate=np.zeros(6),
-        latency=_latency_columns(free.codes),
+        latency=_columns_of(free.codes, IN_LATENCY, N_SENSORS),
+        place=_columns_of(free.codes, IN_PLACE, 3),
         P=P,
         p=kernel,
         linear=np.zeros(37),
@@ -304,11 +307,11 @@ def new_joint_state(
     )
 
 
-def _latency_columns(codes: Codes) -> NDArray[np.int64]:
-    """Return which coefficient is the latency of each sensor (6,), -1 where none is."""
-    out = np.full(N_SENSORS, -1)
+def _columns_of(codes: Codes, kind: int, count: int) -> NDArray[np.int64]:
+    """Return which coefficient is each of this kind (count,), -1 where none is."""
+    out = np.full(count, -1)
     for k, code in enumerate(codes):
-        if code[0] == IN_LATENCY:
+        if code[0] == kind:
             out[code[1]] = k
     return out
 

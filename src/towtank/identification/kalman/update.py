@@ -232,6 +232,8 @@ def update_specific_force(state: JointState, z: Array) -> None:
             if state.settings[0].biases > 0.0:
                 h[N_FIXED + n + 3 + k] = 1.0
                 f += state.bias[3 + k]
+            if state.place[0] >= 0:
+                f += _off_origin(state, rate[10:13, 0], k)
             residual = z[column] - f
             if pass_ == 0:
                 S = innovation_variance_into(state, column)
@@ -244,6 +246,27 @@ def update_specific_force(state: JointState, z: Array) -> None:
             else:
                 scalar_update(state, column, residual)
     state.last_accepted[SPECIFIC_FORCE] = state.clock[0].time
+
+
+@kernel
+def _off_origin(state: JointState, turning: Array, k: int) -> float:
+    """Return what number k of an accelerometer away from the origin shows more, and add that to H in `state.h`.
+
+    omega_dot x r + omega x (omega x r), with r its place and `turning` omega_dot (3,).
+    """
+    A, h, place = state.A, state.h, state.place
+    p, q, r = state.x[10], state.x[11], state.x[12]
+    a, b = (k + 1) % 3, (k + 2) % 3
+    omega = (p, q, r)
+    where = (state.theta[place[0]], state.theta[place[1]], state.theta[place[2]])
+    along = p * where[0] + q * where[1] + r * where[2]
+    h[N_FIXED + place[k]] += omega[k] * omega[k] - (p * p + q * q + r * r)
+    h[N_FIXED + place[a]] += omega[k] * omega[a] - turning[b]
+    h[N_FIXED + place[b]] += omega[k] * omega[b] + turning[a]
+    for j in range(A.shape[1]):
+        if j < N_FIXED + state.theta.shape[0]:
+            h[j] += A[9 + a, j] * where[b] - A[9 + b, j] * where[a]
+    return turning[a] * where[b] - turning[b] * where[a] + omega[k] * along - (p * p + q * q + r * r) * where[k]
 
 
 @kernel

@@ -13,6 +13,7 @@ a cube of water of its mass, a_i = 1.7 sqrt(I_i/m) the arm of hull and fins, W =
     thrust, inflow       0 +- 0.2 of the thrust lost per m/s of water through the thruster
     net weight, BG       0 +- 0.01 W; BG_z 0.02 W L +- 0.1 W L, BG_x and BG_y 0 +- 0.02 W L
     constant wrench      0 +- 0.005 m/s^2 m, 0.01 rad/s^2 I_i
+    sensors              latency 0.05 +- 0.1 s, place of the accelerometer 0 +- 0.1 m
     inputs               delay 0.08 +- 0.06 s, lag 0.1 s and a factor of exp(0.8), gains 1 +- 8 %
 
 Inertias, lag and gains are positive and are supposed log-normal; all else is normal. Damping is a plain number: as a
@@ -32,6 +33,7 @@ from towtank.identification.model.parameters import (
     DELAY,
     GAIN_PREFIX,
     LAG,
+    PLACES,
     FreeParameters,
     free_parameters,
 )
@@ -55,6 +57,7 @@ _ASYMMETRY_STD = 0.3  # of the quadratic damping
 _STATED = 0.5  # deviation of what the file states without one, as a share of it
 _DELAY, _LAG, _LAG_STD, _GAIN_STD = (0.08, 0.06), 0.1, 0.8, 0.08
 _LATENCY = (0.05, 0.1)  # s
+_PLACE = 0.1  # m
 _INFLOW = (0.0, 0.2)  # s/m
 _NO_SCALE = 1.0  # deviation of the logarithm of a scale of force that nobody measured
 _INERTIAS = ((0, 2), (0, 4), (2, 4), (1, 3), (1, 5), (3, 5))  # couplings of a body that is the same to both sides
@@ -168,7 +171,7 @@ def belief(
     vehicle: Vehicle,
     *,
     commands: bool = True,
-    late: Sequence[str] = (),
+    sensors: Sequence[str] = (),
     beside: Vehicle | None = None,
 ) -> Belief:
     """Return what is supposed of a vehicle.
@@ -176,7 +179,8 @@ def belief(
     Args:
         commands: it is driven by thruster commands, so that delay, lag and gains are unknown; by a wrench that was
             measured or computed, only a delay is.
-        late: `latency_<sensor>` of the sensors whose clock is not that of the others.
+        sensors: unknowns of the sensors: `latency_<sensor>` of those whose clock is not that of the others, and the
+            place of an accelerometer.
         beside: another vehicle, which counts where it says something: one whose coefficients bear deviations, or that
             was learned.
     """
@@ -187,7 +191,7 @@ def belief(
     if beside is not None:
         lines = {name: _stated(beside, name, line, "the prior's file") for name, line in lines.items()}
     lines |= _inputs(vehicle, commands=commands)
-    lines |= {name: Line(*_LATENCY, "what sensors need to compute and send") for name in late}
+    lines |= {name: _of_sensor(name) for name in sensors}
     plain = [name for name in lines if name in COEFFICIENTS and not name.endswith("dot")]
     free = free_parameters(vehicle, tuple(lines)).untransformed(plain)
     kept = [lines[name] for name in free.names]
@@ -198,6 +202,12 @@ def belief(
     physics = Belief(free, mean, covariance, tuple(line.source for line in kept), np.sqrt(np.diag(covariance)))
     learned = vehicle.posterior if beside is None or beside.posterior is None else beside.posterior
     return physics if learned is None else _gone_on(physics, learned)
+
+
+def _of_sensor(name: str) -> Line:
+    if name in PLACES:
+        return Line(0.0, _PLACE, "electronics near the body origin")
+    return Line(*_LATENCY, "what sensors need to compute and send")
 
 
 def _gain_covariance(vehicle: Vehicle, n: int) -> Array:

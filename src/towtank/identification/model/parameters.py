@@ -33,6 +33,7 @@ from towtank.identification.model.terms import (
     IN_GAIN,
     IN_LAG,
     IN_LATENCY,
+    IN_PLACE,
     LOG,
     N_FIXED,
     N_MOVING,
@@ -52,6 +53,7 @@ __all__ = [
     "IN_GAIN",
     "IN_LAG",
     "IN_LATENCY",
+    "IN_PLACE",
     "LAG",
     "LATENCIES",
     "LINEAR",
@@ -59,6 +61,7 @@ __all__ = [
     "MOMENT",
     "N_FIXED",
     "N_MOVING",
+    "PLACES",
     "QUADRATIC",
     "UNTRANSFORMED",
     "WEIGHT",
@@ -69,6 +72,7 @@ __all__ = [
 ]
 
 DELAY, LAG, GAIN_PREFIX = "delay", "lag", "gain_"
+PLACES = ("imu_x", "imu_y", "imu_z")  # m: where the accelerometer is, in the body
 LATENCIES = tuple(f"latency_{sensor.name.replace(' ', '_')}" for sensor in SENSORS)  # [s], of each sensor
 
 
@@ -100,7 +104,7 @@ class FreeParameters:
                 value = max(lag, 1e-3)
             elif kind == IN_GAIN:
                 value = 1.0
-            elif kind == IN_LATENCY:
+            elif kind in (IN_LATENCY, IN_PLACE):
                 value = 0.0
             else:
                 value = vehicle.coefficient(name)
@@ -168,7 +172,7 @@ def free_parameters(vehicle: Vehicle, names: Sequence[str]) -> FreeParameters:
         InputError: an unknown name.
     """
     thrusters = [thruster.name for thruster in vehicle.thrusters]
-    known = (*COEFFICIENTS, DELAY, LAG, *(GAIN_PREFIX + name for name in thrusters), *LATENCIES)
+    known = (*COEFFICIENTS, DELAY, LAG, *(GAIN_PREFIX + name for name in thrusters), *LATENCIES, *PLACES)
     kept: list[str] = []
     codes: list[tuple[int, int, int, int]] = []
     rigid: list[float] = []
@@ -189,6 +193,8 @@ def _code(name: str, thrusters: Sequence[str]) -> tuple[int, int, int, int]:
         return IN_DELAY, 0, 0, UNTRANSFORMED
     if name == LAG:
         return IN_LAG, 0, 0, LOG
+    if name in PLACES:
+        return IN_PLACE, PLACES.index(name), 0, UNTRANSFORMED
     if name in LATENCIES:
         return IN_LATENCY, LATENCIES.index(name), 0, UNTRANSFORMED
     if name.startswith(GAIN_PREFIX):

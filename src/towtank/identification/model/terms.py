@@ -63,7 +63,9 @@ __all__ = [
     "paper_names",
 ]
 
-IN_DELAY, IN_LAG, IN_GAIN, IN_LATENCY = range(N_KINDS, N_KINDS + 4)  # of inputs and sensors, behind the coefficients
+IN_DELAY, IN_LAG, IN_GAIN, IN_LATENCY, IN_PLACE = range(
+    N_KINDS, N_KINDS + 5
+)  # of inputs and sensors, behind the coefficients
 Codes = NDArray[np.int64]  # (n, 4) kind, row, column and transform of each free coefficient
 N_MOVING = 12  # errors of position, attitude and velocity
 N_FIXED = 21  # and of disturbance 6 and current 3; those of the free coefficients follow

@@ -18,7 +18,7 @@ from towtank.core.arrays import Array
 from towtank.identification.data.samples import Sources
 from towtank.identification.kalman.passes import JointFit, JointProblem, latencies_of
 from towtank.identification.least_squares.velocity import drifting_attitude
-from towtank.identification.model.parameters import LATENCIES, FreeParameters
+from towtank.identification.model.parameters import LATENCIES, PLACES, FreeParameters
 from towtank.identification.simulation_error.cross_validation import (
     ErrorReduction,
     FreeRuns,
@@ -34,6 +34,7 @@ __all__ = ["FreeRunVerdict", "free_run_verdict"]
 
 _CONTRADICT = 1.3  # median factor by which windows differ more than they state: the filter is doubted
 _SAVED, _SAVED_WORTH = 1.0, 0.0  # deviations, and share of the square error, that free runs must save
+_FLOWS = 0.01  # m/s
 _WEIGHINGS = 2  # fits that show what the data are worth
 
 
@@ -61,7 +62,7 @@ def free_run_verdict(
     """
     if not always and (float(np.median(fit.disagreement)) < _CONTRADICT or _water_moves(fit)):
         return None
-    names = [name for name in fit.prior.names if name not in LATENCIES]
+    names = [name for name in fit.prior.names if name not in (*LATENCIES, *PLACES)]
     prior = fit.prior.only(names)
     rows = [fit.prior.names.index(name) for name in prior.names]
     base = vehicle.with_coefficients({k: v for k, v in fit.prior.vehicle_values.items() if k in COEFFICIENTS})
@@ -128,7 +129,7 @@ def _weighed(runs: FreeRuns, model: CandidateModel) -> tuple[FreeRuns, Candidate
 
 def _no_surer(covariance: Array, information: Array) -> Array:
     """Return the covariance (n, n), no deviation smaller than the information (n, n), prior included, allows."""
-    least = np.diag(np.linalg.inv(information))
+    least = np.diag(np.linalg.pinv(information))
     grow = np.sqrt(np.maximum(1.0, least / np.maximum(np.diag(covariance), 1e-300)))
     return np.asarray(covariance * np.outer(grow, grow))
 
@@ -138,7 +139,7 @@ def _water_moves(fit: JointFit) -> bool:
     flows = fit.state.settings["current_walk"][0] > 0.0
     variance = np.diag(fit.state.P)[18:20]
     speed = float(np.hypot(*fit.state.current[:2]))
-    return bool(fit.levels.waves.any() or (flows and speed > max(0.03, 3.0 * float(np.sqrt(variance.max())))))
+    return bool(fit.levels.waves.any() or (flows and speed > max(_FLOWS, 2.0 * float(np.sqrt(variance.max())))))
 
 
 def _said(saved: ErrorReduction, fits: tuple[float, float], *, always: bool) -> str:

@@ -22,7 +22,7 @@ from towtank.identification.data.samples import NoiseLevels, Samples, Sources, s
 from towtank.identification.kalman.noise_adaptation import common_noise_levels, filter_settings
 from towtank.identification.kalman.passes import JointFit, JointProblem, joint_fit, settings_for
 from towtank.identification.model.belief import Belief, belief
-from towtank.identification.model.parameters import DELAY, LATENCIES
+from towtank.identification.model.parameters import DELAY, LATENCIES, PLACES
 from towtank.identification.offline.free_runs import FreeRunVerdict, free_run_verdict
 from towtank.identification.posterior.assembly import Current, LogLearning
 from towtank.identification.posterior.result import estimate_of, model_of, with_posterior
@@ -30,7 +30,7 @@ from towtank.identification.posterior.thrusters import learned_gains, scale_rema
 from towtank.recording import Grid, Recording, align
 from towtank.vehicle import COEFFICIENTS, Vehicle
 
-__all__ = ["LearningRequest", "joint_problem", "late_sensors", "learn_joint"]
+__all__ = ["LearningRequest", "joint_problem", "learn_joint", "unknowns_of_sensors"]
 
 _SAME_ROWS = 0.9  # of the rows of two sensors, from which they are one device
 _CURRENT = slice(18, 21)  # of the filter's errors
@@ -83,7 +83,7 @@ def joint_problem(request: LearningRequest) -> JointProblem:
         raise InputError("no recording given, expected at least one")
     samples = tuple(request.samples or (samples_of(recording, vehicle) for recording in request.recordings))
     commands = all(each.commands for each in samples)
-    whole = belief(vehicle, commands=commands, late=late_sensors(samples), beside=request.prior)
+    whole = belief(vehicle, commands=commands, sensors=unknowns_of_sensors(samples), beside=request.prior)
     prior = whole if request.free is None else whole.only(_named(whole, request.free))
     if request.delay is not None:
         prior = prior.only([name for name in prior.names if name != DELAY])
@@ -107,10 +107,10 @@ def _named(whole: Belief, free: Collection[str]) -> list[str]:
     return [*free, DELAY]
 
 
-def late_sensors(samples: Sequence[Samples]) -> tuple[str, ...]:
-    """Return `latency_<sensor>` of the sensors that may be late beside the one whose time is taken as it is.
+def unknowns_of_sensors(samples: Sequence[Samples]) -> tuple[str, ...]:
+    """Return `latency_<sensor>` of the sensors that may be late, and the place of the accelerometer where there is one.
 
-    That is the gyro, else the attitude, else the position; and what comes in the same rows from the same device: the
+    Late beside the one whose time is taken as it is: the gyro, else the attitude, else the position; and what comes in the same rows from the same device: the
     attitude beside the gyro, the pose of a camera.
     """
     measured = np.any([each.measured for each in samples], axis=0)
@@ -121,7 +121,8 @@ def late_sensors(samples: Sequence[Samples]) -> tuple[str, ...]:
     for s in (1, 0):
         if any((r, s) in pairs and _same_rows(samples, r, s) for r in device):
             device.add(s)
-    return tuple(LATENCIES[s] for s in (0, 1, 2, 3, 5) if there[s] and s not in device)
+    late = tuple(LATENCIES[s] for s in (0, 1, 2, 3, 5) if there[s] and s not in device)
+    return (*late, *(PLACES if there[4] else ()))
 
 
 def _same_rows(samples: Sequence[Samples], one: int, other: int) -> bool:
