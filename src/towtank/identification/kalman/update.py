@@ -266,7 +266,8 @@ def _off_origin(state: JointState, turning: Array, k: int) -> float:
     for j in range(A.shape[1]):
         if j < N_FIXED + state.theta.shape[0]:
             h[j] += A[9 + a, j] * where[b] - A[9 + b, j] * where[a]
-    return turning[a] * where[b] - turning[b] * where[a] + omega[k] * along - (p * p + q * q + r * r) * where[k]
+    turned = turning[a] * where[b] - turning[b] * where[a]
+    return float(turned + omega[k] * along - (p * p + q * q + r * r) * where[k])
 
 
 @kernel

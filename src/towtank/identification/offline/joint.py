@@ -110,8 +110,8 @@ def _named(whole: Belief, free: Collection[str]) -> list[str]:
 def unknowns_of_sensors(samples: Sequence[Samples]) -> tuple[str, ...]:
     """Return `latency_<sensor>` of the sensors that may be late, and the place of the accelerometer where there is one.
 
-    Late beside the one whose time is taken as it is: the gyro, else the attitude, else the position; and what comes in the same rows from the same device: the
-    attitude beside the gyro, the pose of a camera.
+    Late beside the one whose time is taken as it is: the gyro, else the attitude, else the position; and what comes in
+    the same rows from the same device: the attitude beside the gyro, the pose of a camera.
     """
     measured = np.any([each.measured for each in samples], axis=0)
     there = [bool(measured[3 * s : 3 * s + 3].any()) for s in range(len(LATENCIES))]
