@@ -103,6 +103,22 @@ WRONG = {
     thruster("odd = true", "odd = false, reverse = [1]"): "thrusters[0].curve.reverse: has no meaning",
 }
 
+PRIOR = HEAD + "[prior]\n"
+WRONG |= {
+    PRIOR + "X_uuu = { value = -1, std = 1 }": 'mine.toml: prior.X_uuu: unknown key; did you mean "X_uu"?',
+    PRIOR + "dellay = { value = 0.1, std = 1 }": 'prior.dellay: unknown key; did you mean "delay"?',
+    PRIOR + "X_uu = -60": "prior.X_uu.std: missing, expected a number above 0, as { value = -60, std = ... }",
+    PRIOR + "X_uu = { value = -60, std = 0 }": "prior.X_uu.std: found 0, expected a number above 0",
+    PRIOR + "X_uu = { value = -60, std = -1 }": "prior.X_uu.std: found -1, expected 0 or more",
+    PRIOR + 'delay = { value = 0.1, std = 1, unit = "m" }': 'prior.delay.unit: found "m", expected "s"',
+    PRIOR + "delay = { value = -0.1, std = 1 }": "prior.delay.value: found -0.1, expected 0 or more",
+    PRIOR + "lag = { value = 0, std = 1 }": "prior.lag.value: found 0, expected a number above 0",
+    PRIOR + "gain_aft = { value = -1, std = 1 }": "prior.gain_aft.value: found -1, expected a number above 0",
+    PRIOR + "X_udot = { value = 21, std = 1 }": "prior.X_udot.value: found 21, expected less than the rigid body's 20",
+    PRIOR + "Y_rdot = { value = 1, std = 1 }\nN_vdot = { value = 1, std = 1 }": 'stands there already as "N_vdot"',
+    PRIOR + "gain_aff = { value = 1, std = 1 }\n" + THRUSTER: 'no thruster is "aff"; did you mean "aft"?',
+}
+
 
 @pytest.mark.parametrize("text", WRONG, ids=[expected[:40] for expected in WRONG.values()])
 def test_wrong_file_is_told_with_its_place(text):
@@ -174,6 +190,21 @@ def test_contract_example_is_read():
     assert np.linalg.norm(vehicle.thrusters[0].direction) == pytest.approx(1.0, abs=1e-15)
 
 
+def test_what_is_known_before_is_kept_by_every_copy():
+    vehicle = parse_vehicle(
+        PRIOR + "X_uu = { value = -60, std = 20 }\ndelay = { value = 0.1, std = 0.02 }", "mine.toml"
+    )
+    assert vehicle.prior["X_uu"] == Coefficient(value=-60.0, std=20.0, unit="kg/m")
+    assert vehicle.prior["delay"].unit == "s"
+    assert vehicle.coefficient("X_uu") == 0.0
+    assert vehicle.deviation("X_uu") is None
+    changed = vehicle.with_coefficients({"X_uu": -50.0}).model_copy(update={"command_delay": 0.3})
+    assert changed.prior == vehicle.prior
+    with pytest.raises(TypeError, match="frozen"):
+        vehicle.prior["X_u"] = Coefficient(value=-1.0, std=1.0)
+    assert "[prior]" not in vehicle_text(load_vehicle("seamor"))
+
+
 def test_unphysical_vehicle_is_read_with_a_warning(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(HEAD + "[hydrodynamics]\nY_vdot = 17.0\nX_u = 3.0\n")
@@ -192,6 +223,13 @@ names = st.text(string.ascii_letters + string.digits + "_", min_size=1, max_size
 @st.composite
 def coefficients(draw):
     return Coefficient(value=draw(finite), std=draw(st.none() | positive), source=draw(text))
+
+
+@st.composite
+def stated_before(draw):
+    unknowns = ("X_uu", "BG_z", "Y_rdot", "delay", "lag", "gain_x.1", "latency_velocity", "imu_x")
+    chosen = draw(st.lists(st.sampled_from(unknowns), unique=True, max_size=3))
+    return {name: Coefficient(value=draw(positive), std=draw(positive), source=draw(text)) for name in chosen}
 
 
 @st.composite
@@ -219,7 +257,7 @@ def curves(draw):
 @st.composite
 def vehicles(draw):
     chosen = draw(st.lists(st.sampled_from(HYDRODYNAMIC), unique=True, max_size=6))
-    thrusters = []
+    thrusters, prior = [], draw(stated_before())
     for name in draw(st.lists(names, unique=True, max_size=2)):
         direction = draw(vector.filter(lambda v: max(map(abs, v)) > 1e-3))
         thrusters.append(
@@ -239,7 +277,8 @@ def vehicles(draw):
         buoyancy=Buoyancy(force=draw(st.none() | positive), centre=draw(vector)),
         restoring=Restoring(BG_z=draw(st.none() | coefficients()), W_minus_B=draw(st.none() | coefficients())),
         hydrodynamics={name: draw(coefficients()) for name in chosen},
-        thrusters=thrusters,
+        thrusters=[] if "gain_x.1" in prior else thrusters,
+        prior=prior,
         command_delay=draw(st.just(0.0) | positive),
         scale_std=draw(st.none() | st.floats(0.0, 1.0, exclude_max=True)),
         provenance=Provenance(source=draw(text), notes=tuple(draw(st.lists(text, max_size=2)))),

@@ -136,6 +136,8 @@ def vehicle_text(vehicle: Vehicle) -> str:
     if any(measured.values()):
         document.add("restoring", _coefficients({n: c for n, c in measured.items() if c is not None}))
     document.add("hydrodynamics", _coefficients(vehicle.hydrodynamics))
+    if vehicle.prior:
+        document.add("prior", _coefficients(vehicle.prior))
     if vehicle.thrusters:
         blocks = tomlkit.aot()
         for thruster in vehicle.thrusters:
@@ -214,7 +216,7 @@ def _inline(values: Mapping[str, Any]) -> InlineTable:
 def _coefficients(coefficients: Mapping[str, Coefficient]) -> Table:
     table = tomlkit.table()
     for name, coefficient in coefficients.items():
-        table.add(name, _inline(_given(coefficient, ("unit",))))
+        table.add(name, _inline(_given(coefficient, ("unit",) if coefficient.unit else ())))
     return table
 
 

@@ -1,5 +1,7 @@
 """What was learned together: a Gaussian over a vehicle's unknowns, its table [posterior], and vehicles drawn from it.
 
+And what a person knows of single unknowns before any data, the table [prior], each in its own unit.
+
 Unknowns are coefficients by their SNAME names, the `delay` [s] of the commands, the `lag` [s] of the thrusters,
 `gain_<thruster>`, `latency_<sensor>` [s] and the place of the accelerometer, `imu_x`, `imu_y` and `imu_z` [m]. Each
 has a coordinate in which it is Gaussian: the natural logarithm of the total inertia M_ii (rigid body and added mass,
@@ -20,7 +22,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -29,17 +31,30 @@ from pydantic import BeforeValidator, ValidationError, model_validator
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
-from towtank.vehicle.base import Numbers, Positive, Record, described, first_line, listed, misplaced
-from towtank.vehicle.names import COEFFICIENTS, ROWS, index, mirror
+from towtank.vehicle.base import Numbers, Positive, Record, described, first_line, listed, misplaced, unknown_key
+from towtank.vehicle.names import COEFFICIENTS, ROWS, index, mirror, unit
+from towtank.vehicle.records import Coefficient, Thruster
 
 if TYPE_CHECKING:
-    from towtank.vehicle.records import Thruster
     from towtank.vehicle.vehicle import Vehicle
 
-__all__ = ["DELAY", "GAIN_PREFIX", "LAG", "LATENCY_PREFIX", "Posterior", "coordinate", "drawn", "with_coordinates"]
+__all__ = [
+    "DELAY",
+    "GAIN_PREFIX",
+    "LAG",
+    "LATENCY_PREFIX",
+    "Posterior",
+    "coordinate",
+    "drawn",
+    "known_unknowns",
+    "stated_before",
+    "stated_coordinate",
+    "unit_of_unknown",
+    "with_coordinates",
+]
 
-DELAY, LAG, GAIN_PREFIX, LATENCY_PREFIX = "delay", "lag", "gain_", "latency_"
-_NAMED = re.compile(rf"{GAIN_PREFIX}[A-Za-z0-9_.-]+|{LATENCY_PREFIX}[A-Za-z0-9_]+|imu_[xyz]")
+DELAY, LAG, GAIN_PREFIX, LATENCY_PREFIX, PLACE_PREFIX = "delay", "lag", "gain_", "latency_", "imu_"
+_NAMED = re.compile(rf"{GAIN_PREFIX}[A-Za-z0-9_.-]+|{LATENCY_PREFIX}[A-Za-z0-9_]+|{PLACE_PREFIX}[xyz]")
 _DIGITS = range(4, 16)  # of the length of a row; a double has no more than 15
 _KEPT = 1e-3  # relative error of the deviation of any direction; with 1000 samples it is itself known to 2e-2
 _TRIES = 100  # draws in a row; one in twenty that can move fails to be found once in 170 times
@@ -47,9 +62,13 @@ _DEFINITE = 1e-9  # smallest eigenvalue of the mass matrix scaled to a unit diag
 _LARGEST_LOG = 300.0  # of what is the exponential of a coordinate: within the range of a double
 
 
+def _is_unknown(value: Any) -> bool:
+    return isinstance(value, str) and (value in (*COEFFICIENTS, DELAY, LAG) or bool(_NAMED.fullmatch(value)))
+
+
 def _unknown(value: Any) -> str:
-    if isinstance(value, str) and (value in (*COEFFICIENTS, DELAY, LAG) or _NAMED.fullmatch(value)):
-        return value
+    if _is_unknown(value):
+        return str(value)
     hint = nearest(value, (*COEFFICIENTS, DELAY, LAG)) if isinstance(value, str) else ""
     raise ValueError(
         f"found {described(value)}, expected a coefficient, {DELAY}, {LAG}, {GAIN_PREFIX}<thruster>"
@@ -133,6 +152,61 @@ class Posterior(Record):
         """Covariance (n, n) of the coordinates."""
         factor = self.factor
         return np.asarray(factor @ factor.T)
+
+
+# -- single unknowns before any data
+
+
+def known_unknowns(value: Any) -> Any:
+    """Return a table whose every key is the name of an unknown, each once. Raises ValueError for another key."""
+    if isinstance(value, Mapping):
+        for key in value:
+            if not _is_unknown(key):
+                raise unknown_key(str(key), [*COEFFICIENTS, DELAY, LAG])
+            if _twin(key) != key and _twin(key) in value:
+                raise misplaced(str(key), f'stands there already as "{_twin(key)}"')
+    return value
+
+
+def unit_of_unknown(name: str) -> str:
+    """Return the unit of an unknown: of inputs and latencies seconds, of places metres, of gains none."""
+    if name in COEFFICIENTS:
+        return unit(name)
+    return "" if name.startswith(GAIN_PREFIX) else "m" if name.startswith(PLACE_PREFIX) else "s"
+
+
+def stated_before(name: str, line: Coefficient) -> Coefficient:
+    """Return a line of the table [prior] with its unit. Raises ValueError where it is none."""
+    if line.std is None:
+        raise misplaced("std", f"missing, expected a number above 0, as {{ value = {line.value:g}, std = ... }}")
+    if line.std <= 0.0:
+        raise misplaced("std", f"found {line.std:g}, expected a number above 0")
+    if (name == LAG or name.startswith(GAIN_PREFIX)) and line.value <= 0.0:
+        raise misplaced("value", f"found {line.value:g}, expected a number above 0")
+    if name == DELAY and line.value < 0.0:
+        raise misplaced("value", f"found {line.value:g}, expected 0 or more")
+    return line.in_unit(unit_of_unknown(name))
+
+
+def stated_coordinate(vehicle: Vehicle, name: str, line: Coefficient) -> tuple[float, float]:
+    """Return mean and deviation of a vehicle's coordinate (see the module) by a line of a table [prior].
+
+    Raises:
+        InputError: an added mass with which the vehicle's total inertia is not above 0.
+    """
+    value, std = line.value, line.std or 0.0
+    if not _logarithmic(name):
+        return value, std
+    if name.startswith(GAIN_PREFIX):
+        before = next(each.gain for each in vehicle.thrusters if GAIN_PREFIX + each.name == name)
+        return math.log(value / before), std / value
+    if name == LAG:
+        return math.log(value), std / value
+    i = index(name)[1]
+    total = float(vehicle.rigid_body_matrix[i, i]) - value
+    if total <= 0.0:
+        raise InputError(f"prior.{name}: found {value:g}, with which {vehicle.name} has a total inertia of {total:g}")
+    return math.log(total), std / total
 
 
 def _twin(name: str) -> str:

@@ -92,11 +92,14 @@ class Coefficient(Record):
 
     def with_unit(self, name: str) -> Coefficient:
         """Return the coefficient with the unit that belongs to its name. Raises ValueError for another unit."""
-        expected = unit(name)
+        return self.in_unit(unit(name))
+
+    def in_unit(self, expected: str) -> Coefficient:
+        """Return the value in this very unit. Raises ValueError where it has another."""
         if self.unit == expected:
             return self
         if self.unit and not same_unit(self.unit, expected):
-            raise misplaced("unit", f'found "{self.unit}", expected "{expected}"; convert the value to SI')
+            raise misplaced("unit", f'found "{self.unit}", expected "{expected or 1}"; convert the value to SI')
         return Coefficient(value=self.value, std=self.std, unit=expected, source=self.source)
 
 

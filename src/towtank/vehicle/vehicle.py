@@ -19,8 +19,8 @@ from towtank.errors import InputError, nearest
 from towtank.vehicle import matrices
 from towtank.vehicle.base import NonNegative, Record, Share, described, first_line, misplaced, unknown_key
 from towtank.vehicle.checks import doubts, faults
-from towtank.vehicle.names import HYDRODYNAMIC, RESTORING, ROWS, index, mirror
-from towtank.vehicle.posterior import GAIN_PREFIX, Posterior, drawn
+from towtank.vehicle.names import COEFFICIENTS, HYDRODYNAMIC, RESTORING, ROWS, index, mirror
+from towtank.vehicle.posterior import GAIN_PREFIX, Posterior, drawn, known_unknowns, stated_before
 from towtank.vehicle.records import Buoyancy, Coefficient, Provenance, Restoring, RigidBody, Thruster
 
 __all__ = ["Vehicle"]
@@ -70,14 +70,17 @@ def _known_coefficients(value: Any) -> Any:
 
 
 _Hydrodynamics = Annotated[dict[str, Coefficient], BeforeValidator(_known_coefficients), AfterValidator(FrozenDict)]
+_Prior = Annotated[dict[str, Coefficient], BeforeValidator(known_unknowns), AfterValidator(FrozenDict)]
 
 
 class Vehicle(Record):
     """A vehicle, as its file says it. Frozen; `with_coefficients` makes a changed copy.
 
     `command_delay` [s] is the time from command to thruster. `scale_std` is the relative standard deviation of the
-    scale of force that all thrusters have in common; None where the file does not say. `posterior` is what was learned
-    with its covariance, None where nothing was; a copy with other numbers has none, unless it is given one.
+    scale of force that all thrusters have in common; None where the file does not say. `prior` is what is known of
+    single unknowns before any data: coefficients by name, `delay`, `lag`, `latency_<sensor>` [s] and `gain_<thruster>`,
+    each with a deviation. `posterior` is what was learned with its covariance, None where nothing was; a copy with
+    other numbers has none, unless it is given one.
     """
 
     name: Annotated[str, BeforeValidator(_name)]
@@ -90,15 +93,17 @@ class Vehicle(Record):
     command_delay: NonNegative = 0.0
     scale_std: Share | None = None
     provenance: Provenance = Provenance()
+    prior: _Prior = FrozenDict()
     posterior: Posterior | None = None
 
-    @field_validator("hydrodynamics", mode="after")
+    @field_validator("hydrodynamics", "prior", mode="after")
     @classmethod
-    def _units(cls, value: dict[str, Coefficient]) -> FrozenDict[str, Coefficient]:
+    def _units(cls, value: dict[str, Coefficient], info: Any) -> FrozenDict[str, Coefficient]:
         completed = {}
         for name, coefficient in value.items():
             try:
-                completed[name] = coefficient.with_unit(name)
+                stated = info.field_name == "prior"
+                completed[name] = stated_before(name, coefficient) if stated else coefficient.with_unit(name)
             except PydanticCustomError as error:
                 context = error.context or {}
                 raise misplaced(f"{name}.{context['place']}", context["text"]) from None
@@ -122,11 +127,25 @@ class Vehicle(Record):
                     "; give each thruster its own",
                 )
             seen[thruster.name] = k
-        for k, name in enumerate(self.posterior.names if self.posterior else ()):
+        places = {
+            f"posterior.names[{k}]": name for k, name in enumerate(self.posterior.names if self.posterior else ())
+        }
+        places |= {f"prior.{name}": name for name in (self.prior if self.thrusters else ())}
+        for place, name in places.items():
             thruster_name = name.removeprefix(GAIN_PREFIX)
             if name.startswith(GAIN_PREFIX) and thruster_name not in seen:
                 hint = nearest(thruster_name, seen)
-                raise misplaced(f"posterior.names[{k}]", f'found "{name}", but no thruster is "{thruster_name}"{hint}')
+                raise misplaced(place, f'found "{name}", but no thruster is "{thruster_name}"{hint}')
+        return self
+
+    @model_validator(mode="after")
+    def _inertias_before(self) -> Vehicle:
+        for name, line in self.prior.items():
+            kind, i, j = index(name) if name in COEFFICIENTS else ("", 0, 1)
+            rigid = float(self.rigid_body_matrix[i, i])
+            if kind == "mass" and i == j and line.value >= rigid:
+                text = f"found {line.value:g}, expected less than the rigid body's {rigid:g}: a total inertia above 0"
+                raise misplaced(f"prior.{name}.value", text)
         return self
 
     # -- forces of gravity and buoyancy

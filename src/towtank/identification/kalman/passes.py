@@ -221,9 +221,8 @@ def _with_waves(
     if not problem.settings.current:
         return problem, _settled(problem, problem.prior.mean, rough, progress)
     wavy = replace(rough, waves=np.full(3, _WAVE))
-    fit = _settled(problem, problem.prior.mean, wavy, lambda share: progress(0.5 * share))
-    plain = replace(fit.levels, waves=np.zeros(3))
-    calm = _settled(problem, fit.theta, plain, lambda share: progress(0.5 + 0.2 * share))
+    calm = _settled(problem, problem.prior.mean, rough, lambda share: progress(0.4 * share))
+    fit = _settled(problem, problem.prior.mean, wavy, lambda share: progress(0.4 + 0.4 * share))
     if not (fit.likelihood > calm.likelihood + _WAVES_GAIN and fit.levels.waves.max() > _SMALLEST_WAVE):
         return problem, calm
     found = [(fit.likelihood, problem)]

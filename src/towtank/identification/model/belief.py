@@ -2,8 +2,9 @@
 
 Nothing is chosen: every coefficient that a body of this kind may have is free, with a mean and a deviation. The data
 narrow them. Where the file has a value, that is the mean, with its deviation, or half of it where none is stated. Where
-it is silent, the size of the body says what is plausible. With m and I_i the rigid body, L = (m/rho)^(1/3) the edge of
-a cube of water of its mass, a_i = 1.7 sqrt(I_i/m) the arm of hull and fins, W = m g:
+it is silent, the size of the body says what is plausible. A line of the table [prior] stands above both, and what was
+learned before above all: a learned file's posterior has taken the rest in. With m and I_i the rigid body,
+L = (m/rho)^(1/3) the edge of a cube of water of its mass, a_i = 1.7 sqrt(I_i/m) the arm of hull and fins, W = m g:
 
     total inertia        1.7 m, 1.6 I_i, a factor of exp(0.5) either way
     its couplings        0 +- 0.24 sqrt(M_i M_j), of a body that is the same to port and starboard
@@ -23,12 +24,13 @@ logarithm that starts far too small it has no gradient and stays there.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.errors import InputError, nearest
 from towtank.identification.model.parameters import (
     DELAY,
     GAIN_PREFIX,
@@ -36,14 +38,15 @@ from towtank.identification.model.parameters import (
     PLACES,
     FreeParameters,
     free_parameters,
+    unknowns_of,
 )
 from towtank.vehicle import COEFFICIENTS, Vehicle
 from towtank.vehicle.matrices import GRAVITY
-from towtank.vehicle.names import COLUMNS, ROWS
-from towtank.vehicle.posterior import Posterior
+from towtank.vehicle.names import COLUMNS, ROWS, index, mirror
+from towtank.vehicle.posterior import stated_coordinate
 from towtank.vehicle.thrusters.curves import is_of_unit_scale
 
-__all__ = ["Belief", "belief"]
+__all__ = ["Belief", "Body", "belief"]
 
 _WATER = 1000.0  # kg/m^3
 _ADDED = (1.7, 1.6)  # total inertia, of the rigid body's: translation, rotation
@@ -54,6 +57,7 @@ _SPREAD = 2.0  # of damping, as a share of its mean
 _NET_WEIGHT, _RIGHTING, _RIGHTING_STD, _TRIM_STD = 0.01, 0.02, 0.1, 0.02  # of W, W L
 _CONSTANT = (0.005, 0.01)  # m/s^2, rad/s^2
 _ASYMMETRY_STD = (0.3, 0.03)  # of the quadratic damping; between port and starboard
+_PRIORS_FILE = "the prior's file"
 _STATED = 0.5  # deviation of what the file states without one, as a share of it
 _DELAY, _LAG, _LAG_STD, _GAIN_STD = (0.08, 0.06), 0.1, 0.8, 0.08
 _LATENCY = (0.05, 0.1)  # s
@@ -91,6 +95,16 @@ class Belief:
         """Deviations (n,) in the coordinates of `free`."""
         return np.sqrt(np.diag(self.covariance))
 
+    @property
+    def values(self) -> Array:
+        """Means (n,), each in its own unit: added inertias, not totals; gains as multiples of the file's."""
+        return self.free.values(self.mean)
+
+    @property
+    def value_std(self) -> Array:
+        """Deviations (n,) in these units; of what is log-normal to first order."""
+        return np.asarray(np.abs(self.free.slopes(self.mean)) * self.std)
+
     def only(self, names: Sequence[str]) -> Belief:
         """Return what is supposed of these names alone."""
         rows = [k for k, name in enumerate(self.names) if name in names]
@@ -101,6 +115,18 @@ class Belief:
             tuple(self.sources[k] for k in rows),
             self.reference[rows],
         )
+
+    def with_rows(self, rows: Sequence[int], mean: Array, covariance: Array, reference: Array, source: str) -> Belief:
+        """Return it with rows that owe nothing to the rest: mean and covariance as a vehicle's posterior has them."""
+        means, block, before, sources = self.mean.copy(), self.covariance.copy(), self.reference.copy(), [*self.sources]
+        signs = self.free.signs[rows]
+        means[rows], before[rows] = np.where(signs < 0.0, self.free.rigid[rows] - mean, mean), reference
+        block[rows] = 0.0
+        block[:, rows] = 0.0
+        block[np.ix_(rows, rows)] = covariance * np.outer(signs, signs)
+        for k in rows:
+            sources[k] = source
+        return Belief(self.free, means, block, tuple(sources), before)
 
     @property
     def vehicle_values(self) -> dict[str, float]:
@@ -118,8 +144,13 @@ class Line:
     source: str
 
 
-class _Body:
-    """The sizes that physics gives a vehicle's coefficients."""
+class Body:
+    """The sizes that physics gives a vehicle's coefficients.
+
+    Attributes:
+        rigid: diagonal (6,) of the rigid body's mass matrix; m: its mass [kg]. length: edge of a cube of water of this
+            mass [m]. gyradii: (3,) [m].
+    """
 
     def __init__(self, vehicle: Vehicle) -> None:
         rigid = np.diag(vehicle.rigid_body_matrix)
@@ -127,7 +158,8 @@ class _Body:
         self.length = (self.m / _WATER) ** (1.0 / 3.0)
         self.weight = self.m * GRAVITY
         self.total = rigid * np.array([_ADDED[0]] * 3 + [_ADDED[1]] * 3)
-        arm = np.concatenate([np.ones(3), _ARM * np.sqrt(rigid[3:] / self.m)])
+        self.gyradii = np.sqrt(rigid[3:] / self.m)
+        arm = np.concatenate([np.ones(3), _ARM * self.gyradii])
         area = _WATER * self.length**2
         self.quadratic = area * arm**3
         self.linear = 0.1 * area * arm**2
@@ -169,11 +201,7 @@ class _Body:
 
 
 def belief(
-    vehicle: Vehicle,
-    *,
-    commands: bool = True,
-    sensors: Sequence[str] = (),
-    beside: Vehicle | None = None,
+    vehicle: Vehicle, *, commands: bool = True, sensors: Sequence[str] = (), beside: Vehicle | None = None
 ) -> Belief:
     """Return what is supposed of a vehicle.
 
@@ -183,15 +211,13 @@ def belief(
         sensors: unknowns of the sensors: `latency_<sensor>` of those whose clock is not that of the others, and the
             place of an accelerometer.
         beside: another vehicle, which counts where it says something: one whose coefficients bear deviations, or that
-            was learned.
+            was learned, or that has a table [prior].
+
+    Raises:
+        InputError: a table [prior] names what is no unknown, or an inertia that is not above 0 on this vehicle.
     """
-    lines = {name: _stated(vehicle, name, line) for name, line in _Body(vehicle).lines(commands=commands).items()}
-    for name in vehicle.hydrodynamics:
-        if name not in lines and not _mirrored(name, lines):
-            lines[name] = _stated(vehicle, name, Line(0.0, 0.0, ""))
-    if beside is not None:
-        lines = {name: _stated(beside, name, line, "the prior's file") for name, line in lines.items()}
-    lines |= _inputs(vehicle, commands=commands)
+    lines = _plausible(vehicle, beside, commands=commands)
+    lines |= _inputs(vehicle, beside, commands=commands)
     lines |= {name: _of_sensor(name) for name in sensors}
     plain = [name for name in lines if name in COEFFICIENTS and not name.endswith("dot")]
     free = free_parameters(vehicle, tuple(lines)).untransformed(plain)
@@ -201,8 +227,36 @@ def belief(
     gains = [k for k, name in enumerate(free.names) if name.startswith(GAIN_PREFIX)]
     covariance[np.ix_(gains, gains)] = _gain_covariance(vehicle, len(gains))
     physics = Belief(free, mean, covariance, tuple(line.source for line in kept), np.sqrt(np.diag(covariance)))
-    learned = vehicle.posterior if beside is None or beside.posterior is None else beside.posterior
-    return physics if learned is None else _gone_on(physics, learned)
+    supposed = _with_tables(physics, vehicle, beside)
+    if beside is None or beside.posterior is not None:
+        return _gone_on(supposed, beside or vehicle, vehicle)
+    told = [_named(name, free.names) for name in beside.prior]
+    told += [name for name in free.names if name in COEFFICIENTS and beside.deviation(name) is not None]
+    return _gone_on(supposed, vehicle, vehicle, told)
+
+
+def _plausible(vehicle: Vehicle, beside: Vehicle | None, *, commands: bool) -> dict[str, Line]:
+    """Return the lines of the coefficients: those that a body of this kind may have, and what the files name besides.
+
+    Raises:
+        InputError: a table [prior] names what is no unknown of the vehicle.
+    """
+    lines = Body(vehicle).lines(commands=commands)
+    known = unknowns_of(vehicle)
+    files = [vehicle] if beside is None else [vehicle, beside]
+    for each in files:
+        for name in each.prior:
+            if name not in known:
+                raise InputError(f'{each.name}: prior: "{name}" is no unknown of {vehicle.name}{nearest(name, known)}')
+    stated = [name for each in files for name in each.prior if name in COEFFICIENTS]
+    for name in (*(name for each in files for name in each.hydrodynamics), *stated):
+        if name != "inflow_loss":
+            lines.setdefault(name, Line(0.0, 0.0, ""))
+    lines = {name: _stated(vehicle, name, line) for name, line in lines.items()}
+    if beside is not None:
+        told = [name for name in lines if _says(beside, name) or not _says(vehicle, name)]
+        lines |= {name: _stated(beside, name, lines[name], _PRIORS_FILE) for name in told}
+    return {name: line for name, line in lines.items() if line.std > 0.0 or name in stated}
 
 
 def _of_sensor(name: str) -> Line:
@@ -227,24 +281,44 @@ def _gain_covariance(vehicle: Vehicle, n: int) -> Array:
     return np.asarray(own - _GAIN_STD**2 * common + n * max(scale, 1e-4) ** 2 * common)
 
 
-def _gone_on(physics: Belief, learned: Posterior) -> Belief:
-    """Return what was learned before, of all unknowns that it knows of, and physics of the others."""
-    rows = [physics.names.index(name) for name in learned.names if name in physics.names]
-    known = [k for k, name in enumerate(learned.names) if name in physics.names]
-    mean, covariance, reference = physics.mean.copy(), physics.covariance.copy(), physics.reference.copy()
-    mean[rows] = np.array(learned.mean)[known]
-    covariance[rows] = 0.0
-    covariance[:, rows] = 0.0
-    covariance[np.ix_(rows, rows)] = learned.covariance[np.ix_(known, known)]
-    reference[rows] = np.array(learned.prior_std)[known]
-    sources = list(physics.sources)
-    for k in rows:
-        sources[k] = "learned before"
-    return Belief(physics.free, mean, covariance, tuple(sources), reference)
+def _gone_on(supposed: Belief, of: Vehicle, onto: Vehicle, but: Sequence[str] = ()) -> Belief:
+    """Return what was learned of a vehicle, of all unknowns that it knows of `but` these, and of others the supposed.
+
+    Gains are learned as multiples of those of the vehicle that they were learned of, and used as such of another's.
+    """
+    learned = of.posterior
+    if learned is None:
+        return supposed
+    names = [_named(name, supposed.names) for name in learned.names]
+    known = [k for k, name in enumerate(names) if name in supposed.names and name not in but]
+    rows = [supposed.names.index(names[k]) for k in known]
+    gains = {GAIN_PREFIX + name: math.log(ratio) for name, ratio in _gains(of, onto).items()}
+    mean = np.array([learned.mean[k] + gains.get(names[k], 0.0) for k in known])
+    covariance, reference = learned.covariance[np.ix_(known, known)], np.array(learned.prior_std)[known]
+    return supposed.with_rows(rows, mean, covariance, reference, "learned before")
 
 
-def _mirrored(name: str, lines: Mapping[str, Line]) -> bool:
-    return name.endswith("dot") and any(other.endswith("dot") and {*other} == {*name} for other in lines)
+def _named(name: str, names: Container[str]) -> str:
+    """Return the name that an unknown has among these: an added-mass coupling has two."""
+    twin = mirror(name) if name in COEFFICIENTS and index(name)[0] == "mass" else name
+    return twin if name not in names and twin in names else name
+
+
+def _says(vehicle: Vehicle, name: str) -> bool:
+    """Whether a file says something of a coefficient."""
+    return vehicle.coefficient(name) != 0.0 or vehicle.deviation(name) is not None
+
+
+def _with_tables(supposed: Belief, vehicle: Vehicle, beside: Vehicle | None) -> Belief:
+    """Return what is supposed with the lines of the tables [prior], those of the file beside last."""
+    for each, source in ((vehicle, "the vehicle's file"), (beside, _PRIORS_FILE)):
+        for name, line in {} if each is None else each.prior.items():
+            row = [k for k, other in enumerate(supposed.names) if other == _named(name, supposed.names)]
+            if row:
+                mean, std = stated_coordinate(vehicle, name, line)
+                said = f"{source}, [prior]" + (f": {line.source}" if line.source else "")
+                supposed = supposed.with_rows(row, np.array([mean]), np.array([[std**2]]), np.array([std]), said)
+    return supposed
 
 
 def _stated(vehicle: Vehicle, name: str, line: Line, source: str = "the vehicle's file") -> Line:
@@ -266,13 +340,27 @@ def _stated(vehicle: Vehicle, name: str, line: Line, source: str = "the vehicle'
     return Line(value, max(std, 1e-9), source)
 
 
-def _inputs(vehicle: Vehicle, *, commands: bool) -> dict[str, Line]:
-    delay = vehicle.command_delay or _DELAY[0]
-    out = {DELAY: Line(delay, _DELAY[1], "autopilots and thrusters as they usually are")}
-    if commands:
-        known = [thruster.time_constant for thruster in vehicle.thrusters if thruster.time_constant > 0.0]
-        lag, std = (float(np.mean(known)), _STATED) if known else (_LAG, _LAG_STD)
-        out[LAG] = Line(lag, std, "the vehicle's file" if known else "thrusters as they usually are")
-        for thruster in vehicle.thrusters:
-            out[GAIN_PREFIX + thruster.name] = Line(1.0, _GAIN_STD, "thrusters differ by a few percent")
+def _inputs(vehicle: Vehicle, beside: Vehicle | None, *, commands: bool) -> dict[str, Line]:
+    out = {DELAY: Line(*_DELAY, "autopilots and thrusters as they usually are")}
+    files = [(vehicle, "the vehicle's file")] + ([] if beside is None else [(beside, _PRIORS_FILE)])
+    for each, source in files:
+        if each.command_delay > 0.0:
+            out[DELAY] = Line(each.command_delay, _DELAY[1], f"{source}, and delays as they usually differ")
+    if not commands:
+        return out
+    out[LAG] = Line(_LAG, _LAG_STD, "thrusters as they usually are")
+    for each, source in files:
+        known = [thruster.time_constant for thruster in each.thrusters if thruster.time_constant > 0.0]
+        if known:
+            out[LAG] = Line(float(np.mean(known)), _STATED, f"{source}, which states no deviation: half of it")
+    gains = {} if beside is None else _gains(beside, vehicle)
+    for thruster in vehicle.thrusters:
+        ratio = gains.get(thruster.name, 1.0)
+        out[GAIN_PREFIX + thruster.name] = Line(ratio, _GAIN_STD, "thrusters differ by a few percent")
     return out
+
+
+def _gains(of: Vehicle, onto: Vehicle) -> dict[str, float]:
+    """Return the gains of a vehicle's thrusters as multiples of those that another gives the same ones."""
+    there = {each.name: each.gain for each in onto.thrusters}
+    return {each.name: each.gain / there[each.name] for each in of.thrusters if each.name in there}

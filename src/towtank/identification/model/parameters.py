@@ -69,6 +69,7 @@ __all__ = [
     "FreeParameters",
     "free_parameters",
     "put_parameters",
+    "unknowns_of",
 ]
 
 DELAY, LAG, GAIN_PREFIX = "delay", "lag", "gain_"
@@ -138,6 +139,11 @@ class FreeParameters:
                 out[k] = self.rigid[k] - out[k]
         return out
 
+    @property
+    def signs(self) -> Array:
+        """(n,) -1 for couplings of inertia, whose theta is the rigid body's element less the coefficient, else 1."""
+        return np.where((self.codes[:, 0] == MASS) & (self.codes[:, 3] == UNTRANSFORMED), -1.0, 1.0)
+
     def slopes(self, theta: Array) -> Array:
         """Return d coefficient / d theta (n,)."""
         out = np.ones(len(self))
@@ -163,6 +169,12 @@ class FreeParameters:
         return replace(self, codes=codes)
 
 
+def unknowns_of(vehicle: Vehicle) -> tuple[str, ...]:
+    """Return the names of all that can be unknown about a vehicle, its thrusters and its sensors."""
+    gains = (GAIN_PREFIX + thruster.name for thruster in vehicle.thrusters)
+    return (*COEFFICIENTS, DELAY, LAG, *gains, *LATENCIES, *PLACES)
+
+
 def free_parameters(vehicle: Vehicle, names: Sequence[str]) -> FreeParameters:
     """Return the description of the free coefficients `names`.
 
@@ -171,8 +183,7 @@ def free_parameters(vehicle: Vehicle, names: Sequence[str]) -> FreeParameters:
     Raises:
         InputError: an unknown name.
     """
-    thrusters = [thruster.name for thruster in vehicle.thrusters]
-    known = (*COEFFICIENTS, DELAY, LAG, *(GAIN_PREFIX + name for name in thrusters), *LATENCIES, *PLACES)
+    thrusters, known = [thruster.name for thruster in vehicle.thrusters], unknowns_of(vehicle)
     kept: list[str] = []
     codes: list[tuple[int, int, int, int]] = []
     rigid: list[float] = []

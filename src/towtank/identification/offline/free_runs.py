@@ -28,7 +28,7 @@ from towtank.identification.simulation_error.cross_validation import (
 )
 from towtank.identification.simulation_error.segments import CandidateModel
 from towtank.recording import Grid
-from towtank.vehicle import COEFFICIENTS, Vehicle
+from towtank.vehicle import Vehicle
 
 __all__ = ["FreeRunVerdict", "free_run_verdict"]
 
@@ -65,7 +65,7 @@ def free_run_verdict(
     names = [name for name in fit.prior.names if name not in (*LATENCIES, *PLACES)]
     prior = fit.prior.only(names)
     rows = [fit.prior.names.index(name) for name in prior.names]
-    base = vehicle.with_coefficients({k: v for k, v in fit.prior.vehicle_values.items() if k in COEFFICIENTS})
+    base = vehicle.with_coefficients(fit.prior.vehicle_values)
     model = CandidateModel(base, prior.free, fit.theta[rows], problem.delay)
     latency = latencies_of(fit.free, fit.theta)
     samples = [each.shifted(latency) for each in problem.samples]

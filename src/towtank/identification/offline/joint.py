@@ -28,7 +28,7 @@ from towtank.identification.posterior.assembly import Current, LogLearning
 from towtank.identification.posterior.result import estimate_of, model_of, with_posterior
 from towtank.identification.posterior.thrusters import learned_gains, scale_remarks
 from towtank.recording import Grid, Recording, align
-from towtank.vehicle import COEFFICIENTS, Vehicle
+from towtank.vehicle import Vehicle
 
 __all__ = ["LearningRequest", "joint_problem", "learn_joint", "unknowns_of_sensors"]
 
@@ -140,9 +140,7 @@ def _learned(
 ) -> LogLearning:
     """Return the posterior as a model, with what was learned of inputs, sensors and water."""
     vehicle, free = request.vehicle, fit.free
-    base = vehicle.with_coefficients(
-        {name: value for name, value in problem_base(request, problem).items() if name in COEFFICIENTS}
-    )
+    base = vehicle.with_coefficients(problem_base(request, problem))
     estimate, messages = estimate_of(base, fit.prior, fit.theta, fit.covariance, fit.duration, fit.rows)
     theta, std = dict(zip(free.names, fit.theta, strict=True)), dict(zip(free.names, fit.std, strict=True))
     method = "joint" if verdict is None or not verdict.better else "output-error"
@@ -173,6 +171,7 @@ def _learned(
         gains=gains,
         latency=latency,
         prior=fit.prior,
+        wave_period=fit.wave_period if fit.levels.waves.any() else math.nan,
         narrowed=dict(zip(free.names, (fit.std / fit.prior.reference).tolist(), strict=True)),
         remarks=(*_remarks(request, fit, current), *(() if verdict is None else (verdict.text,))),
     )

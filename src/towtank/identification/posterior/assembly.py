@@ -165,7 +165,8 @@ class LogLearning:
         gains: of thrusters where they were free, value and deviation.
         remarks: how it was learned, in plain words. delay_given: whether somebody gave it.
         latency: of sensors, value and deviation [s]. prior: what was supposed, None of the paper's method.
-        narrowed: deviation of each unknown as a share of what it was before any data.
+        narrowed: deviation of each unknown as a share of what it was before any data. wave_period: of the water [s],
+            NaN where it has no waves.
     """
 
     vehicle: Vehicle
@@ -188,6 +189,7 @@ class LogLearning:
     latency: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     prior: Belief | None = None
     narrowed: Mapping[str, float] = field(default_factory=dict)
+    wave_period: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,9 +79,10 @@ def model_of(
 
 def with_posterior(model: Vehicle, prior: Belief, theta: Array, covariance: Array) -> Vehicle:
     """Return the model with the posterior itself, from which learning goes on and vehicles are drawn."""
-    at = np.array(theta)
+    signs = prior.free.signs
+    at = np.where(signs < 0.0, prior.free.rigid - theta, theta)
     for k, name in enumerate(prior.names):
         if name.startswith(GAIN_PREFIX):
             at[k] = 0.0  # the model's thrusters have the gains that were found
-    posterior = Posterior.from_covariance(prior.names, at, covariance, prior.reference)
+    posterior = Posterior.from_covariance(prior.names, at, covariance * np.outer(signs, signs), prior.reference)
     return model.model_copy(update={"posterior": posterior})
