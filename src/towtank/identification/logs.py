@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import TypedDict, Unpack
 
 from towtank.errors import InputError, nearest
-from towtank.identification.data.samples import Samples, prepared, samples_of
+from towtank.identification.data.samples import prepared, samples_of
 from towtank.identification.least_squares.batch import Progress, learn_paper
 from towtank.identification.offline.first_look import mirrored, reversals
-from towtank.identification.offline.joint import LearningRequest, learn_joint
+from towtank.identification.offline.joint import LearningRequest, learn_joint, likelier_reversed
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.identification.posterior.thrusters import with_scale
 from towtank.methods import METHODS
@@ -72,7 +72,8 @@ def learn_recordings(
         samples = tuple(samples_of(recording, vehicle) for recording in recordings)
     except InputError:
         samples = ()  # learning says it, and says more
-    vehicle, of_signs = _right_way_round(vehicle, samples, free)
+    request = replace(request, recordings=recordings, samples=samples)
+    vehicle, of_signs = _right_way_round(request)
     if of_signs and all(each.commands for each in samples):
         samples = tuple(replace(each, B=configuration_matrix(vehicle)) for each in samples)
     request = replace(request, vehicle=vehicle, recordings=recordings, samples=samples)
@@ -85,15 +86,15 @@ def learn_recordings(
     return replace(learning, warnings=(*of_signs, *learning.warnings)) if of_signs else learning
 
 
-def _right_way_round(
-    vehicle: Vehicle, samples: Sequence[Samples], free: Collection[str] | None
-) -> tuple[Vehicle, tuple[str, ...]]:
+def _right_way_round(request: LearningRequest) -> tuple[Vehicle, tuple[str, ...]]:
     """Return the vehicle with its thrusters where the recordings have them, and warnings where that is elsewhere.
 
-    Where `free` says what to learn, axes of which nothing is learned are left alone.
+    What a look at correlations suspects must be far likelier for a model of the motion, too. Where `free` says what to
+    learn, axes of which nothing is learned are left alone.
     """
+    vehicle, samples, free = request.vehicle, request.samples, request.free
     found = [each for each in reversals(samples) if free is None or any(name[0] == ROWS[each.axis] for name in free)]
-    if not found:
+    if not found or not likelier_reversed(request, [each.axis for each in found]):
         return vehicle, ()
     texts = [reversal.text for reversal in found]
     if all(each.commands for each in samples):

@@ -29,7 +29,16 @@ from towtank.identification.model.belief import Belief
 from towtank.identification.model.parameters import IN_DELAY, IN_LAG, IN_LATENCY, FreeParameters
 from towtank.recording.grids.stretches import spread
 
-__all__ = ["JointFit", "JointProblem", "inputs_of", "joint_fit", "next_recording", "one_pass", "settings_for"]
+__all__ = [
+    "JointFit",
+    "JointProblem",
+    "inputs_of",
+    "joint_fit",
+    "log_likelihood",
+    "next_recording",
+    "one_pass",
+    "settings_for",
+]
 
 _WINDOWS, _LEAST_WINDOW = 16, 25  # of a pass, that must agree; rows
 _PASSES = 16
@@ -207,6 +216,13 @@ def joint_fit(problem: JointProblem, levels: NoiseLevels, progress: Progress | N
         fit = _settled(problem, fit.theta, fit.levels, lambda share: progress(0.5 + 0.5 * share))
     progress(1.0)
     return fit
+
+
+def log_likelihood(problem: JointProblem, levels: NoiseLevels) -> float:
+    """Return the log likelihood of stretches of the samples, in water without waves."""
+    rough = replace(levels, disturbance=_ROUGH * levels.disturbance)
+    few = problem.over(spread(problem.samples))
+    return float(np.nan_to_num(_settled(few, problem.prior.mean, rough, lambda share: None).likelihood, nan=-np.inf))
 
 
 def _with_waves(

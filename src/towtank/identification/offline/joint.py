@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from towtank.errors import InputError, nearest
 from towtank.identification.data.samples import NoiseLevels, Samples, Sources, samples_of
 from towtank.identification.kalman.noise_adaptation import common_noise_levels, filter_settings
-from towtank.identification.kalman.passes import JointFit, JointProblem, joint_fit, settings_for
+from towtank.identification.kalman.passes import JointFit, JointProblem, joint_fit, log_likelihood, settings_for
 from towtank.identification.model.belief import Belief, belief
 from towtank.identification.model.parameters import DELAY, LATENCIES, PLACES
 from towtank.identification.offline.free_runs import FreeRunVerdict, free_run_verdict
@@ -32,6 +32,7 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["LearningRequest", "joint_problem", "learn_joint", "unknowns_of_sensors"]
 
+_FAR_LIKELIER = 20.0  # of the log likelihood
 _SAME_ROWS = 0.9  # of the rows of two sensors, from which they are one device
 _CURRENT = slice(18, 21)  # of the filter's errors
 _WORTH_SAYING = 0.02  # m/s, and so many deviations of a current
@@ -92,6 +93,22 @@ def joint_problem(request: LearningRequest) -> JointProblem:
     settings = settings_for(samples, filter_settings(vehicle))
     p = np.array(base.parameters)
     return JointProblem(samples, p, prior, settings, levels.noise, request.delay or 0.0)
+
+
+def likelier_reversed(request: LearningRequest, axes: Sequence[int]) -> bool:
+    """Return whether recordings are far likelier with the commanded forces along `axes` turned round.
+
+    Both are learned from the prior. An autopilot that damps an axis commands against its motion all the time: a
+    correlation takes that for a reversed thruster, and a model of the motion does not.
+    """
+    found = []
+    for sign in (1.0, -1.0):
+        turned = np.ones(6)
+        turned[list(axes)] = sign
+        samples = tuple(replace(each, B=turned[:, None] * each.B) for each in request.samples)
+        problem = joint_problem(replace(request, samples=samples, free=None))
+        found.append(log_likelihood(problem, _levels(request, problem)))
+    return found[1] > found[0] + _FAR_LIKELIER
 
 
 def _levels(request: LearningRequest, problem: JointProblem) -> NoiseLevels:
