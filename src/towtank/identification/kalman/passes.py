@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -95,8 +96,8 @@ class JointFit:
 
     Attributes:
         prior: what was supposed. theta, covariance: mean (n,) and covariance (n, n) in the coordinates of its `free`.
-        disagreement: factor (n,) by which windows of the data differ more than they state, 1 at least; the covariance
-            is widened by it. levels: as the data show them. wave_period: [s], where the levels have waves.
+        disagreement: factors (n,) by which windows of the data differ more than they state, 1 at least, along the
+            principal axes of what they tell; the covariance is widened by them, see `widened`. levels: as the data show them. wave_period: [s], where the levels have waves.
         likelihood: log, of the last pass's innovations. passes: how many were run.
         duration [s], rows: learned from. rejected: share of each column's samples that lay beyond the gate (18,).
         nis: mean of innovation^2 / S per column (18,), 1 where noise and model are right.
@@ -181,12 +182,11 @@ def one_pass(
     """
     free, samples = problem.free, problem.samples
     settings = replace(problem.settings, relinearise=False)
-    state = new_joint_state(
-        problem.p, free, problem.prior.mean, problem.prior.covariance, samples[0].B, levels, settings, about
-    )
+    prior = Reading(*problem.prior.seen_from(about))
+    state = new_joint_state(problem.p, free, prior.theta, prior.covariance, samples[0].B, levels, settings, about)
     latency = latencies_of(free, about)
     total, done = max(sum(len(each) for each in samples), 1), 0
-    window, readings = max(_LEAST_WINDOW, total // _WINDOWS), [Reading(problem.prior.mean, problem.prior.covariance)]
+    window, readings = max(_LEAST_WINDOW, total // _WINDOWS), [prior]
     for recorded in samples:
         each = recorded.shifted(latency)
         state = next_recording(state, each)
@@ -310,13 +310,13 @@ def _fit_of(
     clock, accepted = state.clock[0], state.statistics["accepted"]
     with np.errstate(invalid="ignore", divide="ignore"):
         nis = np.where(accepted > 0.0, state.statistics["nis_sum"] / accepted, np.nan)
-    wider = disagreement(readings)
+    covariance, disagreement = widened(readings)
     theta, finite = state.theta.copy(), np.isfinite(state.P).all() and np.isfinite(state.theta).all()
     return JointFit(
         prior=problem.prior,
         theta=_within_bounds(problem.free, theta, coefficient_block(state)) if finite else theta,
-        covariance=coefficient_block(state) * np.outer(wider, wider),
-        disagreement=wider,
+        covariance=covariance,
+        disagreement=disagreement,
         levels=levels,
         wave_period=problem.settings.wave_period,
         likelihood=float(clock.log_likelihood),
@@ -329,37 +329,43 @@ def _fit_of(
     )
 
 
-def disagreement(readings: Sequence[Reading]) -> Array:
-    """Return the factor (n,) by which windows of a pass contradict each other more than they state, 1 at least.
+def widened(readings: Sequence[Reading]) -> tuple[Array, Array]:
+    """Return the covariance (n, n) after the last window, widened by what windows contradict each other, and by what.
 
-    The information that window k adds is L_k = P_k^-1 - P_(k-1)^-1, its own view eta_k = P_k^-1 theta_k -
-    P_(k-1)^-1 theta_(k-1), so that P s_k, s_k = eta_k - L_k theta, is how far it alone would pull the final theta. If
-    the model is right s_k has the covariance L_k. Where it is not, windows pull farther than they should, and the
-    ratio of what they do to what they should, sum (P s_k)^2 / sum diag(P L_k P), is the square of the factor: the
-    diagonal of the sandwich P (sum s_k s_k^T) P (White 1982).
+    In the coordinates x in which the prior is of unit covariance, window k adds the information L_k = P_k^-1 -
+    P_(k-1)^-1, and has a view of its own, eta_k = P_k^-1 x_k - P_(k-1)^-1 x_(k-1), so that s_k = eta_k - L_k x is how
+    it alone would pull the final x. If the model is right s_k has the covariance L_k. Where it is not, windows pull
+    farther: along each eigenvector u_j of sum L_k, of eigenvalue l_j, by the factor f_j^2 = sum (u_j s_k)^2 / l_j, 1 at
+    least, and the data are worth l_j / f_j^2 there (White 1982; the middle of the sandwich, in its principal axes).
+    What the data do not tell stays with the prior, and what they tell together stays together: a covariance whose
+    deviations were scaled one by one would know the common scale of force from nothing.
 
     Args:
         readings: before the first window and after each.
+
+    Returns:
+        The covariance, and the factors f (n,).
     """
-    theta, P = readings[-1]
-    n = theta.size
-    if not (np.isfinite(theta).all() and np.isfinite(P).all()):
-        return np.ones(n)
-    size = np.sqrt(np.maximum(np.diag(readings[0].covariance), 1e-300))  # coordinates of a like size
-    scaled = P / np.outer(size, size)
-    did, should = np.zeros(n), np.zeros(n)
-    before: tuple[Array, Array] | None = None
-    for reading in readings:
-        try:
-            information = np.linalg.inv(reading.covariance / np.outer(size, size))
-        except np.linalg.LinAlgError:
-            return np.ones(n)
-        view = information @ (reading.theta / size)
-        if before is not None:
-            gained = information - before[0]
-            pull = scaled @ (view - before[1] - gained @ (theta / size))
-            did += pull**2
-            should += np.diag(scaled @ gained @ scaled)
-        before = information, view
-    ratio = did / np.maximum(should, 1e-300)
-    return np.asarray(np.sqrt(np.clip(np.nan_to_num(ratio, nan=1.0), 1.0, _DISAGREE)))
+    n, last = readings[-1].theta.size, readings[-1].covariance
+    try:
+        whole = np.linalg.cholesky(readings[0].covariance)
+        views = [_in_units_of(whole, reading) for reading in readings]
+    except np.linalg.LinAlgError:
+        return last, np.ones(n)
+    information = views[-1][0]
+    size, axes = np.linalg.eigh(information - views[0][0])
+    x = np.linalg.solve(information, views[-1][1])
+    did = np.zeros(n)
+    for (before, own_before), (after, own_after) in pairwise(views):
+        did += (axes.T @ (own_after - own_before - (after - before) @ x)) ** 2
+    size = np.maximum(size, 1e-12)
+    ratio = np.clip(np.nan_to_num(did / size, nan=1.0), 1.0, _DISAGREE)
+    root = whole @ axes / np.sqrt(1.0 + size / ratio)
+    return np.asarray(root @ root.T), np.sqrt(ratio)
+
+
+def _in_units_of(root: Array, reading: Reading) -> tuple[Array, Array]:
+    """Return information (n, n) and information times mean (n,) in the coordinates x of theta = root x."""
+    factor = np.linalg.solve(np.linalg.cholesky(reading.covariance), root)
+    information = factor.T @ factor
+    return information, information @ np.linalg.solve(root, reading.theta)

@@ -30,12 +30,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.core.layout import INFLOW, N_KINDS
 from towtank.errors import InputError, nearest
 from towtank.identification.model.parameters import (
     DELAY,
     GAIN_PREFIX,
+    IN_GAIN,
     LAG,
     PLACES,
+    UNTRANSFORMED,
     FreeParameters,
     free_parameters,
     unknowns_of,
@@ -127,6 +130,25 @@ class Belief:
         for k in rows:
             sources[k] = source
         return Belief(self.free, means, block, tuple(sources), before)
+
+    def seen_from(self, theta: Array) -> tuple[Array, Array]:
+        """Return mean (n,) and covariance (n, n) as they are close to theta (n,).
+
+        Data tell forces in proportion to the common scale g of the thrusters, the mean of their gains: c / g, however
+        uncertain c and g are. As a Gaussian in c that is so about its mean only; elsewhere two views that differ by
+        little would agree best where all forces are small (Peelle's puzzle). So c / g is what is kept, and c about
+        theta is c_0 g / g_0 (1 + d ln g) to first order.
+        """
+        kind, gains = self.free.codes[:, 0], self.free.codes[:, 0] == IN_GAIN
+        if not gains.any():
+            return self.mean, self.covariance
+        forces = (kind < N_KINDS) & (kind != INFLOW) & (self.free.codes[:, 3] == UNTRANSFORMED)
+        share = gains / gains.sum()
+        away = float(share @ (theta - self.mean))
+        grown = np.where(forces, np.exp(away), 1.0)
+        turn = np.diag(grown) + np.outer(np.where(forces, theta - grown * self.mean, 0.0), share)
+        mean = grown * self.mean - np.where(forces, theta, 0.0) * away
+        return mean, np.asarray(turn @ self.covariance @ turn.T)
 
     @property
     def vehicle_values(self) -> dict[str, float]:
