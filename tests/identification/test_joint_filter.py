@@ -11,16 +11,19 @@ from towtank.core.layout import N_PARAMETERS
 from towtank.core.zero_order_hold import hold_force, mean_forces_into, new_zero_order_hold
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, Samples, samples_of
 from towtank.identification.kalman.filter import joint_events, joint_step, rows_of
+from towtank.identification.kalman.passes import inputs_of
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state, transition_scratch
+from towtank.identification.model.belief import belief
 from towtank.identification.model.linearisation import step_and_linearise
 from towtank.identification.model.measurements import attitude_error
-from towtank.identification.model.parameters import N_FIXED, free_parameters
+from towtank.identification.model.parameters import LATENCIES, N_FIXED, free_parameters
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle
 
 NAMES = ("X_udot", "Y_vdot", "X_uu", "N_rr", "BG_z")
 NOISE = np.array([1e-3] * 6 + [5e-3] * 3 + [2e-3] * 3 + [0.05] * 3)
-SIGMA = np.array([0.5, 0.5, 0.5, 0.05, 0.05, 0.05])
+FORCE = np.array([0.5, 0.5, 0.5, 0.05, 0.05, 0.05])  # N, N m
+SIGMA = FORCE / np.diag(load_vehicle("vlbv300").mass_matrix)  # m/s^2, rad/s^2
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +33,7 @@ def vehicle() -> Vehicle:
 
 def run_of(vehicle: Vehicle, sensors: Mocap | Ins, seconds: float = 8.0, seed: int = 4) -> Samples:
     move = manoeuvre("all-telegraph", vehicle, duration=seconds, dt=0.01, seed=2)
-    force = OrnsteinUhlenbeck(std=tuple(SIGMA), time_constant=2.0)
+    force = OrnsteinUhlenbeck(std=tuple(FORCE), time_constant=2.0)
     run = simulate(vehicle, commands=move.commands, dt=0.01, sensors=sensors, disturbance=force, seed=seed)
     return samples_of(run, vehicle)
 
@@ -72,7 +75,7 @@ class Reference:
         self.samples, self.n = samples, state.theta.size
         self.p, self.codes, self.linearised_at = state.p.copy(), state.codes, state.linearised_at.copy()
         self.theta, self.P, self.x = state.theta.copy(), state.P.copy(), state.x.copy()
-        self.force = np.zeros(6)
+        self.disturbance = np.zeros(6)
         self.held = new_zero_order_hold(samples.B.shape[1], samples.lag, 0.0)
         self.pushed = np.zeros((3, samples.B.shape[1]))
 
@@ -81,11 +84,11 @@ class Reference:
         F12, A, work, scratch = transition_scratch(self.n)
         fade = np.exp(-h / 2.0)
         mean = (1.0 - fade) * 2.0 / h
-        tau = self.samples.B @ self.pushed[0] + mean * self.force
         step_and_linearise(
             self.p,
             self.x,
-            tau,
+            self.samples.B @ self.pushed[0],
+            mean * self.disturbance,
             np.zeros(3),
             h,
             0.5,
@@ -107,7 +110,7 @@ class Reference:
         Q[12:18, 12:18] = np.diag(SIGMA**2 * (1.0 - fade**2))
         Q[6:12, 6:12] = 1e-8 * h * np.eye(6)
         self.P = F @ self.P @ F.T + Q
-        self.force = fade * self.force
+        self.disturbance = fade * self.disturbance
 
     def shift(self, e: Array) -> None:
         self.x[:3] += e[:3]
@@ -128,7 +131,7 @@ class Reference:
         self.P = keep @ self.P @ keep.T + K @ R @ K.T
         dx = K @ nu
         self.shift(dx[:12])
-        self.force += dx[12:18]
+        self.disturbance += dx[12:18]
         self.theta += dx[N_FIXED:]
 
 
@@ -147,7 +150,7 @@ def test_the_filter_is_the_textbooks(vehicle: Vehicle) -> None:
         if i == 0:
             mean_forces_into(reference.held, samples.t[0], reference.pushed)
             reference.x, reference.P = state.x.copy(), state.P.copy()
-            reference.force = state.force.copy()
+            reference.disturbance = state.force.copy()
             reference.theta = state.theta.copy()
             continue
         reference.predict(samples.t[i], samples.t[i] - samples.t[i - 1])
@@ -166,6 +169,32 @@ def test_covariance_stays_symmetric_and_positive(vehicle: Vehicle) -> None:
     active = np.diag(state.P) > 0.0
     assert np.linalg.eigvalsh(state.P[np.ix_(active, active)]).min() > 0.0
     assert state.clock[0].rows == len(samples) - 1
+
+
+def test_after_hours_with_everything_unknown_the_covariance_is_one(vehicle: Vehicle) -> None:
+    """Two hours, every coefficient of the prior free, late sensors, biases, current and waves."""
+    dt, hours = 0.1, 2.0
+    push = np.random.default_rng(5).uniform(-40.0, 40.0, (round(hours * 1800.0), len(vehicle.thrusters)))
+    commands = np.repeat(push, 20, axis=0)  # 2 s each
+    water = OrnsteinUhlenbeck(std=tuple(FORCE), time_constant=2.0)
+    log = simulate(vehicle, commands=commands, dt=dt, sensors=Ins(), disturbance=water, seed=1)
+    samples = samples_of(log, vehicle)
+    prior = belief(vehicle, late=(LATENCIES[0], LATENCIES[2]))
+    levels = NoiseLevels(NOISE, SIGMA, np.zeros(6), np.full(3, 0.05))
+    settings = FilterSettings(biases=True, wanders=True, current=True, relinearise=False, step=dt)
+    p = np.array(vehicle.with_coefficients(prior.vehicle_values).parameters)
+    state = new_joint_state(p, prior.free, prior.mean, prior.covariance, samples.B, levels, settings)
+    joint_events(state, inputs_of(samples, prior.free, prior.mean, 0.0), rows_of(samples), 0, len(samples), 0)
+    assert state.clock[0].duration > 0.99 * 3600.0 * hours
+    assert len(prior.free) > 50
+    assert state.P.shape[0] == N_FIXED + len(prior.free) + 9 + 6
+    assert np.isfinite(state.theta).all()
+    assert np.isfinite(state.x).all()
+    np.testing.assert_array_equal(state.P, state.P.T)
+    std = np.sqrt(np.diag(state.P))
+    assert std.min() > 0.0
+    assert np.linalg.eigvalsh(state.P / np.outer(std, std)).min() > 0.0
+    assert (std[N_FIXED : N_FIXED + len(prior.free)] <= prior.std * (1.0 + 1e-9)).all()
 
 
 def test_one_by_one_is_as_all_at_once(vehicle: Vehicle) -> None:

@@ -7,11 +7,12 @@ import pytest
 
 from towtank.core.arrays import Array
 from towtank.core.attitude import quaternion_product
-from towtank.core.layout import I_CONSTANT, I_MASS, I_MASS_INVERSE
+from towtank.core.forces import add_inflow_damping_into
+from towtank.core.layout import I_CONSTANT, I_INFLOW, I_MASS, I_MASS_INVERSE
 from towtank.core.rk4 import simulate_run
 from towtank.errors import InputError
 from towtank.identification.kalman.state import transition_scratch
-from towtank.identification.model.linearisation import step_and_linearise
+from towtank.identification.model.linearisation import inflow_wrench_into, step_and_linearise
 from towtank.identification.model.parameters import (
     N_FIXED,
     FreeParameters,
@@ -29,6 +30,7 @@ NAMES = (
     *("X_u2", "Y_v2", "Z_w2", "K_p2", "M_q2", "N_r2"),
     *("delay", "lag"),
 )
+MASSES = NAMES[:8]
 H = 0.01
 
 
@@ -60,7 +62,10 @@ def _difference(a: Array, b: Array) -> Array:
 
 
 class Step:
-    """One step of a vehicle, as a function of everything that it is linearised by."""
+    """One step of a vehicle, as a function of everything that it is linearised by.
+
+    The disturbance is an acceleration: whatever the mass matrix is, it does the same to the speeds.
+    """
 
     def __init__(self, vehicle: Vehicle, free: FreeParameters) -> None:
         generator = np.random.default_rng(3)
@@ -72,7 +77,7 @@ class Step:
         self.pushed = generator.normal(size=(3, m))
         self.x = np.concatenate([[1.0, 2.0, 3.0], [0.9, 0.2, -0.3, 0.1], [0.4, -0.2, 0.15, 0.3, -0.4, 0.5]])
         self.x[3:7] /= np.linalg.norm(self.x[3:7])
-        self.force = generator.normal(size=6)
+        self.disturbance = np.linalg.solve(vehicle.mass_matrix, generator.normal(size=6))
         self.current = np.array([0.1, -0.2, 0.05])
 
     def run(self, error: Array) -> Array:
@@ -85,7 +90,9 @@ class Step:
             row = {"delay": 1, "lag": 2}.get(name)
             if row is not None:
                 push += steps[k] * self.pushed[row]
-        tau = self.shape @ push + self.force + error[12:18]
+        add_inflow_damping_into(self.shape, self.pushed[0], p[I_INFLOW], p)
+        mass = p[I_MASS:I_MASS_INVERSE].reshape(6, 6)
+        tau = self.shape @ push + mass @ (self.disturbance + error[12:18])
         x = _moved(self.x, error)
         current = self.current + error[18:21]
         velocity = x.copy()
@@ -99,12 +106,14 @@ class Step:
         F, A, work, scratch = transition_scratch(len(self.free))
         p = self.p.copy()
         assert put_parameters(p, self.free.codes, self.theta, np.empty((6, 6)))
+        add_inflow_damping_into(self.shape, self.pushed[0], p[I_INFLOW], p)
         x = self.x.copy()
-        tau = self.shape @ self.pushed[0] + self.force
+        tau = self.shape @ self.pushed[0]
         step_and_linearise(
             p,
             x,
             tau,
+            self.disturbance,
             self.current,
             H,
             0.0,
@@ -133,25 +142,72 @@ def test_the_step_is_the_simulators(vehicle: Vehicle) -> None:
     np.testing.assert_allclose(x, step.run(np.zeros(N_FIXED + len(step.free))), atol=1e-13)
 
 
-def test_every_column_is_the_derivative(vehicle: Vehicle) -> None:
-    step = Step(vehicle, free_parameters(vehicle, NAMES))
-    _, F = step.linearised()
+def _by_differences(step: Step) -> Array:
     n = N_FIXED + len(step.free)
     found = np.empty((12, n))
     for j in range(n):
         error = np.zeros(n)
         error[j] = 1e-5
         found[:, j] = (_difference(step.run(error), step.run(-error))) / 2e-5
+    return found
+
+
+def test_every_column_is_the_derivative(vehicle: Vehicle) -> None:
+    step = Step(vehicle, free_parameters(vehicle, NAMES))
+    _, F = step.linearised()
+    found = _by_differences(step)
     # F is second order in the step: what is left is h^3 times the fastest rate cubed.
     assert (np.abs(F - found) <= 2e-4 * np.abs(found).max(axis=0)).all()
 
 
+def test_a_disturbance_is_an_acceleration_and_says_nothing_of_inertia(vehicle: Vehicle) -> None:
+    """The speeds that it adds are its own, and what an inertia does is known beside it however large it is."""
+    step, none = (Step(vehicle, free_parameters(vehicle, MASSES)) for _ in range(2))
+    step.disturbance *= 5.0
+    none.disturbance *= 0.0
+    x, F = step.linearised()
+    found = _by_differences(step)
+    np.testing.assert_allclose(F[6:, 12:18], H * np.eye(6), atol=0.03 * H)  # damping and Coriolis within the step
+    np.testing.assert_allclose(_difference(x, none.linearised()[0])[6:], H * step.disturbance, atol=5e-4)
+    inertias = slice(N_FIXED, None)
+    assert (np.abs(F - found)[:, inertias] <= 1e-3 * np.abs(found).max(axis=0)[inertias]).all()
+    # taken for a force, it would be among the accelerations that inertia takes part in
+    off = np.abs(none.linearised()[1] - F)[6:, inertias].max(axis=0)
+    assert (off < 0.05 * H * np.abs(step.disturbance).max()).all()
+
+
+def test_the_loss_by_inflow_is_damping_by_the_thrusters(vehicle: Vehicle) -> None:
+    free = free_parameters(vehicle, ("X_udot", "inflow_loss"))
+    step = Step(vehicle, free)
+    step.theta[1] = 0.25  # s/m
+    x, F = step.linearised()
+    np.testing.assert_allclose(x, step.run(np.zeros(N_FIXED + 2)), atol=1e-13)
+    found = _by_differences(step)
+    assert (np.abs(F - found) <= 2e-4 * np.abs(found).max(axis=0)).all()
+    assert np.abs(found[6:, -1]).max() > 1e-4
+
+
+def test_the_wrench_of_inflow_is_the_thrust_that_each_thruster_loses() -> None:
+    generator = np.random.default_rng(11)
+    B, forces, nu = generator.normal(size=(6, 5)), generator.normal(size=5), generator.normal(size=6)
+    out, p = np.empty(6), np.zeros(I_CONSTANT + 100)
+    inflow_wrench_into(B, forces, nu, out)
+    lost = [abs(force) * (column @ nu) for force, column in zip(forces, B.T, strict=True)]
+    np.testing.assert_allclose(out, -B @ lost, rtol=1e-12)
+    assert out @ nu < 0.0  # it takes work, ahead and astern
+    add_inflow_damping_into(B, forces, 1.0, p)
+    linear = p[72:108].reshape(6, 6)
+    np.testing.assert_allclose(out, linear @ nu, rtol=1e-12)
+
+
 def test_gains_are_the_inputs_forces(vehicle: Vehicle) -> None:
+    """A gain does what the disturbance does that its thrust makes: M^-1 times it."""
     name = f"gain_{vehicle.thrusters[0].name}"
     step = Step(vehicle, free_parameters(vehicle, (name,)))
     _, F = step.linearised()
     push = step.shape[:, 0] * step.pushed[0, 0]
-    np.testing.assert_allclose(F[:, N_FIXED], F[:, 12:18] @ push, rtol=1e-12)
+    acceleration = np.linalg.solve(step.p[I_MASS:I_MASS_INVERSE].reshape(6, 6), push)
+    np.testing.assert_allclose(F[:, N_FIXED], F[:, 12:18] @ acceleration, rtol=1e-11)
 
 
 def test_theta_and_back(vehicle: Vehicle) -> None:

@@ -182,6 +182,7 @@ def _waves(state: JointState, h: float) -> None:
             P[a, j], P[b, j] = c * P[a, j] - s * P[b, j], s * P[a, j] + c * P[b, j]
         for j in range(size):
             P[j, a], P[j, b] = c * P[j, a] - s * P[j, b], s * P[j, a] + c * P[j, b]
+        P[b, a] = P[a, b]  # to the last bit
         more = state.wave_level[k] ** 2 * (1.0 - fade * fade)
         P[a, a] += more
         P[b, b] += more

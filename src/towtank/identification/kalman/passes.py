@@ -4,7 +4,8 @@ Every pass starts from the prior itself, linearised about what the last pass fou
 many passes there are: Gauss and Newton's way to the mode of the posterior. A first pass takes the disturbance for far
 larger than it will be, so that a start that is far off is led by the data's large features alone. Between passes the
 levels of noise and disturbance follow what the pass shows (`kalman.noise_adaptation`), sensors that are late are moved
-back by what their latency is found to be, and no step is longer than the prior allows.
+back by what their latency is found to be, and no step is longer than the prior allows. Delay and lag have bounds, and
+the posterior is the likeliest one within them: a delay of -0.2 s undoes a lag of 0.2 s to first order, and only so.
 
 Where a sensor sees the ground, waves are among the unknowns, water that goes to and fro with a period of seconds. They
 stay where the likelihood gains by far more than chance.
@@ -36,7 +37,7 @@ _ROUGH = 20.0  # times the usual disturbance, in the first pass
 _LONGEST_STEP = 1.5  # deviations of the prior
 _STILL = 0.1  # deviations of the posterior that a coefficient may still move
 _MUCH_WORSE = 100.0  # of the log likelihood, that a pass may lose on the best one
-_LAGS = (5e-3, 2.0)  # s: least and largest time constant of the thrusters
+_LAGS = (1e-3, 2.0)  # s: least and largest time constant of the thrusters
 _PERIODS = (3.5, 5.0, 8.0)  # s, of waves that are tried beside that of the settings
 _WAVE = 0.03  # m/s: their size to begin with
 _DISAGREE = 100.0  # times the variance, at most
@@ -220,9 +221,8 @@ def _with_waves(
     if not problem.settings.current:
         return problem, _settled(problem, problem.prior.mean, rough, progress)
     wavy = replace(rough, waves=np.full(3, _WAVE))
-    fit = _settled(problem, problem.prior.mean, wavy, lambda share: progress(0.5 * share))
-    plain = replace(fit.levels, waves=np.zeros(3))
-    calm = _settled(problem, fit.theta, plain, lambda share: progress(0.5 + 0.2 * share))
+    calm = _settled(problem, problem.prior.mean, rough, lambda share: progress(0.4 * share))
+    fit = _settled(problem, problem.prior.mean, wavy, lambda share: progress(0.4 + 0.4 * share))
     if not (fit.likelihood > calm.likelihood + _WAVES_GAIN and fit.levels.waves.max() > _SMALLEST_WAVE):
         return problem, calm
     found = [(fit.likelihood, problem)]
@@ -236,7 +236,7 @@ def _with_waves(
 def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress: Progress) -> JointFit:
     """Run passes from theta (n,) `about` until nothing moves any more."""
     best: JointFit | None = None
-    at_best, about = about, _within_bounds(problem.free, about)
+    at_best, about = about, _within_bounds(problem.free, about, problem.prior.covariance)
     for k in range(_PASSES):
         state, _, readings = one_pass(problem, about, levels, lambda share, k=k: progress((k + share) / _PASSES))  # type: ignore[misc]
         fit = _fit_of(problem, state, levels, k + 1, readings)
@@ -254,20 +254,27 @@ def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress:
             break
         step = fit.theta - about
         longest = float(np.max(np.abs(step) / problem.prior.std, initial=0.0))
-        about = _within_bounds(problem.free, about + step * min(1.0, _LONGEST_STEP / max(longest, 1e-9)))
+        about = about + step * min(1.0, _LONGEST_STEP / max(longest, 1e-9))
         levels = adapted
     return fit if best is None else best
 
 
-def _within_bounds(free: FreeParameters, theta: Array) -> Array:
-    """Return theta (n,) with a delay that is not negative and a lag that thrusters can have."""
-    out = np.array(theta)
-    for k in range(len(free)):
-        if free.codes[k, 0] == IN_DELAY:
-            out[k] = max(0.0, out[k])
-        elif free.codes[k, 0] == IN_LAG:
-            out[k] = np.clip(out[k], np.log(_LAGS[0]), np.log(_LAGS[1]))
-    return out
+def _within_bounds(free: FreeParameters, theta: Array, covariance: Array) -> Array:
+    """Return the likeliest theta (n,) with a delay that is not negative and a lag that thrusters can have.
+
+    A coordinate that lies beyond its bound is put there, and takes along what is correlated with it: the mode of the
+    Gaussian of this mean and covariance (n, n) on the bound.
+    """
+    kinds = free.codes[:, 0]
+    low = np.select([kinds == IN_DELAY, kinds == IN_LAG], [0.0, np.log(_LAGS[0])], -np.inf)
+    high = np.where(kinds == IN_LAG, np.log(_LAGS[1]), np.inf)
+    out, bound = np.array(theta), np.zeros(len(free), dtype=bool)
+    for _ in range(int(np.isfinite(low).sum())):
+        bound |= (out < low) | (out > high)
+        at = np.flatnonzero(bound)
+        away = np.clip(out, low, high)[at] - theta[at]
+        out = theta + covariance[:, at] @ np.linalg.lstsq(covariance[np.ix_(at, at)], away, rcond=None)[0]
+    return np.clip(out, low, high)
 
 
 def _midpoint(one: NoiseLevels, other: NoiseLevels) -> NoiseLevels:
@@ -288,9 +295,10 @@ def _fit_of(
     with np.errstate(invalid="ignore", divide="ignore"):
         nis = np.where(accepted > 0.0, state.statistics["nis_sum"] / accepted, np.nan)
     wider = disagreement(readings)
+    theta, finite = state.theta.copy(), np.isfinite(state.P).all() and np.isfinite(state.theta).all()
     return JointFit(
         prior=problem.prior,
-        theta=state.theta.copy(),
+        theta=_within_bounds(problem.free, theta, coefficient_block(state)) if finite else theta,
         covariance=coefficient_block(state) * np.outer(wider, wider),
         disagreement=wider,
         levels=levels,

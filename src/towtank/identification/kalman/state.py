@@ -5,7 +5,7 @@ Errors stand in this order: position 3 (NED), attitude 3 (body), velocity 6 (rel
 and attitude 3; where there are waves, the velocity of the water in them 3 and its quadrature 3 (NED).
 
 A wave is a complex Ornstein-Uhlenbeck process z on each axis, z_dot = (-1/T + i omega) z + noise: its real part moves
-the water, its imaginary part is a quarter of a period ahead. The attitude of an AHRS wanders: a bias with a memory of
+the water, its imaginary part is a quarter of a period behind. The attitude of an AHRS wanders: a bias with a memory of
 half a minute.
 
 Kernels of this package advance a `JointState` in place. What it counts and what it is set to stand in records, arrays

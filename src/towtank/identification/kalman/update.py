@@ -177,7 +177,7 @@ def inject(state: JointState) -> None:
 
 
 @kernel
-def _expected_into(state: JointState, z: Array, sensor: int, k: int, whole: bool) -> float:
+def expected_into(state: JointState, z: Array, sensor: int, k: int, whole: bool) -> float:
     """Write H of number k of a sensor into `state.h`, which is zero before; return its residual at dx = 0."""
     h, water = state.h, state.water
     n, size = state.theta.shape[0], state.P.shape[0]
@@ -266,7 +266,8 @@ def _off_origin(state: JointState, turning: Array, k: int) -> float:
     for j in range(A.shape[1]):
         if j < N_FIXED + state.theta.shape[0]:
             h[j] += A[9 + a, j] * where[b] - A[9 + b, j] * where[a]
-    return turning[a] * where[b] - turning[b] * where[a] + omega[k] * along - (p * p + q * q + r * r) * where[k]
+    turned = turning[a] * where[b] - turning[b] * where[a]
+    return float(turned + omega[k] * along - (p * p + q * q + r * r) * where[k])
 
 
 @kernel
@@ -283,7 +284,7 @@ def _passes_gate(state: JointState, z: Array, sensor: int, whole: bool) -> bool:
     ratio, cost = 0.0, 0.0
     for k in range(3):
         if math.isfinite(z[3 * sensor + k]):
-            residual = _expected_into(state, z, sensor, k, whole)
+            residual = expected_into(state, z, sensor, k, whole)
             S = innovation_variance_into(state, 3 * sensor + k)
             for j in range(state.h.shape[0]):
                 if state.h[j] != 0.0:
@@ -370,7 +371,7 @@ def update_row(state: JointState, z: Array) -> None:
             state.last_accepted[sensor] = now
         for k in range(3):
             if math.isfinite(z[3 * sensor + k]):
-                residual = _expected_into(state, z, sensor, k, whole)
+                residual = expected_into(state, z, sensor, k, whole)
                 scalar_update(state, 3 * sensor + k, residual)
     if math.isfinite(z[12]) or math.isfinite(z[13]) or math.isfinite(z[14]):  # specific force
         update_specific_force(state, z)

@@ -10,8 +10,8 @@ L = (m/rho)^(1/3) the edge of a cube of water of its mass, a_i = 1.7 sqrt(I_i/m)
     its couplings        0 +- 0.24 sqrt(M_i M_j), of a body that is the same to port and starboard
     quadratic damping    -g +- 2 g, g = rho L^2, rotation rho L^2 a_i^3
     linear damping       -l +- 2 l, l = 0.1 rho L^2 (1 m/s), rotation 0.1 rho L^2 a_i^2; couplings 0 +- sqrt(l_i l_j)
-    drag ahead, astern   0 +- 0.3 of the quadratic damping
-    thrust, inflow       0 +- 0.2 of the thrust lost per m/s of water through the thruster
+    drag ahead, astern   0 +- 0.3 of the quadratic damping (surge, heave, pitch), 0.03 (sway, roll, yaw)
+    thrust, inflow       0.05 +- 0.1 of the thrust lost per m/s of water through the thruster
     net weight, BG       0 +- 0.01 W; BG_z 0.02 W L +- 0.1 W L, BG_x and BG_y 0 +- 0.02 W L
     constant wrench      0 +- 0.005 m/s^2 m, 0.01 rad/s^2 I_i
     sensors              latency 0.05 +- 0.1 s, place of the accelerometer 0 +- 0.1 m
@@ -56,13 +56,13 @@ _ARM = 1.7  # of the gyradius
 _SPREAD = 2.0  # of damping, as a share of its mean
 _NET_WEIGHT, _RIGHTING, _RIGHTING_STD, _TRIM_STD = 0.01, 0.02, 0.1, 0.02  # of W, W L
 _CONSTANT = (0.005, 0.01)  # m/s^2, rad/s^2
-_ASYMMETRY_STD = 0.3  # of the quadratic damping
+_ASYMMETRY_STD = (0.3, 0.03)  # of the quadratic damping; between port and starboard
 _PRIORS_FILE = "the prior's file"
 _STATED = 0.5  # deviation of what the file states without one, as a share of it
 _DELAY, _LAG, _LAG_STD, _GAIN_STD = (0.08, 0.06), 0.1, 0.8, 0.08
 _LATENCY = (0.05, 0.1)  # s
 _PLACE = 0.1  # m
-_INFLOW = (0.0, 0.2)  # s/m
+_INFLOW = (0.05, 0.1)  # s/m
 _NO_SCALE = 1.0  # deviation of the logarithm of a scale of force that nobody measured
 _INERTIAS = ((0, 2), (0, 4), (2, 4), (1, 3), (1, 5), (3, 5))  # couplings of a body that is the same to both sides
 _OTHER_DAMPING = {f"{r}_{c}": f"{r}_{c * 2}" for r, c in zip(ROWS, COLUMNS, strict=True)}
@@ -184,8 +184,9 @@ class Body:
             std = math.sqrt(self.linear[i] * self.linear[j])
             out[f"{ROWS[i]}_{COLUMNS[j]}"] = Line(0.0, std, "a hull that is the same to port and starboard")
         for i in range(6):
-            std = _ASYMMETRY_STD * self.quadratic[i]
-            out[f"{ROWS[i]}_{COLUMNS[i]}2"] = Line(0.0, std, "drag that differs one way and the other")
+            std = _ASYMMETRY_STD[i in (1, 3, 5)] * self.quadratic[i]
+            shape = "the same to port and starboard" if i in (1, 3, 5) else "not the same ahead and astern"
+            out[f"{ROWS[i]}_{COLUMNS[i]}2"] = Line(0.0, std, f"a hull that is {shape}")
         if self.vehicle.thrusters and commands:
             out["inflow_loss"] = Line(*_INFLOW, "propellers as they usually are")
         out["W_minus_B"] = Line(0.0, _NET_WEIGHT * self.weight, "a vehicle trimmed to 1 % of its weight")

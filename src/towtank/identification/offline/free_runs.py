@@ -4,7 +4,8 @@ The filter is at the bound where its picture of what is random is right. On real
 model lacks follows the command, and a slow random force does not. A free run shows that, because nothing corrects it.
 So where windows of a recording contradict each other, free runs are fitted too, from the same prior. The filter's
 coefficients, which have seen every window, run freely over windows; so do those of free runs, fitted each time to the
-other windows. Free runs speak where their errors are smaller all the same, by more than chance.
+other windows. A filter whose windows contradict each other is known to be wrong about something, so free runs speak
+unless the filter predicts better by more than a deviation.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ from towtank.identification.kalman.passes import JointFit, JointProblem, latenci
 from towtank.identification.least_squares.velocity import drifting_attitude
 from towtank.identification.model.parameters import LATENCIES, PLACES, FreeParameters
 from towtank.identification.simulation_error.cross_validation import (
-    ErrorReduction,
     FreeRuns,
     columns_of,
     error_reduction,
@@ -33,7 +33,7 @@ from towtank.vehicle import Vehicle
 __all__ = ["FreeRunVerdict", "free_run_verdict"]
 
 _CONTRADICT = 1.3  # median factor by which windows differ more than they state: the filter is doubted
-_SAVED, _SAVED_WORTH = 1.0, 0.0  # deviations, and share of the square error, that free runs must save
+_SURE = 1.0  # deviations by which a doubted filter must predict better, to speak all the same
 _FLOWS = 0.01  # m/s
 _WEIGHINGS = 2  # fits that show what the data are worth
 
@@ -101,10 +101,10 @@ def free_run_verdict(
         )
     columns = columns_of(prior.names)
     unseen, before = runs.errors_unseen(by_runs), runs.errors(model)
-    saved = error_reduction(unseen, before, columns)
+    kept = error_reduction(before, unseen, columns).beyond(_SURE, 0.0)
     spread = runs.spread()
     fits = fit_percent(unseen, spread, columns), fit_percent(before, spread, columns)
-    return FreeRunVerdict(always or saved.beyond(_SAVED, _SAVED_WORTH), posterior, _said(saved, fits, always=always))
+    return FreeRunVerdict(always or not kept, posterior, _said(fits, kept=kept and not always))
 
 
 def _weighed(runs: FreeRuns, model: CandidateModel) -> tuple[FreeRuns, CandidateModel] | None:
@@ -142,11 +142,9 @@ def _water_moves(fit: JointFit) -> bool:
     return bool(fit.levels.waves.any() or (flows and speed > max(_FLOWS, 2.0 * float(np.sqrt(variance.max())))))
 
 
-def _said(saved: ErrorReduction, fits: tuple[float, float], *, always: bool) -> str:
+def _said(fits: tuple[float, float], *, kept: bool) -> str:
     compared = (
         f"over windows that they were not fitted to, free runs fit the speeds by {fits[0]:.0f} %, "
         f"the filter's coefficients by {fits[1]:.0f} %"
     )
-    if saved.beyond(_SAVED, _SAVED_WORTH):
-        return f"{compared}: free runs speak"
-    return f"{compared}: free runs speak, as asked for" if always else f"{compared}: the filter speaks"
+    return f"{compared}: {'the filter speaks' if kept else 'free runs speak'}"
