@@ -17,6 +17,7 @@ COMMANDS = [
     ["demo"],
     ["vehicle", "list"],
     ["vehicle", "show"],
+    ["vehicle", "prior"],
     ["vehicle", "check"],
     ["vehicle", "fit-thruster"],
     ["manoeuvre", "list"],

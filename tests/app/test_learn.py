@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -28,14 +29,36 @@ def test_document_is_the_contract(learned: dict, workshop: Path) -> None:
     assert learned["duration_s"] == pytest.approx(30.0, abs=0.1)
     assert learned["fit"].keys() >= {"u", "v", "w", "p", "q", "r"}
     for entry in learned["coefficients"].values():
-        assert entry.keys() == {"value", "std", "interval", "unit", "identified", "reason"}
+        assert entry.keys() == {"value", "std", "interval", "unit", "identified", "reason", "prior", "narrowed"}
         assert entry["identified"] is (entry["reason"] is None)
-        assert (entry["std"] is not None) is entry["identified"]
-        assert (entry["interval"] is not None) is entry["identified"]
-        if entry["identified"]:
-            low, high = entry["interval"]
-            assert high - low == pytest.approx(3.92 * entry["std"], rel=1e-3)
-            assert (low + high) / 2.0 == pytest.approx(entry["value"])
+        assert entry["identified"] is (entry["narrowed"] <= 0.5)
+        assert entry["prior"]["std"] > 0.0
+        low, high = entry["interval"]
+        assert high - low == pytest.approx(3.92 * entry["std"], rel=1e-3)
+        assert (low + high) / 2.0 == pytest.approx(entry["value"])
+
+
+def test_what_was_supposed_is_told_beside_what_is_left_of_it(learned: dict) -> None:
+    supposed = document("vehicle", "prior", "vlbv300")["unknowns"]
+    for name, entry in learned["coefficients"].items():
+        assert entry["prior"] == pytest.approx({key: supposed[name][key] for key in ("value", "std")}), name
+    plain = learned["coefficients"]["N_rr"]  # a number whose unit is that of its coordinate
+    assert plain["narrowed"] == pytest.approx(plain["std"] / plain["prior"]["std"])
+    assert learned["latency_s"].keys() <= {"position", "attitude", "velocity", "rates", "velocity_through_the_water"}
+    assert "velocity" in learned["latency_s"]
+    assert all(each["std"] > 0.0 for each in learned["latency_s"].values())
+    assert learned["waves"] is None
+
+
+def test_the_table_has_the_prior_and_how_late_sensors_are(workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    words = ["learn", workshop / "yaw.csv", "--vehicle", "vlbv300", "--window", "0,12"]
+    out = command(*words).out
+    assert re.search(r"^Name +Value +± std +95 % interval +Prior +Unit", out, re.MULTILINE)
+    assert re.search(r"^N_rr .* -0\.35 ± 0\.1\d ", out, re.MULTILINE)
+    assert re.search(r"^velocity arrives [\d.]+ ± [\d.]+ ms (late|early)$", out, re.MULTILINE)
+    assert max(map(len, out.splitlines())) <= 80
+    assert re.search(r" Before +Unit", command(*words, "--method", "paper").out)
 
 
 def test_what_was_moved_is_learned(learned: dict) -> None:
@@ -92,6 +115,46 @@ def test_a_prior_enters_as_information(tmp_path: Path, workshop: Path) -> None:
     model = tmp_path / "model.toml"
     assert command(*words, "--prior", prior, "-o", model).code == 0
     assert any("prior prior.toml" in note for note in load_vehicle(model).provenance.notes)
+
+
+ONLY = """
+name = "lines"
+[rigid_body]
+mass = 18.0
+inertia = [0.6, 0.7, 0.9]
+[prior]
+"""
+
+
+def test_a_prior_of_single_lines_is_enough(tmp_path: Path, workshop: Path) -> None:
+    prior = tmp_path / "prior.toml"
+    prior.write_text(f"{ONLY}N_rr = {{ value = -0.5, std = 1e-4 }}\nlag = {{ value = 0.05, std = 1e-4 }}\n")
+    found = document("learn", workshop / "yaw.csv", "--vehicle", "vlbv300", "--prior", prior, "--window", "0,12")
+    held = found["coefficients"]["N_rr"]
+    assert held["value"] == pytest.approx(-0.5, abs=5e-4)
+    assert held["prior"] == pytest.approx({"value": -0.5, "std": 1e-4})
+    assert not held["identified"]  # nothing that the log says is beyond what was stated
+    assert found["lag_s"] == pytest.approx(0.05, abs=5e-4)
+    assert found["coefficients"]["N_r"]["prior"]["value"] == 0.0
+    prior.write_text(f"{ONLY}latency_velocty = {{ value = 0.1, std = 0.01 }}\n")
+    assert 'did you mean "latency_velocity"?' in refused(
+        "learn", workshop / "yaw.csv", "--vehicle", "vlbv300", "--prior", prior
+    )
+
+
+def test_a_learned_file_is_what_the_next_log_begins_with(workshop: Path) -> None:
+    learned = load_vehicle(str(workshop / "learned.toml"))
+    words = ["learn", workshop / "surge.csv", "--delay", 0, "--window", "0,12"]
+    beside = document(*words, "--vehicle", "vlbv300", "--prior", workshop / "learned.toml")
+    onward = document(*words, "--vehicle", workshop / "learned.toml")
+    assert learned.posterior is not None
+    for name in ("N_rr", "X_uu", "N_v"):
+        k = learned.posterior.names.index(name)
+        expected = {"value": learned.posterior.mean[k], "std": learned.posterior.std[k]}
+        for found in (beside, onward):
+            entry = found["coefficients"][name]
+            assert entry["prior"] == pytest.approx(expected)
+            assert entry["narrowed"] == pytest.approx(entry["std"] / learned.posterior.prior_std[k])
 
 
 def test_the_scale_of_thrust_is_within_every_deviation(tmp_path: Path, workshop: Path) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from towtank.vehicle import catalog_names, load_vehicle, save_vehicle
@@ -73,6 +75,86 @@ def test_show_tells_of_a_posterior(vehicle: Path) -> None:
         "prior_std": [4.0, 0.05],
         "cholesky": [[1.0], [3.0, 4.0]],
     }
+
+
+def test_prior_tells_of_every_unknown(vehicle: Path) -> None:
+    found = document("vehicle", "prior", vehicle)
+    assert found["vehicle"] == "small"
+    assert found["body"]["mass"] == 10.0
+    assert found["body"]["length"] ** 3 == pytest.approx(0.01)
+    unknowns = found["unknowns"]
+    for name, entry in unknowns.items():
+        assert entry.keys() == {"value", "std", "interval", "unit", "source", "log_normal"}, name
+        low, high = entry["interval"]
+        assert low < entry["value"] < high
+        assert entry["source"]
+        if not entry["log_normal"]:
+            assert high - low == pytest.approx(3.92 * entry["std"], rel=1e-3)
+            assert low + high == pytest.approx(2.0 * entry["value"], abs=1e-12)
+    assert {name for name, entry in unknowns.items() if entry["log_normal"]} == {
+        *("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot")
+    }
+    assert unknowns["X_u"] == {
+        "value": -3.0,
+        "std": 1.5,
+        "interval": pytest.approx([-5.94, -0.06], abs=1e-3),
+        "unit": "N s/m",
+        "source": "the vehicle's file, which states no deviation: half of it",
+        "log_normal": False,
+    }
+    total = unknowns["X_udot"]  # 17 kg, by a factor of exp(0.98) either way
+    assert 10.0 - np.array(total["interval"]) == pytest.approx([17.0 * 2.6644, 17.0 / 2.6644], rel=1e-4)
+    assert total["std"] == pytest.approx(0.5 * 17.0)
+    assert total["source"].startswith("physics: 1.7 times")
+
+
+def test_prior_tells_of_the_table_and_of_gains_as_the_file_has_them(tmp_path: Path) -> None:
+    path = tmp_path / "v.toml"
+    known = load_vehicle("vlbv300")
+    weak = [each.model_copy(update={"gain": 0.5}) for each in known.thrusters]
+    lines = {"X_uu": {"value": -60.0, "std": 20.0, "source": "a tow"}, "gain_aft_port": {"value": 0.7, "std": 0.07}}
+    save_vehicle(known.model_copy(update={"prior": lines, "thrusters": weak}), path)
+    unknowns = document("vehicle", "prior", path)["unknowns"]
+    assert (unknowns["X_uu"]["value"], unknowns["X_uu"]["std"]) == (-60.0, 20.0)
+    assert unknowns["X_uu"]["source"] == "the vehicle's file, [prior]: a tow"
+    assert unknowns["gain_aft_port"]["value"] == pytest.approx(0.7)
+    assert unknowns["gain_aft_port"]["std"] == pytest.approx(0.07)
+    assert unknowns["gain_aft_stbd"]["value"] == pytest.approx(0.5)
+    assert unknowns["gain_aft_stbd"]["std"] == pytest.approx(0.04)
+    assert unknowns["lag"]["log_normal"]
+    assert {"X_uu", "gain_aft_port"} <= document("vehicle", "show", path)["prior"].keys()
+    assert "X_uu, gain_aft_port" in command("vehicle", "show", path).out
+
+
+@pytest.mark.parametrize("name", catalog_names())
+def test_the_tables_of_the_prior_fit_80_columns_whole(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    ran = command("vehicle", "prior", name)
+    assert ran.code == 0
+    assert ran.err == ""
+    assert "as much water as a cube of" in ran.out.splitlines()[1]
+    assert max(map(len, ran.out.splitlines())) <= 80
+    rows = [line.split() for line in ran.out.splitlines() if re.search(r"\[\d+\] *$", line) and " .. " in line]
+    unknowns = document("vehicle", "prior", name)["unknowns"]
+    assert len(rows) == len(unknowns)
+    for row in rows:
+        least, most = (float(row[row.index("..") + step]) for step in (-1, 1))
+        assert least < most
+    for unit in {entry["unit"] for entry in unknowns.values()}:
+        assert unit in ran.out
+    text = " ".join(ran.out.split())
+    assert all(entry["source"] in text for entry in unknowns.values())
+
+
+def test_prior_names_what_is_wrong(tmp_path: Path) -> None:
+    path = tmp_path / "v.toml"
+    path.write_text(f"{SMALL}[prior]\nlatency_velocty = {{ value = 0.1, std = 0.01 }}\n")
+    assert 'prior: "latency_velocty" is no unknown of small; did you mean "latency_velocity"?' in refused(
+        "vehicle", "prior", path
+    )
+    path.write_text(f"{SMALL}[prior]\nX_uu = -3.0\n")
+    assert f"{path}: prior.X_uu.std: missing" in refused("vehicle", "prior", path)
+    assert "is neither a file nor a vehicle of the catalog" in refused("vehicle", "prior", "nosuch")
 
 
 def test_check(vehicle: Path) -> None:

@@ -10,7 +10,8 @@ import pytest
 
 from towtank.errors import InputError
 from towtank.identification.model.belief import Belief, Body, belief
-from towtank.identification.model.parameters import LATENCIES, PLACES
+from towtank.identification.model.parameters import LATENCIES, PLACES, free_parameters
+from towtank.identification.model.prior import prior_information
 from towtank.identification.posterior.result import with_posterior
 from towtank.vehicle import COEFFICIENTS, Coefficient, Posterior, Vehicle, index, load_vehicle, parse_vehicle
 from towtank.vehicle.posterior import coordinate, with_coordinates
@@ -50,6 +51,7 @@ SIZES = {
         "BG_z": (108.21, 541.06),
         "BG_y": (0.0, 108.21),
         "Z_w2": (0.0, 222.796),
+        "Y_v2": (0.0, 22.2796),
         "Y_0": (0.0, 3.2),
         "K_0": (0.0, 1.6),
     },
@@ -105,7 +107,7 @@ def test_inputs_are_those_of_autopilots_and_thrusters() -> None:
     supposed = belief(driven(), sensors=(*LATENCIES, *PLACES))
     assert of(supposed, "delay") == (0.08, 0.06)
     assert of(supposed, "lag") == pytest.approx((math.log(0.1), 0.8))
-    assert of(supposed, "inflow_loss") == (0.0, 0.2)
+    assert of(supposed, "inflow_loss") == (0.05, 0.1)
     for k in range(4):
         assert of(supposed, f"gain_t{k}") == pytest.approx((0.0, 0.08))
     assert all(of(supposed, name) == (0.05, 0.1) for name in LATENCIES)
@@ -326,6 +328,15 @@ def test_a_file_beside_counts_where_it_says_something() -> None:
 
 def test_a_term_that_only_the_file_beside_has_is_an_unknown() -> None:
     assert of(belief(driven(), beside=body(hydrodynamics={"Y_uv": {"value": -9.0, "std": 2.0}})), "Y_uv") == (-9.0, 2.0)
+
+
+def test_a_stream_takes_lines_of_the_table_as_measurements() -> None:
+    """Information in the stream's coordinates, where damping is a logarithm too: (value / std)^2."""
+    free = free_parameters(driven(), ["X_udot", "X_uu", "X_u", "delay", "lag"])
+    mean, information = prior_information(body(prior=TABLE), free)
+    assert free.values(mean)[[0, 1, 3, 4]] == pytest.approx([-7.0, -60.0, 0.1, 0.2])
+    expected = [(20.0 / 4.0) ** 2, (60.0 / 20.0) ** 2, 0.0, 0.02**-2, (0.2 / 0.05) ** 2]
+    assert information == pytest.approx(np.diag(expected))
 
 
 # -- what was learned before

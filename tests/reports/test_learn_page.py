@@ -42,11 +42,20 @@ def test_every_number_is_that_of_json(learned: Made) -> None:
     for name, entry in learned.document["coefficients"].items():
         assert f"coefficients/{name}/value" in keys
         if entry["identified"]:
-            assert {f"coefficients/{name}/{field}" for field in ("std", "interval/0", "interval/1")} <= keys
+            fields = ("std", "interval/0", "interval/1", "prior/value", "prior/std")
+            assert {f"coefficients/{name}/{field}" for field in fields} <= keys
+    assert {f"latency_s/{name}/{field}" for name in learned.document["latency_s"] for field in ("value", "std")} <= keys
     assert {f"fit/{name}" for name, value in learned.document["fit"].items() if value is not None} <= keys
     assert {f"rmse/{name}" for name, value in learned.document["rmse"].items() if value is not None} <= keys
     assert {f"sums/{name}/std" for name in learned.document["sums"]} <= keys
     assert {f"disturbance/{name}/std" for name in learned.document["disturbance"]} <= keys
+
+
+def test_the_prior_stands_beside_what_was_learned(learned: Made) -> None:
+    text = learned.page.text
+    assert "“Prior” is what was supposed before any data" in text
+    assert "Before" not in text
+    assert "Sensors that are late" in text
 
 
 def test_reasons_and_meanings_are_told(learned: Made) -> None:

@@ -34,14 +34,18 @@ def read_vehicle(name_or_file: str, output: Output, *, silent: bool = False) -> 
 
 
 def read_prior(name_or_file: str, output: Output) -> Vehicle:
-    """Return a vehicle whose coefficients bear deviations. Raises InputError where none does."""
+    """Return a vehicle that says what is known beforehand. Raises InputError where it does not.
+
+    It was learned, or has a table [prior], or coefficients that bear deviations.
+    """
     from towtank.vehicle import COEFFICIENTS
 
     vehicle = read_vehicle(name_or_file, output)
-    if not any(vehicle.deviation(name) for name in COEFFICIENTS):
+    known = vehicle.posterior is not None or vehicle.prior
+    if not known and not any(vehicle.deviation(name) for name in COEFFICIENTS):
         raise InputError(
             f"--prior {name_or_file}: no coefficient bears a std, so that nothing is known beforehand; write "
-            "X_uu = { value = -40.0, std = 4.0 }, or give a model that learn wrote"
+            "X_uu = { value = -40.0, std = 4.0 } in [hydrodynamics] or [prior], or give a model that learn wrote"
         )
     return vehicle
 

@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from towtank.app.tables.learning import delay_deviation, disturbance_document, noise_document
+from towtank.app.tables.learning import delay_deviation, disturbance_document, noise_document, supposed_values
 from towtank.identification import LogLearning
 from towtank.identification.offline.convergence import convergence
 from towtank.recording import Recording
@@ -98,6 +98,8 @@ def learn_facts(
         lag_std=learning.lag_std,
         gains=learning.gains,
         prior=prior,
+        supposed=supposed_values(learning),
+        latency=learning.latency,
         fit={} if scores is None else scores.fit,
         rmse={} if scores is None else scores.rmse,
         predictions=predictions,

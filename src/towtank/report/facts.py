@@ -48,6 +48,7 @@ class LearnFacts:
         method: that they come from. asked: the method asked for. remarks: how it was learned, in plain words.
         delay, delay_std, lag, lag_std: [s], NaN where not known. delay_given: it was not searched for.
         gains: of thrusters, value and deviation. prior: what was known beforehand, as it was named.
+        supposed: of coefficients before any data, value and deviation. latency: of sensors likewise [s].
         fit, rmse: of the free-running prediction, per channel. predictions: one per log.
         predicted: which logs these are, in words. residuals: errors of the predictions, per channel.
         recordings: what was learned from, or its recent part. noise, disturbance: name -> {"std", "unit"}.
@@ -71,6 +72,8 @@ class LearnFacts:
     lag_std: float = math.nan
     gains: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     prior: str | None = None
+    supposed: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    latency: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     fit: Mapping[str, float | None] = field(default_factory=dict)
     rmse: Mapping[str, float | None] = field(default_factory=dict)
     predictions: Sequence[Prediction] = ()

@@ -71,7 +71,7 @@ def learn(
         typer.Option(
             "--prior",
             metavar="VEHICLE",
-            help="What is known beforehand: a vehicle whose coefficients bear a std; it counts as a measurement.",
+            help="What is known beforehand: a vehicle that was learned, with a std on coefficients, or with [prior].",
         ),
     ] = None,
     current: Annotated[

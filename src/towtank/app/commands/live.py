@@ -72,7 +72,9 @@ def live(
     prior: Annotated[
         str | None,
         typer.Option(
-            "--prior", metavar="VEHICLE", help="What is known beforehand: a vehicle whose coefficients bear a std."
+            "--prior",
+            metavar="VEHICLE",
+            help="What is known beforehand: a vehicle that was learned, with a std on coefficients, or with [prior].",
         ),
     ] = None,
     no_changes: Annotated[

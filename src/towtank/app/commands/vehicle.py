@@ -1,4 +1,4 @@
-"""`towtank vehicle ...`: list, show and check vehicle files, fit thruster curves."""
+"""`towtank vehicle ...`: list, show and check vehicle files, what is supposed of them, fit thruster curves."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from towtank.errors import InputError
 
 __all__ = ["commands"]
 
-commands = typer.Typer(help="Vehicle files: list, show, check; fit thruster curves.", rich_markup_mode=None)
+commands = typer.Typer(help="Vehicle files: list, show, check, prior; fit thruster curves.", rich_markup_mode=None)
 _FIGURES = (".png", ".svg", ".pdf")
 
 
@@ -53,6 +53,31 @@ def show(
     found = read_vehicle(vehicle, output, silent=True)
     show_vehicle(found, output)
     output.document(vehicle_document(found))
+
+
+@commands.command("prior", cls=PlainCommand)
+def prior(
+    vehicle: Annotated[str, typer.Argument(metavar="NAME_OR_FILE", help="Catalog name or vehicle file.")],
+    json: Json = False,
+) -> None:
+    """Show what is supposed of a vehicle before any data: what learning begins from.
+
+    Every unknown with its mean, deviation and 95 % interval, and where they come from: the file, physics, what was
+    learned before. Lines of a table [prior] in the file take the place of these.
+
+    \b
+    Example:
+      towtank vehicle prior bluerov2_heavy
+    """
+    from towtank.app.files import read_vehicle
+    from towtank.app.tables.prior import prior_document, show_prior, supposed_of
+    from towtank.app.terminal.output import Output
+
+    output = Output(json=json)
+    found = read_vehicle(vehicle, output, silent=True)
+    supposed = supposed_of(found)
+    show_prior(found, supposed, output)
+    output.document(prior_document(found, supposed))
 
 
 @commands.command("check", cls=PlainCommand)

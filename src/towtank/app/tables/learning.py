@@ -20,15 +20,18 @@ from towtank.identification.posterior.assembly import LogLearning
 from towtank.intervals import interval, interval_text
 from towtank.recording import STANDARD, Grid
 from towtank.recording.standard import MEASURED
+from towtank.vehicle import COEFFICIENTS
 
 __all__ = [
     "delay_deviation",
     "disturbance_cells",
     "disturbance_document",
     "estimate_document",
+    "late_texts",
     "learn_document",
     "noise_document",
     "show_learning",
+    "supposed_values",
 ]
 
 _KINDS = (
@@ -38,6 +41,7 @@ _KINDS = (
     ("noise through water", slice(15, 18), "m/s"),
 )
 _VELOCITIES = ("u", "v", "w", "p", "q", "r")
+_WHOLE = 2e-3  # s, deviation of a latency from which whole milliseconds say it
 _METHODS = {
     "joint": "joint Kalman filter",
     "output-error": "output error (free runs)",
@@ -168,12 +172,41 @@ def _show_coefficients(learning: LogLearning, output: Output) -> None:
     if not learned:
         return
     output.line()
-    table = output.table("Coefficient", ">Value", ">± std", ">95 % interval", ">Before", "Unit")
+    supposed = supposed_values(learning)
+    table = output.table("Name", ">Value", ">± std", ">95 % interval", ">Prior" if supposed else ">Before", "Unit")
     for each in learned:
-        before = short(_before(learning, each.name))
+        if each.name in supposed:
+            mean, std = supposed[each.name]
+            before = f"{short(mean, 2)} ± {short(std, 2)}"
+        else:
+            before = short(_before(learning, each.name))
         row = (*measured(each.value, each.std), interval_text(each.value, each.std), before)
         table.add_row(each.name, *row, each.unit)
     output.show(table)
+
+
+def supposed_values(learning: LogLearning) -> dict[str, tuple[float, float]]:
+    """Return what was supposed of each coefficient, value and deviation; nothing where the method supposes nothing."""
+    prior = learning.prior
+    if prior is None:
+        return {}
+    pairs = zip(prior.names, prior.values.tolist(), prior.value_std.tolist(), strict=True)
+    return {name: (value, std) for name, value, std in pairs if name in COEFFICIENTS}
+
+
+def late_texts(latency: Mapping[str, tuple[float, float]]) -> list[str]:
+    """Return a line for each sensor whose clock is not that of the others.
+
+    >>> late_texts({"velocity": (0.118, 0.003), "rates": (-0.0201, 0.0011)})
+    ['velocity arrives 118 ± 3 ms late', 'rates arrive 20.1 ± 1.1 ms early']
+    """
+    out = []
+    for sensor, (value, std) in latency.items():
+        places = 0 if std >= _WHOLE else 1
+        number, spread = f"{1e3 * abs(value):.{places}f}", f"{1e3 * std:.{places}f}"
+        arrives = "arrive" if sensor.endswith("s") else "arrives"
+        out.append(f"{sensor.replace('_', ' ')} {arrives} {number} ± {spread} ms {'late' if value >= 0.0 else 'early'}")
+    return out
 
 
 def _show_held(learning: LogLearning, output: Output) -> None:
@@ -204,6 +237,8 @@ def _show_input(learning: LogLearning, output: Output) -> None:
     if learning.gains:
         gains = (f"{name} {gain:.3f} ± {std:.3f}" for name, (gain, std) in learning.gains.items())
         output.line(f"gain of thrusters, times their curves: {', '.join(gains)}")
+    for text in late_texts(learning.latency):
+        output.line(text)
     if learning.vehicle.scale_std and learning.vehicle.thrusters:
         output.line(
             f"scale of thrust known to {100.0 * learning.vehicle.scale_std:.3g} %, within every deviation above"
@@ -245,14 +280,33 @@ def learn_document(
         "current": None
         if learning.current is None
         else {"velocity_ned": list(learning.current.velocity), "std": list(learning.current.std)},
+        "latency_s": {name: {"value": value, "std": std} for name, (value, std) in learning.latency.items()},
+        "waves": _waves(learning),
         "scale_std": learning.vehicle.scale_std,
-        **estimate_document(estimate),
+        **_narrowed(estimate_document(estimate), learning),
         "disturbance": disturbance_document(learning.levels, learning.sources),
         "noise": noise_document(learning.levels, learning.grids),
         "fit": {**{name: fit.get(name) for name in _VELOCITIES}, **fit},
         "rmse": dict(rmse or {}),
         "warnings": list(warnings),
     }
+
+
+def _waves(learning: LogLearning) -> dict[str, Any] | None:
+    """Return the waves that were found: their period, the deviation of the water's velocity. None where none were."""
+    if learning.levels is None or not math.isfinite(learning.wave_period):
+        return None
+    return {"period_s": learning.wave_period, "velocity_ned": learning.levels.waves}
+
+
+def _narrowed(document: dict[str, Any], learning: LogLearning) -> dict[str, Any]:
+    """Return the document of an estimate with what was supposed of each coefficient, and what is left of that."""
+    supposed = supposed_values(learning)
+    for name, entry in document["coefficients"].items():
+        value, std = supposed.get(name, (None, None))
+        entry["prior"] = None if value is None else {"value": value, "std": std}
+        entry["narrowed"] = learning.narrowed.get(name)
+    return document
 
 
 def estimate_document(estimate: Estimate) -> dict[str, Any]:

@@ -126,6 +126,9 @@ def _show_coefficients(vehicle: Vehicle, output: Output) -> None:
 
 
 def _show_posterior(vehicle: Vehicle, output: Output) -> None:
+    if vehicle.prior:
+        output.heading("Stated of single unknowns before any data (all: towtank vehicle prior)")
+        output.line(", ".join(vehicle.prior))
     if vehicle.posterior is not None:
         count = len(vehicle.posterior.names)
         output.heading(f"Posterior with its covariance, over {count} unknown{'s' if count > 1 else ''}")
@@ -185,6 +188,7 @@ def vehicle_document(vehicle: Vehicle) -> dict[str, Any]:
         ],
         "command_delay": vehicle.command_delay,
         "scale_std": vehicle.scale_std,
+        "prior": vehicle.prior,
         "posterior": None if vehicle.posterior is None else vehicle.posterior.model_dump(),
         "provenance": vehicle.provenance,
         "warnings": vehicle.warnings,

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -219,7 +219,7 @@ class Body:
         for i in (0, 1, 3, 4, 5):
             std = _CONSTANT[i > 2] * float(self.rigid[i])
             out[f"{ROWS[i]}_0"] = Line(0.0, std, "thrusters that differ, a tether")
-        return out
+        return {name: replace(line, source=f"physics: {line.source}") for name, line in out.items()}
 
 
 def belief(

@@ -24,12 +24,16 @@ __all__ = ["prior_information", "size_of", "start_theta", "usual_disturbance"]
 
 
 def prior_information(prior: Vehicle, free: FreeParameters) -> tuple[Array, Array]:
-    """Return mean (n,) and information (n, n) of a vehicle whose coefficients bear deviations."""
-    mean = free.theta(prior, delay=prior.command_delay, lag=0.05)
+    """Return mean (n,) and information (n, n) of a vehicle whose coefficients bear deviations, or that has [prior]."""
+    values = free.values(free.theta(prior, delay=prior.command_delay, lag=0.05))
+    deviations = [prior.deviation(name) if name in COEFFICIENTS else None for name in free.names]
+    for k, name in enumerate(free.names):
+        if name in prior.prior:
+            values[k], deviations[k] = prior.prior[name].value, prior.prior[name].std
+    mean = free.thetas(values)
     slopes = free.slopes(mean)
     information = np.zeros((len(free), len(free)))
-    for k, name in enumerate(free.names):
-        std = prior.deviation(name) if name in COEFFICIENTS else None
+    for k, std in enumerate(deviations):
         if std is not None and std > 0.0:
             information[k, k] = (slopes[k] / std) ** 2
     return mean, information

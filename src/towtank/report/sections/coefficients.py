@@ -16,14 +16,8 @@ from towtank.vehicle.names import describe
 
 __all__ = ["coefficient_section", "held_section", "words_for"]
 
-_CAPTION = (
-    "Value ± one standard deviation; in 95 of 100 cases the interval holds the truth. “Before” is what the vehicle "
-    "file said. Known: to 10 % or better; roughly known: to 50 %."
-)
-_CAPTION_TRUTH = (
-    "Value ± one standard deviation; in 95 of 100 cases the interval holds the truth, which is the simulator's here. "
-    "Off by: the error in standard deviations. Known: to 10 % or better; roughly known: to 50 %."
-)
+_INTERVAL = "Value ± one standard deviation; in 95 of 100 cases the interval holds the truth"
+_KNOWN = "Known: to 10 % or better; roughly known: to 50 %."
 
 
 def coefficient_section(facts: LearnFacts) -> str:
@@ -32,15 +26,27 @@ def coefficient_section(facts: LearnFacts) -> str:
     if not learned:
         return section("coefficients", "Coefficients", paragraph("No coefficient could be identified from this log."))
     head = ["Coefficient", ">Value", ">± std", ">95 % interval"]
-    head += [">Before"] if facts.truth is None else [">Truth", ">Off by"]
+    before = ">Prior" if facts.supposed else ">Before"
+    head += [before] if facts.truth is None else [">Truth", ">Off by"]
     rows = [_row(each, facts) for each in learned]
     return section(
         "coefficients",
         "Coefficients",
         table([*head, "Unit", "Verdict"], rows),
-        paragraph(_CAPTION if facts.truth is None else _CAPTION_TRUTH, "note"),
+        paragraph(_caption(facts), "note"),
         _sums(facts),
     )
+
+
+def _caption(facts: LearnFacts) -> str:
+    if facts.truth is not None:
+        return f"{_INTERVAL}, which is the simulator's here. Off by: the error in standard deviations. {_KNOWN}"
+    before = (
+        "“Prior” is what was supposed before any data, by the vehicle file or by the size of the body"
+        if facts.supposed
+        else "“Before” is what the vehicle file said"
+    )
+    return f"{_INTERVAL}. {before}. {_KNOWN}"
 
 
 def words_for(name: str) -> str:
@@ -54,7 +60,9 @@ def _row(each: Learned, facts: LearnFacts) -> list[Cell]:
     value, std = number_and_std(each.value, each.std, key)
     word, grade = state_of(each)
     if facts.truth is None:
-        beside = [cell(_before(facts.vehicle, each.name), "n")]
+        supposed = facts.supposed.get(each.name)
+        before = _before(facts.vehicle, each.name) if supposed is None else _prior(*supposed, key)
+        beside = [cell(before, "n")]
     else:
         true = facts.truth.coefficient(each.name)
         beside = [cell(number(true), "n"), cell(_off(each.value, true, each.std), "n")]
@@ -76,6 +84,11 @@ def _name(name: str) -> Cell:
 def _off(value: float, truth: float, std: float) -> str:
     away = f"{abs(value - truth) / std:.1f} std" if std > 0.0 else "–"
     return f"{escape(away)}"
+
+
+def _prior(value: float, std: float, key: str) -> str:
+    mean = number(value, short(value, 2), key=f"{key}/prior/value")
+    return f"{mean} ± {number(std, short(std, 2), key=f'{key}/prior/std')}"
 
 
 def _before(vehicle: Vehicle, name: str) -> str:

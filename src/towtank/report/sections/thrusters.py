@@ -1,4 +1,4 @@
-"""From command to thrust: delay, lag, gains."""
+"""From command to thrust: delay, lag, gains; and how late sensors are."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ def input_section(facts: LearnFacts) -> str:
                 ("Delay", _delay(facts)),
                 ("Lag of the thrusters", _lag(facts)),
                 ("Gain of thrusters, times their curves", _gains(facts)),
+                ("Sensors that are late", _latencies(facts)),
                 (
                     "Scale of thrust",
                     f"known to {100.0 * scale:.3g} %, within every deviation above" if scale else "",
@@ -49,6 +50,15 @@ def _lag(facts: LearnFacts) -> str:
         return f"{number(facts.lag, value, key='lag_s')}{spread} ms, first order, found from the log"
     lags = sorted({thruster.time_constant for thruster in facts.vehicle.thrusters if thruster.time_constant})
     return f"{', '.join(short(1e3 * lag) for lag in lags)} ms, first order, of the vehicle file" if lags else ""
+
+
+def _latencies(facts: LearnFacts) -> str:
+    out = []
+    for name, (value, std) in facts.latency.items():
+        shown, spread = f"{1e3 * value:.1f}", f"{1e3 * std:.1f}"
+        late = number(value, shown, key=f"latency_s/{name}/value")
+        out.append(f"{escape(name.replace('_', ' '))} {late} ± {number(std, spread, key=f'latency_s/{name}/std')} ms")
+    return ", ".join(out)
 
 
 def _gains(facts: LearnFacts) -> str:
