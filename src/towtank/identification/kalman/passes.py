@@ -97,7 +97,8 @@ class JointFit:
     Attributes:
         prior: what was supposed. theta, covariance: mean (n,) and covariance (n, n) in the coordinates of its `free`.
         disagreement: factors (n,) by which windows of the data differ more than they state, 1 at least, along the
-            principal axes of what they tell; the covariance is widened by them, see `widened`. levels: as the data show them. wave_period: [s], where the levels have waves.
+            principal axes of what they tell; the covariance is widened by them, see `widened`.
+        levels: as the data show them. wave_period: [s], where the levels have waves.
         likelihood: log, of the last pass's innovations. passes: how many were run.
         duration [s], rows: learned from. rejected: share of each column's samples that lay beyond the gate (18,).
         nis: mean of innovation^2 / S per column (18,), 1 where noise and model are right.
@@ -348,7 +349,7 @@ def widened(readings: Sequence[Reading]) -> tuple[Array, Array]:
     """
     n, last = readings[-1].theta.size, readings[-1].covariance
     try:
-        whole = np.linalg.cholesky(readings[0].covariance)
+        whole = np.asarray(np.linalg.cholesky(readings[0].covariance), dtype=np.float64)
         views = [_in_units_of(whole, reading) for reading in readings]
     except np.linalg.LinAlgError:
         return last, np.ones(n)
