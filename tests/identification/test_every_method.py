@@ -16,6 +16,7 @@ import pytest
 from towtank.errors import InputError
 from towtank.identification import Estimate, Learner
 from towtank.identification.data.samples import N_MEASURED
+from towtank.identification.posterior.assembly import Current
 from towtank.methods import STREAMING_METHODS
 from towtank.recording import Recording
 from towtank.recording.event import Event
@@ -61,7 +62,7 @@ def assert_same(one: Learner, other: Learner, tolerance: float = 0.0) -> None:
 
 
 def contract(learner: Learner) -> dict[str, Any]:
-    names = ("delay", "lag", "gains", "noise", "disturbance", "current", "likely", "events")
+    names = ("delay", "lag", "gains", "latency", "noise", "disturbance", "current", "likely", "events")
     return {name: getattr(learner, name) for name in names}
 
 
@@ -80,7 +81,8 @@ def test_the_contract_has_its_types_before_and_after_the_first_sample(method: st
         assert known["gains"] == {}  # a wrench tells nothing of thrusters
         assert known["noise"] is None or known["noise"].shape == (N_MEASURED,)
         assert known["disturbance"] is None or known["disturbance"].shape == (6,)
-        assert known["current"] is None
+        assert known["latency"] == {}  # pose and velocity come in the same rows
+        assert known["current"] is None or isinstance(known["current"], Current)
         assert known["likely"] == {}
         assert isinstance(known["events"], tuple)
         assert all(isinstance(each, Event) for each in known["events"])
@@ -147,8 +149,8 @@ def test_row_by_row_equals_at_once(method: str) -> None:
 
 
 def test_memory_is_bounded(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Once the last re-estimation is done, nothing grows any more: here after three seconds in place of two minutes."""
-    monkeypatch.setattr("towtank.identification.online.schedule._LAST", 3.0)
+    """Once as many rows are kept as may be, nothing grows any more: here after six seconds in place of minutes."""
+    monkeypatch.setattr("towtank.identification.online.reestimation._MOST_ROWS", 300)
     monkeypatch.setattr("towtank.identification.changes.detector._LEAST_MOTION", 3.0)
     run, learner = run_of(60.0), new(method)
     feed(learner, run, 0, 1000)

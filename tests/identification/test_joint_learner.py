@@ -134,7 +134,7 @@ def test_a_pause_begins_a_new_stretch_and_keeps_what_was_learned(run: Recording)
     learner = Learner(_blank(), free=FREE, delay=0.0)
     learner.run(run)
     before = learner.estimate
-    learner.run(_run(6.0, seed=2))
+    learner.run(_run(20.0, seed=2))
     after = learner.estimate
     assert after.duration > before.duration
     assert after["X_udot"].std < before["X_udot"].std
@@ -175,7 +175,12 @@ def test_wrong_settings_are_told() -> None:
         Learner(TRUTH).update(0.0, pose=[1.0, 2.0])
 
 
-def test_nothing_seen_is_nothing_known() -> None:
-    found = Learner(TRUTH, free=FREE).estimate
+def test_nothing_seen_is_the_prior() -> None:
+    learner = Learner(TRUTH, free=FREE)
+    found = learner.estimate
+    assert found.names == FREE
     assert not any(found.identified)
-    assert np.isnan(found.std).all()
+    assert found.values == pytest.approx([TRUTH.coefficient(name) for name in FREE])
+    assert found["X_uu"].std == pytest.approx(0.5 * abs(TRUTH.coefficient("X_uu")))
+    assert found.samples == 0
+    assert learner.model().coefficient("X_uu") == pytest.approx(TRUTH.coefficient("X_uu"))

@@ -10,8 +10,10 @@ import pytest
 
 from towtank.errors import InputError
 from towtank.identification import Learner
+from towtank.identification.data.samples import N_MEASURED
 from towtank.identification.kalman.noise_adaptation import rejected_share
 from towtank.identification.online.joint import JointLearner
+from towtank.identification.online.stream import RowsInOrder
 from towtank.recording import Recording
 from towtank.simulation import Ins, simulate
 from towtank.vehicle import Vehicle, load_vehicle
@@ -39,21 +41,17 @@ def _total(values: dict[str, float]) -> float:
     return float(TRUTH.rigid_body_matrix[5, 5] - values["N_rdot"])
 
 
-@pytest.mark.parametrize("lag", [0.0, 0.15])
+@pytest.mark.parametrize("lag", [0.01, 0.15])
 def test_gyros_are_believed_where_the_thrusters_answer_late(lag: float) -> None:
-    """A step of thrust that comes late looks like ten deviations of a gyro: the model is off, and not the sensor."""
-    learner = JointLearner(TRUTH.with_coefficients({"N_rdot": -0.3, "N_rr": -1.0}), free=FREE, delay=0.0)
+    """A step of thrust that comes late looks like ten deviations of a gyro: the lag is learned, the sensor believed."""
+    learner = JointLearner(TRUTH.with_coefficients({"N_rdot": -0.3, "N_rr": -1.0}), free=(*FREE, "lag"), delay=0.0)
     learner.run(_yaw(lag))
     assert learner._stream.running is not None
-    state = learner._stream.running.state
-    assert rejected_share(state)[11] < 0.1
+    assert rejected_share(learner._stream.running.state)[11] < 0.1
+    assert learner.lag == pytest.approx(lag, abs=0.01)
     found = {each.name: each.value for each in learner.estimate.coefficients}
-    off = 0.03 if lag == 0.0 else 0.35
-    assert found["N_rr"] == pytest.approx(TRUTH.coefficient("N_rr"), rel=off)
-    assert _total(found) == pytest.approx(
-        float(TRUTH.rigid_body_matrix[5, 5]) - TRUTH.coefficient("N_rdot"), rel=2.0 * off
-    )
-    assert (state.velocity_walk[5] > 0.02) == (lag > 0.0)  # what the model lacks is called roughness, not noise
+    assert found["N_rr"] == pytest.approx(TRUTH.coefficient("N_rr"), rel=0.03)
+    assert _total(found) == pytest.approx(float(TRUTH.rigid_body_matrix[5, 5]) - TRUTH.coefficient("N_rdot"), rel=0.06)
 
 
 def test_a_filter_that_lost_itself_goes_on_from_what_it_knew() -> None:
@@ -75,12 +73,15 @@ def test_a_filter_that_lost_itself_goes_on_from_what_it_knew() -> None:
     assert (after.std > before.std).all()
 
 
-def test_axes_that_nothing_measures_are_not_learned() -> None:
+def test_axes_that_nothing_measures_stay_at_the_prior() -> None:
     learner = JointLearner(TRUTH)
     learner.run(_yaw(0.0, 10.0))
-    names = set(learner.estimate.names)
-    assert "N_rdot" in names
-    assert not names & {"X_udot", "X_uu", "Y_vdot", "Z_wdot", "W_minus_B"}
+    estimate = learner.estimate
+    assert estimate["N_rdot"].identified
+    for name in ("X_uu", "Z_wdot", "Z_ww"):
+        assert not estimate[name].identified
+        assert np.isfinite([estimate[name].value, estimate[name].std]).all()
+        assert estimate[name].reason
 
 
 def test_a_coefficient_that_becomes_known_late_calls_for_a_reestimation() -> None:
@@ -141,12 +142,43 @@ def test_a_checkpoint_of_another_vehicle_or_a_damaged_one_is_refused(tmp_path: P
         Learner.load(place, load_vehicle("seamor"))
     with np.load(place) as file:
         arrays = {name: file[name] for name in file.files}
-    arrays["about"] = np.frombuffer(json.dumps({"version": 6, "vehicle": TRUTH.name}).encode(), dtype=np.uint8)
+    arrays["about"] = np.frombuffer(json.dumps({"version": 7, "vehicle": TRUTH.name}).encode(), dtype=np.uint8)
     np.savez(tmp_path / "old", **arrays)
-    with pytest.raises(InputError, match="found a checkpoint of version 6, expected"):
+    with pytest.raises(InputError, match="found a checkpoint of version 7, expected"):
         Learner.load(tmp_path / "old.npz", TRUTH)
     place.write_bytes(place.read_bytes()[:5000])
     with pytest.raises(InputError, match="not a checkpoint, or a damaged one"):
         Learner.load(place, TRUTH)
     with pytest.raises(InputError, match="no such checkpoint"):
         Learner.load(tmp_path / "other.state", TRUTH)
+
+
+def test_late_rows_are_put_back_and_the_others_wait() -> None:
+    latency = np.array([0.0, 0.0, 0.12, 0.0, 0.0, 0.0])
+    order, out = RowsInOrder(latency), []
+    for k in range(100):
+        z = np.full(N_MEASURED, np.nan)
+        z[9] = 0.01 * k
+        if k % 10 == 5:
+            z[6] = 0.01 * k - 0.12  # what it shows is as old as its latency
+        out += order.take(0.01 * k, z)
+    times = [t for t, _ in out]
+    assert times == sorted(times)
+    assert times[-1] == pytest.approx(0.99 - 0.12)
+    for t, z in out:
+        for column in (6, 9):
+            assert np.isnan(z[column]) or z[column] == pytest.approx(t, abs=1e-9)
+    assert sum(np.isfinite(z[6]) for _, z in out) == 10
+
+
+def test_what_goes_from_the_buffer_stays_in_the_prior(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stream that keeps four seconds ends where one does that keeps everything."""
+    run, start = _yaw(0.0, 20.0), TRUTH.with_coefficients({"N_rr": -0.5})
+    whole, short = JointLearner(start, free=FREE, changes=False), JointLearner(start, free=FREE, changes=False)
+    whole.run(run)
+    monkeypatch.setattr("towtank.identification.online.reestimation._MOST_ROWS", 800)
+    short.run(run)
+    assert short._stream.kept is not None
+    for one, other in zip(whole.estimate.coefficients, short.estimate.coefficients, strict=True):
+        assert other.value == pytest.approx(one.value, abs=2.0 * one.std)
+        assert 0.5 < other.std / one.std < 2.0

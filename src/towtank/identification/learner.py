@@ -173,6 +173,11 @@ class Learner:
         return {}
 
     @property
+    def latency(self) -> dict[str, tuple[float, float]]:
+        """Latency of sensors and its deviation [s]; empty where none is learned."""
+        return {}
+
+    @property
     def noise(self) -> Array | None:
         """Noise (18,) of each sample of x y z phi theta psi u v w p q r ax ay az; None where it is not estimated."""
         return None

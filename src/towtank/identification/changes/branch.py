@@ -1,4 +1,4 @@
-"""Branches of the joint filter: split off with more coordinates, wider ones, or informed after the event.
+"""Branches of the joint filter that runs on a stream: with more coordinates, wider ones, or informed after the event.
 
 Also the rows and inputs of the last seconds, which branches go over.
 """
@@ -7,23 +7,84 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.core.zero_order_hold import ZeroOrderHold
 from towtank.identification.changes.evidence import InformationIncrement, increment_between
-from towtank.identification.data.samples import Buffer, Samples
+from towtank.identification.data.samples import Buffer, NoiseLevels, Samples
 from towtank.identification.kalman.filter import joint_events, rows_of, take_all
-from towtank.identification.kalman.state import KNOWN_STD, JointState, coefficient_block, transition_scratch
+from towtank.identification.kalman.state import (
+    FilterSettings,
+    JointState,
+    coefficient_block,
+    coefficient_std,
+    columns_of,
+    transition_scratch,
+)
 from towtank.identification.kalman.update import inject
-from towtank.identification.model.parameters import N_FIXED, UNTRANSFORMED, FreeParameters
+from towtank.identification.model.belief import Belief
+from towtank.identification.model.measurements import N_SENSORS
+from towtank.identification.model.parameters import IN_LATENCY, IN_PLACE, N_FIXED, FreeParameters
 
 __all__: list[str] = []
 
 _Record = TypeVar("_Record", JointState, ZeroOrderHold)
+_MOVED = 0.5  # deviations of the prior, from the linearisation point
 _FIXED_SHARE = 1e-4  # of the step that a coefficient might have made: its deviation where a hypothesis leaves it alone
+
+
+class Kept(NamedTuple):
+    """What was learned from rows that are gone, the prior of what follows.
+
+    mean (n,), covariance (n, n), in the coordinates of the unknowns; disagreement (n,): see `JointFit`.
+    """
+
+    names: tuple[str, ...]
+    mean: Array
+    covariance: Array
+    disagreement: Array
+
+
+class Running(NamedTuple):
+    """The filter that runs on a stream.
+
+    Attributes:
+        whole: what is supposed of every plausible coefficient. prior: of those that the filter learns.
+        state, held: the filter and its inputs. disagreement: factor (n,) to the deviations, see `JointFit`.
+        settings, levels: that it was begun with.
+    """
+
+    whole: Belief
+    prior: Belief
+    state: JointState
+    held: ZeroOrderHold
+    disagreement: Array
+    settings: FilterSettings
+    levels: NoiseLevels
+
+    @property
+    def free(self) -> FreeParameters:
+        """Its coordinates."""
+        return self.prior.free
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (n, n) of its coordinates, as wide as windows of the data disagree."""
+        return np.asarray(coefficient_block(self.state) * np.outer(self.disagreement, self.disagreement))
+
+    @property
+    def std(self) -> Array:
+        """Deviations (n,) likewise."""
+        return coefficient_std(self.state) * self.disagreement
+
+    @property
+    def has_moved(self) -> bool:
+        """Whether a coefficient has become known far from where the motion is linearised."""
+        away = np.abs(self.state.theta - self.state.linearised_at)
+        return bool(np.any(away > np.maximum(_MOVED * self.prior.std, 2.0 * self.std)))
 
 
 @dataclass(eq=False)
@@ -67,12 +128,6 @@ class Branch:
             and (np.diag(self.state.P)[: N_FIXED + len(self.free)] >= 0.0).all()
         )
 
-    @property
-    def partly_unknown(self) -> bool:
-        """Whether little was known of a coefficient when it was split off."""
-        std = np.sqrt(np.maximum(np.diag(self.P0), 0.0))
-        return bool(np.any((self.free.codes[:, 3] != UNTRANSFORMED) & (std > KNOWN_STD)))
-
     def refresh(self) -> None:
         """Work out what the samples so far say."""
         if self.healthy:
@@ -93,12 +148,13 @@ def split_off(
     steps: Array,
     until: float,
 ) -> Branch:
-    """Return a filter that goes on from here with the coordinates `wide`, `free` first, widened by `steps` (n,).
+    """Return a filter that goes on from here with the coordinates `wide`, `free` among them, widened by `steps` (n,).
 
     It stays linear about the linearisation point of `state`, so that a wide prior cannot lead it off.
     """
     n = len(wide)
-    split = with_coordinates(state, wide, [*range(len(free)), *[-1] * (n - len(free))])
+    places = {name: k for k, name in enumerate(free.names)}
+    split = with_coordinates(state, wide, [places.get(name, -1) for name in wide.names])
     block = slice(N_FIXED, N_FIXED + n)
     theta0, P0 = split.theta.copy(), split.P[block, block].copy()
     split.P[block, block] += np.diag(steps**2)
@@ -136,11 +192,11 @@ def with_coordinates(state: JointState, free: FreeParameters, source: Sequence[i
         free: the coordinates (n,). source: index of each in `state`, -1 for one that is new: 0, and known exactly.
     """
     n, old = len(free), state.theta.size
-    biases = state.P.shape[0] - N_FIXED - old
+    behind = state.P.shape[0] - N_FIXED - old
     rows = [*range(N_FIXED), *(N_FIXED + k if k >= 0 else -1 for k in source), *range(N_FIXED + old, state.P.shape[0])]
     into = [i for i, k in enumerate(rows) if k >= 0]
     out_of = [k for k in rows if k >= 0]
-    size = N_FIXED + n + biases
+    size = N_FIXED + n + behind
     P = np.zeros((size, size))
     P[np.ix_(into, into)] = state.P[np.ix_(out_of, out_of)]
     kept = [(i, k) for i, k in enumerate(source) if k >= 0]
@@ -163,6 +219,8 @@ def with_coordinates(state: JointState, free: FreeParameters, source: Sequence[i
         "g": np.zeros(size),
         "dx": dx,
         "active": np.ones(size),
+        "latency": columns_of(free.codes, IN_LATENCY, N_SENSORS),
+        "place": columns_of(free.codes, IN_PLACE, 3),
         "h": np.zeros(size),
         **vectors,
     }
@@ -186,6 +244,14 @@ def inform(state: JointState, rows: Array, covariance: Array, residual: Array) -
     P = state.P - gain @ spread.T
     state.P[:] = 0.5 * (P + P.T)
     inject(state)
+
+
+def fused(mean: Array, covariance: Array, other: Array, spread: Array) -> tuple[Array, Array]:
+    """Return mean (n,) and covariance (n, n) after a measurement of all by `other` (n,) with covariance (n, n)."""
+    S = covariance + spread
+    gain = np.linalg.solve(0.5 * (S + S.T), covariance).T
+    left = covariance - gain @ covariance
+    return mean + gain @ (other - mean), 0.5 * (left + left.T)
 
 
 def without_change_of(branch: Branch, steps: Array) -> JointState:

@@ -1,13 +1,15 @@
 """Detection of a change of the vehicle: filters split off time and again, each free to change at that moment.
 
-Every half second a filter is split off the first one, with inertia, drag, weight, righting moment and, where commands
-are known, the gains of the thrusters widened by what a payload or a fouled thruster would do to them. What its samples
+Every half second a filter is split off the first one, with inertia, drag, weight, righting moment, trim and, where
+commands are known, the gains of the thrusters widened by what a payload or a fouled thruster would do to them, as far
+as they are identified by then. What its samples
 say by themselves (`changes.evidence`) is the evidence of a change at that moment, of any parts. A change is one that
 has an evidence beyond `_SURE` twice in a row, and of which it is clear whether body or thruster is to blame. Then the
 filter that saw it goes on in place of the first one, informed of what has not changed, so that nothing is learned
 twice. The moment is sought in steps of 0.1 s, by replay: a filter that began before the change has seen both vehicles,
 and blames whatever bends most easily. Without motion a split filter learns nothing, its evidence stays zero, and the
-first filter, whose coefficients do not walk, waits as it is.
+first filter, whose coefficients do not walk, waits as it is. What was known before the change, widened by it, becomes
+the prior of what follows.
 """
 
 from __future__ import annotations
@@ -18,11 +20,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.core.zero_order_hold import ZeroOrderHold
 from towtank.identification.changes.branch import (
     Branch,
+    Kept,
     Recent,
+    Running,
     copied,
+    fused,
     inform,
     split_later,
     split_off,
@@ -43,8 +47,8 @@ from towtank.identification.changes.hypotheses import (
     steps_of,
 )
 from towtank.identification.data.samples import Buffer, Samples
-from towtank.identification.kalman.state import JointState
-from towtank.identification.model.parameters import GAIN_PREFIX, FreeParameters, free_parameters
+from towtank.identification.model.belief import Belief
+from towtank.identification.model.parameters import GAIN_PREFIX, FreeParameters
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle
 
@@ -73,9 +77,9 @@ class ChangeDetector:
         known: configurations by name. overdispersion: of increments, learned along.
 
     Attributes:
-        may_reestimate: the stream can go over all that it saw once more. requested: when it was to [s]: while little is
-            known of a coefficient, an axis that begins to move surprises as a change does to a filter that is linear
-            about a mere guess. What is seen again after that re-estimation is accepted.
+        requested: when a re-estimation was requested [s]: where a coefficient has just become known far from where the
+            motion is linearised, an axis that begins to move surprises as a change does. What is seen again after that
+            is accepted.
         likely: configurations, with their probabilities, since the last change.
     """
 
@@ -92,17 +96,18 @@ class ChangeDetector:
         self._last = -np.inf
         self._hypotheses: tuple[Hypothesis, ...] = ()
         self._steps = np.empty(0)
-        self._wide: FreeParameters | None = None
+        self._wide: Belief | None = None
         self._next_split = self._next_check = -np.inf
         self._count = 0
         self._suspect: tuple[Branch, int, float] | None = None
         self._matching: ConfigurationMatch | None = None
-        self.may_reestimate = False
         self.requested = -np.inf
         self.likely: dict[str, float] = {}
 
     def restart(self, *, matching: bool = False) -> None:
         """Forget all branches: the first filter has begun anew; a configuration match too, but with `matching`."""
+        if matching and self._matching is not None:
+            self._catch_up()
         self._branches.clear()
         self._rows.clear()
         self._recent.clear()
@@ -122,9 +127,7 @@ class ChangeDetector:
         if self._branches or self._matching is not None:
             self._rows.add_row(t, z)
 
-    def step(
-        self, t: float, state: JointState, held: ZeroOrderHold, free: FreeParameters
-    ) -> Change | Recognised | None:
+    def step(self, t: float, running: Running) -> Change | Recognised | None:
         """Do what is due at t [s], a little with every row: let branches catch up, judge them, split off the next."""
         span, self._last = t - self._last, t
         if self._waiting:
@@ -134,16 +137,16 @@ class ChangeDetector:
                     self._serve(self._waiting.pop())
             if self._waiting:
                 return None
-            change = self._judge(t, free)
+            change = self._judge(t, running)
             if change is not None:
                 return change
-            return self._compare(t, self._matching, state, held) if self._matching is not None else None
+            return self._compare(t, self._matching, running) if self._matching is not None else None
         if t >= self._next_check:
             self._next_check = t + _CHECKED
             self._batch = self._recent.add(self._rows)
             self._waiting = [branch for branch in self._all if branch.healthy]
             if t >= self._next_split:
-                self._split(t, state, held, free)
+                self._split(t, running)
         return None
 
     # -- inside
@@ -167,12 +170,18 @@ class ChangeDetector:
             self._serve(branch)
         self._branches = [branch for branch in self._branches if branch.healthy]
 
-    def _split(self, t: float, state: JointState, held: ZeroOrderHold, free: FreeParameters) -> None:
-        if self._wide is None or self._wide.names[: len(free)] != free.names:
-            more = [GAIN_PREFIX + each.name for each in self.vehicle.thrusters] if self._rows.commands else []
-            self._wide = free_parameters(self.vehicle, [*free.names, *more])
-            self._steps = steps_of(self.vehicle, self._wide)
-            self._hypotheses = hypotheses(self._wide, self._steps)
+    def _split(self, t: float, running: Running) -> None:
+        self._next_split = t + _EVERY
+        names = [name for name in running.whole.names if name in running.free.names or name.startswith(GAIN_PREFIX)]
+        wide = running.whole.only(names)
+        steps = steps_of(self.vehicle, running, wide)
+        if self._wide is None or self._wide.names != wide.names or np.any((steps > 0.0) != (self._steps > 0.0)):
+            self._branches.clear()  # hypotheses of one kind alone can be weighed against each other
+            self._suspect = None
+            self._wide, self._steps = wide, steps
+            self._hypotheses = hypotheses(wide.free, steps)
+        if not self._hypotheses:
+            return
         self._count += 1
         lives = _LIVES_LONG if self._count % _OLD_ONE == 0 else _LIVES
         suspected = None if self._suspect is None else self._suspect[0]
@@ -183,12 +192,13 @@ class ChangeDetector:
         self._branches = [
             branch for branch in self._branches if branch.healthy and (branch.until > t or branch is suspected)
         ]
-        self._branches.append(split_off(t, state, held, free, self._wide, self._steps, t + lives))
-        self._next_split = t + _EVERY
+        free = self._wide.free
+        self._branches.append(split_off(t, running.state, running.held, running.free, free, self._steps, t + lives))
 
-    def _judge(self, t: float, free: FreeParameters) -> Change | None:
+    def _judge(self, t: float, running: Running) -> Change | None:
         if not self.overdispersion.known:
             return None
+        free = running.free
         verdict, branch = self._verdict(t)
         if verdict is None or branch is None:
             self._suspect = None
@@ -208,11 +218,11 @@ class ChangeDetector:
         if verdict.clear < _CLEAR and t - since < _WAITS:
             return None
         branch = finer[verdict.best]
-        if self.may_reestimate and branch.partly_unknown and not t - self.requested < _TRUSTED:
+        if running.has_moved and not t - self.requested < _TRUSTED:
             self.requested = t
             self.restart()
             return None
-        return self._change(t, branch, verdict, free)
+        return self._change(t, branch, verdict, running)
 
     def _verdict(self, t: float) -> tuple[Verdict | None, Branch | None]:
         """Return what the filters say at t [s], and which fits best; None where nothing is sure."""
@@ -241,13 +251,18 @@ class ChangeDetector:
             out += split_later(branch, free, self._recent.since(branch.t), [float(each) for each in times])
         return out
 
-    def _change(self, t: float, branch: Branch, verdict: Verdict, free: FreeParameters) -> Change:
+    def _change(self, t: float, branch: Branch, verdict: Verdict, running: Running) -> Change:
         whole = without_change_of(branch, verdict.steps)
-        keep = [k for k in range(len(branch.free)) if k < len(free) or verdict.steps[k] > 0.0]
-        kept = branch.free.subset([branch.free.names[k] for k in keep])
-        state = with_coordinates(whole, kept, keep)
-        state.settings["relinearise"] = 1.0
-        before = branch.theta0[keep], np.sqrt(np.maximum(np.diag(branch.P0)[keep], 0.0))
+        names = branch.free.names
+        keep = [k for k, name in enumerate(names) if name in running.free.names or verdict.steps[k] > 0.0]
+        prior = running.whole.only([names[k] for k in keep])
+        state = with_coordinates(whole, prior.free, keep)
+        places = {name: k for k, name in enumerate(running.free.names)}
+        wider = np.array([running.disagreement[places[name]] if name in places else 1.0 for name in prior.names])
+        changed = running._replace(prior=prior, state=state, held=copied(branch.held), disagreement=wider)
+        now = branch.P0 + np.diag(verdict.steps**2)
+        kept = Kept(prior.names, branch.theta0[keep], _definite(now[np.ix_(keep, keep)]), wider)
+        before = kept.mean, np.sqrt(np.maximum(np.diag(branch.P0)[keep], 0.0))
         self.restart()
         self.likely = {}
         if self.known:
@@ -258,11 +273,9 @@ class ChangeDetector:
             self._matching = ConfigurationMatch(
                 branch, self._hypotheses, kept, verdict.steps, t + _COMPARED, known=known
             )
-        return Change(branch.t, t, verdict, kept, state, copied(branch.held), before)
+        return Change(branch.t, t, verdict, changed, kept, before)
 
-    def _compare(
-        self, t: float, matching: ConfigurationMatch, state: JointState, held: ZeroOrderHold
-    ) -> Recognised | None:
+    def _compare(self, t: float, matching: ConfigurationMatch, running: Running) -> Recognised | None:
         if not matching.branch.healthy or matching.branch.increment is None:
             return None
         increment = matching.branch.increment.tempered(self.overdispersion.factor)
@@ -271,39 +284,43 @@ class ChangeDetector:
         self.likely = {one.name: float(share) for one, share in zip(matching.known, shares, strict=False)}
         best = int(np.argmax(shares[:-1]))
         name, share = matching.known[best].name, float(shares[best])
-        if t > matching.until:
+        if t > matching.until or running.free.names != matching.kept.names:
             self._matching = None
+            return None
         if matching.taken is None and share > _TAKEN:
             matching.taken = name
-            return self._take(t, matching, matching.known[best], share, state, held)
+            return self._take(t, matching, matching.known[best], share, running)
         if matching.taken is not None and self.likely[matching.taken] < _DROPPED:
             gone, matching.taken = matching.taken, None
-            return self._give_up(t, matching, gone)
+            return self._give_up(t, matching, gone, running)
         return None
 
-    def _take(
-        self, t: float, matching: ConfigurationMatch, known: Known, share: float, state: JointState, held: ZeroOrderHold
-    ) -> Recognised:
-        """Inform the filter of what is known of the configuration."""
-        self._catch_up()
-        at = [matching.branch.free.names.index(name) for name in matching.keeps.names]
-        taken = copied(state)
-        covariance = known.covariance[np.ix_(at, at)]
-        covariance = covariance + np.diag(1e-12 + 1e-6 * np.diag(covariance))
-        inform(taken, np.eye(len(at)), covariance, known.theta[at] - taken.theta)
+    def _take(self, t: float, matching: ConfigurationMatch, known: Known, share: float, running: Running) -> Recognised:
+        """Inform the filter, and the prior of what follows, of what is known of the configuration."""
+        kept = matching.kept
+        at = [matching.branch.free.names.index(name) for name in kept.names]
+        taken = copied(running.state)
+        theta, covariance = known.theta[at], _definite(known.covariance[np.ix_(at, at)])
+        inform(taken, np.eye(len(at)), covariance, theta - taken.theta)
+        mean, left = fused(kept.mean, kept.covariance, theta, covariance)
         self.restart(matching=True)
-        return Recognised(t, known.name, share, True, matching.keeps, taken, held)
+        informed = kept._replace(mean=mean, covariance=_definite(left))
+        return Recognised(t, known.name, share, True, running._replace(state=taken), informed)
 
-    def _give_up(self, t: float, matching: ConfigurationMatch, name: str) -> Recognised:
+    def _give_up(self, t: float, matching: ConfigurationMatch, name: str, running: Running) -> Recognised:
         """Go on from what the samples alone say."""
         self._catch_up()
         whole = without_change_of(matching.branch, matching.steps)
-        at = [matching.branch.free.names.index(each) for each in matching.keeps.names]
-        state = with_coordinates(whole, matching.keeps, at)
-        state.settings["relinearise"] = 1.0
-        held = copied(matching.branch.held)
+        at = [matching.branch.free.names.index(each) for each in matching.kept.names]
+        state = with_coordinates(whole, running.free, at)
+        alone = running._replace(state=state, held=copied(matching.branch.held))
         self.restart(matching=True)
-        return Recognised(t, name, self.likely[name], False, matching.keeps, state, held)
+        return Recognised(t, name, self.likely[name], False, alone, matching.kept)
+
+
+def _definite(covariance: Array) -> Array:
+    """Return a covariance (n, n) in which nothing is known exactly."""
+    return covariance + np.diag(1e-12 + 1e-6 * np.diag(covariance))
 
 
 class ChangeTracker:
@@ -349,11 +366,12 @@ class ChangeTracker:
         self.change_log.restore(tuple(events))
         self._overdispersion.restore(overdispersion)
 
-    def restart(self) -> None:
-        """Begin anew: the filter is another one, or its motion is."""
-        self.change_log.settle()
+    def restart(self, *, same: bool = False) -> None:
+        """Begin anew: the filter is another one, or its motion is; with `same` it has the same coordinates."""
+        if not same:
+            self.change_log.settle()
         if self.detector is not None:
-            self.detector.restart()
+            self.detector.restart(matching=same)
 
     def recovered(self, t: float) -> None:
         """Begin anew, since the filter had to recover at t [s]."""
@@ -370,28 +388,23 @@ class ChangeTracker:
         t: float,
         z: Array,
         seen: float,
-        filter_: tuple[FreeParameters, JointState, ZeroOrderHold],
+        running: Running,
         like: Buffer,
-        *,
-        may_reestimate: bool,
     ) -> Change | Recognised | None:
         """Take the row z (18,) of time t [s], after the filter; return what goes on in its place, where one does.
 
         Args:
-            seen: motion so far [s]. filter_: its coordinates, itself, its inputs. like: a buffer of such inputs.
-            may_reestimate: see `ChangeDetector`.
+            seen: motion so far [s]. like: a buffer of such inputs.
         """
         if self._known is None:
             return None
         if self.detector is None:
             self.detector = ChangeDetector(self._vehicle, like.fresh(), self._known, self._overdispersion)
         self.detector.take_row(t, z)
-        self.detector.may_reestimate = may_reestimate
         if seen < _LEAST_MOTION:
             return None
-        free, state, held = filter_
-        self.change_log.revise(t, free, state)
-        detected = self.detector.step(t, state, held, free)
+        self.change_log.revise(t, running.free, running.state)
+        detected = self.detector.step(t, running)
         if detected is not None:
             self.change_log.add(detected)
         return detected

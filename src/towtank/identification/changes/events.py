@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.identification.changes.branch import Kept, Running
 from towtank.identification.kalman.state import JointState, coefficient_std
 from towtank.identification.model.parameters import (
     GAIN_PREFIX,
@@ -27,7 +28,6 @@ from towtank.identification.model.terms import TERMS
 from towtank.recording.event import Event
 
 if TYPE_CHECKING:
-    from towtank.core.zero_order_hold import ZeroOrderHold
     from towtank.identification.changes.hypotheses import Verdict
 
 __all__: list[str] = []
@@ -43,15 +43,15 @@ class Change:
 
     Attributes:
         t, noticed: when it began, as far as known, and now [s]. verdict: what speaks for it.
-        free, state, held: the filter from here on. before: coordinates (n,) before, and their deviations (n,).
+        running: the filter from here on. kept: what is known of the vehicle as it is now from before the change.
+        before: coordinates (n,) before, and their deviations (n,).
     """
 
     t: float
     noticed: float
     verdict: Verdict
-    free: FreeParameters
-    state: JointState
-    held: ZeroOrderHold
+    running: Running
+    kept: Kept
     before: tuple[Array, Array]
 
 
@@ -61,16 +61,15 @@ class Recognised:
 
     Attributes:
         t: now [s]. name: of the configuration. probability: of it. taken: as prior; False where it is given up.
-        free, state, held: the filter from here on.
+        running: the filter from here on. kept: what is known of the vehicle from before the change.
     """
 
     t: float
     name: str
     probability: float
     taken: bool
-    free: FreeParameters
-    state: JointState
-    held: ZeroOrderHold
+    running: Running
+    kept: Kept
 
 
 def change_words(
@@ -115,15 +114,14 @@ def change_details(free: FreeParameters, before: tuple[Array, Array], now: tuple
 
 
 def _one(free: FreeParameters, k: int, old: float, new: float, std: float) -> str:
-    kind, i, _, transform = (int(code) for code in free.codes[k])
+    kind, i, j, transform = (int(code) for code in free.codes[k])
     name = free.names[k]
     if kind == MASS and transform != UNTRANSFORMED:
         unit = "kg" if i < 3 else "kg m²"
         return f"{_AXES[i]} inertia {_signed(math.exp(new) - math.exp(old), math.exp(new) * std)} {unit}"
-    if kind in (LINEAR, QUADRATIC) and transform != UNTRANSFORMED:
+    if kind in (LINEAR, QUADRATIC) and i == j and old < 0.0:
         which = "linear drag" if kind == LINEAR else "drag"
-        ratio = math.exp(new - old)
-        return f"{_AXES[i]} {which} {_signed(100.0 * (ratio - 1.0), 100.0 * ratio * std)} %"
+        return f"{_AXES[i]} {which} {_signed(100.0 * (new / old - 1.0), 100.0 * std / -old)} %"
     if kind == WEIGHT:
         return f"net weight {_signed(new - old, std)} N"
     if kind == MOMENT and i == 2 and abs(old) > 0.0:
@@ -170,10 +168,10 @@ class ChangeLog:
         before = self._open
         if before is not None and _is_same(before[0], detected):
             self._open = replace(detected, t=before[0].t, noticed=before[0].noticed, before=before[0].before), before[1]
-            self.revise(detected.noticed, detected.free, detected.state)
+            self.revise(detected.noticed, detected.running.free, detected.running.state)
             return
         self._open, self._again = (detected, len(self.events)), _REVISED
-        self._put(self._event(detected, detected.free, detected.state))
+        self._put(self._event(detected, detected.running.free, detected.running.state))
 
     def settle(self) -> None:
         """Leave the last change as it stands."""
@@ -190,7 +188,7 @@ class ChangeLog:
         if self._open is None:
             return
         change, place = self._open
-        if free.names != change.free.names:
+        if free.names != change.running.free.names:
             self._open = None
         if self._open is None or t < change.noticed + self._again:
             return
@@ -222,5 +220,5 @@ class ChangeLog:
 
 def _is_same(one: Change, other: Change) -> bool:
     """Return whether a change is the same one, seen better: of the same kind, while its numbers settle."""
-    same_kind = one.verdict.thruster == other.verdict.thruster and one.free.names == other.free.names
+    same_kind = one.verdict.thruster == other.verdict.thruster and one.running.free.names == other.running.free.names
     return same_kind and other.noticed <= one.noticed + _SETTLES

@@ -8,7 +8,9 @@ them the evidence
     log E(m, C) = -1/2 log det(I + Lambda C) + h m - 1/2 m Lambda m + 1/2 r C (I + Lambda C)^-1 r,   r = h - Lambda m,
 
 beside a constant that is common to all, so that one split filter judges every hypothesis: none (0, P0), a step of some
-coefficients (0, P0 + Q_S), a known vehicle (theta_c - theta0, C_c). E(0, P0 + Q_S) / E(0, P0) is a Bayes factor. Where
+coefficients (0, P0 + Q_S), a known vehicle (theta_c - theta0, C_c). E(0, P0 + Q_S) / E(0, P0) is a Bayes factor. With
+G = (I + Lambda P0)^-1 Lambda and g = (I + Lambda P0)^-1 h, what the samples say of a step alone, it needs no more than
+the coefficients that step: log BF = -1/2 log det(I + G Q) + 1/2 g Q (I + G Q)^-1 g, each restricted to them. Where
 nothing changes it is a martingale with mean 1, so that it ever exceeds B with a probability of 1/B at most (Ville's
 inequality): a threshold has a meaning. For a wide Q it is Hausman's test: (theta - theta_s)^T (P - P_s)^-1
 (theta - theta_s) between the filter that is free to change and the one that is not.
@@ -23,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -62,16 +65,37 @@ class InformationIncrement:
             shift = float(self.score @ mean - 0.5 * mean @ pull)
         return shift - 0.5 * float(size) + 0.5 * float(left @ covariance @ np.linalg.solve(spread, left))
 
+    @cached_property
+    def of_step(self) -> tuple[Array, Array]:
+        """What the samples say of a step beside P0: information G (n, n) = (I + Lambda P0)^-1 Lambda, score (n,)."""
+        both = np.column_stack([self.information, self.score])
+        known: Array = np.asarray(
+            np.linalg.solve(np.eye(self.score.size) + self.information @ self.P0, both), dtype=np.float64
+        )
+        return 0.5 * (known[:, :-1] + known[:, :-1].T), known[:, -1]
+
+    def _of(self, steps: Array) -> tuple[Array, Array, Array]:
+        """Return G and score of the coefficients that step, each in units of its step, and I + G."""
+        taken = np.flatnonzero(steps > 0.0)
+        G, score = self.of_step
+        size = steps[taken]
+        gained = G[np.ix_(taken, taken)] * np.outer(size, size)
+        return gained, score[taken] * size, np.eye(taken.size) + gained
+
     def most(self, steps: Array) -> float:
         """Return what the log Bayes factor of any change within `steps` (n,) is at most: fit alone, at no price."""
-        wide, narrow = self._responses(steps)
-        return 0.5 * float(self.score @ (wide - narrow) @ self.score)
+        _, score, spread = self._of(steps)
+        return 0.5 * float(score @ np.linalg.solve(spread, score))
 
     def usual(self, steps: Array) -> float:
         """Return what `most` is on average where nothing changes and information and disturbances are as modelled."""
-        wide, narrow = self._responses(steps)
-        spread = self.information + self.information @ self.P0 @ self.information
-        return 0.5 * float(np.trace((wide - narrow) @ spread))
+        gained, _, spread = self._of(steps)
+        return 0.5 * float(np.trace(np.linalg.solve(spread, gained)))
+
+    def change(self, steps: Array) -> float:
+        """Return the log Bayes factor of a step d ~ N(0, diag(steps^2)) (n,) beside P0, against none."""
+        _, score, spread = self._of(steps)
+        return 0.5 * float(score @ np.linalg.solve(spread, score) - np.linalg.slogdet(spread)[1])
 
     def tempered(self, overdispersion: float) -> InformationIncrement:
         """Return the increment as it counts when it, and what was known before, have so many times the variance."""
@@ -81,18 +105,6 @@ class InformationIncrement:
             information=self.information / overdispersion,
             score=self.score / overdispersion,
         )
-
-    def _responses(self, steps: Array) -> tuple[Array, Array]:
-        """Return C (I + Lambda C)^-1 (n, n) for C = P0 + diag(steps^2) and for C = P0."""
-        one = np.eye(self.score.size)
-        wide = self.P0 + np.diag(steps**2)
-        widened = np.linalg.solve(one + wide @ self.information, wide)
-        narrow = np.linalg.solve(one + self.P0 @ self.information, self.P0)
-        return np.asarray(widened, dtype=np.float64), np.asarray(narrow, dtype=np.float64)
-
-    def change(self, steps: Array) -> float:
-        """Return the log Bayes factor of a step d ~ N(0, diag(steps^2)) (n,) beside P0, against none."""
-        return self.evidence(self.P0 + np.diag(steps**2)) - self.evidence(self.P0)
 
 
 def increment_between(theta0: Array, P0: Array, steps: Array, theta: Array, P: Array) -> InformationIncrement:

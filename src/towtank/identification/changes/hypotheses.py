@@ -1,7 +1,9 @@
 """What may have changed about a vehicle, by how much at a time, and what increments of information say of it.
 
-A payload or a fouled hull: inertia, drag, weight in water, righting moment, in any combination. A thruster that is
-fouled, worn or dead: its gain, one thruster at a time. A configuration met before: whether the vehicle has become it.
+A payload or a fouled hull: inertia, drag, weight in water, righting moment, trim (a centre of gravity that moves along
+or across, BG_x and BG_y together), in any combination. A thruster that is fouled, worn or dead: its gain, one thruster
+at a time. A configuration met before: whether the vehicle has become it. What was hardly known before can not be seen
+to change: only what is identified may step.
 """
 
 from __future__ import annotations
@@ -14,13 +16,17 @@ import numpy as np
 from scipy.special import logsumexp
 
 from towtank.core.arrays import Array
-from towtank.identification.changes.branch import Branch
+from towtank.identification.changes.branch import Branch, Kept, Running
 from towtank.identification.changes.evidence import InformationIncrement
+from towtank.identification.model.belief import Belief
 from towtank.identification.model.parameters import (
     DELAY,
     GAIN_PREFIX,
     IN_GAIN,
     LAG,
+    LINEAR,
+    MOMENT,
+    QUADRATIC,
     UNTRANSFORMED,
     FreeParameters,
 )
@@ -30,7 +36,8 @@ from towtank.vehicle import COEFFICIENTS, Vehicle
 
 __all__: list[str] = []
 
-BODY_PARTS = ("inertia", "drag", "weight", "righting")  # what a payload changes
+BODY_PARTS = ("inertia", "drag", "weight", "righting", "trim")  # what a payload changes
+_KNOWN = 0.5  # deviation up to which a baseline counts, as a share of the prior's; of a gain, as a share of its step
 _GAIN_STEP = 0.4  # of the logarithm of a thruster's gain; the steps of coefficients stand in `model.terms`
 _TOUCHED = 0.05  # probability of a part from which on it is thought to have changed too,
 _ALONG = 0.2  # and the share of its step that any other part of the body may have made: a payload touches all
@@ -59,23 +66,40 @@ class Hypothesis:
         return self.parts[0].removeprefix(GAIN_PREFIX) if self.parts[0].startswith(GAIN_PREFIX) else None
 
 
-def steps_of(vehicle: Vehicle, free: FreeParameters) -> Array:
-    """Return the deviations (n,) of a change of each coordinate; 0 for what does not change: delay and lag."""
-    size = size_of(vehicle, free)
+def steps_of(vehicle: Vehicle, running: Running, wide: Belief) -> Array:
+    """Return the deviations (n,) of a change of each coordinate of `wide`; 0 for what may not change.
+
+    That is delay, lag and latencies, and whatever is not identified by now. A damping steps by a share of itself.
+    """
+    free, size = wide.free, size_of(vehicle, wide.free)
+    std, theta = dict(zip(running.free.names, running.std, strict=True)), dict(_named(running))
     out = np.zeros(len(free))
-    for k in range(len(free)):
-        kind, transform = int(free.codes[k, 0]), free.codes[k, 3]
-        if kind in TERMS:
+    for k, name in enumerate(free.names):
+        kind, i, j, transform = (int(code) for code in free.codes[k])
+        if kind == IN_GAIN:
+            out[k] = _GAIN_STEP if std.get(name, 0.0) <= _KNOWN * _GAIN_STEP else 0.0
+        elif kind in TERMS and std.get(name, np.inf) <= _KNOWN * wide.reference[k]:
             term = TERMS[kind]
-            out[k] = term.size_step * size[k] if transform == UNTRANSFORMED else term.log_step
-        elif kind == IN_GAIN:
-            out[k] = _GAIN_STEP
+            own = abs(theta[name]) if kind in (LINEAR, QUADRATIC) and i == j else 0.0
+            out[k] = term.log_step if transform != UNTRANSFORMED else max(term.size_step * size[k], term.log_step * own)
     return out
+
+
+def _named(running: Running) -> list[tuple[str, float]]:
+    return [(name, float(value)) for name, value in zip(running.free.names, running.state.theta, strict=True)]
+
+
+def _part(code: Array) -> str:
+    """Return the part of the body that a coordinate belongs to, "" for none."""
+    kind, i = int(code[0]), int(code[1])
+    if kind not in TERMS:
+        return ""
+    return "trim" if kind == MOMENT and i < 2 else TERMS[kind].part
 
 
 def hypotheses(free: FreeParameters, steps: Array) -> tuple[Hypothesis, ...]:
     """Return every hypothesis: each combination of the parts of the body that are free, and each gain that is."""
-    part = [TERMS[int(code[0])].part if int(code[0]) in TERMS else "" for code in free.codes]
+    part = [_part(code) if step > 0.0 else "" for code, step in zip(free.codes, steps, strict=True)]
     there = [name for name in BODY_PARTS if name in part]
     body = [chosen for count in range(1, len(there) + 1) for chosen in itertools.combinations(there, count)]
     gains = [k for k in range(len(free)) if free.codes[k, 0] == IN_GAIN and steps[k] > 0.0]
@@ -119,13 +143,7 @@ def judged(increments: Sequence[InformationIncrement], hypotheses: Sequence[Hypo
 
     What came before one began is the same under all hypotheses, so that increments compare as they are.
     """
-    none = np.array([each.evidence(each.P0) for each in increments])
-    scores = np.array(
-        [
-            [change.weight + each.evidence(each.P0 + np.diag(change.steps**2)) - least for change in hypotheses]
-            for each, least in zip(increments, none, strict=True)
-        ]
-    )
+    scores = np.array([[change.weight + each.change(change.steps) for change in hypotheses] for each in increments])
     total = np.asarray(logsumexp(scores, axis=1))
     thrusters = np.array([each.thruster is not None for each in hypotheses])
     body = float(logsumexp(scores[:, ~thrusters])) if not thrusters.all() else -np.inf
@@ -145,7 +163,7 @@ def judged(increments: Sequence[InformationIncrement], hypotheses: Sequence[Hypo
         thruster=None if best is None else hypotheses[best].thruster,
         clear=clear,
         steps=hypotheses[best].steps if best is not None else _union(hypotheses, parts, increments[begun].score.size),
-        changed=float(total[begun] + none[begun]),
+        changed=float(total[begun]) + increments[begun].evidence(increments[begun].P0),
     )
 
 
@@ -226,13 +244,13 @@ class ConfigurationMatch:
     """A branch that goes on beside the filter after a change, to compare it with known configurations.
 
     Attributes:
-        hypotheses, steps: of the change. keeps: coordinates of the filter that goes on. until: when it ends [s].
+        hypotheses, steps: of the change. kept: the prior of what followed it. until: when it ends [s].
         taken: name of the configuration that is the prior by now. known: the configurations.
     """
 
     branch: Branch
     hypotheses: tuple[Hypothesis, ...]
-    keeps: FreeParameters
+    kept: Kept
     steps: Array
     until: float
     taken: str | None = None

@@ -258,19 +258,47 @@ class Buffer:
         self.rows = self.inputs = 0
         self._starts = [(0, 0)]
 
+    def without(self, rows: int) -> Buffer:
+        """Return a copy without the first `rows`, and without the inputs that mattered to them alone."""
+        kept, starts = [], []
+        done = [0, 0]
+        ends = [*self._starts[1:], (self.rows, self.inputs)]
+        for (a, c), (b, d) in zip(self._starts, ends, strict=True):
+            first, put = max(a, rows), c
+            if first >= b and b < self.rows:
+                continue
+            if a < first < b:
+                put += input_rows(self.input_t[c:d], float(self.t[first]), np.inf).start
+            kept.append(self._part(min(first, b), b, put, d))
+            starts.append((done[0], done[1]))
+            done = [done[0] + len(kept[-1]), done[1] + kept[-1].input_t.size]
+        out = self.fresh()
+        out.restore(
+            np.concatenate([each.t for each in kept]),
+            np.concatenate([each.values for each in kept]),
+            np.concatenate([each.input_t for each in kept]),
+            np.concatenate([each.input_force for each in kept]),
+            starts,
+        )
+        return out
+
     def break_off(self) -> None:
         """Begin a new stretch."""
         if (self.rows, self.inputs) != self._starts[-1]:
             self._starts.append((self.rows, self.inputs))
 
-    def since(self, rows: int, inputs: int) -> list[tuple[bool, Samples]]:
-        """Return what came after so many rows and inputs: whether it begins a new stretch, and views of it."""
+    def until(self, rows: int, inputs: int, since: tuple[int, int] = (0, 0)) -> list[tuple[bool, Samples]]:
+        """Return what came from so many rows and inputs on until so many: whether it begins a new stretch, and views.
+
+        Another thread may add to the buffer meanwhile.
+        """
         out = []
-        ends = [*self._starts[1:], (self.rows, self.inputs)]
-        for (a, c), (b, d) in zip(self._starts, ends, strict=True):
-            first, put = max(a, rows), max(c, inputs)
+        starts = [(a, c) for a, c in self._starts if a <= rows and c <= inputs]
+        ends = [*starts[1:], (rows, inputs)]
+        for (a, c), (b, d) in zip(starts, ends, strict=True):
+            first, put = max(a, since[0]), max(c, since[1])
             if b > first or d > put:
-                out.append((a >= rows and (a, c) != (0, 0), self._part(first, b, put, d)))
+                out.append((a >= since[0] and (a, c) != (0, 0), self._part(first, b, put, d)))
         return out
 
     def _part(self, a: int, b: int, c: int, d: int) -> Samples:
@@ -281,6 +309,11 @@ class Buffer:
     def starts(self) -> list[tuple[int, int]]:
         """First row and first input of each stretch."""
         return list(self._starts)
+
+    @property
+    def measured(self) -> NDArray[np.bool_]:
+        """Which of the 18 columns are measured anywhere (18,)."""
+        return np.asarray(np.isfinite(self.values[: self.rows]).any(axis=0))
 
     @property
     def whole(self) -> Samples:

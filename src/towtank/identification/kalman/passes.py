@@ -13,7 +13,7 @@ stay where the likelihood gains by far more than chance.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -22,12 +22,27 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.core.zero_order_hold import ZeroOrderHold, new_zero_order_hold
+from towtank.errors import InputError, nearest
 from towtank.identification.data.samples import NoiseLevels, Samples
 from towtank.identification.kalman.filter import joint_events, rows_of
 from towtank.identification.kalman.noise_adaptation import adapt_noise, converged, rejected_share
-from towtank.identification.kalman.state import FilterSettings, JointState, coefficient_block, new_joint_state
+from towtank.identification.kalman.state import (
+    FilterSettings,
+    JointState,
+    coefficient_block,
+    coefficient_std,
+    new_joint_state,
+)
 from towtank.identification.model.belief import Belief
-from towtank.identification.model.parameters import IN_DELAY, IN_LAG, IN_LATENCY, FreeParameters
+from towtank.identification.model.parameters import (
+    DELAY,
+    IN_DELAY,
+    IN_LAG,
+    IN_LATENCY,
+    LATENCIES,
+    PLACES,
+    FreeParameters,
+)
 from towtank.recording.grids.stretches import spread
 
 __all__ = [
@@ -35,11 +50,16 @@ __all__ = [
     "JointProblem",
     "inputs_of",
     "joint_fit",
+    "latencies_of",
     "log_likelihood",
+    "narrowed_to",
     "next_recording",
     "one_pass",
     "settings_for",
+    "unknowns_of_sensors",
 ]
+
+_SAME_ROWS = 0.9  # of the rows of two sensors, from which they are one device
 
 _WINDOWS, _LEAST_WINDOW = 16, 25  # of a pass, that must agree; rows
 _PASSES = 16
@@ -52,6 +72,7 @@ _PERIODS = (3.5, 5.0, 8.0)  # s, of waves that are tried beside that of the sett
 _WAVE = 0.03  # m/s: their size to begin with
 _DISAGREE = 100.0  # times the variance, at most
 _WAVES_GAIN = 20.0  # of the log likelihood: far beyond chance with four numbers
+_WAVES_SHOW = 20.0  # s: of shorter data a wave is no more than a slow force
 _SMALLEST_WAVE = 0.015  # m/s: below, a wave stands for what the model lacks
 Progress = Callable[[float], None]
 
@@ -130,6 +151,11 @@ class JointFit:
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @property
+    def wider(self) -> Array:
+        """Factors (n,) to the deviations that the filter itself states, by what windows disagree about."""
+        return np.asarray(np.maximum(self.std / np.maximum(coefficient_std(self.state), 1e-300), 1.0))
+
+    @property
     def narrowed(self) -> Array:
         """Deviations as a share of the prior's (n,)."""
         return np.asarray(self.std / self.prior.std)
@@ -146,6 +172,43 @@ def settings_for(samples: Sequence[Samples], settings: FilterSettings) -> Filter
     camera = bool(measured[:6].all())
     over_ground = bool((measured[:3].any() or measured[6:9].any()) and measured[5])
     return replace(settings, biases=inertial, wanders=inertial and not camera, current=over_ground)
+
+
+def narrowed_to(whole: Belief, free: Collection[str] | None, *, delay_given: bool) -> Belief:
+    """Return what is supposed of the names that are free where somebody named them, and of the delay unless given.
+
+    Raises:
+        InputError: a name that is no unknown.
+    """
+    for name in free or ():
+        if name not in whole.names:
+            raise InputError(f'free: "{name}" is not a coefficient of the prior{nearest(name, whole.names)}')
+    names = whole.names if free is None else [*free, DELAY]
+    return whole.only([name for name in names if not (delay_given and name == DELAY)])
+
+
+def unknowns_of_sensors(samples: Sequence[Samples]) -> tuple[str, ...]:
+    """Return `latency_<sensor>` of the sensors that may be late, and the place of the accelerometer where there is one.
+
+    Late beside the one whose time is taken as it is: the gyro, else the attitude, else the position; and what comes in
+    the same rows from the same device: the attitude beside the gyro, the pose of a camera.
+    """
+    measured = np.any([each.measured for each in samples], axis=0)
+    there = [bool(measured[3 * s : 3 * s + 3].any()) for s in range(len(LATENCIES))]
+    reference = next((s for s in (3, 1, 0, 2) if there[s]), 3)
+    pairs = {(3, 1), (1, 0)}
+    device = {reference}
+    for s in (1, 0):
+        if any((r, s) in pairs and _same_rows(samples, r, s) for r in device):
+            device.add(s)
+    late = tuple(LATENCIES[s] for s in (0, 1, 2, 3, 5) if there[s] and s not in device)
+    return (*late, *(PLACES if there[4] else ()))
+
+
+def _same_rows(samples: Sequence[Samples], one: int, other: int) -> bool:
+    both = [[np.isfinite(each.values[:, 3 * s : 3 * s + 3]).any(axis=1) for s in (one, other)] for each in samples]
+    common = sum(int((a & b).sum()) for a, b in both)
+    return common >= _SAME_ROWS * sum(int(b.sum()) for _, b in both) > 0.0
 
 
 def inputs_of(samples: Samples, free: FreeParameters, theta: Array, delay: float) -> ZeroOrderHold:
@@ -203,14 +266,20 @@ def one_pass(
     return state, held, readings
 
 
-def joint_fit(problem: JointProblem, levels: NoiseLevels, progress: Progress | None = None) -> JointFit:
+def joint_fit(
+    problem: JointProblem, levels: NoiseLevels, progress: Progress | None = None, about: Array | None = None
+) -> JointFit:
     """Return the posterior of a problem.
 
     Args:
         levels: of noise and disturbance, to begin with. progress: gets the share done.
+        about: theta (n,) that the first pass is linearised about, where fewer data have told it together with the
+            levels: the prior's mean is not gone back to, and whether there are waves is not asked again.
     """
     progress = progress or (lambda share: None)
     few = spread(problem.samples)
+    if about is not None:
+        return _settled(problem.over(few), about, levels, progress)
     whole = sum(map(len, few)) == sum(map(len, problem.samples))
     problem, fit = _with_waves(problem, few, levels, lambda share: progress(share if whole else 0.5 * share))
     if not whole:
@@ -235,7 +304,7 @@ def _with_waves(
     """
     problem = problem.over(samples)
     rough = replace(levels, disturbance=_ROUGH * levels.disturbance)
-    if not problem.settings.current:
+    if not problem.settings.current or sum(each.duration for each in samples) < _WAVES_SHOW:
         return problem, _settled(problem, problem.prior.mean, rough, progress)
     wavy = replace(rough, waves=np.full(3, _WAVE))
     calm = _settled(problem, problem.prior.mean, rough, lambda share: progress(0.4 * share))

@@ -33,7 +33,6 @@ from towtank.identification.model.parameters import (
     IN_PLACE,
     N_FIXED,
     N_MOVING,
-    UNTRANSFORMED,
     Codes,
     FreeParameters,
     put_parameters,
@@ -46,7 +45,7 @@ __all__ = [
     "JointState",
     "coefficient_block",
     "coefficient_std",
-    "has_moved",
+    "columns_of",
     "healthy_snapshot",
     "new_joint_state",
     "recovered",
@@ -57,7 +56,6 @@ __all__ = [
 INFORMATION_MEMORY = 10.0  # s over which the rate of information of a coefficient is averaged
 KNOWN_STD = 0.3  # deviation of a logarithm (share of the coefficient) below which it counts as known
 _LEAST_VELOCITY_WALK = 1e-4  # m/s^2 sqrt(s), rad/s^2 sqrt(s): what no model of forces accounts for
-_MOVED = 0.2  # of a logarithm (share of the coefficient), from its linearisation point
 _RECOVERY_INFLATION = 4.0  # factor to the variances of a filter that had to recover
 _GYRO_BIAS, _ACCELEROMETER_BIAS = 0.02, 0.3  # rad/s, m/s^2: deviations at the start
 _CURRENT_STD = 0.15  # m/s, at the start
@@ -269,8 +267,8 @@ def new_joint_state(
         wave=np.zeros(N_WAVES),
         water=np.zeros(3),
         rate=np.zeros(6),
-        latency=_columns_of(free.codes, IN_LATENCY, N_SENSORS),
-        place=_columns_of(free.codes, IN_PLACE, 3),
+        latency=columns_of(free.codes, IN_LATENCY, N_SENSORS),
+        place=columns_of(free.codes, IN_PLACE, 3),
         P=P,
         p=kernel,
         linear=np.zeros(37),
@@ -307,7 +305,7 @@ def new_joint_state(
     )
 
 
-def _columns_of(codes: Codes, kind: int, count: int) -> NDArray[np.int64]:
+def columns_of(codes: Codes, kind: int, count: int) -> NDArray[np.int64]:
     """Return which coefficient is each of this kind (count,), -1 where none is."""
     out = np.full(count, -1)
     for k, code in enumerate(codes):
@@ -355,25 +353,17 @@ def coefficient_std(state: JointState) -> Array:
     return np.asarray(np.sqrt(np.maximum(np.diag(coefficient_block(state)), 0.0)))
 
 
-def has_moved(state: JointState, healthy: HealthySnapshot) -> bool:
-    """Return whether a coefficient has become known far from where the motion is linearised."""
-    std = np.sqrt(np.diag(healthy.covariance))
-    known = (state.codes[:, 3] != UNTRANSFORMED) & (std < KNOWN_STD)
-    return bool(np.any(known & (np.abs(state.theta - state.linearised_at) > np.maximum(_MOVED, 2.0 * std))))
-
-
 def recovered(
     state: JointState, healthy: HealthySnapshot, free: FreeParameters, settings: FilterSettings
 ) -> JointState:
     """Return a filter that begins its motion anew with what was known last, and trusts that less."""
     levels = replace(healthy.levels, disturbance=np.sqrt(_RECOVERY_INFLATION) * healthy.levels.disturbance)
-    now = state.settings[0]
-    settings = replace(settings, biases=bool(now.biases), wanders=bool(now.attitude_bias[0] > 0.0))
     fresh = new_joint_state(
         state.p, free, healthy.theta, _RECOVERY_INFLATION * healthy.covariance, state.B, levels, settings
     )
     for name in ("relinearise", "adapt", "considered_share"):
         fresh.settings[name] = state.settings[name]
-    fresh.clock["rows"] = state.clock["rows"]
+    for name in ("rows", "duration"):
+        fresh.clock[name] = state.clock[name]
     fresh.information_time[:] = state.information_time
     return fresh

@@ -17,12 +17,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from towtank.errors import InputError, nearest
+from towtank.errors import InputError
 from towtank.identification.data.samples import NoiseLevels, Samples, Sources, samples_of
 from towtank.identification.kalman.noise_adaptation import common_noise_levels, filter_settings
-from towtank.identification.kalman.passes import JointFit, JointProblem, joint_fit, log_likelihood, settings_for
-from towtank.identification.model.belief import Belief, belief
-from towtank.identification.model.parameters import DELAY, LATENCIES, PLACES
+from towtank.identification.kalman.passes import (
+    JointFit,
+    JointProblem,
+    joint_fit,
+    log_likelihood,
+    narrowed_to,
+    settings_for,
+    unknowns_of_sensors,
+)
+from towtank.identification.model.belief import belief
+from towtank.identification.model.parameters import DELAY, LATENCIES
 from towtank.identification.offline.free_runs import FreeRunVerdict, free_run_verdict
 from towtank.identification.posterior.assembly import Current, LogLearning
 from towtank.identification.posterior.result import estimate_of, model_of, with_posterior
@@ -30,10 +38,9 @@ from towtank.identification.posterior.thrusters import learned_gains, scale_rema
 from towtank.recording import Grid, Recording, align
 from towtank.vehicle import Vehicle
 
-__all__ = ["LearningRequest", "joint_problem", "learn_joint", "unknowns_of_sensors"]
+__all__ = ["LearningRequest", "joint_problem", "learn_joint", "likelier_reversed"]
 
 _FAR_LIKELIER = 20.0  # of the log likelihood
-_SAME_ROWS = 0.9  # of the rows of two sensors, from which they are one device
 _CURRENT = slice(18, 21)  # of the filter's errors
 _WORTH_SAYING = 0.02  # m/s, and so many deviations of a current
 Progress = Callable[[str, float], None]
@@ -85,9 +92,7 @@ def joint_problem(request: LearningRequest) -> JointProblem:
     samples = tuple(request.samples or (samples_of(recording, vehicle) for recording in request.recordings))
     commands = all(each.commands for each in samples)
     whole = belief(vehicle, commands=commands, sensors=unknowns_of_sensors(samples), beside=request.prior)
-    prior = whole if request.free is None else whole.only(_named(whole, request.free))
-    if request.delay is not None:
-        prior = prior.only([name for name in prior.names if name != DELAY])
+    prior = narrowed_to(whole, request.free, delay_given=request.delay is not None)
     base = vehicle.with_coefficients(whole.vehicle_values)
     levels = common_noise_levels(request.recordings, samples, vehicle)
     settings = settings_for(samples, filter_settings(vehicle))
@@ -114,38 +119,6 @@ def likelier_reversed(request: LearningRequest, axes: Sequence[int]) -> bool:
 def _levels(request: LearningRequest, problem: JointProblem) -> NoiseLevels:
     levels = common_noise_levels(request.recordings, problem.samples, request.vehicle)
     return replace(levels, velocity_walk=np.zeros(6))
-
-
-def _named(whole: Belief, free: Collection[str]) -> list[str]:
-    """Return the names that are free where somebody named them: these, and the delay."""
-    for name in free:
-        if name not in whole.names:
-            raise InputError(f'free: "{name}" is not a coefficient of the prior{nearest(name, whole.names)}')
-    return [*free, DELAY]
-
-
-def unknowns_of_sensors(samples: Sequence[Samples]) -> tuple[str, ...]:
-    """Return `latency_<sensor>` of the sensors that may be late, and the place of the accelerometer where there is one.
-
-    Late beside the one whose time is taken as it is: the gyro, else the attitude, else the position; and what comes in
-    the same rows from the same device: the attitude beside the gyro, the pose of a camera.
-    """
-    measured = np.any([each.measured for each in samples], axis=0)
-    there = [bool(measured[3 * s : 3 * s + 3].any()) for s in range(len(LATENCIES))]
-    reference = next((s for s in (3, 1, 0, 2) if there[s]), 3)
-    pairs = {(3, 1), (1, 0)}
-    device = {reference}
-    for s in (1, 0):
-        if any((r, s) in pairs and _same_rows(samples, r, s) for r in device):
-            device.add(s)
-    late = tuple(LATENCIES[s] for s in (0, 1, 2, 3, 5) if there[s] and s not in device)
-    return (*late, *(PLACES if there[4] else ()))
-
-
-def _same_rows(samples: Sequence[Samples], one: int, other: int) -> bool:
-    both = [[np.isfinite(each.values[:, 3 * s : 3 * s + 3]).any(axis=1) for s in (one, other)] for each in samples]
-    common = sum(int((a & b).sum()) for a, b in both)
-    return common >= _SAME_ROWS * sum(int(b.sum()) for _, b in both) > 0.0
 
 
 def _learned(

@@ -1,110 +1,112 @@
-"""The joint filter on a stream, and in its first minutes re-estimations from what it saw.
+"""The joint filter on a stream: it takes row after row, and goes over what was seen once more at times that grow.
 
-A Kalman filter that starts in ignorance linearises about wrong coefficients. So what was seen is kept for a while, and
-at times that grow the filter goes over it once more, linearised about what is known by then: about its own
-coefficients, about those of least squares (which runs beside it and needs no start), and, where the delay is not given,
-about a bank of delays. The likelihood of the innovations chooses among them. Noise and disturbance are levelled anew
-each time. Between two re-estimations the filter stays linear; a coefficient that becomes known far from where it was
-linearised calls for the next one. Later the filter goes on alone, its point of linearisation following the
-coefficients, and coefficients of which the motion says next to nothing are only considered.
+Between two re-estimations the filter stays linear about what the last one found; a coefficient that becomes known far
+from there, or a sensor that is heard for the first time, calls for the next one. Rows of sensors that are late are put
+back to the times that they speak of, so that the filter is as far behind as the latest of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
-from typing import Any, NamedTuple
+from dataclasses import asdict, fields
+from typing import Any
 
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.core.zero_order_hold import ZeroOrderHold, hold_force, restored_hold
+from towtank.core.zero_order_hold import hold_force, restored_hold
+from towtank.identification.changes.branch import Kept, Running
 from towtank.identification.changes.detector import ChangeTracker
-from towtank.identification.data.samples import N_MEASURED, Buffer, NoiseLevels, Samples
-from towtank.identification.kalman.filter import joint_events, joint_step, rows_of, take_all
-from towtank.identification.kalman.iterated import inputs_of
+from towtank.identification.changes.events import Change
+from towtank.identification.data.samples import N_MEASURED, Buffer, NoiseLevels
+from towtank.identification.kalman.filter import joint_step
+from towtank.identification.kalman.passes import latencies_of
 from towtank.identification.kalman.state import (
+    FilterSettings,
     HealthySnapshot,
-    JointState,
-    has_moved,
     healthy_snapshot,
     recovered,
     restored_state,
 )
-from towtank.identification.model.parameters import LAG, FreeParameters, free_parameters
-from towtank.identification.model.terms import DISTURBANCE
-from towtank.identification.online.least_squares import PaperLearner
-from towtank.identification.online.reestimation import Reestimation
-from towtank.identification.online.schedule import ReestimationJob, ReestimationSchedule
+from towtank.identification.model.parameters import LATENCIES, PLACES
+from towtank.identification.online.reestimation import Found, Question, Reestimation, begun_anew, caught_up, is_full
+from towtank.identification.online.schedule import Beside, Schedule
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle, configuration_matrix
 
-__all__: list[str] = []
+__all__ = ["JointStream"]
 
-_ADAPT = 10.0  # s over which the live filter follows the disturbance
-_REST = 0.05  # share of a steady pace of learning below which a coefficient is only considered
-_CHECKED, _CHECKED_EARLY = 1.0, 0.25  # s from one check of the filter's health to the next, and while it re-estimates
-_CHUNK = 1000  # rows, likewise, of a recording
+_CHECKED = 0.5  # s from one check of the filter to the next
 _MOST_EARLY = 500  # rows kept before the first input
+_TOGETHER = 1e-6  # s: rows closer than this are one
 
 
-class Running(NamedTuple):
-    """The filter that runs: its free coefficients, itself, the inputs that it is given."""
+class RowsInOrder:
+    """Rows at the times that they speak of: those of late sensors are put back, the others wait for them.
 
-    free: FreeParameters
-    state: JointState
-    held: ZeroOrderHold
+    Args:
+        latency: of each sensor (6,) [s].
+    """
+
+    def __init__(self, latency: Array) -> None:
+        self._latency = latency
+        self._longest = max(0.0, float(latency.max()))
+        self.waiting: list[tuple[float, Array]] = []
+
+    def take(self, t: float, z: Array) -> list[tuple[float, Array]]:
+        """Take the row z (18,) that came at t [s]; return those before which nothing can come any more."""
+        if not self._latency.any():
+            return [(t, z)]
+        numbers = z.reshape(-1, 3)
+        for late in np.unique(self._latency[np.isfinite(numbers).any(axis=1)]):
+            part = np.where((self._latency == late)[:, None], numbers, np.nan).ravel()
+            self._put(t - float(late), part)
+        ready = [k for k, (at, _) in enumerate(self.waiting) if at <= t - self._longest + _TOGETHER]
+        out = self.waiting[: len(ready)]
+        self.waiting = self.waiting[len(ready) :]
+        return out
+
+    def _put(self, t: float, part: Array) -> None:
+        k = len(self.waiting)
+        while k and self.waiting[k - 1][0] > t + _TOGETHER:
+            k -= 1
+        if k and self.waiting[k - 1][0] > t - _TOGETHER:
+            at, there = self.waiting[k - 1]
+            self.waiting[k - 1] = at, np.where(np.isfinite(part), part, there)
+        else:
+            self.waiting.insert(k, (t, part))
 
 
 class JointStream:
     """The filter with what it needs to re-estimate.
 
     Args:
-        vehicle: what is known. requested: names to learn, None for all that can be.
-        delay: of the inputs [s] where it is given. prior: a vehicle whose coefficients bear deviations.
-        paper: the least squares that runs beside it, fed by the caller while `reestimating`.
+        question: what is to be learned.
         background: re-estimations run beside the stream, in a thread; the stream does not wait for them.
-        current: of the water, estimated along.
         known: configurations that the vehicle may become, by name; None: changes are not watched for.
 
     Attributes:
-        running: the filter, None before the first re-estimation. levels: of noise, as they are taken to be.
-        delay: of the inputs [s] where it is not free. seen: rows [s]. recoveries: how often the filter had to recover.
+        running: the filter, None before the first re-estimation. kept: what was learned from rows that are gone.
+        seen: time with inputs and rows [s]. recoveries: how often the filter had to recover.
     """
 
     def __init__(
-        self,
-        vehicle: Vehicle,
-        requested: tuple[str, ...] | None,
-        *,
-        delay: float | None,
-        prior: Vehicle | None,
-        paper: PaperLearner | None,
-        background: bool = False,
-        current: bool = False,
-        known: Mapping[str, Vehicle] | None = None,
+        self, question: Question, *, background: bool = False, known: Mapping[str, Vehicle] | None = None
     ) -> None:
-        self.vehicle, self.delay = vehicle, vehicle.command_delay if delay is None else delay
-        self.reestimating = True
+        self.question = question
         self.seen = 0.0
         self.running: Running | None = None
-        self.levels = NoiseLevels(np.full(N_MEASURED, 1e-3), np.array(DISTURBANCE), np.full(6, np.nan))
-        self.reestimations = ReestimationSchedule(
-            vehicle,
-            requested,
-            delay=delay,
-            prior=prior,
-            levels=self.levels,
-            paper=paper,
-            background=background,
-            current=current,
-        )
+        self.kept: Kept | None = None
         self.recoveries = 0
+        self.schedule = Schedule()
+        self.changes = ChangeTracker(question.vehicle, known)
+        self._beside = Beside() if background else None
         self._buffer: Buffer | None = None  # from the first input on
         self._early: list[tuple[float, Array]] = []
+        self._order = RowsInOrder(np.zeros(N_MEASURED // 3))
+        self._heard = np.zeros(N_MEASURED, dtype=bool)  # columns that the last re-estimation knew of
         self._next_check, self._last_t = 0.0, -np.inf
         self._healthy: HealthySnapshot | None = None
-        self.changes = ChangeTracker(vehicle, known)
 
     # -- data in
 
@@ -113,14 +115,14 @@ class JointStream:
         if not (np.isfinite(t) and np.isfinite(force).all()):
             return
         if self._buffer is None:
-            shape = configuration_matrix(self.vehicle) if commands else np.eye(6)
-            lag = np.array([thruster.time_constant for thruster in self.vehicle.thrusters]) if commands else np.zeros(6)
+            vehicle = self.question.vehicle
+            shape = configuration_matrix(vehicle) if commands else np.eye(6)
+            lag = np.array([thruster.time_constant for thruster in vehicle.thrusters]) if commands else np.zeros(6)
             self._buffer = Buffer(shape, lag, commands=commands)
             for row in self._early:
                 self._buffer.add_row(*row)
             self._early.clear()
-        if self.reestimating:
-            self._buffer.add_input(t, force)
+        self._buffer.add_input(t, force)
         if self.running is not None:
             hold_force(self.running.held, t, force)
             self.changes.take_input(t, force)
@@ -129,36 +131,25 @@ class JointStream:
         """Take the measurements z (18,) of time t [s]; return whether anything was learned from them."""
         if not (np.isfinite(t) and t > self._last_t):
             return False
-        if np.isfinite(self._last_t):
-            self.seen += min(t - self._last_t, 1.0)
-        self._last_t = t
+        last, self._last_t = self._last_t, t
         buffer = self._buffer
         if buffer is None:
             self._early = [*self._early[-_MOST_EARLY:], (t, z)]
             return False
-        if self.reestimating:
-            buffer.add_row(t, z)
+        if np.isfinite(last):
+            self.seen += min(t - last, 1.0)
+        buffer.add_row(t, z)
         learned = False
         if self.running is not None:
-            learned = joint_step(self.running.state, self.running.held, t, z)
-            if self.changes.watching:
-                self._detect_change(buffer, self.running, t, z)
+            for at, row in self._order.take(t, z):
+                learned = joint_step(self.running.state, self.running.held, at, row) or learned
+                if self.changes.watching:
+                    self._detect_change(buffer, self.running, at, row)
             if self.seen >= self._next_check:
-                self._next_check = self.seen + (_CHECKED_EARLY if self.reestimating else _CHECKED)
+                self._next_check = self.seen + _CHECKED
                 self._check(buffer, self.running)
-        if self.reestimating:
-            self._reestimate(buffer)
+        self._reestimate(self._buffer or buffer)
         return learned
-
-    def take_rows(self, samples: Samples, first: int, pushed: int) -> None:
-        """Take rows of a recording from `first` on, its inputs from `pushed` on, after the last re-estimation."""
-        for start in range(first, len(samples), _CHUNK):
-            if self.running is None or self._buffer is None:
-                return
-            end = min(start + _CHUNK, len(samples))
-            pushed = joint_events(self.running.state, self.running.held, rows_of(samples), start, end, pushed)
-            self._check(self._buffer, self.running)
-        self._last_t = float(samples.t[-1])
 
     def break_off(self) -> None:
         """Begin a new stretch: motion is not drawn across to it."""
@@ -166,46 +157,23 @@ class JointStream:
         if self._buffer is not None:
             self._buffer.break_off()
             if self.running is not None:
-                self.running = self._begun_anew(self._buffer, self.running.free, self.running.state)
+                self._go_on(begun_anew(self.running, self._buffer.fresh().whole, self._delay))
         self.changes.restart()
 
-    # -- what is known
+    @property
+    def begun(self) -> bool:
+        """Whether any row has been taken."""
+        return bool(self._early) or self._buffer is not None
+
+    @property
+    def commanded(self) -> bool | None:
+        """Whether the inputs are commands of thrusters; None before the first."""
+        return None if self._buffer is None else self._buffer.commands
 
     @property
     def rows(self) -> int:
         """Rows that something was learned from."""
         return 0 if self.running is None else int(self.running.state.clock[0].rows)
-
-    @property
-    def _known(self) -> tuple[FreeParameters, JointState] | None:
-        return None if self.running is None else (self.running.free, self.running.state)
-
-    @property
-    def commanded(self) -> bool:
-        """Whether the inputs are commands of thrusters."""
-        return self._buffer is not None and self._buffer.commands
-
-    @property
-    def left_out(self) -> dict[str, str]:
-        """Damping terms that are taken as 0, and why."""
-        names = () if self.running is None else self.running.free.names
-        return {name: why for name, why in self.reestimations.damping.items() if why and name not in names}
-
-    def value(self, name: str, other: float) -> float:
-        """Return the coordinate of a free parameter, `other` where it is not free."""
-        if self.running is None or name not in self.running.free.names:
-            return other
-        return float(self.running.state.theta[self.running.free.names.index(name)])
-
-    @property
-    def lag(self) -> float:
-        """Time constant of the thrusters [s] where it is free; NaN where it is not."""
-        return float(np.exp(self.value(LAG, np.nan)))
-
-    @property
-    def stretches(self) -> list[Samples]:
-        """What a re-estimation would go over; views, not copies."""
-        return [] if self._buffer is None else self._buffer.stretches
 
     # -- to a file and back
 
@@ -214,10 +182,11 @@ class JointStream:
 
         A re-estimation that runs beside is not waited for: the stream that is made of them begins it anew.
         """
-        running, buffer = self.running, self._buffer
+        running, buffer, kept = self.running, self._buffer, self.kept
+        busy = self._beside is not None and self._beside.busy
         plain: dict[str, Any] = {
-            "free": None if running is None else running.free.names,
-            "reestimating": self.reestimating,
+            "running": None if running is None else _plain(running),
+            "kept": None if kept is None else kept.names,
             "seen": self.seen,
             "recoveries": self.recoveries,
             "watching": self.changes.watching,
@@ -225,19 +194,25 @@ class JointStream:
             "events": [[each.t, each.kind, each.text, dict(each.details)] for each in self.changes.events],
             "next_check": self._next_check,
             "last_t": self._last_t if np.isfinite(self._last_t) else None,
-            "reestimations": self.reestimations.plain(self.seen),
+            "schedule": asdict(self.schedule) | ({"next": self.seen} if busy else {}),
             "buffer": None if buffer is None else {"commands": buffer.commands, "starts": buffer.starts},
         }
-        groups: dict[str, dict[str, Any]] = {
-            "levels": _arrays_of(self.levels),
-            "next": _arrays_of(self.reestimations.levels),
+        groups: dict[str, dict[str, Any]] = {"stream": {"heard": self._heard}}
+        early = self._early if buffer is None else self._order.waiting
+        groups["waiting"] = {
+            "t": np.array([t for t, _ in early]),
+            "values": np.array([z for _, z in early]).reshape(-1, N_MEASURED),
         }
+        if kept is not None:
+            groups["kept"] = {"mean": kept.mean, "covariance": kept.covariance, "disagreement": kept.disagreement}
         if buffer is not None:
             whole = buffer.whole
             rows = {"t": whole.t, "values": whole.values, "input_t": whole.input_t, "input_force": whole.input_force}
             groups["buffer"] = {"B": buffer.B, "lag": buffer.lag, **rows}
         if running is not None:
             groups |= {"state": running.state._asdict(), "held": running.held._asdict()}
+            groups |= {"levels": {each.name: getattr(running.levels, each.name) for each in fields(running.levels)}}
+            groups["running"] = {"disagreement": running.disagreement}
         return plain, {f"{group}.{name}": value for group, each in groups.items() for name, value in each.items()}
 
     def restore(self, plain: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:
@@ -248,113 +223,128 @@ class JointStream:
 
         events = [Event(t, kind, text, details) for t, kind, text, details in plain["events"]]
         self.changes.restore(events, plain["overdispersion"])
-        self.reestimating = bool(plain["reestimating"])
-        self.reestimations.restore(plain["reestimations"], NoiseLevels(**group("next")))
+        self.schedule = Schedule(**plain["schedule"])
         self.seen, self.recoveries = float(plain["seen"]), int(plain["recoveries"])
         self._next_check = float(plain["next_check"])
         self._last_t = -np.inf if plain["last_t"] is None else float(plain["last_t"])
-        self.levels = NoiseLevels(**group("levels"))
-        if plain["buffer"] is not None:
-            rows = group("buffer")
-            self._buffer = Buffer(rows.pop("B"), rows.pop("lag"), commands=bool(plain["buffer"]["commands"]))
-            self._buffer.restore(**rows, starts=plain["buffer"]["starts"])
-        if plain["free"] is not None:
-            free = free_parameters(self.vehicle, plain["free"])
-            self.running = Running(free, restored_state(arrays, "state."), restored_hold(arrays, "held."))
-            self._healthy = healthy_snapshot(self.running.state)
+        self._heard = np.array(arrays["stream.heard"])
+        if plain["kept"] is not None:
+            self.kept = Kept(tuple(plain["kept"]), **group("kept"))
+        waiting = [(float(t), z) for t, z in zip(*group("waiting").values(), strict=True)]
+        if plain["buffer"] is None:
+            self._early = waiting
+            return
+        rows = group("buffer")
+        self._buffer = Buffer(rows.pop("B"), rows.pop("lag"), commands=bool(plain["buffer"]["commands"]))
+        self._buffer.restore(**rows, starts=plain["buffer"]["starts"])
+        if plain["running"] is not None:
+            about = plain["running"]
+            sensors = [name for name in about["names"] if name in (*LATENCIES, *PLACES)]
+            whole = self.question.whole(self.kept, commands=self._buffer.commands, sensors=sensors)
+            running = Running(
+                whole,
+                whole.only(about["names"]),
+                restored_state(arrays, "state."),
+                restored_hold(arrays, "held."),
+                arrays["running.disagreement"],
+                FilterSettings(**about["settings"] | {"usual": tuple(about["settings"]["usual"])}),
+                NoiseLevels(**group("levels")),
+            )
+            self._go_on(running)
+            self._order.waiting = waiting
 
     # -- inside
 
-    def settle(self) -> None:
-        """Wait for a re-estimation that runs beside; begin one more where the stream has left them behind."""
-        buffer = self._buffer
-        if not self.reestimating or buffer is None:
-            return
-        self._fetch(buffer, wait=True)
-        job = self.reestimations.one_more(self.seen, buffer, self._known, self.delay)
-        if job is not None:
-            self._adopt(buffer, job, job.run())
+    @property
+    def _delay(self) -> float:
+        return self.question.delay or 0.0
 
-    def _fetch(self, buffer: Buffer, *, wait: bool = False) -> None:
-        done = self.reestimations.fetch(wait=wait)
-        if done is not None:
-            self._adopt(buffer, *done)
+    def _go_on(self, running: Running) -> None:
+        """Go on with another filter."""
+        self.running = running
+        self._order = RowsInOrder(latencies_of(running.free, running.state.linearised_at))
+        self._healthy = healthy_snapshot(running.state) or self._healthy
+
+    def settle(self) -> None:
+        """Wait for a re-estimation that runs beside; do one more where the stream has left them behind."""
+        if self._beside is None or self._buffer is None:
+            return
+        if self._beside.busy:
+            self._adopt(self._buffer, self._beside.fetch())
+        if self.schedule.behind(self.seen):
+            self.schedule.done(self.seen)
+            self._adopt(self._buffer, self._job(self._buffer).run())
 
     def _reestimate(self, buffer: Buffer) -> None:
-        """Fetch a re-estimation that is done, begin the next one when it is due, and end with the last."""
-        self._fetch(buffer)
-        job = self.reestimations.due(self.seen, buffer, self._known, self.delay)
-        if job is not None:
-            self._adopt(buffer, job, job.run())
-        if self.reestimations.last_one and not self.reestimations.busy:
-            self._go_on_alone(buffer)
-
-    def _adopt(self, buffer: Buffer, job: ReestimationJob, result: Reestimation | None) -> None:
-        """Go on with the likeliest, and catch up with what came while the job ran beside."""
-        if result is None:
+        """Adopt a re-estimation that is done, and begin the next one when it is due."""
+        beside = self._beside
+        if beside is not None and beside.busy:
+            if beside.done:
+                self._adopt(buffer, beside.fetch())
             return
-        self.levels = result.levels
-        self.reestimations.adopt(result)
-        free, state, held = running = Running(result.free, result.state, result.held)
-        state.settings["adapt"] = _ADAPT
-        state.settings["relinearise"] = 0.0
-        state.disturbance[:] = self.levels.disturbance
-        self.changes.restart()
-        for new, each in buffer.since(job.rows, job.inputs):
-            if new:
-                free, state, held = running = self._begun_anew(buffer, free, state)
-            take_all(state, held, each)
-        self.running = running
-        self._healthy = healthy_snapshot(state) or self._healthy
+        if self.seen < self.schedule.next and not is_full(buffer):
+            return
+        self.schedule.done(self.seen)
+        if beside is not None:
+            beside.begin(self._job(buffer))
+        else:
+            self._adopt(buffer, self._job(buffer).run())
 
-    def _go_on_alone(self, buffer: Buffer) -> None:
-        self.reestimating = False
-        if self.running is not None:
-            state = self.running.state
-            state.settings["relinearise"], state.settings["considered_share"] = 1.0, _REST
-        self._buffer = buffer.fresh()
-        self.reestimations.end()
+    def _job(self, buffer: Buffer) -> Reestimation:
+        last = None if self.schedule.from_prior(self.seen) else self.running
+        return Reestimation.of(self.question, buffer, self.kept, last)
+
+    def _adopt(self, buffer: Buffer, found: Found | None) -> None:
+        """Go on with what was found, after what came while the job ran beside."""
+        if found is None:
+            if is_full(buffer):
+                self._buffer = buffer.without(buffer.rows // 2)
+            return
+        same = self.running is not None and self.running.free.names == found.running.free.names
+        self.changes.restart(same=same)
+        until = buffer.rows, buffer.inputs
+        running = caught_up(found.running, buffer, (found.rows, found.inputs), until, self._delay)
+        self.kept = found.kept
+        self._heard = buffer.measured
+        if found.gone:
+            self._buffer = buffer.without(found.gone)
+        self._go_on(running)
 
     def _check(self, buffer: Buffer, running: Running) -> None:
-        """Let a filter that has lost itself recover; re-estimate soon where a coefficient has moved far."""
+        """Let a filter that has lost itself recover; re-estimate soon where there is reason to."""
         snapshot = healthy_snapshot(running.state)
         if snapshot is None:
             if self._healthy is not None:
                 self._recover(buffer, running, self._healthy)
             return
         self._healthy = snapshot
-        if self.reestimating and has_moved(running.state, snapshot):
-            self.reestimations.schedule.call(self.seen)
+        if running.has_moved or np.any(buffer.measured & ~self._heard):
+            self.schedule.call(self.seen)
 
     def _recover(self, buffer: Buffer, running: Running, healthy: HealthySnapshot) -> None:
         self.recoveries += 1
-        state = recovered(running.state, healthy, running.free, self.reestimations.settings)
-        self.running = Running(running.free, state, self._fresh_held(buffer, running.free, state.linearised_at))
+        state = recovered(running.state, healthy, running.free, running.settings)
+        self._go_on(begun_anew(running._replace(state=state), buffer.fresh().whole, self._delay))
         self.changes.recovered(self._last_t)
 
     def _detect_change(self, buffer: Buffer, running: Running, t: float, z: Array) -> None:
-        """Go on with the filter that saw a change, where one did."""
-        found = self.changes.take_row(t, z, self.seen, running, buffer, may_reestimate=self.reestimating)
+        """Go on with the filter that saw a change, where one did, and with what was known before as its prior."""
+        found = self.changes.take_row(t, z, self.seen, running, buffer)
         if found is None:
             if self.changes.requested == t:
-                self.reestimations.schedule.call(self.seen, at_once=True)
+                self.schedule.call(self.seen)
             return
-        self.running = Running(found.free, found.state, found.held)
-        found.state.settings["considered_share"] = _REST
-        self._healthy = healthy_snapshot(found.state) or self._healthy
-        if self.reestimating:
-            self._go_on_alone(buffer)
-
-    def _begun_anew(self, buffer: Buffer, free: FreeParameters, state: JointState) -> Running:
-        """Return the filter before a new stretch: its motion and its inputs begin anew."""
-        state.clock["started"] = 0.0
-        return Running(free, state, self._fresh_held(buffer, free, state.linearised_at))
-
-    def _fresh_held(self, buffer: Buffer, free: FreeParameters, theta: Array) -> ZeroOrderHold:
-        empty = buffer.fresh()
-        empty.add_row(0.0, np.full(N_MEASURED, np.nan))
-        return inputs_of(empty.stretches[0], free, theta, self.delay)
+        if self._beside is not None:
+            self._beside.forget()
+        if isinstance(found, Change):
+            first = buffer.starts[-1][0]
+            self._buffer = buffer.without(first + int(np.searchsorted(buffer.whole.t[first:], found.t, side="right")))
+        self.kept = found.kept
+        self.schedule.anew(self.seen)
+        waiting = self._order.waiting
+        self._go_on(found.running)
+        self._order.waiting = waiting
 
 
-def _arrays_of(levels: NoiseLevels) -> dict[str, Array]:
-    return {each.name: getattr(levels, each.name) for each in fields(levels)}
+def _plain(running: Running) -> dict[str, Any]:
+    return {"names": running.prior.names, "settings": asdict(running.settings)}
