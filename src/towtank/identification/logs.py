@@ -45,15 +45,15 @@ def learn_recordings(
     the warnings say so; the model that is learned has them there.
 
     Args:
-        method: "joint": the Kalman filter over motion, disturbance and coefficients, refined by output error where its
-            residuals say that it is the better judge. "output-error": that refinement in any case. "paper": filtered
+        method: "joint": the Kalman filter over motion, disturbance and all unknowns, from the prior; free runs with the
+            same prior speak where they predict better. "output-error": these in any case. "paper": filtered
             regressors, one axis after the other.
         progress: called with a text and the share done, 0 .. 1.
-        free: names of the coefficients to learn, see `Learner`.
+        free: names of the unknowns to learn; all others but the delay are fixed at the prior's mean.
         delay: from command (or recorded wrench) to force [s]; found, up to `longest_delay` (0.4 s), where omitted.
         prior: a vehicle whose coefficients bear deviations, or that was learned: what is known beforehand. Not for
             "paper".
-        current: of the water, estimated along; free runs, which know none, then judge nothing. Not for "paper" and
+        current: without effect; the water's is estimated wherever it can be told. Not for "paper" and
             "output-error".
 
     Raises:

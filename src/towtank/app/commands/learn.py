@@ -37,7 +37,10 @@ def learn(
     vehicle: Annotated[
         str,
         typer.Option(
-            "--vehicle", metavar="VEHICLE", help="Catalog name or file: body, thrusters, coefficients to keep."
+            "--vehicle",
+            metavar="VEHICLE",
+            help="Catalog name or file: body, thrusters, and what is supposed of coefficients. From a file that was "
+            "learned, learning goes on.",
         ),
     ],
     method: Annotated[
@@ -45,14 +48,18 @@ def learn(
         typer.Option(
             "--method",
             metavar="METHOD",
-            help='"joint": one Kalman filter over motion, disturbance and all coefficients, refined by output error '
-            'where that is the better judge. "output-error": free runs in any case. "paper": least squares on '
-            "filtered regressors, one axis after the other.",
+            help='"joint": one Kalman filter over motion, disturbance and all that is unknown, from what is supposed '
+            'before; free runs speak where they predict better. "output-error": free runs in any case. "paper": least '
+            "squares on filtered regressors, one axis after the other.",
         ),
     ] = "joint",
     free: Annotated[
         str | None,
-        typer.Option("--free", metavar="NAME,...", help="Learn only these, as X_udot,X_uu; hold the rest."),
+        typer.Option(
+            "--free",
+            metavar="NAME,...",
+            help="Learn only these, as X_udot,X_uu, and the delay; all others are fixed at what is supposed of them.",
+        ),
     ] = None,
     window: WindowText = None,
     mapping: Map = None,
@@ -77,20 +84,22 @@ def learn(
     current: Annotated[
         bool,
         typer.Option(
-            "--current", help="Estimate the current of the water along: it needs speed over ground and heading."
+            "--current",
+            help="Without effect: the current of the water is estimated wherever heading and position or speed over "
+            "ground are measured.",
         ),
     ] = False,
     json: Json = False,
 ) -> None:
     """Learn a model from one or several logs.
 
-    Each coefficient comes with its standard deviation and the interval that holds it in 95 of 100 cases, or with the
-    reason why these logs cannot tell it.
+    Every plausible coefficient is learned, from what is supposed of it (towtank vehicle prior). Each comes with its
+    standard deviation and the interval that holds it in 95 of 100 cases; what these logs hardly tell, with the reason.
 
     \b
     Examples:
       towtank learn surge.csv --vehicle vlbv300 --report learned.html
-      towtank learn surge.csv --vehicle vlbv300 --prior learned.toml
+      towtank learn surge.csv --vehicle mine.toml -o both.toml
     """
     _known_method(method, prior)
     if current and method != "joint":

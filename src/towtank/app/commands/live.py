@@ -29,7 +29,10 @@ def live(
     vehicle: Annotated[
         str,
         typer.Option(
-            "--vehicle", metavar="VEHICLE", help="Catalog name or file: body, thrusters, coefficients to keep."
+            "--vehicle",
+            metavar="VEHICLE",
+            help="Catalog name or file: body, thrusters, and what is supposed of coefficients. From a file that was "
+            "learned, learning goes on.",
         ),
     ],
     record: Annotated[
@@ -67,7 +70,11 @@ def live(
     ] = 0.1,
     free: Annotated[
         str | None,
-        typer.Option("--free", metavar="NAME,...", help="Learn only these, as X_udot,X_uu; hold the rest."),
+        typer.Option(
+            "--free",
+            metavar="NAME,...",
+            help="Learn only these, as X_udot,X_uu, and the delay; all others are fixed at what is supposed of them.",
+        ),
     ] = None,
     prior: Annotated[
         str | None,
