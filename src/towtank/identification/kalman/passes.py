@@ -25,7 +25,13 @@ from towtank.core.zero_order_hold import ZeroOrderHold, new_zero_order_hold
 from towtank.identification.data.samples import NoiseLevels, Samples
 from towtank.identification.kalman.filter import joint_events, rows_of
 from towtank.identification.kalman.noise_adaptation import adapt_noise, converged, rejected_share
-from towtank.identification.kalman.state import FilterSettings, JointState, coefficient_block, new_joint_state
+from towtank.identification.kalman.state import (
+    FilterSettings,
+    JointState,
+    coefficient_block,
+    forget_surroundings,
+    new_joint_state,
+)
 from towtank.identification.model.belief import Belief
 from towtank.identification.model.parameters import IN_DELAY, IN_LAG, IN_LATENCY, FreeParameters
 from towtank.recording.grids.stretches import spread
@@ -42,6 +48,7 @@ _LAGS = (1e-3, 2.0)  # s: least and largest time constant of the thrusters
 _PERIODS = (3.5, 5.0, 8.0)  # s, of waves that are tried beside that of the settings
 _WAVE = 0.03  # m/s: their size to begin with
 _DISAGREE = 100.0  # times the variance, at most
+_TOLD = 1e-6  # of the prior's information: below, the data tell nothing
 _WAVES_GAIN = 20.0  # of the log likelihood: far beyond chance with four numbers
 _SMALLEST_WAVE = 0.015  # m/s: below, a wave stands for what the model lacks
 Progress = Callable[[float], None]
@@ -88,7 +95,8 @@ class JointFit:
     Attributes:
         prior: what was supposed. theta, covariance: mean (n,) and covariance (n, n) in the coordinates of its `free`.
         disagreement: factors (n,) by which windows of the data differ more than they state, 1 at least, along the
-            principal axes of what they tell; the covariance is widened by them, see `widened`. levels: as the data show them. wave_period: [s], where the levels have waves.
+            principal axes of what they tell; the covariance is widened by them, see `widened`.
+        levels: as the data show them. wave_period: [s], where the levels have waves.
         likelihood: log, of the last pass's innovations. passes: how many were run.
         duration [s], rows: learned from. rejected: share of each column's samples that lay beyond the gate (18,).
         nis: mean of innovation^2 / S per column (18,), 1 where noise and model are right.
@@ -159,8 +167,9 @@ def latencies_of(free: FreeParameters, theta: Array) -> Array:
 
 
 def next_recording(state: JointState, samples: Samples) -> JointState:
-    """Return the filter, to go on with another recording: its motion begins anew."""
+    """Return the filter, to go on with another recording: its motion begins anew, in other water."""
     state.clock["started"] = 0.0
+    forget_surroundings(state)
     return state._replace(B=np.ascontiguousarray(samples.B), mean_force=np.zeros((3, samples.B.shape[1])))
 
 
@@ -333,7 +342,7 @@ def widened(readings: Sequence[Reading]) -> tuple[Array, Array]:
     """
     n, last = readings[-1].theta.size, readings[-1].covariance
     try:
-        whole = np.linalg.cholesky(readings[0].covariance)
+        whole = np.asarray(np.linalg.cholesky(readings[0].covariance), dtype=np.float64)
         views = [_in_units_of(whole, reading) for reading in readings]
     except np.linalg.LinAlgError:
         return last, np.ones(n)
@@ -343,14 +352,15 @@ def widened(readings: Sequence[Reading]) -> tuple[Array, Array]:
     did = np.zeros(n)
     for (before, own_before), (after, own_after) in pairwise(views):
         did += (axes.T @ (own_after - own_before - (after - before) @ x)) ** 2
-    size = np.maximum(size, 1e-12)
-    ratio = np.clip(np.nan_to_num(did / size, nan=1.0), 1.0, _DISAGREE)
+    told = size > _TOLD
+    size = np.maximum(size, _TOLD)
+    ratio = np.where(told, np.clip(did / size, 1.0, _DISAGREE), 1.0)
     root = whole @ axes / np.sqrt(1.0 + size / ratio)
     return np.asarray(root @ root.T), np.sqrt(ratio)
 
 
 def _in_units_of(root: Array, reading: Reading) -> tuple[Array, Array]:
     """Return information (n, n) and information times mean (n,) in the coordinates x of theta = root x."""
-    factor = np.linalg.solve(np.linalg.cholesky(reading.covariance), root)
+    factor: Array = np.asarray(np.linalg.solve(np.linalg.cholesky(reading.covariance), root), dtype=np.float64)
     information = factor.T @ factor
     return information, information @ np.linalg.solve(root, reading.theta)
