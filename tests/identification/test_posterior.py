@@ -241,13 +241,12 @@ def test_of_what_is_not_named_the_prior_s_mean_stays() -> None:
 # -- one log after the other
 
 
-LOGS = (("all-telegraph", 1), ("all-multisine", 2))
-
-
 @cache
-def logs() -> tuple[Vehicle, list[Recording]]:
+def logs(pair: int) -> tuple[Vehicle, list[Recording]]:
     truth = inputs(load_vehicle("vlbv300"))
-    return truth, [dive(truth, kind, seed) for kind, seed in LOGS]
+    return truth, [
+        dive(truth, kind, 2 * pair + k) for k, kind in enumerate(("all-telegraph", "all-multisine"), start=1)
+    ]
 
 
 def means(learning: LogLearning) -> dict[str, float]:
@@ -258,9 +257,9 @@ def means(learning: LogLearning) -> dict[str, float]:
     return out | {f"gain_{t.name}": float(np.log(t.gain)) for t in learning.model.thrusters}
 
 
-def differences(folder: Path) -> dict[str, float]:
+def differences(pair: int, folder: Path) -> dict[str, float]:
     """How far two logs in turn, by way of a file, are from both at once: deviations of each unknown."""
-    truth, runs = logs()
+    truth, runs = logs(pair)
     both = learn_recordings(told(truth), runs)
     save_vehicle(learn_recordings(told(truth), runs[:1]).model, folder / "first.toml")
     second = learn_recordings(load_vehicle(folder / "first.toml"), runs[1:])
@@ -271,10 +270,13 @@ def differences(folder: Path) -> dict[str, float]:
     return {name: (other[name] - one[name]) / std[name] for name in one}
 
 
-def test_two_logs_in_turn_are_both_at_once_at_the_same_levels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("pair", range(3))
+def test_two_logs_in_turn_are_both_at_once_at_the_same_levels(
+    pair: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What is random is as large in both: so they weigh alike, and nothing but the first posterior's shape is lost."""
     noise = np.full(N_MEASURED, 1e-3)
-    disturbance = np.array(FORCE) / np.diag(logs()[0].mass_matrix)
+    disturbance = np.array(FORCE) / np.diag(logs(pair)[0].mass_matrix)
 
     def same(state: object, levels: NoiseLevels, *rest: object, **more: object) -> NoiseLevels:
         return NoiseLevels(noise, disturbance, np.zeros(6), 0.0 * levels.waves)
@@ -284,11 +286,13 @@ def test_two_logs_in_turn_are_both_at_once_at_the_same_levels(tmp_path: Path, mo
 
     monkeypatch.setattr(passes, "adapt_noise", same)
     monkeypatch.setattr(passes, "widened", not_widened)
-    off = differences(tmp_path)
-    assert {name: round(each, 2) for name, each in off.items() if abs(each) > 0.1} == {}
+    off = np.abs(list(differences(pair, tmp_path).values()))
+    assert off.size > 50
+    assert np.quantile(off, 0.95) < 0.05
+    assert off.max() < 0.12
 
 
 def test_two_logs_in_turn_are_both_at_once_but_for_what_each_finds_of_its_noise(tmp_path: Path) -> None:
-    off = np.abs(list(differences(tmp_path).values()))
+    off = np.abs(list(differences(0, tmp_path).values()))
     assert np.median(off) < 0.15
     assert off.max() < 1.0
