@@ -59,20 +59,20 @@ def rows_of(samples: Samples) -> Rows:
 
 
 @kernel
-def input_wrench_into(state: JointState) -> None:
-    """Write the mean wrench of the inputs over the last step into `state.tau`, gains at the linearisation point."""
+def input_wrench_into(state: JointState, force: Array) -> None:
+    """Write the wrench of the inputs' forces (m,) into `state.tau`, gains at the linearisation point."""
     m = state.B.shape[1]
     for i in range(6):
         s = 0.0
         for j in range(m):
-            s += state.B[i, j] * state.mean_force[0, j]
+            s += state.B[i, j] * force[j]
         state.tau[i] = s
     for c in range(state.theta.shape[0]):
         if state.codes[c, 0] == IN_GAIN:
             j = state.codes[c, 1]
             more = math.exp(state.linearised_at[c]) - 1.0
             for i in range(6):
-                state.tau[i] += more * state.B[i, j] * state.mean_force[0, j]
+                state.tau[i] += more * state.B[i, j] * force[j]
 
 
 @kernel
@@ -281,7 +281,7 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
         end = t if k == steps - 1 else clock.time + h
         if not mean_forces_into(held, end, state.mean_force):
             return False
-        input_wrench_into(state)
+        input_wrench_into(state, state.mean_force[0])
         for i in range(6):
             total[i] = mean * state.force[i]
         _with_inflow(state)
@@ -313,6 +313,7 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
         _choose_active(state, h)
         clock.time = end
         clock.duration += h
+    input_wrench_into(state, held.force)  # an accelerometer feels the forces of now
     return True
 
 
@@ -426,7 +427,7 @@ def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> 
     for j in range(6, 12):
         state.statistics[j].has_last = 0.0  # a speed of before the pause is no neighbour
     mean_forces_into(held, t, state.mean_force)
-    input_wrench_into(state)
+    input_wrench_into(state, held.force)
     state.clock[0].time = t
     state.clock[0].started = 1.0
 

@@ -31,6 +31,7 @@ from towtank.identification.kalman.state import (
     JointState,
     coefficient_block,
     coefficient_std,
+    forget_surroundings,
     new_joint_state,
 )
 from towtank.identification.model.belief import Belief
@@ -71,6 +72,7 @@ _LAGS = (1e-3, 2.0)  # s: least and largest time constant of the thrusters
 _PERIODS = (3.5, 5.0, 8.0)  # s, of waves that are tried beside that of the settings
 _WAVE = 0.03  # m/s: their size to begin with
 _DISAGREE = 100.0  # times the variance, at most
+_TOLD = 1e-6  # of the prior's information: below, the data tell nothing
 _WAVES_GAIN = 20.0  # of the log likelihood: far beyond chance with four numbers
 _WAVES_SHOW = 20.0  # s: of shorter data a wave is no more than a slow force
 _SMALLEST_WAVE = 0.015  # m/s: below, a wave stands for what the model lacks
@@ -232,8 +234,9 @@ def latencies_of(free: FreeParameters, theta: Array) -> Array:
 
 
 def next_recording(state: JointState, samples: Samples) -> JointState:
-    """Return the filter, to go on with another recording: its motion begins anew."""
+    """Return the filter, to go on with another recording: its motion begins anew, in other water."""
     state.clock["started"] = 0.0
+    forget_surroundings(state)
     return state._replace(B=np.ascontiguousarray(samples.B), mean_force=np.zeros((3, samples.B.shape[1])))
 
 
@@ -428,14 +431,15 @@ def widened(readings: Sequence[Reading]) -> tuple[Array, Array]:
     did = np.zeros(n)
     for (before, own_before), (after, own_after) in pairwise(views):
         did += (axes.T @ (own_after - own_before - (after - before) @ x)) ** 2
-    size = np.maximum(size, 1e-12)
-    ratio = np.clip(np.nan_to_num(did / size, nan=1.0), 1.0, _DISAGREE)
+    told = size > _TOLD
+    size = np.maximum(size, _TOLD)
+    ratio = np.where(told, np.clip(did / size, 1.0, _DISAGREE), 1.0)
     root = whole @ axes / np.sqrt(1.0 + size / ratio)
     return np.asarray(root @ root.T), np.sqrt(ratio)
 
 
 def _in_units_of(root: Array, reading: Reading) -> tuple[Array, Array]:
     """Return information (n, n) and information times mean (n,) in the coordinates x of theta = root x."""
-    factor = np.linalg.solve(np.linalg.cholesky(reading.covariance), root)
+    factor: Array = np.asarray(np.linalg.solve(np.linalg.cholesky(reading.covariance), root), dtype=np.float64)
     information = factor.T @ factor
     return information, information @ np.linalg.solve(root, reading.theta)

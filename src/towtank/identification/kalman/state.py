@@ -46,6 +46,7 @@ __all__ = [
     "coefficient_block",
     "coefficient_std",
     "columns_of",
+    "forget_surroundings",
     "healthy_snapshot",
     "new_joint_state",
     "recovered",
@@ -204,7 +205,7 @@ class JointState(NamedTuple):
     mean_force: Array  # (3, m) of the inputs over the last step, and its derivatives by delay and ln lag
     small: Array  # (6, 6)
     innovation: Array  # (3,) of the sensor at hand
-    tau: Array  # (6,) mean wrench of the inputs over the last step
+    tau: Array  # (6,) wrench of the inputs: mean over the step, and at its end for the accelerometer
 
 
 def transition_scratch(n: int) -> tuple[Array, Array, Array, Array]:
@@ -242,14 +243,6 @@ def new_joint_state(
     P = np.zeros((size, size))
     block = np.diag(deviation**2) if deviation.ndim == 1 else deviation
     P[N_FIXED : N_FIXED + n, N_FIXED : N_FIXED + n] = block
-    if settings.biases:
-        attitude = settings.record["attitude_bias"][0] ** 2
-        variance = np.concatenate([[_GYRO_BIAS**2] * 3, [_ACCELEROMETER_BIAS**2] * 3, attitude])
-        P[N_FIXED + n : N_FIXED + n + N_BIASES, N_FIXED + n : N_FIXED + n + N_BIASES] = np.diag(variance)
-    if waves:
-        P[-N_WAVES:, -N_WAVES:] = np.diag(np.tile(levels.waves**2, 2))
-    if settings.current:
-        P[18:21, 18:21] = _CURRENT_STD**2 * np.eye(3)
     kernel = np.array(p)
     start = np.array(theta, dtype=np.float64)
     about = start.copy() if linearised_at is None else np.array(linearised_at, dtype=np.float64)
@@ -258,7 +251,7 @@ def new_joint_state(
     x[3] = 1.0
     record = settings.record
     record["waves"] = float(waves)
-    return JointState(
+    state = JointState(
         x=x,
         force=np.zeros(6),
         current=np.zeros(3),
@@ -303,6 +296,27 @@ def new_joint_state(
         innovation=np.zeros(3),
         tau=np.zeros(6),
     )
+    forget_surroundings(state)
+    return state
+
+
+def forget_surroundings(state: JointState) -> None:
+    """Put current, waves and biases back to what is supposed of them: another recording has its own."""
+    settings, n, size = state.settings[0], state.theta.size, state.P.shape[0]
+    variance = np.zeros(size)
+    variance[18:21] = _CURRENT_STD**2 * (settings.current_walk > 0.0)
+    if settings.biases > 0.0:
+        first = N_FIXED + n
+        variance[first : first + 6] = [_GYRO_BIAS**2] * 3 + [_ACCELEROMETER_BIAS**2] * 3
+        variance[first + 6 : first + N_BIASES] = settings.attitude_bias**2
+    if settings.waves > 0.0:
+        variance[-N_WAVES:] = np.tile(state.wave_level**2, 2)
+    rows = np.r_[18:N_FIXED, N_FIXED + n : size]
+    state.P[rows] = 0.0
+    state.P[:, rows] = 0.0
+    state.P[rows, rows] = variance[rows]
+    for each in (state.current, state.bias, state.wave, state.water):
+        each[:] = 0.0
 
 
 def columns_of(codes: Codes, kind: int, count: int) -> NDArray[np.int64]:
