@@ -149,7 +149,7 @@ def show_end(status: Status, vehicle: Vehicle, method: str, judged: LiveFit, out
             table.add_row(*row)
         output.show(table)
     if rest:
-        output.heading("Not identified: held in the model, and why")
+        output.heading("Not identified, and why")
         for reason, names in rest.items():
             output.item(f"{', '.join(names)}: {reason}")
     if judged.of is not None:

@@ -216,7 +216,7 @@ def _show_held(learning: LogLearning, output: Output) -> None:
         if not each.identified:
             reasons.setdefault(each.reason or "no reason given", []).append(f"{each.name} = {short(each.value)}")
     if reasons:
-        output.heading("Not identified: held in the model, and why")
+        output.heading("Not identified, and why")
         for reason, names in reasons.items():
             output.item(f"{', '.join(names)}: {reason}")
 
