@@ -112,6 +112,8 @@ def _start(
     levels = learning.levels
     if levels is None:
         levels, settings = common_noise_levels(recordings, samples, learning.vehicle), replace(settings, adapt=_ADAPT)
+    else:  # from forces to accelerations
+        levels = replace(levels, disturbance=levels.disturbance / np.diag(learning.model.mass_matrix))
     state = new_joint_state(
         np.array(learning.model.parameters),
         free,

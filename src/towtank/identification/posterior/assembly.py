@@ -1,9 +1,9 @@
-"""From an estimator's coordinates to what is learned: what a run determined, physical values, deviations, reasons."""
+"""What was learned from recordings: the estimate, the model, and everything else that is to be said of them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,130 +11,11 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import NoiseLevels, Sources
 from towtank.identification.model.belief import Belief
-from towtank.identification.model.parameters import IN_DELAY, UNTRANSFORMED, FreeParameters
-from towtank.identification.model.terms import AXES
-from towtank.identification.posterior.estimate import AxisReport, Estimate, SumOfInertias
-from towtank.identification.posterior.identifiability import Criteria, Identifiability, identifiability
-from towtank.identification.posterior.physical import consistent
-from towtank.identification.posterior.statistics import information_of_data
-from towtank.identification.posterior.wording import NOT_FREE
+from towtank.identification.posterior.estimate import Estimate
 from towtank.recording import Grid
-from towtank.vehicle import COEFFICIENTS, Vehicle
+from towtank.vehicle import Vehicle
 
-__all__ = ["Assembled", "Current", "DelayScan", "LogLearning", "Outcome", "Posterior", "assemble", "judge"]
-
-
-@dataclass(frozen=True)
-class Assembled:
-    """The estimate, and remarks in plain words."""
-
-    estimate: Estimate
-    remarks: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Posterior:
-    """Free coefficients, their coordinates theta (n,) and the covariance (n, n) of these."""
-
-    free: FreeParameters
-    theta: Array
-    covariance: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """What an estimator has found.
-
-    Attributes:
-        to_learn: names of the estimate. unidentified: why a name is not; it keeps the vehicle's value, or 0 if in
-            `set_to_zero`, or what was fitted beside the others if in `roughly`.
-        axes: how each was learned. duration: time learned from [s]. samples: how many.
-    """
-
-    posterior: Posterior
-    to_learn: Sequence[str]
-    unidentified: Mapping[str, str]
-    set_to_zero: Collection[str]
-    axes: Sequence[AxisReport]
-    duration: float
-    samples: int
-    roughly: Collection[str] = ()
-
-
-def judge(
-    posterior: Posterior,
-    deviation: Array,
-    scale: Array,
-    *,
-    prior: Array | None = None,
-    criteria: Criteria | None = None,
-) -> Identifiability:
-    """Say what a run determined, from the covariance after it less the deviations (n,) that it started from.
-
-    Args:
-        scale: size (n,) of coordinates that are no logarithms. prior: information (n, n) that was put in.
-    """
-    free, theta = posterior.free, posterior.theta
-    before = np.diag(deviation**-2.0) if prior is None else np.diag(deviation**-2.0) + prior
-    information = information_of_data(posterior.covariance, before)
-    log = [bool(free.codes[k, 3] != UNTRANSFORMED) for k in range(len(free))]
-    size = np.maximum(np.abs(theta), 0.0)
-    for k in range(len(free)):
-        if free.codes[k, 0] == IN_DELAY:
-            size[k] = max(size[k], 0.05)
-        elif not log[k]:
-            size[k] = max(size[k], 0.05 * scale[k])
-    return identifiability(free.names, theta, information, logarithmic=log, size=size, prior=prior, criteria=criteria)
-
-
-def assemble(vehicle: Vehicle, outcome: Outcome) -> Assembled:
-    """Return the estimate of the names to learn, physical, and what had to be moved for that."""
-    free, theta = outcome.posterior.free, outcome.posterior.theta
-    unidentified = outcome.unidentified
-    rows = [k for k, name in enumerate(free.names) if name in COEFFICIENTS]
-    names_free = [free.names[k] for k in rows]
-    slopes = free.slopes(theta)[rows]
-    values_free = free.values(theta)[rows]
-    block = outcome.posterior.covariance[np.ix_(rows, rows)] * np.outer(slopes, slopes)
-    known = [name not in unidentified for name in names_free]
-    physical = consistent(vehicle, names_free, values_free, block)
-    names = [name for name in outcome.to_learn if name in COEFFICIENTS]
-    names += [name for name in names_free if name not in names]
-    n = len(names)
-    values, spread = np.zeros(n), np.full((n, n), np.nan)
-    at = [names.index(name) for name in names_free]
-    for i, name in enumerate(names):
-        values[i] = 0.0 if name in outcome.set_to_zero else vehicle.coefficient(name)
-    for a, i in enumerate(at):
-        if known[a] or names_free[a] in outcome.roughly:
-            values[i] = physical.values[a]
-        if not known[a]:
-            continue
-        for b, j in enumerate(at):
-            if known[b]:
-                spread[i, j] = physical.covariance[a, b]
-    identified = tuple(name in names_free and name not in unidentified for name in names)
-    std = np.sqrt(np.where(np.isnan(np.diag(spread)), np.nan, np.maximum(np.diag(spread), 0.0)))
-    sums = []
-    for axis in AXES:
-        if axis.added_mass in names and identified[names.index(axis.added_mass)]:
-            i = names.index(axis.added_mass)
-            total = float(vehicle.rigid_body_matrix[axis.index, axis.index]) - float(values[i])
-            sums.append(SumOfInertias(axis.sum_name, total, float(std[i]), axis.unit))
-    verdicts = zip(names, identified, strict=True)
-    estimate = Estimate(
-        names=tuple(names),
-        values=values,
-        std=std,
-        covariance=spread,
-        identified=identified,
-        reasons=tuple(None if ok else unidentified.get(name, NOT_FREE) for name, ok in verdicts),
-        sums=tuple(sums),
-        axes=tuple(outcome.axes),
-        duration=outcome.duration,
-        samples=outcome.samples,
-    )
-    return Assembled(estimate, physical.messages)
+__all__ = ["Current", "DelayScan", "LogLearning"]
 
 
 @dataclass(frozen=True)
