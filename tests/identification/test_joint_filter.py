@@ -179,7 +179,7 @@ def test_after_hours_with_everything_unknown_the_covariance_is_one(vehicle: Vehi
     water = OrnsteinUhlenbeck(std=tuple(FORCE), time_constant=2.0)
     log = simulate(vehicle, commands=commands, dt=dt, sensors=Ins(), disturbance=water, seed=1)
     samples = samples_of(log, vehicle)
-    prior = belief(vehicle, late=(LATENCIES[0], LATENCIES[2]))
+    prior = belief(vehicle, more=(LATENCIES[0], LATENCIES[2]))
     levels = NoiseLevels(NOISE, SIGMA, np.zeros(6), np.full(3, 0.05))
     settings = FilterSettings(biases=True, wanders=True, current=True, relinearise=False, step=dt)
     p = np.array(vehicle.with_coefficients(prior.vehicle_values).parameters)

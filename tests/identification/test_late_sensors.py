@@ -9,12 +9,11 @@ import pytest
 
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, Samples, samples_of
-from towtank.identification.kalman.passes import JointProblem, one_pass, settings_for
+from towtank.identification.kalman.passes import JointProblem, further_unknowns, one_pass, settings_for
 from towtank.identification.kalman.state import FilterSettings, coefficient_std
 from towtank.identification.model.belief import belief
 from towtank.identification.model.measurements import ATTITUDE, POSITION, RATES, VELOCITY, WATER_VELOCITY
 from towtank.identification.model.parameters import LATENCIES
-from towtank.identification.offline.joint import late_sensors
 from towtank.recording import Recording
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, Together, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle
@@ -101,19 +100,19 @@ def dive(sensors: Mocap | Ins | Together, seconds: float = 40.0, seed: int = 3) 
 def test_the_time_of_the_gyro_is_taken_as_it_is_else_that_of_the_attitude_else_that_of_the_position() -> None:
     vehicle, t, n = load_vehicle("vlbv300"), 0.01 * np.arange(300), np.arange(300)
     inertial, camera = (samples_of(dive(each, 2.0), vehicle) for each in (Ins(), Mocap()))
-    assert late_sensors([inertial]) == ("latency_velocity",)  # depth comes in rows of the attitude
-    assert late_sensors([camera]) == ()  # one device, one time
+    assert further_unknowns([inertial]) == ("latency_velocity",)  # depth comes in rows of the attitude
+    assert further_unknowns([camera]) == ()  # one device, one time
     gyro, attitude = (RATES, n[::3]), (ATTITUDE, n[1::3])
     position, velocity, through_water = (POSITION, n[2::3]), (VELOCITY, n[::30]), (WATER_VELOCITY, n[::15])
     others = ("latency_position", "latency_velocity")
     apart = rows(t, gyro, attitude, position, velocity)
-    assert late_sensors([apart]) == ("latency_position", "latency_attitude", "latency_velocity")
-    assert late_sensors([rows(t, attitude, position, velocity)]) == others
-    assert late_sensors([rows(t, position, velocity)]) == others[1:]
-    assert late_sensors([rows(t, position, through_water)]) == ("latency_velocity_through_the_water",)
+    assert further_unknowns([apart]) == ("latency_position", "latency_attitude", "latency_velocity")
+    assert further_unknowns([rows(t, attitude, position, velocity)]) == others
+    assert further_unknowns([rows(t, position, velocity)]) == others[1:]
+    assert further_unknowns([rows(t, position, through_water)]) == ("latency_velocity_through_the_water",)
     both = rows(t, gyro, (ATTITUDE, n[::6]), (POSITION, n[::60]))
-    assert late_sensors([both]) == ()
-    assert late_sensors([both, apart]) == ("latency_position", "latency_attitude", "latency_velocity")
+    assert further_unknowns([both]) == ()
+    assert further_unknowns([both, apart]) == ("latency_position", "latency_attitude", "latency_velocity")
 
 
 # -- the filter finds what is left
@@ -127,7 +126,7 @@ def made_late(log: Recording, seconds: float) -> Recording:
 def asked(vehicle: Vehicle, log: Recording) -> tuple[JointProblem, NoiseLevels]:
     """What the filter is asked where only the latency of the DVL, and one inertia, is unknown."""
     samples = [samples_of(log, vehicle)]
-    prior = belief(vehicle, late=("latency_velocity",)).only(("X_udot", "latency_velocity"))
+    prior = belief(vehicle, more=("latency_velocity",)).only(("X_udot", "latency_velocity"))
     sensor = Ins()
     noise = np.repeat([0.1, 0.01, sensor.dvl_noise, sensor.gyro_noise, 0.1, 1.0], 3)
     levels = NoiseLevels(noise, np.full(6, 0.01), np.zeros(6))

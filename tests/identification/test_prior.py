@@ -344,7 +344,7 @@ def test_a_stream_takes_lines_of_the_table_as_measurements() -> None:
 
 def learned(vehicle: Vehicle, names: list[str], gain: float = 1.0) -> Vehicle:
     """The vehicle as it was learned: everything in `names` is known together, and thruster t0 has this gain."""
-    supposed, n = belief(vehicle, sensors=("latency_velocity",)).only(names), len(names)
+    supposed, n = belief(vehicle, more=("latency_velocity",)).only(names), len(names)
     rng = np.random.default_rng(7)
     mean = coordinates(supposed) + 0.3 * supposed.std * rng.standard_normal(n)
     mean[[name.startswith("gain_") for name in names]] = 0.0
@@ -362,9 +362,9 @@ NAMES = ["X_udot", "Y_rdot", "X_u", "X_uu", "delay", "lag", "gain_t0", "gain_t1"
 def test_a_learned_file_goes_on_exactly_where_it_was(where: str) -> None:
     """Whatever else it states: lines of [prior] and deviations of coefficients were there before the data."""
     known = driven(prior={"X_uu": {"value": -1.0, "std": 0.1}}, scale_std=0.05)
-    before = learned(known, [name for name in belief(known, sensors=("latency_velocity",)).names if name in NAMES])
+    before = learned(known, [name for name in belief(known, more=("latency_velocity",)).names if name in NAMES])
     vehicle, beside = (before, None) if where == "vehicle" else (driven(scale_std=0.05), before)
-    supposed = belief(vehicle, sensors=("latency_velocity",), beside=beside)
+    supposed = belief(vehicle, more=("latency_velocity",), beside=beside)
     there = before.posterior
     assert there is not None
     found = supposed.only(there.names)

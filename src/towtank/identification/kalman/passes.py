@@ -13,6 +13,7 @@ stay where the likelihood gains by far more than chance.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -21,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.core.attitude import quaternions_from_eulers
 from towtank.core.zero_order_hold import ZeroOrderHold, new_zero_order_hold
 from towtank.errors import InputError, nearest
 from towtank.identification.data.samples import NoiseLevels, Samples
@@ -44,11 +46,14 @@ from towtank.identification.model.parameters import (
     PLACES,
     FreeParameters,
 )
+from towtank.recording.frames.rotations import conjugate, rotate
 from towtank.recording.grids.stretches import spread
+from towtank.vehicle import FORWARD_SPEED
 
 __all__ = [
     "JointFit",
     "JointProblem",
+    "further_unknowns",
     "inputs_of",
     "joint_fit",
     "latencies_of",
@@ -57,9 +62,9 @@ __all__ = [
     "next_recording",
     "one_pass",
     "settings_for",
-    "unknowns_of_sensors",
 ]
 
+_PACE = 0.5  # s between two poses that give the speed ahead
 _SAME_ROWS = 0.9  # of the rows of two sensors, from which they are one device
 
 _WINDOWS, _LEAST_WINDOW = 16, 25  # of a pass, that must agree; rows
@@ -189,8 +194,9 @@ def narrowed_to(whole: Belief, free: Collection[str] | None, *, delay_given: boo
     return whole.only([name for name in names if not (delay_given and name == DELAY)])
 
 
-def unknowns_of_sensors(samples: Sequence[Samples]) -> tuple[str, ...]:
-    """Return `latency_<sensor>` of the sensors that may be late, and the place of the accelerometer where there is one.
+def further_unknowns(samples: Sequence[Samples]) -> tuple[str, ...]:
+    """Return what may be unknown beside any vehicle's coefficients: `latency_<sensor>` of the sensors that may be late,
+    the place of the accelerometer where there is one, forward-speed terms of a vehicle that goes ahead.
 
     Late beside the one whose time is taken as it is: the gyro, else the attitude, else the position; and what comes in
     the same rows from the same device: the attitude beside the gyro, the pose of a camera.
@@ -204,7 +210,23 @@ def unknowns_of_sensors(samples: Sequence[Samples]) -> tuple[str, ...]:
         if any((r, s) in pairs and _same_rows(samples, r, s) for r in device):
             device.add(s)
     late = tuple(LATENCIES[s] for s in (0, 1, 2, 3, 5) if there[s] and s not in device)
-    return (*late, *(PLACES if there[4] else ()))
+    return (*late, *(PLACES if there[4] else ()), *(FORWARD_SPEED if _goes_ahead(samples) else ()))
+
+
+def _goes_ahead(samples: Sequence[Samples]) -> bool:
+    """Whether the vehicle goes ahead, as forward-speed terms suppose: mean u exceeds its deviation and v, w."""
+    speeds = []
+    for each in samples:
+        speed = each.values[:, 6:9]
+        if not np.isfinite(speed).all(axis=1).any():
+            posed = np.flatnonzero(np.isfinite(each.values[:, :6]).all(axis=1))
+            apart = np.searchsorted(each.t[posed], np.arange(each.t[0], each.t[-1], _PACE))
+            rows = np.unique(posed[apart[apart < posed.size]])
+            q = quaternions_from_eulers(each.values[rows[:-1], 3:6])
+            speed = rotate(conjugate(q), np.diff(each.values[rows, :3], axis=0)) / np.diff(each.t[rows])[:, None]
+        speeds.append(speed[np.isfinite(speed).all(axis=1)])
+    u, v, w = np.concatenate(speeds).T
+    return bool(u.size and u.mean() > max(u.std(), math.sqrt(np.mean(v**2 + w**2))))
 
 
 def _same_rows(samples: Sequence[Samples], one: int, other: int) -> bool:

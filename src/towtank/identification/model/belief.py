@@ -12,6 +12,7 @@ L = (m/rho)^(1/3) the edge of a cube of water of its mass, a_i = 1.7 sqrt(I_i/m)
     linear damping       -l +- 2 l, l = 0.1 rho L^2 (1 m/s), rotation 0.1 rho L^2 a_i^2; couplings 0 +- sqrt(l_i l_j)
     drag ahead, astern   0 +- 0.3 of the quadratic damping (surge, heave, pitch), 0.03 (sway, roll, yaw)
     thrust, inflow       0.05 +- 0.1 of the thrust lost per m/s of water through the thruster
+    forward-speed terms  0 +- rho L^2 times the arms, of a vehicle that goes ahead
     net weight, BG       0 +- 0.01 W; BG_z 0.02 W L +- 0.1 W L, BG_x and BG_y 0 +- 0.02 W L
     constant wrench      0 +- 0.005 m/s^2 m, 0.01 rad/s^2 I_i
     sensors              latency 0.05 +- 0.1 s, place of the accelerometer 0 +- 0.1 m
@@ -43,7 +44,7 @@ from towtank.identification.model.parameters import (
     free_parameters,
     unknowns_of,
 )
-from towtank.vehicle import COEFFICIENTS, Vehicle
+from towtank.vehicle import COEFFICIENTS, FORWARD_SPEED, Vehicle, index
 from towtank.vehicle.matrices import GRAVITY
 from towtank.vehicle.names import COLUMNS, ROWS, index, mirror
 from towtank.vehicle.posterior import stated_coordinate
@@ -65,6 +66,7 @@ _STATED = 0.5  # deviation of what the file states without one, as a share of it
 _DELAY, _LAG, _LAG_STD, _GAIN_STD = (0.08, 0.06), 0.1, 0.8, 0.08
 _LATENCY = (0.05, 0.1)  # s
 _PLACE = 0.1  # m
+_LIFT = 1.0  # of the density times the area of the cube's face and the arms
 _INFLOW = (0.05, 0.1)  # s/m
 _NO_SCALE = 1.0  # deviation of the logarithm of a scale of force that nobody measured
 _INERTIAS = ((0, 2), (0, 4), (2, 4), (1, 3), (1, 5), (3, 5))  # couplings of a body that is the same to both sides
@@ -183,6 +185,7 @@ class Body:
         self.gyradii = np.sqrt(rigid[3:] / self.m)
         arm = np.concatenate([np.ones(3), _ARM * self.gyradii])
         area = _WATER * self.length**2
+        self.arm = arm
         self.quadratic = area * arm**3
         self.linear = 0.1 * area * arm**2
 
@@ -223,15 +226,15 @@ class Body:
 
 
 def belief(
-    vehicle: Vehicle, *, commands: bool = True, sensors: Sequence[str] = (), beside: Vehicle | None = None
+    vehicle: Vehicle, *, commands: bool = True, more: Sequence[str] = (), beside: Vehicle | None = None
 ) -> Belief:
     """Return what is supposed of a vehicle.
 
     Args:
         commands: it is driven by thruster commands, so that delay, lag and gains are unknown; by a wrench that was
             measured or computed, only a delay is.
-        sensors: unknowns of the sensors: `latency_<sensor>` of those whose clock is not that of the others, and the
-            place of an accelerometer.
+        more: what these data make unknown besides: `latency_<sensor>` of sensors whose clock is not that of the
+            others, the place of an accelerometer, forward-speed terms.
         beside: another vehicle, which counts where it says something: one whose coefficients bear deviations, or that
             was learned, or that has a table [prior].
 
@@ -240,7 +243,7 @@ def belief(
     """
     lines = _plausible(vehicle, beside, commands=commands)
     lines |= _inputs(vehicle, beside, commands=commands)
-    lines |= {name: _of_sensor(name) for name in sensors}
+    lines |= {name: _further(vehicle, name) for name in more if name not in lines}
     plain = [name for name in lines if name in COEFFICIENTS and not name.endswith("dot")]
     free = free_parameters(vehicle, tuple(lines)).untransformed(plain)
     kept = [lines[name] for name in free.names]
@@ -281,7 +284,11 @@ def _plausible(vehicle: Vehicle, beside: Vehicle | None, *, commands: bool) -> d
     return {name: line for name, line in lines.items() if line.std > 0.0 or name in stated}
 
 
-def _of_sensor(name: str) -> Line:
+def _further(vehicle: Vehicle, name: str) -> Line:
+    if name in FORWARD_SPEED:
+        body, (_, i, j) = _Body(vehicle), index(name)
+        std = _LIFT * _WATER * body.length**2 * float(body.arm[i] * body.arm[j])
+        return Line(0.0, std, "physics: lift of a hull of this volume")
     if name in PLACES:
         return Line(0.0, _PLACE, "electronics near the body origin")
     return Line(*_LATENCY, "what sensors need to compute and send")

@@ -23,11 +23,11 @@ from towtank.identification.kalman.noise_adaptation import common_noise_levels, 
 from towtank.identification.kalman.passes import (
     JointFit,
     JointProblem,
+    further_unknowns,
     joint_fit,
     log_likelihood,
     narrowed_to,
     settings_for,
-    unknowns_of_sensors,
 )
 from towtank.identification.model.belief import belief
 from towtank.identification.model.parameters import DELAY, LATENCIES
@@ -91,7 +91,9 @@ def joint_problem(request: LearningRequest) -> JointProblem:
         raise InputError("no recording given, expected at least one")
     samples = tuple(request.samples or (samples_of(recording, vehicle) for recording in request.recordings))
     commands = all(each.commands for each in samples)
-    whole = belief(vehicle, commands=commands, sensors=unknowns_of_sensors(samples), beside=request.prior)
+    named = [name for name in request.free or () if name in FORWARD_SPEED]
+    more = (*further_unknowns(samples), *named)
+    whole = belief(vehicle, commands=commands, more=more, beside=request.prior)
     prior = narrowed_to(whole, request.free, delay_given=request.delay is not None)
     base = vehicle.with_coefficients(whole.vehicle_values)
     levels = common_noise_levels(request.recordings, samples, vehicle)

@@ -22,6 +22,7 @@ from towtank.identification.kalman.filter import take_all
 from towtank.identification.kalman.noise_adaptation import filter_settings, noise_of_rows
 from towtank.identification.kalman.passes import (
     JointProblem,
+    further_unknowns,
     inputs_of,
     joint_fit,
     latencies_of,
@@ -29,7 +30,6 @@ from towtank.identification.kalman.passes import (
     next_recording,
     one_pass,
     settings_for,
-    unknowns_of_sensors,
 )
 from towtank.identification.kalman.state import healthy_snapshot
 from towtank.identification.model.belief import Belief, belief
@@ -61,11 +61,11 @@ class Question:
     delay: float | None
     beside: Vehicle | None
 
-    def whole(self, kept: Kept | None, *, commands: bool, sensors: Sequence[str] = ()) -> Belief:
+    def whole(self, kept: Kept | None, *, commands: bool, more: Sequence[str] = ()) -> Belief:
         """Return what is supposed of every plausible coefficient, with what was learned from rows that are gone."""
         known = () if kept is None else kept.names
-        names = [name for name in (*LATENCIES, *PLACES) if name in sensors or name in known]
-        whole = belief(self.vehicle, commands=commands, sensors=names, beside=self.beside)
+        names = [name for name in (*LATENCIES, *PLACES) if name in more or name in known]
+        whole = belief(self.vehicle, commands=commands, more=names, beside=self.beside)
         return whole if kept is None else _gone_on(whole, kept)
 
     def prior(self, whole: Belief, kept: Kept | None) -> Belief:
@@ -175,7 +175,7 @@ class Reestimation:
 
     def _problem(self, stretches: Sequence[Samples]) -> tuple[Belief, JointProblem, NoiseLevels]:
         question = self.question
-        whole = question.whole(self.kept, commands=self.buffer.commands, sensors=unknowns_of_sensors(stretches))
+        whole = question.whole(self.kept, commands=self.buffer.commands, more=further_unknowns(stretches))
         longest = max(stretches, key=len)
         noise = noise_of_rows(longest.t, longest.values)
         problem = JointProblem(

@@ -240,7 +240,7 @@ class JointStream:
         if plain["running"] is not None:
             about = plain["running"]
             sensors = [name for name in about["names"] if name in (*LATENCIES, *PLACES)]
-            whole = self.question.whole(self.kept, commands=self._buffer.commands, sensors=sensors)
+            whole = self.question.whole(self.kept, commands=self._buffer.commands, more=sensors)
             running = Running(
                 whole,
                 whole.only(about["names"]),
