@@ -46,9 +46,12 @@ def doubts(vehicle: Vehicle) -> tuple[str, ...]:
 
 
 def _negative(matrix: Array) -> float | None:
-    """Return the smallest eigenvalue of the symmetric part, scaled to a unit diagonal, where it is below zero."""
+    """Return the smallest eigenvalue of the symmetric part, scaled to a unit diagonal, where it is below zero.
+
+    Couplings that cancel in the symmetric part leave rounding of their own size there.
+    """
     symmetric = 0.5 * (matrix + matrix.T)
-    scale = np.sqrt(np.abs(symmetric).max(axis=1))
+    scale = np.sqrt(np.maximum(np.abs(matrix), np.abs(matrix.T)).max(axis=1))
     scale[scale == 0.0] = 1.0
     smallest = float(np.linalg.eigvalsh(symmetric / np.outer(scale, scale))[0])
     return smallest if smallest < -_ROUNDING else None

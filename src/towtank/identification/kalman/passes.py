@@ -345,15 +345,21 @@ def _with_waves(
 
 
 def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress: Progress) -> JointFit:
-    """Run passes from theta (n,) `about` until nothing moves any more."""
+    """Run passes from theta (n,) `about` until nothing moves any more; the likeliest one where that never comes.
+
+    Where no pass can be computed, nothing was learned.
+    """
     best: JointFit | None = None
+    likeliest: JointFit | None = None
     at_best, about = about, _within_bounds(problem.free, about, problem.prior.covariance)
     for k in range(_PASSES):
         state, _, readings = one_pass(problem, about, levels, lambda share, k=k: progress((k + share) / _PASSES))  # type: ignore[misc]
         fit = _fit_of(problem, state, levels, k + 1, readings)
         finite = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.std).all() and np.isfinite(fit.likelihood))
-        if not finite and best is None:
-            levels = replace(levels, disturbance=_ROUGH * levels.disturbance)
+        if not finite and best is None:  # no motion can be computed with these coefficients, or none so smooth
+            if np.allclose(about, problem.prior.mean):
+                levels = replace(levels, disturbance=_ROUGH * levels.disturbance)
+            about = 0.5 * (about + problem.prior.mean) if k < _PASSES // 2 else problem.prior.mean
             continue
         if best is not None and not (finite and fit.likelihood > best.likelihood - _MUCH_WORSE):
             about, levels = 0.5 * (about + at_best), _midpoint(levels, best.levels)
@@ -362,12 +368,16 @@ def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress:
         still = bool(np.all(np.abs(fit.theta - about) <= _STILL * fit.std + 1e-9))
         best, at_best = fit, about
         if k > 0 and still and converged(adapted, levels):
-            break
+            return fit
+        if likeliest is None or fit.likelihood > likeliest.likelihood:
+            likeliest = fit
         step = fit.theta - about
         longest = float(np.max(np.abs(step) / problem.prior.std, initial=0.0))
         about = about + step * min(1.0, _LONGEST_STEP / max(longest, 1e-9))
         levels = adapted
-    return fit if best is None else best
+    if likeliest is None:
+        return replace(fit, theta=problem.prior.mean, covariance=problem.prior.covariance)
+    return likeliest
 
 
 def _within_bounds(free: FreeParameters, theta: Array, covariance: Array) -> Array:
