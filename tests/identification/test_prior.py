@@ -104,7 +104,7 @@ def test_sizes_are_those_of_the_table(which: str) -> None:
 
 
 def test_inputs_are_those_of_autopilots_and_thrusters() -> None:
-    supposed = belief(driven(), sensors=(*LATENCIES, *PLACES))
+    supposed = belief(driven(), more=(*LATENCIES, *PLACES))
     assert of(supposed, "delay") == (0.08, 0.06)
     assert of(supposed, "lag") == pytest.approx((math.log(0.1), 0.8))
     assert of(supposed, "inflow_loss") == (0.05, 0.1)
@@ -262,10 +262,10 @@ def test_lines_of_the_table_take_the_place_of_all_else(where: str) -> None:
     stated = {"X_uu": {"value": -40.0, "std": 4.0}, "X_u": {"value": -3.0, "std": 1.0}}
     vehicle, late = driven(hydrodynamics=stated, command_delay=0.3, scale_std=0.05), ("latency_velocity",)
     if where == "vehicle":
-        supposed = belief(vehicle.model_copy(update={"prior": TABLE}), sensors=late)
+        supposed = belief(vehicle.model_copy(update={"prior": TABLE}), more=late)
     else:
-        supposed = belief(vehicle, sensors=late, beside=body(prior=TABLE))
-    before = belief(vehicle, sensors=late)
+        supposed = belief(vehicle, more=late, beside=body(prior=TABLE))
+    before = belief(vehicle, more=late)
     for name, expected in EXPECTED.items():
         assert of(supposed, name) == pytest.approx(expected), name
         assert "[prior]" in source(supposed, name)
@@ -445,7 +445,7 @@ def test_only_keeps_what_is_supposed_of_each() -> None:
 @pytest.mark.parametrize("name", ["seamor", "bluerov2_heavy", "rexrov", "lauv"])
 @pytest.mark.filterwarnings("ignore::towtank.vehicle.VehicleWarning")
 def test_values_and_coordinates_are_the_same_thing(name: str) -> None:
-    supposed = belief(load_vehicle(name), sensors=(*LATENCIES, *PLACES))
+    supposed = belief(load_vehicle(name), more=(*LATENCIES, *PLACES))
     assert supposed.free.thetas(supposed.values) == pytest.approx(supposed.mean)
     step = 1e-6 * supposed.std
     moved = (supposed.free.values(supposed.mean + step) - supposed.free.values(supposed.mean - step)) / 2e-6

@@ -57,7 +57,7 @@ class Supposed:
 def supposed_of(vehicle: Vehicle) -> list[Supposed]:
     """Return what is supposed of every unknown of a vehicle driven by its thrusters, all sensors aboard."""
     late = [name for s, name in enumerate(LATENCIES) if s != SPECIFIC_FORCE]
-    known = belief(vehicle, commands=bool(vehicle.thrusters), sensors=(*late, *PLACES))
+    known = belief(vehicle, commands=bool(vehicle.thrusters), more=(*late, *PLACES))
     gains = {GAIN_PREFIX + thruster.name: thruster.gain for thruster in vehicle.thrusters}
     factors = np.array([gains.get(name, 1.0) for name in known.names])
     bounds = [interval(mean, std) or (mean, mean) for mean, std in zip(known.mean, known.std, strict=True)]

@@ -44,7 +44,7 @@ from towtank.identification.model.parameters import (
     free_parameters,
     unknowns_of,
 )
-from towtank.vehicle import COEFFICIENTS, FORWARD_SPEED, Vehicle, index
+from towtank.vehicle import COEFFICIENTS, FORWARD_SPEED, Vehicle
 from towtank.vehicle.matrices import GRAVITY
 from towtank.vehicle.names import COLUMNS, ROWS, index, mirror
 from towtank.vehicle.posterior import stated_coordinate
@@ -286,7 +286,7 @@ def _plausible(vehicle: Vehicle, beside: Vehicle | None, *, commands: bool) -> d
 
 def _further(vehicle: Vehicle, name: str) -> Line:
     if name in FORWARD_SPEED:
-        body, (_, i, j) = _Body(vehicle), index(name)
+        body, (_, i, j) = Body(vehicle), index(name)
         std = _LIFT * _WATER * body.length**2 * float(body.arm[i] * body.arm[j])
         return Line(0.0, std, "physics: lift of a hull of this volume")
     if name in PLACES:

@@ -36,7 +36,7 @@ from towtank.identification.posterior.assembly import Current, LogLearning
 from towtank.identification.posterior.result import estimate_of, model_of, with_posterior
 from towtank.identification.posterior.thrusters import learned_gains, scale_remarks
 from towtank.recording import Grid, Recording, align
-from towtank.vehicle import Vehicle
+from towtank.vehicle import FORWARD_SPEED, Vehicle
 
 __all__ = ["LearningRequest", "joint_problem", "learn_joint", "likelier_reversed"]
 

@@ -35,7 +35,7 @@ from towtank.identification.kalman.state import healthy_snapshot
 from towtank.identification.model.belief import Belief, belief
 from towtank.identification.model.parameters import LATENCIES, PLACES
 from towtank.identification.model.terms import DISTURBANCE
-from towtank.vehicle import Vehicle
+from towtank.vehicle import FORWARD_SPEED, Vehicle
 
 __all__ = ["Found", "Question", "Reestimation", "begun_anew", "caught_up", "is_full"]
 
@@ -64,7 +64,7 @@ class Question:
     def whole(self, kept: Kept | None, *, commands: bool, more: Sequence[str] = ()) -> Belief:
         """Return what is supposed of every plausible coefficient, with what was learned from rows that are gone."""
         known = () if kept is None else kept.names
-        names = [name for name in (*LATENCIES, *PLACES) if name in more or name in known]
+        names = [name for name in (*LATENCIES, *PLACES, *FORWARD_SPEED) if name in more or name in known]
         whole = belief(self.vehicle, commands=commands, more=names, beside=self.beside)
         return whole if kept is None else _gone_on(whole, kept)
 
