@@ -107,7 +107,7 @@ def test_inputs_are_those_of_autopilots_and_thrusters() -> None:
     supposed = belief(driven(), more=(*LATENCIES, *PLACES))
     assert of(supposed, "delay") == (0.08, 0.06)
     assert of(supposed, "lag") == pytest.approx((math.log(0.1), 0.8))
-    assert of(supposed, "inflow_loss") == (0.05, 0.1)
+    assert of(supposed, "inflow_loss") == (0.0, 0.15)
     for k in range(4):
         assert of(supposed, f"gain_t{k}") == pytest.approx((0.0, 0.08))
     assert all(of(supposed, name) == (0.05, 0.1) for name in LATENCIES)

@@ -11,7 +11,7 @@ L = (m/rho)^(1/3) the edge of a cube of water of its mass, a_i = 1.7 sqrt(I_i/m)
     quadratic damping    -g +- 2 g, g = rho L^2, rotation rho L^2 a_i^3
     linear damping       -l +- 2 l, l = 0.1 rho L^2 (1 m/s), rotation 0.1 rho L^2 a_i^2; couplings 0 +- sqrt(l_i l_j)
     drag ahead, astern   0 +- 0.3 of the quadratic damping (surge, heave, pitch), 0.03 (sway, roll, yaw)
-    thrust, inflow       0.05 +- 0.1 of the thrust lost per m/s of water through the thruster
+    thrust, inflow       0 +- 0.15 of the thrust lost per m/s of water through the thruster
     forward-speed terms  0 +- rho L^2 times the arms, of a vehicle that goes ahead
     net weight, BG       0 +- 0.01 W; BG_z 0.02 W L +- 0.1 W L, BG_x and BG_y 0 +- 0.02 W L
     constant wrench      0 +- 0.005 m/s^2 m, 0.01 rad/s^2 I_i
@@ -67,7 +67,7 @@ _DELAY, _LAG, _LAG_STD, _GAIN_STD = (0.08, 0.06), 0.1, 0.8, 0.08
 _LATENCY = (0.05, 0.1)  # s
 _PLACE = 0.1  # m
 _LIFT = 1.0  # of the density times the area of the cube's face and the arms
-_INFLOW = (0.05, 0.1)  # s/m
+_INFLOW = (0.0, 0.15)  # s/m
 _NO_SCALE = 1.0  # deviation of the logarithm of a scale of force that nobody measured
 _INERTIAS = ((0, 2), (0, 4), (2, 4), (1, 3), (1, 5), (3, 5))  # couplings of a body that is the same to both sides
 _OTHER_DAMPING = {f"{r}_{c}": f"{r}_{c * 2}" for r, c in zip(ROWS, COLUMNS, strict=True)}
