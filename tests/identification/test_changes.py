@@ -14,7 +14,7 @@ from towtank.identification.changes.events import change_words
 from towtank.identification.model.parameters import free_parameters
 from towtank.recording import Recording
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre
-from towtank.vehicle import Vehicle
+from towtank.vehicle import Coefficient, Vehicle
 
 FREE = ("X_udot", "X_uu", "Y_vdot", "Y_vv", "N_rdot", "N_rr")
 LEARNED, CALM, AFTER, DT = 60.0, 6.0, 8.0, 0.02
@@ -24,7 +24,7 @@ FORCE = OrnsteinUhlenbeck(std=(0.25, 0.25, 0.25, 0.025, 0.025, 0.025), time_cons
 @cache
 def truth() -> Vehicle:
     """The vLBV300 with its horizontal thrusters at the height of the origin: it moves in the plane alone."""
-    vehicle = tt.load_vehicle("vlbv300")
+    vehicle = tt.load_vehicle("vlbv300").with_coefficients({"inflow_loss": Coefficient(value=0.0, std=1e-3)})
     flat = [
         each.model_copy(
             update={"position": (*each.position[:2], 0.0 if each.direction[2] == 0.0 else each.position[2])}

@@ -48,7 +48,7 @@ from towtank.identification.changes.hypotheses import (
 )
 from towtank.identification.data.samples import Buffer, Samples
 from towtank.identification.model.belief import Belief
-from towtank.identification.model.parameters import GAIN_PREFIX, FreeParameters
+from towtank.identification.model.parameters import GAIN_PREFIX, IN_GAIN, FreeParameters
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle
 
@@ -261,8 +261,12 @@ class ChangeDetector:
         wider = np.array([running.disagreement[places[name]] if name in places else 1.0 for name in prior.names])
         changed = running._replace(prior=prior, state=state, held=copied(branch.held), disagreement=wider)
         now = branch.P0 + np.diag(verdict.steps**2)
-        kept = Kept(prior.names, branch.theta0[keep], _definite(now[np.ix_(keep, keep)]), wider)
-        before = kept.mean, np.sqrt(np.maximum(np.diag(branch.P0)[keep], 0.0))
+        one = (prior.free.codes[:, 0] == IN_GAIN) & (verdict.steps[keep] > 0.0)
+        mean = np.where(
+            one, state.theta, branch.theta0[keep]
+        )  # one thruster fails: the scale of force stays (`seen_from`)
+        kept = Kept(prior.names, mean, _definite(now[np.ix_(keep, keep)]), wider)
+        before = branch.theta0[keep], np.sqrt(np.maximum(np.diag(branch.P0)[keep], 0.0))
         self.restart()
         self.likely = {}
         if self.known:

@@ -10,7 +10,7 @@ from towtank.identification.online.reestimation import Found, Reestimation
 __all__ = ["Beside", "Schedule"]
 
 _FIRST, _DOUBLES, _GROWS = 0.5, 2.0, 1.5  # s; factor to the time learned from until `_DOUBLES` [s] 2, later this
-_FROM_PRIOR = 35.0  # s until which passes begin at the prior's mean, whatever is known, and ask about waves
+_FROM_PRIOR = 60.0  # s until which passes begin at the prior's mean, whatever is known, and ask about waves
 _OFTEN, _OFTEN_SHARE = 1.0, 0.1  # s, and share of the time learned from, between two re-estimations at least
 
 
