@@ -100,7 +100,12 @@ def dive(sensors: Mocap | Ins | Together, seconds: float = 40.0, seed: int = 3) 
 def test_the_time_of_the_gyro_is_taken_as_it_is_else_that_of_the_attitude_else_that_of_the_position() -> None:
     vehicle, t, n = load_vehicle("vlbv300"), 0.01 * np.arange(300), np.arange(300)
     inertial, camera = (samples_of(dive(each, 2.0), vehicle) for each in (Ins(), Mocap()))
-    assert further_unknowns([inertial]) == ("latency_velocity", "imu_x", "imu_y", "imu_z")  # depth comes in rows of the attitude
+    assert further_unknowns([inertial]) == (
+        "latency_velocity",
+        "imu_x",
+        "imu_y",
+        "imu_z",
+    )  # depth comes in rows of the attitude
     assert further_unknowns([camera]) == ()  # one device, one time
     gyro, attitude = (RATES, n[::3]), (ATTITUDE, n[1::3])
     position, velocity, through_water = (POSITION, n[2::3]), (VELOCITY, n[::30]), (WATER_VELOCITY, n[::15])

@@ -142,7 +142,7 @@ class Belief:
         theta is c_0 g / g_0 (1 + d ln g) to first order.
         """
         kind, gains = self.free.codes[:, 0], self.free.codes[:, 0] == IN_GAIN
-        if not gains.any():
+        if gains.sum() < 2:  # the gain of one thruster is not the scale of all
             return self.mean, self.covariance
         forces = (kind < N_KINDS) & (kind != INFLOW) & (self.free.codes[:, 3] == UNTRANSFORMED)
         share = gains / gains.sum()
