@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import towtank as tt
 from towtank.vehicle import Coefficient, load_vehicle, save_vehicle
 
 from .commands import command, document, refused
@@ -245,3 +246,47 @@ def test_wrong_options(words: list[str], expected: str, workshop: Path) -> None:
 
 def test_validate_refuses_a_horizon_of_nothing(workshop: Path) -> None:
     assert "--horizon: found 0" in refused("validate", "vlbv300", workshop / "yaw.csv", "--horizon", 0)
+
+
+@pytest.fixture(scope="module")
+def contradictory(workshop: Path) -> Path:
+    """The yaw run with a yaw rate of the wrong sign and a heading that is right."""
+    run = tt.read(workshop / "yaw.csv")
+    r = run["r"]
+    run.replace([r.with_values(-r.values)]).write(workshop / "contradictory.csv")
+    return workshop / "contradictory.csv"
+
+
+def test_what_cannot_be_right_comes_first(contradictory: Path) -> None:
+    words = ["learn", contradictory, "--vehicle", "vlbv300", "--method", "paper", "--free", "N_rdot,N_rr"]
+    found = document(*words, "--delay", 0)
+    assert found["verdict"].startswith(
+        "Something cannot be right: the commanded yaw moment acts with the opposite sign"
+    )
+    assert [each["what"] for each in found["findings"]] == ["yaw", "r"]
+    assert "r is -1 times what the attitude does" in found["findings"][1]["text"]
+    assert all(each.keys() == {"what", "text"} for each in found["findings"])
+    assert not any(each["text"] in found["warnings"] for each in found["findings"])
+    ran = command(*words, "--delay", 0, "--report", contradictory.with_suffix(".html"))
+    out = " ".join(ran.out.split())
+    assert out.startswith(" ".join(found["verdict"].split()))
+    assert out.index("What cannot be right") < out.index("Coefficient")
+    html = contradictory.with_suffix(".html").read_text()
+    assert "Something cannot be right" in html
+    assert html.index('<section id="findings">') < html.index('<section id="coefficients">')
+
+
+def test_the_verdict_of_a_sound_log_says_which_axes_are_known(learned: dict, workshop: Path) -> None:
+    assert learned["findings"] == []
+    assert learned["verdict"].startswith("Yaw: inertia to ")
+    assert "surge, sway, heave, roll and pitch were not driven" in learned["verdict"]
+
+
+def test_inspect_says_it_before_learning(contradictory: Path, workshop: Path) -> None:
+    found = document("inspect", contradictory)["findings"]
+    assert [each["what"] for each in found] == ["r"]
+    found = document("inspect", contradictory, "--vehicle", "vlbv300")["findings"]
+    assert [each["what"] for each in found] == ["yaw", "r"]
+    out = command("inspect", contradictory).out
+    assert out.index("What cannot be right") < out.index("Channel")
+    assert "cannot be right" not in command("inspect", workshop / "yaw.csv").out

@@ -52,14 +52,18 @@ def test_learning_goes_on_with_the_thrusters_where_they_are() -> None:
     swapped = mirrored(vehicle, [YAW])
     assert swapped is not None
     learning = learn_recordings(swapped, [run], free=("N_rdot", "N_rr"), delay=0.0)
-    assert any("yaw moment acts with the opposite sign" in text for text in learning.warnings)
+    [finding] = learning.findings
+    assert finding.what == "yaw"
+    assert "yaw moment acts with the opposite sign" in finding.text
+    assert not any("opposite sign" in text for text in learning.warnings)
     assert configuration_matrix(learning.model) == pytest.approx(configuration_matrix(vehicle), abs=1e-9)
     assert 1.5 - learning.estimate["N_rdot"].value == pytest.approx(2.3, rel=0.05)
 
 
 def test_nothing_is_said_where_all_is_right() -> None:
     learning = learn_recordings(craft(), [spins(20.0, 1)], free=("N_rdot", "N_rr"), delay=0.0)
-    assert not any("opposite sign" in text for text in learning.warnings)
+    assert learning.findings == ()
+    assert learning.driven == (True, False, False, False, False, True)
 
 
 @pytest.mark.parametrize("axis", range(6))
@@ -77,7 +81,8 @@ def test_a_wrench_of_the_wrong_sign_is_reported_with_what_to_do() -> None:
     run = simulate(box(), wrench=waves(3000, 0.01, (SWAY, 25.0, 0.9), square=True), sensors=Mocap())
     turned = type(run["Y"])("Y", run["Y"].t, -run["Y"].values, run["Y"].unit, run["Y"].frame)
     learning = learn_recordings(unknown(box(), **TRUTH), [run.replace([turned])], method="paper", delay=0.0)
-    assert any("sway force acts with the opposite sign" in w and "mapping" in w for w in learning.warnings)
+    assert "sway force acts with the opposite sign" in learning.findings[0].text
+    assert "mapping" in learning.findings[0].text
 
 
 def test_mirroring_turns_round_one_axis_and_no_other() -> None:

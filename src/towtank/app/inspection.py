@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from towtank.app.tables.learning import delay_deviation, disturbance_document
+from towtank.app.tables.learning import delay_deviation, disturbance_document, findings_document
 from towtank.app.tables.repairs import contents_document, learning_warnings
 from towtank.app.terminal.output import Progress
 from towtank.identification import LogLearning, learn_paper
 from towtank.identification.data.samples import NoiseLevels, Sources
 from towtank.identification.least_squares.chain import uses_commands
+from towtank.identification.logs import findings_before
 from towtank.identification.model.terms import AXES
 from towtank.identification.offline.first_look import DRIVEN, first_look
 from towtank.identification.offline.forecast import Forecast, PredictedAccuracy, best_excited, forecast
 from towtank.recording import Grid, Recording, align, bind_thrusters
+from towtank.recording.consistency import Finding
 from towtank.recording.facts import ChannelFacts, channel_facts
 from towtank.recording.noise import NoiseLevel, noise_levels
 from towtank.recording.repairs import Repairs
@@ -51,7 +53,7 @@ class Inspection:
     Attributes:
         grid: None where no motion is recorded. noise: of each motion channel. delay_from: "vehicle", "correlation" or
             None. outlook: what a learning will know, None without a vehicle or where nothing can be identified.
-            windows: stretches [s] that this was read from.
+            windows: stretches [s] that this was read from. findings: what in it cannot be right, gravest first.
     """
 
     log: str
@@ -66,6 +68,7 @@ class Inspection:
     warnings: list[str]
     forecast: Forecast | None = None
     windows: tuple[tuple[float, float], ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     @property
     def sources(self) -> Sources:
@@ -89,6 +92,7 @@ class Inspection:
         repairs = self.repairs
         return {
             "log": self.log,
+            "findings": findings_document(self.findings),
             "start_s": self.recording.start,
             "end_s": self.recording.end,
             "duration_s": self.recording.duration,
@@ -114,6 +118,11 @@ def inspect_recording(log: str, recording: Recording, vehicle: Vehicle | None, p
     Raises:
         InputError: fewer than 4 samples, or thrusters that the vehicle lacks.
     """
+    found = _inspected(log, recording, vehicle, progress)
+    return replace(found, findings=findings_before(vehicle, recording))
+
+
+def _inspected(log: str, recording: Recording, vehicle: Vehicle | None, progress: Progress) -> Inspection:
     facts, noise = channel_facts(recording), noise_levels(recording)
     if recording.contents and not any(name in (*MEASURED, *QUATERNION, *WORLD_VELOCITY) for name in recording):
         reason = "no motion recorded: neither pose nor velocity, rates or specific force"

@@ -108,5 +108,7 @@ def learn_facts(
         noise=noise_document(learning.levels, learning.grids),
         disturbance=disturbance_document(learning.levels, learning.sources),
         convergence=convergence(learning, recordings),
+        findings=learning.findings,
+        driven=learning.driven,
         warnings=warnings,
     )

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from pathlib import PurePath
 from typing import TypedDict, Unpack
 
 from towtank.errors import InputError, nearest
-from towtank.identification.data.samples import prepared, samples_of
+from towtank.identification.data.samples import Samples, prepared, samples_of
 from towtank.identification.least_squares.batch import Progress, learn_paper
-from towtank.identification.offline.first_look import mirrored, reversals
+from towtank.identification.model.terms import AXES
+from towtank.identification.offline.first_look import driven_axes, mirrored, reversals
 from towtank.identification.offline.joint import LearningRequest, learn_joint, likelier_reversed
 from towtank.identification.posterior.assembly import LogLearning
+from towtank.identification.posterior.plausibility import implausible
 from towtank.identification.posterior.thrusters import with_scale
 from towtank.methods import METHODS
 from towtank.recording import Recording
+from towtank.recording.consistency import Finding, inconsistencies
+from towtank.recording.standard import WRENCH
 from towtank.vehicle import Vehicle, configuration_matrix
 from towtank.vehicle.names import ROWS
 
-__all__ = ["learn_recordings"]
+__all__ = ["findings_before", "learn_recordings"]
 
 
 class LearningOptions(TypedDict, total=False):
@@ -42,7 +48,7 @@ def learn_recordings(
     """Learn a vehicle's coefficients from one or several recordings.
 
     Where a commanded force acts with the opposite sign beyond doubt, thrusters are taken to be on the other side, and
-    the warnings say so; the model that is learned has them there.
+    the findings say so; the model that is learned has them there.
 
     Args:
         method: "joint": the Kalman filter over motion, disturbance and all unknowns, from the prior; free runs with the
@@ -72,6 +78,7 @@ def learn_recordings(
         samples = tuple(samples_of(recording, vehicle) for recording in recordings)
     except InputError:
         samples = ()  # learning says it, and says more
+    found, driven = _findings_of(recordings, samples), driven_axes(samples)
     request = replace(request, recordings=recordings, samples=samples)
     vehicle, of_signs = _right_way_round(request)
     if of_signs and all(each.commands for each in samples):
@@ -83,11 +90,49 @@ def learn_recordings(
         learning = with_scale(learning, free or ())
     else:
         learning = learn_joint(request, progress)
-    return replace(learning, warnings=(*of_signs, *learning.warnings)) if of_signs else learning
+    return _with_findings(replace(learning, driven=driven), (*of_signs, *found))
 
 
-def _right_way_round(request: LearningRequest) -> tuple[Vehicle, tuple[str, ...]]:
-    """Return the vehicle with its thrusters where the recordings have them, and warnings where that is elsewhere.
+def findings_before(vehicle: Vehicle | None, recording: Recording) -> tuple[Finding, ...]:
+    """Return what of a recording cannot be right before anything is learned from it, gravest first.
+
+    Args:
+        vehicle: that made it; without one nothing is said of thrusters.
+    """
+    if vehicle is None:
+        return inconsistencies(recording)
+    recording = prepared(recording, vehicle)
+    samples: tuple[Samples, ...] = ()
+    with contextlib.suppress(InputError):  # no motion, or no inputs
+        samples = (samples_of(recording, vehicle),)
+    _, of_signs = _right_way_round(LearningRequest(vehicle, [recording], samples))
+    return (*of_signs, *_findings_of([recording], samples))
+
+
+def _findings_of(recordings: Sequence[Recording], samples: Sequence[Samples]) -> tuple[Finding, ...]:
+    """Return what contradicts itself in recordings; samples: of each, none where they could not be had."""
+    out: list[Finding] = []
+    for k, recording in enumerate(recordings):
+        each = samples[k] if samples else None
+        commanded = None if each is None or not each.commands else (each.input_t, each.input_force @ each.B.T)
+        name = f"{PurePath(recording.source).name or f'recording {k + 1}'}: " if len(recordings) > 1 else ""
+        recorded = any(axis in recording for axis in WRENCH)
+        found = inconsistencies(recording, commanded if recorded else None)
+        out += [replace(finding, text=name + finding.text) for finding in found]
+    return tuple(out)
+
+
+def _with_findings(learning: LogLearning, before: Sequence[Finding]) -> LogLearning:
+    """Return what was learned with all findings, those that it has allowed for last, and none twice."""
+    found = (*before, *implausible(learning))
+    grave = [each for each in found if not each.allowed_for]
+    said = tuple(f"the data pull {each.what} to " for each in grave)
+    warnings = tuple(text for text in learning.warnings if not (said and text.startswith(said)))
+    return replace(learning, findings=(*grave, *(each for each in found if each.allowed_for)), warnings=warnings)
+
+
+def _right_way_round(request: LearningRequest) -> tuple[Vehicle, tuple[Finding, ...]]:
+    """Return the vehicle with its thrusters where the recordings have them, and findings where that is elsewhere.
 
     What a look at correlations suspects must be far likelier for a model of the motion, too. Where `free` says what to
     learn, axes of which nothing is learned are left alone.
@@ -96,13 +141,12 @@ def _right_way_round(request: LearningRequest) -> tuple[Vehicle, tuple[str, ...]
     found = [each for each in reversals(samples) if free is None or any(name[0] == ROWS[each.axis] for name in free)]
     if not found or not likelier_reversed(request, [each.axis for each in found]):
         return vehicle, ()
-    texts = [reversal.text for reversal in found]
     if all(each.commands for each in samples):
         other = mirrored(vehicle, [reversal.axis for reversal in found])
         if other is not None:
-            done = "learned with the thrusters on the other side; check their positions, directions and order"
-            return other, tuple(f"{text}; {done}" for text in texts)
+            done = "learning takes the thrusters to be on the other side; check their positions, directions and order"
+            return other, tuple(Finding(AXES[each.axis].name, f"{each.text}; {done}") for each in found)
         done = "check the thrusters' positions, directions and order in the vehicle's file"
     else:
         done = "check its sign in the mapping (scale = -1.0 turns a column round)"
-    return vehicle, tuple(f"{text}; {done}" for text in texts)
+    return vehicle, tuple(Finding(AXES[each.axis].name, f"{each.text}; {done}") for each in found)

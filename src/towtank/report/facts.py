@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from towtank.identification import Estimate
 from towtank.identification.offline.convergence import Convergence
 from towtank.recording import Recording
+from towtank.recording.consistency import Finding
 from towtank.recording.event import Event
 from towtank.validation import Comparison, CrossValidation, Prediction, Residual, Validation
 from towtank.vehicle import Vehicle
@@ -56,6 +57,7 @@ class LearnFacts:
             until when [s] it had been which one, where it became another.
         events: what happened; epoch: Unix time [s] at which their time is 0, NaN where that is not known.
         title: of the page; the vehicle's name by default. verdict: the first sentence; found from the facts by default.
+        findings: what cannot be right, gravest first. driven: axes (6,) that the inputs drove, () where not known.
         warnings: in plain words.
     """
 
@@ -89,6 +91,8 @@ class LearnFacts:
     epoch: float = math.nan
     title: str = ""
     verdict: str = ""
+    findings: Sequence[Finding] = ()
+    driven: Sequence[bool] = ()
     warnings: Sequence[str] = ()
     origin: Origin = Origin()
 

@@ -32,6 +32,7 @@ METHODS = {
 def report_html(facts: LearnFacts) -> str:
     """Return the report; parts that there is nothing to say of are left out. Pure: the same facts, the same text."""
     sections = [
+        section("findings", "What cannot be right", bullets([each.text for each in facts.findings], "warnings")),
         section("warnings", "Warnings", bullets(facts.warnings, "warnings")),
         coefficient_section(facts),
         held_section(facts),
@@ -46,7 +47,7 @@ def report_html(facts: LearnFacts) -> str:
         section("how", "How it was learned", bullets(facts.remarks)),
         origin_section(facts.origin),
     ]
-    verdict = learn_verdict(facts.estimate, facts.fit, facts.predicted)
+    verdict = learn_verdict(facts.estimate, facts.fit, facts.predicted, facts.findings, facts.driven)
     verdict = replace(verdict, text=facts.verdict) if facts.verdict else verdict
     return page(
         "What was learned", facts.title or facts.vehicle.name, verdict, _sums(facts), sections, footer(facts.origin)

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
 
 from towtank.digits import joined
-from towtank.identification.model.terms import AXES
+from towtank.identification.model.terms import AXES, Axis
 from towtank.identification.posterior.estimate import Estimate, Learned
-from towtank.vehicle import index
+from towtank.recording.consistency import Finding
+from towtank.vehicle.names import COLUMNS, ROWS
 
 __all__ = ["NAMES", "Verdict", "learn_verdict", "state_of", "validate_verdict"]
 
 _SURE, _FAIR = 0.1, 0.5  # relative deviations: known, roughly known
 _GOOD, _USABLE = 80.0, 50.0  # fits [%]
+_SPEEDS = np.geomspace(0.05, 2.0, 24)  # m/s, rad/s: at which drag is looked at
+_ALIKE = 3.0  # ratio up to which the larger of two relative deviations stands for both
 _MERGED = ("stands for both", "cannot be told apart", "are correlated", "stands in proportion", "known only together")
 NAMES: Mapping[str, str] = {
     "u": "surge speed", "v": "sway speed", "w": "heave speed", "p": "roll rate", "q": "pitch rate", "r": "yaw rate",
@@ -50,29 +56,103 @@ def state_of(each: Learned) -> tuple[str, str]:
     return ("sign only", "fair") if share <= 1.0 else ("near zero", "")
 
 
-def learn_verdict(estimate: Estimate, fit: Mapping[str, float | None], predicted: str) -> Verdict:
-    """Return what was learned, how well, and how well it predicts."""
+def learn_verdict(
+    estimate: Estimate,
+    fit: Mapping[str, float | None],
+    predicted: str,
+    findings: Sequence[Finding] = (),
+    driven: Sequence[bool] = (),
+) -> Verdict:
+    """Return what an engineer wants to know first: what cannot be right; else why nothing could be identified; else
+    which axes are known, how well, and how well the model predicts.
+
+    Args:
+        predicted: what the fit is of, in words. findings: gravest first. driven: axes (6,), () where not known.
+    """
+    grave = [each for each in findings if not each.allowed_for]
+    if grave:
+        more = len(grave) - 1
+        rest = f" (and {more} more below)" if more else ""
+        return Verdict("poor", f"Something cannot be right: {grave[0].text}{rest}.")
     learned = [each for each in estimate.coefficients if each.identified]
     if not learned:
         why = next((reason for reason in estimate.reasons if reason), "no motion was seen")
         return Verdict("poor", f"Nothing could be identified: {why}.")
-    axes = [axis.name for axis in AXES if any(_row(each.name) == axis.index for each in learned)]
-    known = [each for each in learned if state_of(each)[0] == "known"]
-    share = "all" if len(known) == len(learned) else "none" if not known else f"{len(known)}"
-    text = (
-        f"{joined(axes).capitalize()} {'was' if len(axes) == 1 else 'were'} learned: {len(learned)} of "
-        f"{len(estimate.names)} coefficients identified, {share} of them to 10 % or better"
-    )
-    moving = {axis.velocity for axis in AXES if axis.name in axes}
+    known = [_known(estimate, axis) for axis in AXES]
+    text = "; ".join(_groups(known, driven))
+    axes = [axis for axis, each in zip(AXES, known, strict=True) if each.inertia or each.drag]
+    if not axes:
+        text = f"No inertia and no drag is known, only {joined([each.name for each in learned])}"
+    share = [state_of(each)[0] == "known" for each in learned]
+    grade = "good" if 2 * sum(share) >= len(share) else "fair"
+    moving = {axis.velocity for axis in axes}
     fits = {name: value for name, value in fit.items() if value is not None and name in moving}
-    grade = "good" if 2 * len(known) >= len(learned) else "fair"
     if fits:
         worst, best = min(fits.values()), max(fits.values())
         spread = f"{best:.0f} %" if len(fits) == 1 else f"{worst:.0f} to {best:.0f} %"
         names = joined([NAMES[name] for name in fits]) if len(fits) <= 3 else "the speeds"
         text += f"; the model predicts {names} of {predicted} with a fit of {spread}"
         grade = "fair" if worst < _USABLE and grade == "good" else grade
-    return Verdict(grade, f"{text}.")
+    return Verdict(grade, f"{text[0].upper()}{text[1:]}.")
+
+
+class _Known(NamedTuple):
+    """How well an axis is known: relative deviations of total inertia and drag, 0 where they are not identified."""
+
+    axis: str
+    inertia: float
+    drag: float
+
+
+def _known(estimate: Estimate, axis: Axis) -> _Known:
+    sums = {total.name: total for total in estimate.sums}
+    total = sums.get(axis.sum_name)
+    inertia = total.std / abs(total.value) if total is not None and total.value else 0.0
+    return _Known(axis.name, inertia, _drag_share(estimate, axis.index))
+
+
+def _drag_share(estimate: Estimate, axis: int) -> float:
+    """Return the relative deviation of an axis' drag at the speed where it is known best; 0 if none is identified."""
+    row, column = ROWS[axis], COLUMNS[axis]
+    names = [name for name in (f"{row}_{column}", f"{row}_{column * 2}") if name in estimate]
+    if not any(estimate[name].identified for name in names):
+        return 0.0
+    at = [estimate.names.index(name) for name in names if np.isfinite(estimate[name].std)]
+    powers = [2 if estimate.names[k].endswith(column * 2) else 1 for k in at]
+    g = _SPEEDS[:, None] ** np.array(powers)
+    drag = np.abs(g @ estimate.values[at])
+    std = np.sqrt(np.maximum(np.einsum("si,ij,sj->s", g, estimate.covariance[np.ix_(at, at)], g), 0.0))
+    return float(np.min(std / np.maximum(drag, 1e-300)))
+
+
+def _groups(known: Sequence[_Known], driven: Sequence[bool]) -> list[str]:
+    """Return the axes in words, those of which the same is known together."""
+    whole = [each for each in known if each.inertia and each.drag]
+    partly = [(each, "inertia") for each in known if each.inertia and not each.drag]
+    partly += [(each, "drag") for each in known if each.drag and not each.inertia]
+    out = []
+    if whole:
+        inertia, drag = _range([each.inertia for each in whole]), _range([each.drag for each in whole])
+        out.append(f"{joined([each.axis for each in whole])}: inertia to {inertia}, drag to {drag}")
+    for kind in ("inertia", "drag"):
+        group = [each for each, known_of in partly if known_of == kind]
+        if group:
+            shares = _range([each.inertia or each.drag for each in group])
+            out.append(f"of {joined([each.axis for each in group])} only {kind}, to {shares}")
+    rest = [k for k, each in enumerate(known) if not (each.inertia or each.drag)]
+    still = [known[k].axis for k in rest if driven and not driven[k]]
+    unknown = [known[k].axis for k in rest if not driven or driven[k]]
+    if still:
+        out.append(f"{joined(still)} {'was' if len(still) == 1 else 'were'} not driven")
+    if unknown:
+        out.append(f"{joined(unknown)} {'stays' if len(unknown) == 1 else 'stay'} unknown")
+    return out
+
+
+def _range(shares: Sequence[float]) -> str:
+    """Return relative deviations as text: the largest, or from the smallest on where they differ much."""
+    low, high = (f"{max(100.0 * share, 0.1):.{1 if share < 0.0095 else 0}f}" for share in (min(shares), max(shares)))
+    return f"{high} %" if max(shares) < _ALIKE * min(shares) or low == high else f"{low} .. {high} %"
 
 
 def validate_verdict(name: str, fit: Mapping[str, float | None], errors: Sequence[str]) -> Verdict:
@@ -96,8 +176,3 @@ def validate_verdict(name: str, fit: Mapping[str, float | None], errors: Sequenc
 
 def _fit(value: float) -> str:
     return "diverges" if value <= -999.0 else f"{value:.0f} %"
-
-
-def _row(name: str) -> int:
-    kind, i, _ = index(name)
-    return 2 if kind == "weight" else (4, 3, 3)[i] if kind == "moment" else i

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from towtank.app.inspection import AxisVerdict, Inspection
-from towtank.app.tables.learning import disturbance_cells
+from towtank.app.tables.learning import disturbance_cells, show_findings
 from towtank.app.tables.repairs import show_contents
 from towtank.app.terminal.output import Output
 from towtank.digits import short
@@ -25,6 +25,7 @@ def show_inspection(found: Inspection, output: Output) -> None:
     recording = found.recording
     output.line(found.log, "bold")
     output.line(f"{short(recording.duration, 5)} s, {len(found.channels)} channels")
+    show_findings(found.findings, output)
     _show_channels(found.channels, found.noise, output)
     show_contents(recording, output)
     lines = (*found.repairs.lines, *recording.notes)

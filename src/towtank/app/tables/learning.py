@@ -19,7 +19,9 @@ from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.intervals import interval, interval_text
 from towtank.recording import STANDARD, Grid
+from towtank.recording.consistency import Finding
 from towtank.recording.standard import MEASURED
+from towtank.report.verdict import learn_verdict
 from towtank.vehicle import COEFFICIENTS
 
 __all__ = [
@@ -27,9 +29,11 @@ __all__ = [
     "disturbance_cells",
     "disturbance_document",
     "estimate_document",
+    "findings_document",
     "late_texts",
     "learn_document",
     "noise_document",
+    "show_findings",
     "show_learning",
     "supposed_values",
 ]
@@ -133,9 +137,12 @@ def show_learning(
     """
     estimate = learning.estimate
     names = ", ".join(log.name for log in logs)
+    output.line(_verdict(learning, fit), "bold")
+    output.line()
     output.line(f"{learning.vehicle.name} from {names}", "bold")
     known = "" if prior is None else f", prior {prior}"
     output.line(f"{short(estimate.duration)} s, {estimate.samples} samples, method {learning.method}{known}")
+    show_findings(learning.findings, output)
     _show_coefficients(learning, output)
     if estimate.sums:
         output.heading("Inertias as they move the vehicle (body and water together)")
@@ -157,6 +164,25 @@ def show_learning(
         output.heading("Warnings")
         for text in warnings:
             output.item(text)
+
+
+def _verdict(learning: LogLearning, fit: Mapping[str, float | None]) -> str:
+    """Return what is to be known first."""
+    predicted = "the logs that it was learned from"
+    return learn_verdict(learning.estimate, fit, predicted, learning.findings, learning.driven).text
+
+
+def show_findings(findings: Sequence[Finding], output: Output) -> None:
+    """Print what cannot be right; nothing where all may be."""
+    if findings:
+        output.heading("What cannot be right")
+        for each in findings:
+            output.item(each.text)
+
+
+def findings_document(findings: Sequence[Finding]) -> list[dict[str, str]]:
+    """Return the findings for a JSON document."""
+    return [{"what": each.what, "text": each.text} for each in findings]
 
 
 def _choice(learning: LogLearning, asked: str) -> list[str]:
@@ -268,6 +294,8 @@ def learn_document(
     """Return the part of the JSON document that learning fills."""
     estimate = learning.estimate
     return {
+        "verdict": _verdict(learning, fit),
+        "findings": findings_document(learning.findings),
         "method": learning.method,
         "remarks": learning.remarks,
         "duration_s": estimate.duration,

@@ -37,7 +37,7 @@ from towtank.recording import Grid
 from towtank.recording.frames.rotations import conjugate, rotate
 from towtank.vehicle import Vehicle, configuration_matrix
 
-__all__ = ["DRIVEN", "first_look", "mirrored", "reversals"]
+__all__ = ["DRIVEN", "driven_axes", "first_look", "mirrored", "reversals"]
 
 DERIVED_CORNER = 12.0  # 1/s, of the low-pass that a derived speed needs
 _CUT = 7.0  # times the median deviation from the running mean
@@ -270,11 +270,16 @@ class Reversal:
         return reversed_force(self.axis, self.reversed_share, self.share)
 
 
+def driven_axes(samples: Sequence[Samples], share: float = 0.02) -> tuple[bool, ...]:
+    """Return whether the inputs drive each axis (6,): by a share of the largest force or moment at least."""
+    forces = np.array([_force_size(samples, i) for i in range(6)]) / np.array([1.0] * 3 + [_LENGTH] * 3)
+    return tuple(bool(force > 0.0 and force >= share * forces.max()) for force in forces)
+
+
 def reversals(samples: Sequence[Samples]) -> tuple[Reversal, ...]:
     """Return the axes on which the recordings speak for the opposite sign."""
-    forces = np.array([_force_size(samples, i) for i in range(6)]) / np.array([1.0] * 3 + [_LENGTH] * 3)
-    commanded = [i for i in range(6) if forces[i] > 0.0 and forces[i] >= _COMMANDED * forces.max()]
-    return tuple(each for each in (_reversal(samples, i) for i in commanded) if each is not None)
+    commanded = np.flatnonzero(driven_axes(samples, _COMMANDED))
+    return tuple(each for each in (_reversal(samples, int(i)) for i in commanded) if each is not None)
 
 
 def mirrored(vehicle: Vehicle, axes: Sequence[int]) -> Vehicle | None:

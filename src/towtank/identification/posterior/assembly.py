@@ -13,6 +13,7 @@ from towtank.identification.data.samples import NoiseLevels, Sources
 from towtank.identification.model.belief import Belief
 from towtank.identification.posterior.estimate import Estimate
 from towtank.recording import Grid
+from towtank.recording.consistency import Finding
 from towtank.vehicle import Vehicle
 
 __all__ = ["Current", "DelayScan", "LogLearning"]
@@ -48,6 +49,7 @@ class LogLearning:
         latency: of sensors, value and deviation [s]. prior: what was supposed, None of the paper's method.
         narrowed: deviation of each unknown as a share of what it was before any data. wave_period: of the water [s],
             NaN where it has no waves.
+        findings: what cannot be right, gravest first. driven: axes (6,) that the inputs drove; () where not looked at.
     """
 
     vehicle: Vehicle
@@ -71,6 +73,8 @@ class LogLearning:
     prior: Belief | None = None
     narrowed: Mapping[str, float] = field(default_factory=dict)
     wave_period: float = math.nan
+    findings: tuple[Finding, ...] = ()
+    driven: tuple[bool, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,241 @@
+"""What was learned that cannot be right, in physical words: righting arms, shares of the weight, drag coefficients.
+
+An unknown is doubted where its posterior lies beyond three deviations of the prior, in the prior's own coordinates, and
+more than three deviations of its own from there: the data leave no doubt, and what was supposed does. Either the prior
+is wrong (units and signs in the vehicle's file), or the log is, or the model lacks something.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.digits import estimate_text, short
+from towtank.identification.model.belief import Belief
+from towtank.identification.model.parameters import DELAY, GAIN_PREFIX, LAG, LATENCIES, PLACES
+from towtank.identification.model.terms import AXES
+from towtank.identification.posterior.assembly import LogLearning
+from towtank.recording.consistency import Finding
+from towtank.vehicle import COEFFICIENTS, Vehicle, index, unit
+from towtank.vehicle.matrices import GRAVITY
+from towtank.vehicle.names import COLUMNS, Kind
+
+__all__ = ["implausible"]
+
+_BEYOND = 3.0  # deviations: of the prior, and of the posterior beyond these
+_INERTIA = (1.0, 5.0)  # times the rigid body's
+_CURRENT = 1.0  # m/s
+_WATER = 1000.0  # kg/m^3
+_ARM = 1.7  # times the gyradius: where the drag of a hull that turns acts
+_SIGNS = "check units, signs and the model"
+
+
+class _Doubt(NamedTuple):
+    """An unknown beyond what was supposed of it: value and deviation in SI, prior deviations, whose prior it was."""
+
+    name: str
+    value: float
+    std: float
+    deviations: float
+    source: str
+
+
+def implausible(learning: LogLearning) -> tuple[Finding, ...]:
+    """Return what of a finished learning cannot be right, what lies farthest from the prior first."""
+    body = _Body(learning.vehicle)
+    found = {each.name: body.said(each) for each in _doubts(learning)}
+    for name, text in body.impossible_inertias(learning).items():
+        found[name] = f"{text}: check mass, units, thruster curves and places"
+    out = [Finding(name, text) for name, text in found.items()]
+    current = learning.current
+    if current is not None and current.speed - _BEYOND * float(current.std[:2].max()) > _CURRENT:
+        text = f"the water flows with {current.said}: check position, heading and frames"
+        out.append(Finding("current", text))
+    return tuple(out)
+
+
+def _doubts(learning: LogLearning) -> list[_Doubt]:
+    """Return the unknowns beyond their prior, farthest first."""
+    prior, posterior = learning.prior, learning.model.posterior
+    if prior is None or posterior is None:
+        return []
+    theta, std = np.array(posterior.mean), np.array(posterior.std)
+    theta = np.where(prior.free.signs < 0.0, prior.free.rigid - theta, theta)
+    for k, name in enumerate(prior.names):
+        if name.startswith(GAIN_PREFIX):
+            theta[k] = _log_gain(learning, name.removeprefix(GAIN_PREFIX))
+    away = np.abs(theta - prior.mean)
+    beyond = np.flatnonzero(away - _BEYOND * prior.std > _BEYOND * std)
+    values, slopes = prior.free.values(theta), prior.free.slopes(theta)
+    doubts = [
+        _Doubt(prior.names[k], float(values[k]), abs(float(slopes[k])) * float(std[k]), away[k] / prior.std[k], source)
+        for k, source in ((int(k), prior.sources[k]) for k in beyond)
+    ]
+    return sorted(doubts, key=lambda each: -each.deviations)
+
+
+def _log_gain(learning: LogLearning, thruster: str) -> float:
+    before = next(each.gain for each in learning.vehicle.thrusters if each.name == thruster)
+    return math.log(learning.gains[thruster][0] / before)
+
+
+class _Body:
+    """The sizes of a vehicle that make coefficients comparable."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.rigid: Array = np.diag(vehicle.rigid_body_matrix)
+        self.weight = GRAVITY * float(self.rigid[0])
+        self.length = (float(self.rigid[0]) / _WATER) ** (1.0 / 3.0)
+
+    def said(self, doubt: _Doubt) -> str:
+        """Return a doubt in words."""
+        what, check = self._physical(doubt)
+        whose = "what was supposed"
+        if "file" in doubt.source:
+            whose = "what the file says"
+        elif doubt.source == "learned before":
+            whose = "what was learned before"
+        return f"{what}, {doubt.deviations:.0f} deviations from {whose}: {check}"
+
+    def _physical(self, doubt: _Doubt) -> tuple[str, str]:
+        """Return what an unknown amounts to, and what to check."""
+        name, value, std = doubt.name, doubt.value, doubt.std
+        if name in COEFFICIENTS:
+            kind, i, j = index(name)
+            return _WORDS[kind](self, doubt, i, j)
+        if name in (DELAY, LAG):
+            what = "from command to thruster" if name == DELAY else "of the thrusters, first order"
+            return f"a {name} of {_ms(value, std)} {what}", "check the stamps of the commands, and their rate"
+        if name.startswith(GAIN_PREFIX):
+            percent = estimate_text(100.0 * value, 100.0 * std)
+            thruster = name.removeprefix(GAIN_PREFIX)
+            return f"thruster {thruster} gives {percent} % of its curve", "check curve, voltage, order, weed and wear"
+        if name in LATENCIES:
+            sensor = name.removeprefix("latency_").replace("_", " ")
+            return f"{sensor} arrives {_ms(value, std)} late", "check its stamps and filters"
+        if name in PLACES:
+            place = estimate_text(100.0 * value, 100.0 * std)
+            return (
+                f"the accelerometer sits {place} cm from the origin along {name[-1]}",
+                "check units, frame and gravity",
+            )
+        return f"{name} is {estimate_text(value, std)}", _SIGNS
+
+    def _inertia(self, doubt: _Doubt, i: int, j: int) -> tuple[str, str]:
+        if i != j:
+            text = f"the inertia coupling {doubt.name} is {_with_unit(doubt)}"
+            return text, "check the places of thrusters and sensors, and the symmetry of the vehicle"
+        return self.inertia_text(
+            i, float(self.rigid[i]) - doubt.value, doubt.std
+        ), "check mass, units and thruster curves"
+
+    def inertia_text(self, i: int, total: float, std: float) -> str:
+        """Return the total inertia of an axis in words."""
+        axis, noun = AXES[i], "mass" if i < 3 else "moment of inertia"
+        number = f"{estimate_text(total, std)} {axis.unit}"
+        times = short(total / float(self.rigid[i]), 2)
+        return f"the total {axis.name} inertia of {number} is {times} times the body's own {noun}"
+
+    def _drag(self, doubt: _Doubt, i: int, j: int) -> tuple[str, str]:
+        if i != j:
+            return (
+                f"the damping {doubt.name} is {_with_unit(doubt)}",
+                "check frames, and places of thrusters and sensors",
+            )
+        axis = AXES[i].name
+        check = "check units, thruster curves, and speed over ground against that through the water"
+        if doubt.value > 0.0:
+            return f"{axis} drag {doubt.name} {_with_unit(doubt)} drives the vehicle on", "check signs and frames"
+        arm = 1.0 if i < 3 else _ARM * math.sqrt(float(self.rigid[i] / self.rigid[0]))
+        size = short(-2.0 * doubt.value / (_WATER * self.length**2 * arm**3), 2)
+        at = f" at 1 {'m' if i < 3 else 'rad'}/s" if index(doubt.name)[0] == "linear" else ""
+        drag = f"{axis} drag {doubt.name} {_with_unit(doubt)}"
+        return f"{drag} is a drag coefficient of {size}{at}, on the face of a cube of its volume", check
+
+    def _constant(self, doubt: _Doubt, i: int, j: int) -> tuple[str, str]:
+        share = 100.0 * doubt.value / (self.weight * (1.0 if i < 3 else self.length))
+        what = f"the constant {AXES[i].name} {'force' if i < 3 else 'moment'} of {_with_unit(doubt)}"
+        of = "of the weight" if i < 3 else "of the weight times its size"
+        return f"{what} is {short(share, 2)} % {of}", "check tether, trim and the thrusters' neutral"
+
+    def _weight(self, doubt: _Doubt, i: int, j: int) -> tuple[str, str]:
+        share = short(100.0 * doubt.value / self.weight, 2)
+        text = f"a net weight of {_with_unit(doubt)} is {share} % of the weight"
+        return text, "check mass, ballast, and curves and signs of the vertical thrusters"
+
+    def _moment(self, doubt: _Doubt, i: int, j: int) -> tuple[str, str]:
+        arm = short(100.0 * doubt.value / self.weight, 2)
+        if doubt.name == "BG_z":
+            return f"BG_z {_with_unit(doubt)} is a righting arm of {arm} cm", _SIGNS
+        arm = arm.removeprefix("-")
+        along = "lengthways" if doubt.name == "BG_x" else "sideways"
+        return (
+            f"{doubt.name} {_with_unit(doubt)} puts weight and buoyancy {arm} cm apart {along}",
+            f"{_SIGNS}, and trim",
+        )
+
+    def _asymmetric(self, doubt: _Doubt, i: int, j: int) -> tuple[str, str]:
+        ways = "ahead and astern" if COLUMNS[i] == "u" else "one way and the other"
+        text = f"{AXES[i].name} drag differs by {doubt.name} {_with_unit(doubt)} {ways}"
+        return text, "check the thruster curves, which may differ by direction themselves"
+
+    def _inflow(self, doubt: _Doubt, i: int, j: int) -> tuple[str, str]:
+        share = estimate_text(100.0 * doubt.value, 100.0 * doubt.std)
+        return f"thrusters lose {share} % of their thrust per m/s", "check curves, current and signs"
+
+    def _forward(self, doubt: _Doubt, i: int, j: int) -> tuple[str, str]:
+        return f"the forward-speed term {doubt.name} is {_with_unit(doubt)}", _SIGNS
+
+    def impossible_inertias(self, learning: LogLearning) -> dict[str, str]:
+        """Return the total inertias below the rigid body's own, or far above it, by the names of their added masses."""
+        out = {}
+        for axis in AXES:
+            total, std = _total(learning, axis.index)
+            low, high = (limit * float(self.rigid[axis.index]) for limit in _INERTIA)
+            if total + _BEYOND * std < low or total - _BEYOND * std > high:
+                out[axis.added_mass] = self.inertia_text(axis.index, total, std)
+        return out
+
+
+_WORDS: dict[Kind, Callable[[_Body, _Doubt, int, int], tuple[str, str]]] = {
+    "mass": _Body._inertia,
+    "linear": _Body._drag,
+    "quadratic": _Body._drag,
+    "constant": _Body._constant,
+    "weight": _Body._weight,
+    "moment": _Body._moment,
+    "forward": _Body._forward,
+    "asymmetric": _Body._asymmetric,
+    "inflow": _Body._inflow,
+}
+
+
+def _total(learning: LogLearning, axis: int) -> tuple[float, float]:
+    """Return the total inertia of an axis as the data have it, before it was made physical; NaN where unknown."""
+    name = AXES[axis].added_mass
+    prior, posterior = learning.prior, learning.model.posterior
+    known = {each.name: each for each in learning.estimate.sums}
+    if AXES[axis].sum_name not in known:
+        return math.nan, math.nan
+    if prior is None or posterior is None or name not in prior.names:
+        each = known[AXES[axis].sum_name]
+        return each.value, each.std
+    return _of_logarithm(prior, posterior.mean, posterior.std, name)
+
+
+def _of_logarithm(prior: Belief, mean: tuple[float, ...], std: tuple[float, ...], name: str) -> tuple[float, float]:
+    k = prior.names.index(name)
+    total = math.exp(mean[k])
+    return total, total * std[k]
+
+
+def _with_unit(doubt: _Doubt) -> str:
+    return f"{estimate_text(doubt.value, doubt.std)} {unit(doubt.name)}"
+
+
+def _ms(value: float, std: float) -> str:
+    return f"{estimate_text(1e3 * value, 1e3 * std)} ms"
