@@ -12,7 +12,7 @@ from towtank.identification.least_squares.batch import Progress, learn_paper
 from towtank.identification.offline.first_look import mirrored, reversals
 from towtank.identification.offline.joint import LearningRequest, learn_joint
 from towtank.identification.posterior.assembly import LogLearning
-from towtank.identification.posterior.thrusters import with_scale
+from towtank.identification.posterior.thrusters import with_gains_of, with_scale
 from towtank.methods import METHODS
 from towtank.recording import Recording
 from towtank.vehicle import Vehicle, configuration_matrix
@@ -67,6 +67,7 @@ def learn_recordings(
     if method != "joint" and request.current:
         raise InputError(f"current: method {method} knows none; use method joint")
     recordings = [prepared(recording, vehicle) for recording in recordings]
+    vehicle, of_gains = (vehicle, ()) if request.prior is None else with_gains_of(vehicle, request.prior)
     free = request.free
     try:
         samples = tuple(samples_of(recording, vehicle) for recording in recordings)
@@ -82,7 +83,7 @@ def learn_recordings(
         learning = with_scale(learning, free or ())
     else:
         learning = learn_joint(request, progress)
-    return replace(learning, warnings=(*of_signs, *learning.warnings)) if of_signs else learning
+    return replace(learning, warnings=(*of_signs, *of_gains, *learning.warnings))
 
 
 def _right_way_round(
