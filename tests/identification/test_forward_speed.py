@@ -11,11 +11,9 @@ import pytest
 from towtank.errors import InputError
 from towtank.identification import Learner, LogLearning, learn_recordings
 from towtank.identification.changes.hypotheses import hypotheses, steps_of
-from towtank.identification.data.samples import samples_of
+from towtank.identification.model.belief import belief
 from towtank.identification.model.parameters import free_parameters
 from towtank.identification.model.terms import TERMS, given_terms
-from towtank.identification.offline.free_runs import groups_of_terms
-from towtank.identification.online.reestimation import names_to_learn
 from towtank.identification.posterior.wording import phrase, role
 from towtank.simulation import simulate
 from towtank.vehicle import FORWARD_SPEED
@@ -23,7 +21,7 @@ from towtank.vehicle.names import KINDS
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
 
-from torpedo_study import LEAST_FIT, LIFT, PLANE, known, learned, torpedo, zigzag, zigzags
+from torpedo_study import FINS, LEAST_FIT, LIFT, finned, known, learned, torpedo, zigzag, zigzags
 
 
 def test_the_yaw_of_a_torpedo_is_predicted_with_them_and_not_without() -> None:
@@ -39,19 +37,20 @@ def test_they_are_free_where_the_file_has_them() -> None:
     assert given_terms(half, range(6)) == (*LIFT, "Z_uw", "Z_uq", "M_uw", "M_uq")
     assert given_terms(half, (0, 5)) == ("N_uv", "N_ur")
     assert given_terms(truth.model_copy(update={"hydrodynamics": {}}), range(6)) == ()
-    plane = [True, True, False, False, False, True]
-    assert set(LIFT) <= set(names_to_learn(half, None, None, plane, with_delay=False))
-    assert names_to_learn(half, ("X_u",), None, plane, with_delay=False) == ["X_u"]
+    assert {*LIFT, "Z_uw", "M_uq"} <= set(belief(half).names)
+    assert set(LIFT) <= set(belief(finned(known(truth, 0.0))).names)
+    assert not set(LIFT) & set(belief(known(truth, 0.0)).names)
 
 
-def test_free_runs_try_them_where_the_vehicle_goes_ahead() -> None:
+def test_what_is_known_of_them_beforehand_is_the_file_s_value_and_deviation() -> None:
     truth = torpedo()
-    ahead = samples_of(zigzags(truth, 1, 20.0), truth)
-    assert groups_of_terms(truth, PLANE, [ahead], find_lag=False).forward_speed == LIFT
-    for seconds in (20.0, 60.0):  # the tunnels alone, which drive it astern, and then about
-        commands = zigzag(seconds, 1) * [0.0, 1.0, 1.0]
-        turning = samples_of(simulate(truth, commands=commands, dt=0.02), truth)
-        assert groups_of_terms(truth, PLANE, [turning], find_lag=False).forward_speed == ()
+    half, nothing = belief(known(truth, 0.5)), belief(finned(known(truth, 0.0)))
+    for name, size in zip(LIFT, FINS, strict=True):
+        k, j = half.names.index(name), nothing.names.index(name)
+        assert half.mean[k] == 0.5 * truth.coefficient(name)
+        assert half.std[k] == pytest.approx(0.25 * abs(truth.coefficient(name)))
+        assert nothing.mean[j] == 0.0
+        assert nothing.std[j] == pytest.approx(size)
 
 
 def test_the_papers_method_names_those_that_can_learn_them() -> None:

@@ -43,9 +43,7 @@ def test_the_current_is_found_and_the_drag_is_right(along: LogLearning) -> None:
     assert along.method == "joint"
 
 
-def test_a_current_that_nobody_asked_for_is_found_and_said_all_the_same(
-    flowing: Recording, along: LogLearning
-) -> None:
+def test_a_current_that_nobody_asked_for_is_found_and_said_all_the_same(flowing: Recording, along: LogLearning) -> None:
     learning = learn_recordings(TRUTH, [flowing], free=FREE, delay=0.0)
     [told] = [line for line in learning.remarks if line.startswith("the water flows")]
     assert "towards 32" in told or "towards 33" in told
