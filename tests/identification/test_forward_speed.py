@@ -11,9 +11,9 @@ import pytest
 from towtank.errors import InputError
 from towtank.identification import Learner, LogLearning, learn_recordings
 from towtank.identification.changes.hypotheses import hypotheses, steps_of
-from towtank.identification.kalman.state import coefficient_block
 from towtank.identification.model.belief import belief
-from towtank.identification.model.terms import TERMS
+from towtank.identification.model.parameters import free_parameters
+from towtank.identification.model.terms import TERMS, given_terms
 from towtank.identification.posterior.wording import phrase, role
 from towtank.simulation import simulate
 from towtank.vehicle import FORWARD_SPEED
@@ -21,7 +21,7 @@ from towtank.vehicle.names import KINDS
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
 
-from torpedo_study import LEAST_FIT, LIFT, known, learned, torpedo, zigzag, zigzags
+from torpedo_study import FINS, LEAST_FIT, LIFT, finned, known, learned, torpedo, zigzag, zigzags
 
 
 def test_the_yaw_of_a_torpedo_is_predicted_with_them_and_not_without() -> None:
@@ -31,11 +31,26 @@ def test_the_yaw_of_a_torpedo_is_predicted_with_them_and_not_without() -> None:
     assert max(abs(off) for off in with_them.errors) < 15.0  # percent
 
 
-def test_they_are_unknowns_where_the_file_has_them() -> None:
+def test_they_are_free_where_the_file_has_them() -> None:
     truth = torpedo()
-    names = belief(known(truth, 0.5)).names
-    assert {*LIFT, "Z_uw", "Z_uq", "M_uw", "M_uq"} <= set(names)
-    assert not set(FORWARD_SPEED) & set(belief(truth.model_copy(update={"hydrodynamics": {}})).names)
+    half = known(truth, 0.5)
+    assert given_terms(half, range(6)) == (*LIFT, "Z_uw", "Z_uq", "M_uw", "M_uq")
+    assert given_terms(half, (0, 5)) == ("N_uv", "N_ur")
+    assert given_terms(truth.model_copy(update={"hydrodynamics": {}}), range(6)) == ()
+    assert {*LIFT, "Z_uw", "M_uq"} <= set(belief(half).names)
+    assert set(LIFT) <= set(belief(finned(known(truth, 0.0))).names)
+    assert not set(LIFT) & set(belief(known(truth, 0.0)).names)
+
+
+def test_what_is_known_of_them_beforehand_is_the_file_s_value_and_deviation() -> None:
+    truth = torpedo()
+    half, nothing = belief(known(truth, 0.5)), belief(finned(known(truth, 0.0)))
+    for name, size in zip(LIFT, FINS, strict=True):
+        k, j = half.names.index(name), nothing.names.index(name)
+        assert half.mean[k] == 0.5 * truth.coefficient(name)
+        assert half.std[k] == pytest.approx(0.25 * abs(truth.coefficient(name)))
+        assert nothing.mean[j] == 0.0
+        assert nothing.std[j] == pytest.approx(size)
 
 
 def test_the_papers_method_names_those_that_can_learn_them() -> None:
@@ -71,21 +86,10 @@ def test_every_kind_of_coefficient_has_its_row() -> None:
     assert phrase("N_v") == "the coupling N_v"
 
 
-def test_a_change_of_drag_changes_them_too_where_they_are_identified() -> None:
-    learner = Learner(torpedo(), free=("N_rr", "N_uv", "N_rdot"), changes=False)
-    learner.run(zigzags(torpedo(), 1, 10.0))
-    running = learner._stream.running  # type: ignore[attr-defined]
-    for share, changes in ((0.2, True), (0.8, False)):
-        coefficient_block(running.state)[:] = np.diag((share * running.prior.reference) ** 2)
-        running = running._replace(disagreement=np.ones(len(running.free)))
-        steps = steps_of(torpedo(), running, running.prior)
-        parts = {each.parts for each in hypotheses(running.free, steps)}
-        assert np.all((steps[[name != "delay" for name in running.free.names]] > 0.0) == changes)
-        assert parts == ({("inertia",), ("drag",), ("inertia", "drag")} if changes else set())
-
-
-def test_a_centre_of_gravity_may_shift() -> None:
+def test_a_change_of_drag_changes_them_too() -> None:
     truth = torpedo()
-    wide = belief(truth).only(("BG_x", "BG_y", "BG_z", "N_rr"))
-    shift = next(each for each in hypotheses(wide.free, np.ones(4)) if each.parts == ("trim",))
-    assert {name for name, step in zip(wide.names, shift.steps, strict=True) if step} == {"BG_x", "BG_y"}
+    free = free_parameters(truth, ("N_rr", "N_uv", "N_rdot"))
+    steps = steps_of(truth, free)
+    drag = next(each for each in hypotheses(free, steps) if each.parts == ("drag",))
+    assert np.array_equal(drag.steps > 0.0, [True, True, False])
+    assert all(steps_of(truth, free_parameters(truth, FORWARD_SPEED)) > 0.0)

@@ -43,18 +43,33 @@ def test_the_current_is_found_and_the_drag_is_right(along: LogLearning) -> None:
     assert along.method == "joint"
 
 
-def test_a_current_that_nobody_asked_for_is_told(flowing: Recording, along: LogLearning) -> None:
+def test_a_current_that_nobody_asked_for_is_found_and_said_all_the_same(flowing: Recording, along: LogLearning) -> None:
     learning = learn_recordings(TRUTH, [flowing], free=FREE, delay=0.0)
-    [told] = [line for line in learning.remarks if "the water flows" in line]
+    [told] = [line for line in learning.remarks if line.startswith("the water flows")]
     assert "towards 32" in told or "towards 33" in told
-    assert learning.estimate["X_uu"] == along.estimate["X_uu"]  # it is estimated wherever it can be told
+    assert learning.current is not None
+    assert along.current is not None
+    np.testing.assert_array_equal(learning.current.velocity, along.current.velocity)
+    assert learning.estimate["X_uu"].value == along.estimate["X_uu"].value
 
 
 def test_still_water_is_left_in_peace() -> None:
     learning = learn_recordings(TRUTH, [_dive((0.0, 0.0, 0.0), seed=2)], free=FREE, delay=0.0)
     assert learning.current is not None
     assert (np.abs(learning.current.velocity) < 4.0 * learning.current.std).all()
-    assert not any("the water flows" in line for line in learning.remarks)
+    assert learning.current.std.max() < 0.01
+    assert not any("flows" in line for line in (*learning.remarks, *learning.warnings))
+
+
+def test_two_recordings_have_water_of_their_own(flowing: Recording) -> None:
+    """One in a current, one in still water: both together say what they say of the drag, and it is right."""
+    learning = learn_recordings(TRUTH, [flowing, _dive((0.0, 0.0, 0.0), seed=2)], free=FREE, delay=0.0)
+    assert learning.current is not None
+    assert (np.abs(learning.current.velocity) < 4.0 * learning.current.std).all()  # that of the last one
+    for name in ("X_uu", "Y_vv"):
+        found = learning.estimate[name]
+        assert abs(found.value - TRUTH.coefficient(name)) < 3.5 * found.std
+        assert found.value == pytest.approx(TRUTH.coefficient(name), rel=0.05)
 
 
 def test_a_stream_learns_it_along(flowing: Recording) -> None:

@@ -201,7 +201,7 @@ def test_total_inertia_stays_positive_where_no_added_mass_is_known() -> None:
 def test_matrices_of_the_bounds() -> None:
     vehicle = load_vehicle("vlbv300")
     by_kind = {family.kind: family for family in families(vehicle, ("Y_rdot", "N_r", "X_uu", "delay", "BG_z"))}
-    assert set(by_kind) == {"added", "inertia", "linear", "quadratic"}
+    assert set(by_kind) == {"added", "inertia", "linear", "quadratic", "ahead", "astern"}
     x = np.array([-0.5, -2.0, -40.0, 0.1, 4.0])
     changed = vehicle.with_coefficients({"Y_rdot": -0.5, "N_r": -2.0, "X_uu": -40.0})
     np.testing.assert_allclose(by_kind["added"].at(x), changed.added_mass_matrix)

@@ -16,7 +16,7 @@ from towtank.identification.offline.first_look import driven_axes, mirrored, rev
 from towtank.identification.offline.joint import LearningRequest, learn_joint, likelier_reversed
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.identification.posterior.plausibility import implausible
-from towtank.identification.posterior.thrusters import with_scale
+from towtank.identification.posterior.thrusters import with_gains_of, with_scale
 from towtank.methods import METHODS
 from towtank.recording import Recording
 from towtank.recording.consistency import Finding, inconsistencies
@@ -73,13 +73,14 @@ def learn_recordings(
     if method != "joint" and request.current:
         raise InputError(f"current: method {method} knows none; use method joint")
     recordings = [prepared(recording, vehicle) for recording in recordings]
+    vehicle, of_gains = (vehicle, ()) if request.prior is None else with_gains_of(vehicle, request.prior)
     free = request.free
     try:
         samples = tuple(samples_of(recording, vehicle) for recording in recordings)
     except InputError:
         samples = ()  # learning says it, and says more
     found, driven = _findings_of(recordings, samples), driven_axes(samples)
-    request = replace(request, recordings=recordings, samples=samples)
+    request = replace(request, vehicle=vehicle, recordings=recordings, samples=samples)
     vehicle, of_signs = _right_way_round(request)
     if of_signs and all(each.commands for each in samples):
         samples = tuple(replace(each, B=configuration_matrix(vehicle)) for each in samples)
@@ -90,7 +91,8 @@ def learn_recordings(
         learning = with_scale(learning, free or ())
     else:
         learning = learn_joint(request, progress)
-    return _with_findings(replace(learning, driven=driven), (*of_signs, *found))
+    learning = replace(learning, driven=driven, warnings=(*of_gains, *learning.warnings))
+    return _with_findings(learning, (*of_signs, *found))
 
 
 def findings_before(vehicle: Vehicle | None, recording: Recording) -> tuple[Finding, ...]:

@@ -1,11 +1,12 @@
 """Physical consistency of what was learned: the likeliest physical model, and what pulled it out of bounds.
 
 Added mass and -L must be positive semidefinite, total inertia positive definite, and quadratic damping must take energy
-out, -nu^T Q |nu|nu >= 0. Each of these is v^T A(x) v >= 0 (for Q: a cubic of nu) for all directions, with A affine in
-the coefficients x: one direction is one linear bound, and the worst directions are added as they are found (cutting
-planes). Where coefficients x0 with covariance C break a bound, the likeliest x within all bounds minimises
-(x - x0)^T C^-1 (x - x0): the correlated coefficients move along, as they would had the bound been known. Every bound
-that was broken is reported with how far and which way, for such a pull is a sign of something else that is wrong.
+out, -nu^T Q |nu|nu >= 0, on each axis both ways: -X_uu >= |X_u2|. Each of these is v^T A(x) v >= 0 (for Q: a cubic of
+nu) for all directions, with A affine in the coefficients x: one direction is one linear bound, and the worst directions
+are added as they are found (cutting planes). Where coefficients x0 with covariance C break a bound, the likeliest x
+within all bounds minimises (x - x0)^T C^-1 (x - x0): the correlated coefficients move along, as they would had the
+bound been known. Every bound that was broken is reported with how far and which way, for such a pull is a sign of
+something else that is wrong.
 
 Forward-speed terms bear no bound: they take energy out ahead and feed it in astern, and a wing may feed it in ahead.
 """
@@ -25,11 +26,11 @@ from towtank.identification.posterior.statistics import conditional_covariance, 
 from towtank.identification.posterior.wording import coupling, diagonal, follows, unreachable
 from towtank.vehicle import Vehicle
 from towtank.vehicle.matrices import damping_matrices
-from towtank.vehicle.names import HYDRODYNAMIC
+from towtank.vehicle.names import COLUMNS, HYDRODYNAMIC, ROWS
 
 __all__: list[str] = []
 
-Kind = Literal["added", "inertia", "linear", "quadratic", "loss"]
+Kind = Literal["added", "inertia", "linear", "quadratic", "ahead", "astern", "loss"]
 _INSIDE = 1e-7  # of the scaled matrix, that bounds on couplings stay inside
 _OUTSIDE = 1e-10  # of the scaled matrix, that counts as a violation
 _LEAST_INERTIA = 1e-3  # of the rigid body's own
@@ -149,6 +150,7 @@ def families(vehicle: Vehicle, names: Sequence[str]) -> tuple[Family, ...]:
 def _matrices(vehicle: Vehicle, changes: dict[str, float]) -> dict[Kind, Array]:
     changed = vehicle.with_coefficients(changes)
     linear, quadratic = damping_matrices({name: each.value for name, each in changed.hydrodynamics.items()})
+    one_way = np.array([changed.coefficient(f"{r}_{c}2") for r, c in zip(ROWS, COLUMNS, strict=True)])
     least = _LEAST_INERTIA * np.diag(np.diag(vehicle.rigid_body_matrix))
     added = changed.added_mass_matrix
     return {
@@ -156,6 +158,8 @@ def _matrices(vehicle: Vehicle, changes: dict[str, float]) -> dict[Kind, Array]:
         "inertia": vehicle.rigid_body_matrix + added - least,
         "linear": -linear,
         "quadratic": -quadratic,
+        "ahead": -np.diag(np.diag(quadratic) + one_way),
+        "astern": -np.diag(np.diag(quadratic) - one_way),
         "loss": np.diag([changed.coefficient("inflow_loss"), 0.0, 0.0, 0.0, 0.0, 0.0]),
     }
 
@@ -325,7 +329,7 @@ class _Report:
             if lost and not new:  # broken only by what the others asked for
                 names = tuple(self.names[k] for k in np.flatnonzero(family.basis.any(axis=(1, 2))))
                 new = [Violation(names, 0.0, unreachable(names))]
-            if family.kind == "inertia":  # negative added mass has said so already
+            if family.kind in ("inertia", "ahead", "astern"):  # added mass or drag below zero has said so already
                 new = [violation for violation in new if named.isdisjoint(violation.names)]
             out += new
         named = {name for violation in out for name in violation.names}
@@ -338,10 +342,11 @@ class _Report:
             lack = -float(family.at(self.x0)[place, place])
             if not g.any() or lack <= 0.0:
                 continue
-            k, away = int(np.flatnonzero(g)[0]), self._deviations(lack, g)
+            k, away = int(np.flatnonzero(g)[-1]), self._deviations(lack, g)
             name, value, std = self.names[k], float(self.x0[k]), float(self.std[k])
             text = diagonal(family.kind, row, name, value, std, away, float(self.x[k]))
-            out.append(Violation((name,), away, unreachable([name]) if lost else text))
+            involved = tuple(self.names[j] for j in np.flatnonzero(g))
+            out.append(Violation(involved, away, unreachable(involved) if lost else text))
         return out
 
     def _couplings(self, family: Family, lost: bool) -> list[Violation]:
@@ -359,7 +364,7 @@ class _Report:
         """Those that were within their bound and end on it because others move."""
         on_diagonal = np.zeros(len(self.names), dtype=np.bool_)
         for family in found:
-            if family.kind != "inertia":
+            if family.kind in ("added", "linear", "quadratic", "loss"):
                 on_diagonal |= np.einsum("kii->ik", family.basis).any(axis=0)
         out = []
         for k in np.flatnonzero(on_diagonal & (self.x == 0.0) & (self.x0 != 0.0)):

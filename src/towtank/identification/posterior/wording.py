@@ -385,6 +385,9 @@ def diagonal(kind: str, row: int, name: str, value: float, std: float, deviation
     if kind in ("linear", "quadratic"):
         what = "drag that feeds energy in"
         check = f"check the direction of the {_wrench(row)}, the delay, a current or a slow disturbance"
+    elif kind in ("ahead", "astern"):
+        what = "drag that feeds energy in one way"
+        check = f"a run both ways in {AXES[row].name} would tell both"
     elif kind == "loss":
         what = "thrusters that gain thrust from the water through them"
         check = "check their curves ahead and astern"
