@@ -27,7 +27,7 @@ def learning(known: float = 0.05, vehicle: Vehicle = VEHICLE, **moved: float) ->
 
     known: deviations as a share of the prior's.
     """
-    prior = belief(vehicle, sensors=("latency_position",))
+    prior = belief(vehicle, more=("latency_position",))
     values = prior.free.values(prior.mean)
     for name, value in moved.items():
         values[prior.names.index(name)] = value
@@ -70,7 +70,8 @@ FIRST = VEHICLE.thrusters[0].name
         ("Z_wdot", -19.0 * MASS, "is 20 times the body's own mass"),
         ("Y_0", 0.1 * WEIGHT, "the constant sway force of"),
         ("Y_rdot", 60.0, "the inertia coupling Y_rdot is 60"),
-        ("inflow_loss", 0.8, "thrusters lose 80.00 ± 0.50 % of their thrust per m/s"),
+        ("inflow_loss", 0.8, "thrusters lose 80.00 ± 0.75 % of their thrust per m/s"),
+        ("inflow_loss", -1.3, "thrusters gain 130.00 ± 0.75 % of their thrust per m/s"),
         ("delay", 0.42, "a delay of 420.0 ± 3.0 ms from command to thruster"),
         ("lag", 2.0, "ms of the thrusters, first order"),
         ("latency_position", 0.6, "position arrives 600.0 ± 5.0 ms late"),
@@ -92,6 +93,10 @@ def test_an_unknown_within_three_deviations_or_hardly_known_is_not_doubted() -> 
     assert implausible(learning(known=0.05, BG_z=mean + 3.1 * std)) == ()  # 0.1 beyond, known to 0.05
     assert implausible(learning(known=0.5, BG_z=mean + 4.4 * std)) == ()
     assert [each.what for each in implausible(learning(known=0.05, BG_z=mean + 3.3 * std))] == ["BG_z"]
+
+
+def test_quick_thrusters_are_no_fault() -> None:
+    assert implausible(learning(lag=0.001, delay=0.0)) == ()
 
 
 def test_what_a_file_states_is_called_that() -> None:

@@ -13,15 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from towtank.core.arrays import Array
 from towtank.digits import estimate_text, short
-from towtank.identification.model.belief import Belief
+from towtank.identification.model.belief import Belief, Body
 from towtank.identification.model.parameters import DELAY, GAIN_PREFIX, LAG, LATENCIES, PLACES
 from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.recording.consistency import Finding
-from towtank.vehicle import COEFFICIENTS, Vehicle, index, unit
-from towtank.vehicle.matrices import GRAVITY
+from towtank.vehicle import COEFFICIENTS, index, unit
 from towtank.vehicle.names import COLUMNS, Kind
 
 __all__ = ["implausible"]
@@ -29,8 +27,6 @@ __all__ = ["implausible"]
 _BEYOND = 3.0  # deviations: of the prior, and of the posterior beyond these
 _INERTIA = (1.0, 5.0)  # times the rigid body's
 _CURRENT = 1.0  # m/s
-_WATER = 1000.0  # kg/m^3
-_ARM = 1.7  # times the gyradius: where the drag of a hull that turns acts
 _SIGNS = "check units, signs and the model"
 
 
@@ -46,7 +42,7 @@ class _Doubt(NamedTuple):
 
 def implausible(learning: LogLearning) -> tuple[Finding, ...]:
     """Return what of a finished learning cannot be right, what lies farthest from the prior first."""
-    body = _Body(learning.vehicle)
+    body = _Words(learning.vehicle)
     found = {each.name: body.said(each) for each in _doubts(learning)}
     for name, text in body.impossible_inertias(learning).items():
         found[name] = f"{text}: check mass, units, thruster curves and places"
@@ -68,11 +64,13 @@ def _doubts(learning: LogLearning) -> list[_Doubt]:
     for k, name in enumerate(prior.names):
         if name.startswith(GAIN_PREFIX):
             theta[k] = _log_gain(learning, name.removeprefix(GAIN_PREFIX))
-    away = np.abs(theta - prior.mean)
-    beyond = np.flatnonzero(away - _BEYOND * prior.std > _BEYOND * std)
+    mean, covariance = prior.seen_from(theta)
+    away, before = np.abs(theta - mean), np.sqrt(np.diag(covariance))
+    quick = np.array([name in (DELAY, LAG) for name in prior.names]) & (theta < mean)  # thrusters may be
+    beyond = np.flatnonzero((away - _BEYOND * before > _BEYOND * std) & ~quick)
     values, slopes = prior.free.values(theta), prior.free.slopes(theta)
     doubts = [
-        _Doubt(prior.names[k], float(values[k]), abs(float(slopes[k])) * float(std[k]), away[k] / prior.std[k], source)
+        _Doubt(prior.names[k], float(values[k]), abs(float(slopes[k])) * float(std[k]), away[k] / before[k], source)
         for k, source in ((int(k), prior.sources[k]) for k in beyond)
     ]
     return sorted(doubts, key=lambda each: -each.deviations)
@@ -83,13 +81,8 @@ def _log_gain(learning: LogLearning, thruster: str) -> float:
     return math.log(learning.gains[thruster][0] / before)
 
 
-class _Body:
-    """The sizes of a vehicle that make coefficients comparable."""
-
-    def __init__(self, vehicle: Vehicle) -> None:
-        self.rigid: Array = np.diag(vehicle.rigid_body_matrix)
-        self.weight = GRAVITY * float(self.rigid[0])
-        self.length = (float(self.rigid[0]) / _WATER) ** (1.0 / 3.0)
+class _Words(Body):
+    """What coefficients of a vehicle of this size amount to."""
 
     def said(self, doubt: _Doubt) -> str:
         """Return a doubt in words."""
@@ -106,7 +99,7 @@ class _Body:
         name, value, std = doubt.name, doubt.value, doubt.std
         if name in COEFFICIENTS:
             kind, i, j = index(name)
-            return _WORDS[kind](self, doubt, i, j)
+            return _OF_KIND[kind](self, doubt, i, j)
         if name in (DELAY, LAG):
             what = "from command to thruster" if name == DELAY else "of the thrusters, first order"
             return f"a {name} of {_ms(value, std)} {what}", "check the stamps of the commands, and their rate"
@@ -116,7 +109,10 @@ class _Body:
             return f"thruster {thruster} gives {percent} % of its curve", "check curve, voltage, order, weed and wear"
         if name in LATENCIES:
             sensor = name.removeprefix("latency_").replace("_", " ")
-            return f"{sensor} arrives {_ms(value, std)} late", "check its stamps and filters"
+            return (
+                f"{sensor} arrives {_ms(abs(value), std)} {'late' if value > 0.0 else 'early'}",
+                "check its stamps and filters",
+            )
         if name in PLACES:
             place = estimate_text(100.0 * value, 100.0 * std)
             return (
@@ -150,8 +146,7 @@ class _Body:
         check = "check units, thruster curves, and speed over ground against that through the water"
         if doubt.value > 0.0:
             return f"{axis} drag {doubt.name} {_with_unit(doubt)} drives the vehicle on", "check signs and frames"
-        arm = 1.0 if i < 3 else _ARM * math.sqrt(float(self.rigid[i] / self.rigid[0]))
-        size = short(-2.0 * doubt.value / (_WATER * self.length**2 * arm**3), 2)
+        size = short(-2.0 * doubt.value / float(self.quadratic[i]), 2)
         at = f" at 1 {'m' if i < 3 else 'rad'}/s" if index(doubt.name)[0] == "linear" else ""
         drag = f"{axis} drag {doubt.name} {_with_unit(doubt)}"
         return f"{drag} is a drag coefficient of {size}{at}, on the face of a cube of its volume", check
@@ -184,8 +179,9 @@ class _Body:
         return text, "check the thruster curves, which may differ by direction themselves"
 
     def _inflow(self, doubt: _Doubt, i: int, j: int) -> tuple[str, str]:
-        share = estimate_text(100.0 * doubt.value, 100.0 * doubt.std)
-        return f"thrusters lose {share} % of their thrust per m/s", "check curves, current and signs"
+        share = estimate_text(100.0 * abs(doubt.value), 100.0 * doubt.std)
+        verb = "lose" if doubt.value > 0.0 else "gain"
+        return f"thrusters {verb} {share} % of their thrust per m/s of inflow", "check curves, current and signs"
 
     def _forward(self, doubt: _Doubt, i: int, j: int) -> tuple[str, str]:
         return f"the forward-speed term {doubt.name} is {_with_unit(doubt)}", _SIGNS
@@ -201,16 +197,16 @@ class _Body:
         return out
 
 
-_WORDS: dict[Kind, Callable[[_Body, _Doubt, int, int], tuple[str, str]]] = {
-    "mass": _Body._inertia,
-    "linear": _Body._drag,
-    "quadratic": _Body._drag,
-    "constant": _Body._constant,
-    "weight": _Body._weight,
-    "moment": _Body._moment,
-    "forward": _Body._forward,
-    "asymmetric": _Body._asymmetric,
-    "inflow": _Body._inflow,
+_OF_KIND: dict[Kind, Callable[[_Words, _Doubt, int, int], tuple[str, str]]] = {
+    "mass": _Words._inertia,
+    "linear": _Words._drag,
+    "quadratic": _Words._drag,
+    "constant": _Words._constant,
+    "weight": _Words._weight,
+    "moment": _Words._moment,
+    "forward": _Words._forward,
+    "asymmetric": _Words._asymmetric,
+    "inflow": _Words._inflow,
 }
 
 
