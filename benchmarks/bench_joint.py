@@ -1,12 +1,12 @@
-"""The joint estimator: microseconds per sample of a 100 Hz pose stream, 13 coefficients and the delay free.
+"""The joint estimator: microseconds per sample of a 100 Hz pose stream, everything plausible unknown.
 
     python benchmarks/bench_joint.py [--json]
     python benchmarks/bench_joint.py --hour
 
 First the stream must find every inertia within 2 % and every coefficient within four of its deviations. One core.
 "pass" is the filter alone over rows that are all there. "stream" is `Learner.run` from the first sample on, with its
-re-estimations, its bank of delays and the least squares that runs beside it, per sample of the whole: of five minutes,
-and of the first minute, in which it looks back most; "watched" the latter with the watch over changes of the vehicle.
+re-estimations, per sample of the whole: of five minutes, and of the first minute, in which it looks back most;
+"watched" the latter with the watch over changes of the vehicle.
 Beside it, a Kalman filter of the same size in NumPy: covariance by matrix products, six updates by scalars, and no
 model at all.
 
@@ -28,11 +28,9 @@ import numpy as np
 from figures import Figure, interleaved, report
 
 from towtank.identification import Learner
-from towtank.identification.data.samples import samples_of
-from towtank.identification.kalman.iterated import FilterProblem, one_pass, prior_deviation
-from towtank.identification.kalman.noise_adaptation import filter_settings, initial_noise_levels
-from towtank.identification.model.parameters import DELAY, free_parameters
-from towtank.identification.model.prior import size_of
+from towtank.identification.kalman.noise_adaptation import initial_noise_levels
+from towtank.identification.kalman.passes import one_pass
+from towtank.identification.offline.joint import LearningRequest, joint_problem
 from towtank.recording import Recording, write_csv
 from towtank.simulation import manoeuvre, simulate
 from towtank.simulation.tank import DISTURBANCE, FREE, MOCAP, tank_session
@@ -79,33 +77,29 @@ def peer(rows: int, size: int) -> None:
 
 def measured() -> Sequence[Figure]:
     truth, known, recording = session()
-    free = free_parameters(known, (*FREE, DELAY))
-    samples, levels = samples_of(recording, known), initial_noise_levels(recording, known)
-    settings = filter_settings(known)
-    theta = free.theta(truth, delay=0.05, lag=0.05)
-    deviation = prior_deviation(free, size_of(known, free))
-    problem = FilterProblem([samples], np.array(known.parameters), free, deviation, delay=0.05)
-    learner = Learner(known, free=FREE)
+    problem = joint_problem(LearningRequest(known, [recording]))
+    theta, levels = problem.prior.mean, initial_noise_levels(recording, known)
+    learner = Learner(known)
     learner.run(recording)
     proved(learner, truth)
-    rows, long = len(samples), session(LONG)[2]
+    rows, size, long = len(problem.samples[0]), 36 + len(problem.free), session(LONG)[2]
     took = interleaved(
         {
-            "pass": lambda: one_pass(problem, theta, levels, settings),
-            "stream": lambda: Learner(known, free=FREE, changes=False).run(long),
-            "minute": lambda: Learner(known, free=FREE, changes=False).run(recording),
-            "watched": lambda: Learner(known, free=FREE).run(recording),
-            "peer": lambda: peer(rows // 10, 21 + len(free)),
+            "pass": lambda: one_pass(problem, theta, levels),
+            "stream": lambda: Learner(known, changes=False).run(long),
+            "minute": lambda: Learner(known, changes=False).run(recording),
+            "watched": lambda: Learner(known).run(recording),
+            "peer": lambda: peer(rows // 10, size),
         },
         repeats=3,
     )
     each = {name: 1e6 * seconds / rows for name, seconds in took.items()}
     each["peer"] *= 10.0
     each["stream"] *= DURATION / LONG
-    size = f"{len(free)} free, {21 + len(free)} states"
+    note = f"{len(problem.free)} unknowns, {size} states at most"
     return (
-        Figure("joint_pass_us_per_sample", each["pass"], "us", note=size),
-        Figure("joint_stream_us_per_sample", each["stream"], "us", LIMIT, note="with looks and bank, 300 s"),
+        Figure("joint_pass_us_per_sample", each["pass"], "us", LIMIT, note=note),
+        Figure("joint_stream_us_per_sample", each["stream"], "us", LIMIT, note="with re-estimation, 300 s"),
         Figure("joint_minute_us_per_sample", each["minute"], "us", note="the first minute of it"),
         Figure("joint_watched_us_per_sample", each["watched"], "us", note="that, with the watch over changes"),
         Figure("joint_numpy_peer_us_per_sample", each["peer"], "us", note="NumPy, same size, without the model"),

@@ -186,7 +186,6 @@ def test_checkpoints_keep_what_happened(loaded: tuple[tt.Learner, Recording], tm
 def test_words_name_what_is_sure_and_by_how_much() -> None:
     vehicle = tt.load_vehicle("vlbv300")
     free = free_parameters(vehicle, ("Z_wdot", "Z_ww", "BG_z", "W_minus_B", "gain_" + vehicle.thrusters[0].name))
-    free = free.untransformed(["Z_ww"])
     theta = free.theta(vehicle, delay=0.0, lag=0.1)
     small = np.full(len(free), 1e-9)
     now = theta + np.array([0.0, 0.3 * theta[1], -0.22 * theta[2], 4.1, 0.0])

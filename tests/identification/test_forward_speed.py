@@ -11,8 +11,8 @@ import pytest
 from towtank.errors import InputError
 from towtank.identification import Learner, LogLearning, learn_recordings
 from towtank.identification.changes.hypotheses import hypotheses, steps_of
-from towtank.identification.model.belief import belief
 from towtank.identification.model.parameters import free_parameters
+from towtank.identification.model.prior import prior_of
 from towtank.identification.model.terms import TERMS, given_terms
 from towtank.identification.posterior.wording import phrase, role
 from towtank.simulation import simulate
@@ -37,14 +37,14 @@ def test_they_are_free_where_the_file_has_them() -> None:
     assert given_terms(half, range(6)) == (*LIFT, "Z_uw", "Z_uq", "M_uw", "M_uq")
     assert given_terms(half, (0, 5)) == ("N_uv", "N_ur")
     assert given_terms(truth.model_copy(update={"hydrodynamics": {}}), range(6)) == ()
-    assert {*LIFT, "Z_uw", "M_uq"} <= set(belief(half).names)
-    assert set(LIFT) <= set(belief(finned(known(truth, 0.0))).names)
-    assert not set(LIFT) & set(belief(known(truth, 0.0)).names)
+    assert {*LIFT, "Z_uw", "M_uq"} <= set(prior_of(half).names)
+    assert set(LIFT) <= set(prior_of(finned(known(truth, 0.0))).names)
+    assert not set(LIFT) & set(prior_of(known(truth, 0.0)).names)
 
 
 def test_what_is_known_of_them_beforehand_is_the_file_s_value_and_deviation() -> None:
     truth = torpedo()
-    half, nothing = belief(known(truth, 0.5)), belief(finned(known(truth, 0.0)))
+    half, nothing = prior_of(known(truth, 0.5)), prior_of(finned(known(truth, 0.0)))
     for name, size in zip(LIFT, FINS, strict=True):
         k, j = half.names.index(name), nothing.names.index(name)
         assert half.mean[k] == 0.5 * truth.coefficient(name)

@@ -13,10 +13,10 @@ from towtank.identification.data.samples import N_MEASURED, NoiseLevels, Samples
 from towtank.identification.kalman.filter import joint_events, joint_step, rows_of
 from towtank.identification.kalman.passes import inputs_of
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state, transition_scratch
-from towtank.identification.model.belief import belief
 from towtank.identification.model.linearisation import step_and_linearise
 from towtank.identification.model.measurements import attitude_error
 from towtank.identification.model.parameters import LATENCIES, N_FIXED, free_parameters
+from towtank.identification.model.prior import prior_of
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle
 
@@ -179,9 +179,9 @@ def test_after_hours_with_everything_unknown_the_covariance_is_one(vehicle: Vehi
     water = OrnsteinUhlenbeck(std=tuple(FORCE), time_constant=2.0)
     log = simulate(vehicle, commands=commands, dt=dt, sensors=Ins(), disturbance=water, seed=1)
     samples = samples_of(log, vehicle)
-    prior = belief(vehicle, more=(LATENCIES[0], LATENCIES[2]))
+    prior = prior_of(vehicle, more=(LATENCIES[0], LATENCIES[2]))
     levels = NoiseLevels(NOISE, SIGMA, np.zeros(6), np.full(3, 0.05))
-    settings = FilterSettings(biases=True, wanders=True, current=True, relinearise=False, step=dt)
+    settings = FilterSettings(biases=True, wanders=True, current=True, step=dt)
     p = np.array(vehicle.with_coefficients(prior.vehicle_values).parameters)
     state = new_joint_state(p, prior.free, prior.mean, prior.covariance, samples.B, levels, settings)
     joint_events(state, inputs_of(samples, prior.free, prior.mean, 0.0), rows_of(samples), 0, len(samples), 0)

@@ -7,10 +7,11 @@ import pytest
 
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, samples_of
-from towtank.identification.kalman.iterated import FilterProblem, one_pass
+from towtank.identification.kalman.passes import JointProblem, one_pass
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state
 from towtank.identification.kalman.update import count_speed
 from towtank.identification.model.parameters import free_parameters
+from towtank.identification.model.prior import prior_of
 from towtank.simulation import Ins, OrnsteinUhlenbeck, simulate
 
 from .runs import TRUTH, box, unknown, waves
@@ -71,9 +72,9 @@ def test_a_pause_between_two_samples_tells_nothing_of_the_noise() -> None:
 def test_speeds_of_two_recordings_are_no_neighbours() -> None:
     wrench = waves(300, 0.01, (0, 10.0, 1.2))
     logs = [samples_of(simulate(box(), wrench=wrench, sensors=Ins(), seed=seed), box()) for seed in range(2)]
-    free = free_parameters(box(), ("X_uu",))
-    problem = FilterProblem(logs, np.array(box().parameters), free, np.array([0.5]))
-    state, _ = one_pass(problem, np.array([3.4]), LEVELS, FilterSettings())
+    prior = prior_of(box(), commands=False).only(("X_uu",))
+    problem = JointProblem(logs, np.array(box().parameters), prior, FilterSettings(), LEVELS.noise)
+    state, _, _ = one_pass(problem, prior.mean, LEVELS)
     accepted, pairs = state.statistics[6].accepted, state.statistics[6].neighbours
     assert accepted > 20.0
     assert pairs == accepted - 2.0

@@ -11,9 +11,9 @@ from towtank.core.arrays import Array
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, Samples, samples_of
 from towtank.identification.kalman.passes import JointProblem, further_unknowns, one_pass, settings_for
 from towtank.identification.kalman.state import FilterSettings, coefficient_std
-from towtank.identification.model.belief import belief
 from towtank.identification.model.measurements import ATTITUDE, POSITION, RATES, VELOCITY, WATER_VELOCITY
 from towtank.identification.model.parameters import LATENCIES
+from towtank.identification.model.prior import prior_of
 from towtank.recording import Recording
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, Together, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle
@@ -131,7 +131,7 @@ def made_late(log: Recording, seconds: float) -> Recording:
 def asked(vehicle: Vehicle, log: Recording) -> tuple[JointProblem, NoiseLevels]:
     """What the filter is asked where only the latency of the DVL, and one inertia, is unknown."""
     samples = [samples_of(log, vehicle)]
-    prior = belief(vehicle, more=("latency_velocity",)).only(("X_udot", "latency_velocity"))
+    prior = prior_of(vehicle, more=("latency_velocity",)).only(("X_udot", "latency_velocity"))
     sensor = Ins()
     noise = np.repeat([0.1, 0.01, sensor.dvl_noise, sensor.gyro_noise, 0.1, 1.0], 3)
     levels = NoiseLevels(noise, np.full(6, 0.01), np.zeros(6))

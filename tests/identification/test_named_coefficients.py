@@ -6,7 +6,7 @@ import pytest
 
 from towtank.errors import InputError
 from towtank.identification import LogLearning, learn_recordings
-from towtank.identification.model.belief import belief
+from towtank.identification.model.prior import prior_of
 from towtank.recording import Recording
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import Coefficient, load_vehicle
@@ -43,7 +43,7 @@ def test_what_is_hardly_known_stays_as_fitted_and_says_so() -> None:
     """It hardly rolls: of its roll damping the prior is nearly all that is known."""
     vehicle = unknown(box(), **{name: value for name, value in TRUTH.items() if name != "K_pp"})
     learning = learn_recordings(vehicle, [surge(10.0, 2)], free=(*NAMES, "K_pp"), delay=0.0)
-    prior = belief(vehicle, commands=False).only(("K_pp",))
+    prior = prior_of(vehicle, commands=False).only(("K_pp",))
     found = learning.estimate["K_pp"]
     assert not found.identified
     share = learning.narrowed["K_pp"]
@@ -70,7 +70,7 @@ def test_a_delay_and_a_lag_that_are_hardly_known_do_no_harm(seed: int) -> None:
 
 def test_everything_else_is_left_as_it_was_supposed() -> None:
     learning = learn(surge(10.0, 0), free=NAMES)
-    before = belief(unknown(box(), **OTHERS, X_uu=-15.0), commands=False).vehicle_values
+    before = prior_of(unknown(box(), **OTHERS, X_uu=-15.0), commands=False).vehicle_values
     for name, value in before.items():
         if name not in NAMES:
             assert learning.model.coefficient(name) == value, name

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from towtank.identification.model.belief import belief
+from towtank.identification.model.prior import prior_of
 from towtank.identification.posterior.assembly import Current, LogLearning
 from towtank.identification.posterior.plausibility import implausible
 from towtank.identification.posterior.result import estimate_of, model_of, with_posterior
@@ -27,7 +27,7 @@ def learning(known: float = 0.05, vehicle: Vehicle = VEHICLE, **moved: float) ->
 
     known: deviations as a share of the prior's.
     """
-    prior = belief(vehicle, more=("latency_position",))
+    prior = prior_of(vehicle, more=("latency_position",))
     values = prior.free.values(prior.mean)
     for name, value in moved.items():
         values[prior.names.index(name)] = value
@@ -86,7 +86,7 @@ def test_what_lies_beyond_the_prior_is_told_in_physical_words(name: str, value: 
 
 
 def test_an_unknown_within_three_deviations_or_hardly_known_is_not_doubted() -> None:
-    prior = belief(VEHICLE)
+    prior = prior_of(VEHICLE)
     k = prior.names.index("BG_z")
     mean, std = float(prior.mean[k]), float(prior.std[k])
     assert implausible(learning(BG_z=mean + 2.9 * std)) == ()

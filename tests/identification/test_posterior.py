@@ -14,7 +14,7 @@ from towtank.identification import LogLearning, learn_recordings
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels
 from towtank.identification.kalman import passes
 from towtank.identification.kalman.passes import Reading, widened
-from towtank.identification.model.belief import belief
+from towtank.identification.model.prior import prior_of
 from towtank.identification.posterior.result import NARROWED
 from towtank.recording import Recording
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
@@ -159,7 +159,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
 
 def test_everything_plausible_is_among_the_unknowns() -> None:
     truth, learning = learned(0)
-    prior = belief(told(truth))
+    prior = prior_of(told(truth))
     assert set(learning.narrowed) == set(prior.names)
     assert {c.name for c in learning.estimate.coefficients} == set(prior.vehicle_values)
     assert {"Y_rdot", "N_v", "BG_x", "BG_y", "inflow_loss", "X_u2", "N_0"} <= set(prior.names)
@@ -230,7 +230,7 @@ def test_of_what_is_not_named_the_prior_s_mean_stays() -> None:
     learning = learn_recordings(known, [dive(truth, "all-telegraph", 1, 15.0)], free=("X_udot", "X_uu"))
     assert learning.estimate.names == ("X_udot", "X_uu")
     assert set(learning.narrowed) == {"X_udot", "X_uu", "delay"}
-    before = belief(known).vehicle_values
+    before = prior_of(known).vehicle_values
     assert len(before) > 40
     for name, value in before.items():
         if name not in ("X_udot", "X_uu"):

@@ -20,7 +20,7 @@ from towtank.identification.model.parameters import (
     invert_mass,
     put_parameters,
 )
-from towtank.identification.model.prior import size_of
+from towtank.identification.model.prior import prior_of
 from towtank.vehicle import Vehicle, configuration_matrix, load_vehicle
 
 NAMES = (
@@ -245,8 +245,8 @@ def test_sizes_of_forward_speed_terms_are_those_of_published_vehicles() -> None:
     }
     for (mass, inertia_x, inertia_y), values in published.items():
         body = Vehicle(name="a", rigid_body={"mass": mass, "inertia": (inertia_x, inertia_y, inertia_y)})
-        free = free_parameters(body, tuple(values))
-        ratios = size_of(body, free) / np.array(list(values.values()))
+        prior = prior_of(body, commands=False, more=tuple(values)).only(tuple(values))
+        ratios = np.array([prior.std[prior.names.index(name)] / value for name, value in values.items()])
         assert ratios.max() < 12.0
         assert ratios.min() > 1.0 / 6.0
 

@@ -1,4 +1,4 @@
-"""How estimates settle: the course ends where learning ended, owes nothing to its start, and narrows."""
+"""How estimates settle: the course begins at the prior, narrows, and ends where learning ended."""
 
 from __future__ import annotations
 
@@ -32,15 +32,14 @@ def test_it_ends_where_learning_ended(method: str, logs: Path) -> None:
         assert known[-1] == pytest.approx(result.std, rel=0.6)
 
 
-def test_it_owes_nothing_to_what_was_known_before(logs: Path) -> None:
-    run, right = read(logs / "yaw.csv"), load_vehicle("vlbv300")
-    wrong = right.with_coefficients({name: 4.0 * right.coefficient(name) for name in FREE})
-    ends = []
-    for vehicle in (right, wrong):
-        learning = learn_recordings(vehicle, [run], free=FREE, delay=0.0)
-        course = convergence(learning, [run])
-        ends.append((course.values[-1], course.std[-1]))
-    assert np.all(np.abs(ends[0][0] - ends[1][0]) < 0.5 * ends[0][1])
+def test_it_begins_at_the_prior(logs: Path) -> None:
+    run = read(logs / "yaw.csv")
+    learning = learn_recordings(load_vehicle("vlbv300"), [run], free=FREE, delay=0.0)
+    course, prior = convergence(learning, [run]), learning.prior
+    assert prior is not None
+    k, row = course.names.index("N_rr"), prior.names.index("N_rr")
+    assert 0.5 * prior.std[row] < course.std[0, k] <= prior.std[row]
+    assert abs(course.values[0, k] - prior.mean[row]) < prior.std[row]
 
 
 @pytest.mark.parametrize("method", ["joint", "paper"])

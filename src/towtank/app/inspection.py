@@ -9,13 +9,13 @@ from typing import Any
 from towtank.app.tables.learning import delay_deviation, disturbance_document, findings_document
 from towtank.app.tables.repairs import contents_document, learning_warnings
 from towtank.app.terminal.output import Progress
-from towtank.identification import LogLearning, learn_paper
+from towtank.identification import LogLearning, learn_recordings
 from towtank.identification.data.samples import NoiseLevels, Sources
 from towtank.identification.least_squares.chain import uses_commands
 from towtank.identification.logs import findings_before
 from towtank.identification.model.terms import AXES
 from towtank.identification.offline.first_look import DRIVEN, first_look
-from towtank.identification.offline.forecast import Forecast, PredictedAccuracy, best_excited, forecast
+from towtank.identification.offline.forecast import PredictedAccuracy, best_excited, predicted_accuracies
 from towtank.recording import Grid, Recording, align, bind_thrusters
 from towtank.recording.consistency import Finding
 from towtank.recording.facts import ChannelFacts, channel_facts
@@ -52,8 +52,8 @@ class Inspection:
 
     Attributes:
         grid: None where no motion is recorded. noise: of each motion channel. delay_from: "vehicle", "correlation" or
-            None. outlook: what a learning will know, None without a vehicle or where nothing can be identified.
-            windows: stretches [s] that this was read from. findings: what in it cannot be right, gravest first.
+            None. levels: of noise and disturbance, as the joint filter finds them; None without a vehicle. windows:
+            stretches [s] that this was read from. findings: what in it cannot be right, gravest first.
     """
 
     log: str
@@ -66,7 +66,7 @@ class Inspection:
     delay_from: str | None
     axes: dict[str, AxisVerdict]
     warnings: list[str]
-    forecast: Forecast | None = None
+    levels: NoiseLevels | None = None
     windows: tuple[tuple[float, float], ...] = ()
     findings: tuple[Finding, ...] = ()
 
@@ -76,11 +76,6 @@ class Inspection:
         if self.grid is None:
             raise ValueError("no motion is recorded")
         return Sources.of(self.grid.pose, self.grid.velocity, self.grid.acceleration)
-
-    @property
-    def levels(self) -> NoiseLevels | None:
-        """Levels of noise and disturbance, where the filter that found them is believed."""
-        return self.forecast.levels if self.forecast is not None and self.forecast.agrees else None
 
     @property
     def repairs(self) -> Repairs:
@@ -119,7 +114,7 @@ def inspect_recording(log: str, recording: Recording, vehicle: Vehicle | None, p
         InputError: fewer than 4 samples, or thrusters that the vehicle lacks.
     """
     found = _inspected(log, recording, vehicle, progress)
-    return replace(found, findings=findings_before(vehicle, recording))
+    return found if found.levels is not None else replace(found, findings=findings_before(vehicle, recording))
 
 
 def _inspected(log: str, recording: Recording, vehicle: Vehicle | None, progress: Progress) -> Inspection:
@@ -147,25 +142,23 @@ def _inspected(log: str, recording: Recording, vehicle: Vehicle | None, progress
         return Inspection(log, recording, grid, facts, noise, look.delay, look.delay_std, origin, axes, [])
     windows = best_excited(grid, vehicle)
     parts = [recording] if len(windows) == 1 else [recording.window(*window) for window in windows]
-    learning = learn_paper(vehicle, parts, progress=lambda text, share: progress(text, 0.6 * share))
-    ahead = forecast(vehicle, parts, learning, progress=lambda share: progress("joint filter", 0.6 + 0.4 * share))
-    axes = {axis.name: _by_learning(axis, kind, learning, ahead) for axis, kind in _axes(sources)}
-    warnings = learning_warnings(learning, parts, repairs=False)
-    delay, std = (learning.delay, delay_deviation(learning)) if ahead is None else (ahead.delay, ahead.delay_std)
-    return Inspection(log, recording, grid, facts, noise, delay, std, "vehicle", axes, warnings, ahead, windows)
+    learning = learn_recordings(vehicle, parts, progress=progress, free_runs=False)
+    axes = {axis.name: _by_learning(axis, kind, learning) for axis, kind in _axes(sources)}
+    warnings, std = learning_warnings(learning, parts, repairs=False), delay_deviation(learning)
+    return Inspection(
+        *(log, recording, grid, facts, noise, learning.delay, std, "vehicle", axes, warnings),
+        levels=learning.levels,
+        windows=windows,
+        findings=learning.findings,
+    )
 
 
 def _excitation(found: Inspection) -> dict[str, Any]:
     """Return what a learning will know, and from which stretches of the log that is read."""
-    ahead = found.forecast
-    if ahead is None:
+    known = {name: asdict(each) for verdict in found.axes.values() for name, each in verdict.prospects.items()}
+    if not known:
         return {}
-    return {
-        "windows": found.windows,
-        "whole": len(found.windows) == 1,
-        "by": "joint filter" if ahead.agrees else "least squares",
-        "coefficients": {name: asdict(predicted_accuracy) for name, predicted_accuracy in ahead.known.items()},
-    }
+    return {"windows": found.windows, "whole": len(found.windows) == 1, "coefficients": known}
 
 
 def _axes(sources: Sources) -> list[tuple[Any, str]]:
@@ -184,11 +177,11 @@ def _by_explained(velocity: str, source: str, share: float) -> AxisVerdict:
     return AxisVerdict(velocity, source, True, None, share, {}, {})
 
 
-def _by_learning(axis: Any, source: str, learning: LogLearning, ahead: Forecast | None) -> AxisVerdict:
-    estimate = learning.estimate
+def _by_learning(axis: Any, source: str, learning: LogLearning) -> AxisVerdict:
+    estimate, accuracies = learning.estimate, predicted_accuracies(learning)
     names = [name for name in (axis.added_mass, *axis.columns) if name and name in estimate]
     reasons = {name: estimate[name].reason for name in names}
     learned = [name for name in names if estimate[name].identified and name not in ("BG_z",)]
     why = next((reason for name, reason in reasons.items() if reason and name not in learned), None)
-    known = {} if ahead is None else {name: ahead.known[name] for name in names if name in ahead.known}
+    known = {name: accuracies[name] for name in names if name in accuracies}
     return AxisVerdict(axis.velocity, source, bool(learned), None if learned else why, None, reasons, known)

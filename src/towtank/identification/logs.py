@@ -35,6 +35,7 @@ class LearningOptions(TypedDict, total=False):
     longest_delay: float
     prior: Vehicle | None
     current: bool
+    free_runs: bool | None
 
 
 def learn_recordings(
@@ -61,13 +62,16 @@ def learn_recordings(
             "paper".
         current: without effect; the water's is estimated wherever it can be told. Not for "paper" and
             "output-error".
+        free_runs: False for the filter alone.
 
     Raises:
         InputError: no recording, no motion, no commands, thrusters that the vehicle lacks, an unknown name or method.
     """
     if method not in METHODS:
         raise InputError(f'method: found "{method}", expected one of {", ".join(METHODS)}{nearest(method, METHODS)}')
-    request = LearningRequest(vehicle, recordings, always_free_runs=method == "output-error", **options)
+    request = LearningRequest(vehicle, recordings, **options)
+    if method == "output-error":
+        request = replace(request, free_runs=True)
     if method == "paper" and request.prior is not None:
         raise InputError("prior: the paper's method takes none; use method joint or output-error")
     if method != "joint" and request.current:

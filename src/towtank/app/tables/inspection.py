@@ -113,12 +113,9 @@ def _delay(found: Inspection) -> str:
 
 
 def _show_disturbance(found: Inspection, output: Output) -> None:
-    if found.forecast is None:
+    if found.levels is None:
         return
     output.heading("Disturbance (standard deviation of the force that nothing explains)")
-    if found.levels is None:
-        output.line("not told: what the commands leave unexplained is no random force of one time constant")
-        return
     table = output.table(*(f">{axis.name}" for axis in AXES), "Unit")
     table.add_row(*disturbance_cells(found.levels, [found.sources]), "N, N m")
     output.show(table)
@@ -144,8 +141,7 @@ def _show_axes(found: Inspection, output: Output) -> None:
 
 
 def _show_forecast(found: Inspection, output: Output) -> None:
-    ahead = found.forecast
-    if ahead is None:
+    if not any(verdict.prospects for verdict in found.axes.values()):
         return
     output.heading("How well they will be known (standard deviation after learning)")
     shown: set[str] = set()

@@ -10,9 +10,9 @@ import numpy as np
 
 from towtank.app.terminal.output import Output
 from towtank.digits import measured, short, signed_list
-from towtank.identification.model.belief import Body, belief
 from towtank.identification.model.measurements import SPECIFIC_FORCE
 from towtank.identification.model.parameters import GAIN_PREFIX, LATENCIES, PLACES
+from towtank.identification.model.prior import Body, prior_of
 from towtank.identification.model.terms import AXES
 from towtank.intervals import interval
 from towtank.vehicle import COEFFICIENTS, Vehicle, index
@@ -57,7 +57,7 @@ class Supposed:
 def supposed_of(vehicle: Vehicle) -> list[Supposed]:
     """Return what is supposed of every unknown of a vehicle driven by its thrusters, all sensors aboard."""
     late = [name for s, name in enumerate(LATENCIES) if s != SPECIFIC_FORCE]
-    known = belief(vehicle, commands=bool(vehicle.thrusters), more=(*late, *PLACES))
+    known = prior_of(vehicle, commands=bool(vehicle.thrusters), more=(*late, *PLACES))
     gains = {GAIN_PREFIX + thruster.name: thruster.gain for thruster in vehicle.thrusters}
     factors = np.array([gains.get(name, 1.0) for name in known.names])
     bounds = [interval(mean, std) or (mean, mean) for mean, std in zip(known.mean, known.std, strict=True)]

@@ -25,9 +25,9 @@ from towtank.identification.kalman.state import (
     transition_scratch,
 )
 from towtank.identification.kalman.update import inject
-from towtank.identification.model.belief import Belief
 from towtank.identification.model.measurements import N_SENSORS
 from towtank.identification.model.parameters import IN_LATENCY, IN_PLACE, N_FIXED, FreeParameters
+from towtank.identification.model.prior import Prior
 
 __all__: list[str] = []
 
@@ -57,8 +57,8 @@ class Running(NamedTuple):
         settings, levels: that it was begun with.
     """
 
-    whole: Belief
-    prior: Belief
+    whole: Prior
+    prior: Prior
     state: JointState
     held: ZeroOrderHold
     disagreement: Array
@@ -158,7 +158,7 @@ def split_off(
     block = slice(N_FIXED, N_FIXED + n)
     theta0, P0 = split.theta.copy(), split.P[block, block].copy()
     split.P[block, block] += np.diag(steps**2)
-    split.settings["relinearise"] = split.settings["considered_share"] = 0.0
+    split.settings["considered_share"] = 0.0
     split.information_time[:] = 0.0
     resets = float(state.clock[0].resets)
     return Branch(t, wide, steps, split, copied(held), theta0, P0, copied(state), copied(held), until, resets)
@@ -171,7 +171,6 @@ def split_later(branch: Branch, free: FreeParameters, rows: Samples, when: Seque
         free: coordinates of the filter that it was split off. rows: what came since; the filters have taken it all.
     """
     state, held = copied(branch.parent), copied(branch.parent_held)
-    state.settings["relinearise"] = 0.0
     out = []
     taken = done = 0
     for t in when:

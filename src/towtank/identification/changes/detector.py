@@ -47,8 +47,8 @@ from towtank.identification.changes.hypotheses import (
     steps_of,
 )
 from towtank.identification.data.samples import Buffer, Samples
-from towtank.identification.model.belief import Belief
 from towtank.identification.model.parameters import GAIN_PREFIX, IN_GAIN, FreeParameters
+from towtank.identification.model.prior import Prior
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle
 
@@ -96,7 +96,7 @@ class ChangeDetector:
         self._last = -np.inf
         self._hypotheses: tuple[Hypothesis, ...] = ()
         self._steps = np.empty(0)
-        self._wide: Belief | None = None
+        self._wide: Prior | None = None
         self._next_split = self._next_check = -np.inf
         self._count = 0
         self._suspect: tuple[Branch, int, float] | None = None

@@ -18,7 +18,6 @@ from scipy.special import logsumexp
 from towtank.core.arrays import Array
 from towtank.identification.changes.branch import Branch, Kept, Running
 from towtank.identification.changes.evidence import InformationIncrement
-from towtank.identification.model.belief import Belief
 from towtank.identification.model.parameters import (
     DELAY,
     GAIN_PREFIX,
@@ -30,8 +29,8 @@ from towtank.identification.model.parameters import (
     UNTRANSFORMED,
     FreeParameters,
 )
-from towtank.identification.model.prior import size_of
-from towtank.identification.model.terms import TERMS
+from towtank.identification.model.prior import Prior
+from towtank.identification.model.terms import TERMS, body_size
 from towtank.vehicle import COEFFICIENTS, Vehicle
 
 __all__: list[str] = []
@@ -66,12 +65,12 @@ class Hypothesis:
         return self.parts[0].removeprefix(GAIN_PREFIX) if self.parts[0].startswith(GAIN_PREFIX) else None
 
 
-def steps_of(vehicle: Vehicle, running: Running, wide: Belief) -> Array:
+def steps_of(vehicle: Vehicle, running: Running, wide: Prior) -> Array:
     """Return the deviations (n,) of a change of each coordinate of `wide`; 0 for what may not change.
 
     That is delay, lag and latencies, and whatever is not identified by now. A damping steps by a share of itself.
     """
-    free, size = wide.free, size_of(vehicle, wide.free)
+    free, size = wide.free, _size_of(vehicle, wide.free)
     std, theta = dict(zip(running.free.names, running.std, strict=True)), dict(_named(running))
     out = np.zeros(len(free))
     for k, name in enumerate(free.names):
@@ -201,7 +200,7 @@ def known_as(name: str, model: Vehicle, vehicle: Vehicle, free: FreeParameters, 
     """Return a stored model as a configuration. What is not in it is as before: theta0 (n,), P0 (n, n)."""
     n = len(free)
     theta = free.theta(model, delay=model.command_delay, lag=0.05)
-    slopes, size = np.abs(free.slopes(theta)), size_of(vehicle, free)
+    slopes, size = np.abs(free.slopes(theta)), _size_of(vehicle, free)
     gains = {each.name: each.gain for each in model.thrusters}
     before = {each.name: each.gain for each in vehicle.thrusters}
     std = np.zeros(n)
@@ -255,3 +254,14 @@ class ConfigurationMatch:
     until: float
     taken: str | None = None
     known: list[Known] = field(default_factory=list)
+
+
+def _size_of(vehicle: Vehicle, free: FreeParameters) -> Array:
+    """Return the size (n,) of the coefficients that are no logarithms; 1 for all others."""
+    body = body_size(vehicle)
+    out = np.ones(len(free))
+    for k in range(len(free)):
+        kind, i, j, transform = (int(c) for c in free.codes[k])
+        if transform == UNTRANSFORMED and kind in TERMS:
+            out[k] = TERMS[kind].size(body, i, j)
+    return out

@@ -3,8 +3,7 @@
 Between measurements the motion goes on under the inputs, and its covariance, P <- F P F^T + Q.
 
 The motion is linearised about fixed coefficients, and the filter is linear in their distance from them, so that a wide
-prior cannot lead it off: early and wild estimates act to first order only. Once coefficients are known well and far
-from their linearisation point, it is moved to them.
+prior cannot lead it off: early and wild estimates act to first order only.
 """
 
 from __future__ import annotations
@@ -18,19 +17,14 @@ from towtank.core.forces import add_inflow_damping_into
 from towtank.core.layout import I_INFLOW, I_LINEAR
 from towtank.core.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
 from towtank.identification.data.samples import Samples
-from towtank.identification.kalman.state import INFORMATION_MEMORY, KNOWN_STD, JointState
+from towtank.identification.kalman.state import INFORMATION_MEMORY, JointState
 from towtank.identification.kalman.update import update_row
 from towtank.identification.model.linearisation import step_and_linearise, turn_by
 from towtank.identification.model.measurements import N_SENSORS, WATER_VELOCITY
 from towtank.identification.model.parameters import (
-    IN_DELAY,
     IN_GAIN,
-    IN_LAG,
-    MASS,
     N_FIXED,
     N_MOVING,
-    UNTRANSFORMED,
-    put_parameters,
 )
 from towtank.vehicle.matrices import GRAVITY
 
@@ -39,7 +33,6 @@ __all__ = ["joint_events", "joint_step", "rows_of", "take_all"]
 _DIST = 12
 _TINY = 1e-30  # m^2/s^4
 _ATTITUDE_MEMORY = 30.0  # s: of the bias of an attitude that wanders
-_FAR = 1e-3  # of a logarithm (share of the coefficient), from its linearisation point
 _START = (0.3, 0.2, 0.3, 0.2)  # m, rad, m/s, rad/s: deviations at the start where a sensor has shown nothing
 _UNKNOWN_POSITION = 100.0  # m^2: variance of it
 
@@ -318,75 +311,6 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
 
 
 @kernel
-def wants_relinearisation(state: JointState) -> bool:
-    """Return whether a coefficient that is known well enough has left its linearisation point."""
-    for k in range(state.theta.shape[0]):
-        if math.fabs(state.theta[k] - state.linearised_at[k]) > _FAR and _known(state, k):
-            return True
-    return False
-
-
-@kernel
-def _known(state: JointState, k: int) -> bool:
-    variance = state.P[N_FIXED + k, N_FIXED + k]
-    return bool(state.codes[k, 3] != UNTRANSFORMED and variance < KNOWN_STD * KNOWN_STD)
-
-
-@kernel
-def _bend(state: JointState, k: int, away: float) -> float:
-    """Return the step of a logarithm that has the effect which `away` had to first order, and scale its deviation.
-
-    An inertia acts through its inverse, 1/M (1 - away); damping acts as it is, D (1 + away). A step against that law,
-    towards a larger inertia or a smaller damping, is taken as it stands.
-    """
-    if state.codes[k, 0] == MASS:
-        if away >= 0.0:
-            return away
-        slope = 1.0 / (1.0 - away)
-        step = -math.log(1.0 - away)
-    else:
-        if away <= 0.0:
-            return away
-        slope = 1.0 / (1.0 + away)
-        step = math.log(1.0 + away)
-    i = N_FIXED + k
-    for j in range(state.P.shape[0]):
-        state.P[i, j] *= slope
-    for j in range(state.P.shape[0]):
-        state.P[j, i] *= slope
-    return step
-
-
-@kernel
-def relinearise(state: JointState, held: ZeroOrderHold) -> None:
-    """Linearise about the present coefficients, where they are known, from here on.
-
-    Couplings of the mass matrix are shrunk where it would not be positive definite.
-    """
-    n = state.theta.shape[0]
-    for k in range(n):
-        away = state.theta[k] - state.linearised_at[k]
-        if state.codes[k, 0] == IN_DELAY:
-            continue  # commands not yet in force have their due times already
-        if state.codes[k, 3] == UNTRANSFORMED:
-            state.linearised_at[k] += away
-            continue
-        if not _known(state, k):
-            continue
-        state.linearised_at[k] += _bend(state, k, min(max(away, -20.0), 20.0))
-        state.theta[k] = state.linearised_at[k]
-        if state.codes[k, 0] == IN_LAG:
-            for j in range(held.lag.shape[0]):
-                held.lag[j] = math.exp(state.linearised_at[k])
-    for _ in range(200):
-        if put_parameters(state.p, state.codes, state.linearised_at, state.small):
-            return
-        for k in range(n):
-            if state.codes[k, 0] == MASS and state.codes[k, 1] != state.codes[k, 2]:
-                state.linearised_at[k] *= 0.9
-
-
-@kernel
 def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> None:
     """Begin the motion at the row z (18,) of time t [s]; coefficients, biases and current stay as they are."""
     x, P = state.x, state.P
@@ -451,8 +375,6 @@ def joint_step(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> bo
         return False
     update_row(state, z)
     _without_inflow(state)
-    if state.settings[0].relinearise > 0.0 and wants_relinearisation(state):
-        relinearise(state, held)
     clock.rows += 1.0
     return True
 

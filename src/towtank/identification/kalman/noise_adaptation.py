@@ -28,11 +28,8 @@ __all__ = [
     "converged",
     "diverged",
     "filter_settings",
-    "inconsistent",
     "initial_noise_levels",
-    "log_prior_of_levels",
     "noise_of_rows",
-    "variance_inflation",
     "velocity_walk_of_rows",
 ]
 
@@ -40,10 +37,8 @@ _NOISE_AT_MOST = 1.5  # times what the samples show by themselves
 _NOISE_AT_LEAST = 0.5  # of it, of a speed: one that was smoothed shows none at all
 _CONVERGED = 0.05  # of a level
 _USUAL_FOR = 2.0  # effective samples of the disturbance that the usual level counts for
-_FAR_ABOVE = 7.0  # times the usual level
 _MODEL_OFF, _LONG_RUN = 0.3, 10.0  # rejected share of a sensor from which, after so long [s], the model is off
 _DIVERGED = 0.1  # rejected share of a sensor in a pass that has diverged
-_INCONSISTENT = 2.0  # normalised innovation squared
 _COUNTED = 50.0  # samples from which innovations say something of a level
 _WALK_SURE = 4.0  # deviations by which innovations must be too large for a velocity walk
 _SMOOTHER = 0.9  # times a velocity walk that was too large: it hid the disturbance, whose level may rise but not fall
@@ -121,12 +116,6 @@ def diverged(state: JointState) -> bool:
     return bool(np.any(rejected_share(state) > _DIVERGED))
 
 
-def inconsistent(state: JointState) -> bool:
-    """Return whether innovations are far larger than the levels of the pass allow."""
-    accepted = state.statistics["accepted"]
-    return bool(np.any(state.statistics["nis_sum"] > _INCONSISTENT * np.maximum(accepted, _COUNTED)))
-
-
 def _velocity_walk(state: JointState, levels: NoiseLevels, *, steady: bool) -> Array:
     """Return the random walk (6,) of speeds that are measured themselves, by one step of scoring.
 
@@ -144,15 +133,6 @@ def _velocity_walk(state: JointState, levels: NoiseLevels, *, steady: bool) -> A
     return np.asarray(velocity_walk)
 
 
-def midpoint(one: NoiseLevels, other: NoiseLevels) -> NoiseLevels:
-    """Return the geometric mean of two levels."""
-    return NoiseLevels(
-        np.sqrt(one.noise * other.noise),
-        np.sqrt(one.disturbance * other.disturbance),
-        np.sqrt(one.velocity_walk * other.velocity_walk),
-    )
-
-
 def converged(new: NoiseLevels, old: NoiseLevels) -> bool:
     """Return whether levels have converged."""
     return bool(
@@ -164,18 +144,6 @@ def converged(new: NoiseLevels, old: NoiseLevels) -> bool:
             <= _CONVERGED * np.nan_to_num(old.velocity_walk)
         )
     )
-
-
-def log_prior_of_levels(levels: NoiseLevels, settings: FilterSettings) -> float:
-    """Return the logarithm of the prior likelihood of the disturbance's level, which is about the usual one."""
-    usual = np.array(settings.usual)
-    away = np.log(levels.disturbance[usual > 0.0] / usual[usual > 0.0])
-    return -_USUAL_FOR * float(np.sum(away**2))
-
-
-def variance_inflation(effective_samples: Array) -> Array:
-    """Return the factor (6,) by which the usual level pulls down one far above it, by effective samples (6,)."""
-    return np.asarray(_FAR_ABOVE ** (_USUAL_FOR / (effective_samples + _USUAL_FOR)))
 
 
 def initial_noise_levels(recording: Recording, vehicle: Vehicle) -> NoiseLevels:

@@ -36,7 +36,6 @@ from towtank.identification.kalman.state import (
     forget_surroundings,
     new_joint_state,
 )
-from towtank.identification.model.belief import Belief
 from towtank.identification.model.parameters import (
     DELAY,
     IN_DELAY,
@@ -46,6 +45,7 @@ from towtank.identification.model.parameters import (
     PLACES,
     FreeParameters,
 )
+from towtank.identification.model.prior import Prior
 from towtank.recording.frames.rotations import conjugate, rotate
 from towtank.recording.grids.stretches import spread
 from towtank.vehicle import FORWARD_SPEED
@@ -96,7 +96,7 @@ class JointProblem:
 
     samples: Sequence[Samples]
     p: Array
-    prior: Belief
+    prior: Prior
     settings: FilterSettings
     own_noise: Array
     delay: float = 0.0
@@ -112,8 +112,12 @@ class JointProblem:
 
 
 class Reading(NamedTuple):
-    """What a pass knew at some time: mean (n,) and covariance (n, n) of theta."""
+    """What a pass knew at some time: mean (n,) and covariance (n, n) of theta.
 
+    t: time since the beginning [s], recordings one after the other.
+    """
+
+    t: float
     theta: Array
     covariance: Array
 
@@ -133,7 +137,7 @@ class JointFit:
         state: of the filter at the end of the last pass.
     """
 
-    prior: Belief
+    prior: Prior
     theta: Array
     covariance: Array
     disagreement: Array
@@ -181,7 +185,7 @@ def settings_for(samples: Sequence[Samples], settings: FilterSettings) -> Filter
     return replace(settings, biases=inertial, wanders=inertial and not camera, current=over_ground)
 
 
-def narrowed_to(whole: Belief, free: Collection[str] | None, *, delay_given: bool) -> Belief:
+def narrowed_to(whole: Prior, free: Collection[str] | None, *, delay_given: bool) -> Prior:
     """Return what is supposed of the names that are free where somebody named them, and of the delay unless given.
 
     Raises:
@@ -263,19 +267,25 @@ def next_recording(state: JointState, samples: Samples) -> JointState:
 
 
 def one_pass(
-    problem: JointProblem, about: Array, levels: NoiseLevels, progress: Progress | None = None
+    problem: JointProblem,
+    about: Array,
+    levels: NoiseLevels,
+    progress: Progress | None = None,
+    *,
+    windows: int = _WINDOWS,
 ) -> tuple[JointState, ZeroOrderHold, list[Reading]]:
     """Run the filter once over all recordings, linearised about theta (n,) `about`.
 
-    Returns its state and the inputs' at the end, and what was known at the ends of windows.
+    Returns its state and the inputs' at the end, the prior, and what was known at the ends of so many windows.
     """
     free, samples = problem.free, problem.samples
-    settings = replace(problem.settings, relinearise=False)
-    prior = Reading(*problem.prior.seen_from(about))
-    state = new_joint_state(problem.p, free, prior.theta, prior.covariance, samples[0].B, levels, settings, about)
+    prior = Reading(0.0, *problem.prior.seen_from(about))
+    state = new_joint_state(
+        problem.p, free, prior.theta, prior.covariance, samples[0].B, levels, problem.settings, about
+    )
     latency = latencies_of(free, about)
-    total, done = max(sum(len(each) for each in samples), 1), 0
-    window, readings = max(_LEAST_WINDOW, total // _WINDOWS), [prior]
+    total, done, passed = max(sum(len(each) for each in samples), 1), 0, 0.0
+    window, readings = max(_LEAST_WINDOW, total // windows), [prior]
     for recorded in samples:
         each = recorded.shifted(latency)
         state = next_recording(state, each)
@@ -286,8 +296,10 @@ def one_pass(
             taken = joint_events(state, held, rows, first, last, taken)
             if progress is not None:
                 progress(min(1.0, (done + last) / total))
-            readings.append(Reading(state.theta.copy(), coefficient_block(state).copy()))
+            t = passed + float(each.t[last - 1] - each.t[0])
+            readings.append(Reading(t, state.theta.copy(), coefficient_block(state).copy()))
         done += len(each)
+        passed += each.duration
     return state, held, readings
 
 

@@ -39,7 +39,6 @@ from towtank.identification.model.parameters import (
 )
 
 __all__ = [
-    "KNOWN_STD",
     "FilterSettings",
     "HealthySnapshot",
     "JointState",
@@ -55,7 +54,6 @@ __all__ = [
 ]
 
 INFORMATION_MEMORY = 10.0  # s over which the rate of information of a coefficient is averaged
-KNOWN_STD = 0.3  # deviation of a logarithm (share of the coefficient) below which it counts as known
 _LEAST_VELOCITY_WALK = 1e-4  # m/s^2 sqrt(s), rad/s^2 sqrt(s): what no model of forces accounts for
 _RECOVERY_INFLATION = 4.0  # factor to the variances of a filter that had to recover
 _GYRO_BIAS, _ACCELEROMETER_BIAS = 0.02, 0.3  # rad/s, m/s^2: deviations at the start
@@ -82,7 +80,6 @@ SETTINGS = _fields(
         "waves",
         "wave_frequency",
         "wave_decay",
-        "relinearise",
         "considered_share",
     ),
     attitude_bias=(3,),
@@ -109,7 +106,6 @@ class FilterSettings:
         adapt: time over which the disturbance's level is adapted [s], 0 for a fixed level.
         floor_force, floor_moment: least level of the disturbance [m/s^2], [rad/s^2].
         usual: level of it [m/s^2, rad/s^2] that short data are supplemented with, 0 for none.
-        relinearise: about coefficients once they are known; else the filter stays linear.
         current: water current (3) estimated. current_walk, bias_walk: random walks [m/s, rad/s or m/s^2 per sqrt(s)].
         biases: those of an IMU are estimated. wanders: the attitude comes from one, too.
         wave_period: [s] where the levels have waves.
@@ -125,7 +121,6 @@ class FilterSettings:
     floor_force: float = 0.001
     floor_moment: float = 0.003
     usual: tuple[float, ...] = (0.0,) * 6
-    relinearise: bool = True
     current: bool = False
     current_walk: float = 1e-3
     bias_walk: float = 1e-5
@@ -140,7 +135,7 @@ class FilterSettings:
             *(self.time_constant, self.gate, self.huber, self.reacquire, self.gap, self.step, self.adapt),
             *(self.floor_force, self.floor_moment, self.current_walk**2 if self.current else 0.0, self.bias_walk**2),
             *(float(self.biases), 0.0, 2.0 * math.pi / self.wave_period, 1.0 / self.wave_period),
-            *(float(self.relinearise), 0.0, _ATTITUDE_BIAS if self.wanders else (0.0, 0.0, 0.0)),
+            *(0.0, _ATTITUDE_BIAS if self.wanders else (0.0, 0.0, 0.0)),
         )
         return np.array([numbers], dtype=SETTINGS)
 
@@ -375,7 +370,7 @@ def recovered(
     fresh = new_joint_state(
         state.p, free, healthy.theta, _RECOVERY_INFLATION * healthy.covariance, state.B, levels, settings
     )
-    for name in ("relinearise", "adapt", "considered_share"):
+    for name in ("adapt", "considered_share"):
         fresh.settings[name] = state.settings[name]
     for name in ("rows", "duration"):
         fresh.clock[name] = state.clock[name]

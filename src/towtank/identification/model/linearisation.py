@@ -40,7 +40,6 @@ from towtank.identification.model.terms import (
     LOG,
     N_FIXED,
     N_MOVING,
-    NEGATIVE_LOG,
     Codes,
 )
 
@@ -196,8 +195,6 @@ def linearise_into(
         slope = 1.0
         if transform == LOG and kind != IN_LAG:
             slope = math.exp(theta[c])
-        elif transform == NEGATIVE_LOG:
-            slope = -math.exp(theta[c])
         for m in range(6):
             w[0, m] *= slope
         _by_mass(p, A, N_FIXED + c, w[0])

@@ -1,14 +1,14 @@
 """The free coefficients as unconstrained numbers theta, and back into the kernel's vector of a vehicle.
 
-Total inertias on the diagonal are written exp(theta) and damping on the diagonal -exp(theta): whatever an estimator
-does to theta, inertia stays positive and damping dissipates. Everything else (off-diagonal elements, restoring and
-forward-speed terms, constant forces, the delay) is theta itself. Lag and thruster gains, positive, are exp(theta).
+Total inertias on the diagonal, the lag and thruster gains are written exp(theta): whatever an estimator does to theta,
+they stay positive. Everything else (couplings, damping, restoring and forward-speed terms, constant forces, the delay)
+is theta itself.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,7 +37,6 @@ from towtank.identification.model.terms import (
     LOG,
     N_FIXED,
     N_MOVING,
-    NEGATIVE_LOG,
     TERMS,
     UNTRANSFORMED,
     Codes,
@@ -95,7 +94,7 @@ class FreeParameters:
         return len(self.names)
 
     def theta(self, vehicle: Vehicle, *, delay: float, lag: float) -> Array:
-        """Return theta (n,) of a vehicle's coefficients; damping that is 0 becomes a trace of it."""
+        """Return theta (n,) of a vehicle's coefficients."""
         out = np.empty(len(self))
         for k, name in enumerate(self.names):
             kind = self.codes[k, 0]
@@ -118,8 +117,6 @@ class FreeParameters:
             value = float(self.rigid[k]) - value
         if transform == LOG:
             return math.log(max(value, 1e-9))
-        if transform == NEGATIVE_LOG:
-            return math.log(max(-value, 1e-9))
         return value
 
     def thetas(self, values: Array) -> Array:
@@ -133,8 +130,6 @@ class FreeParameters:
             transform = self.codes[k, 3]
             if transform == LOG:
                 out[k] = math.exp(theta[k])
-            elif transform == NEGATIVE_LOG:
-                out[k] = -math.exp(theta[k])
             if self.codes[k, 0] == MASS:
                 out[k] = self.rigid[k] - out[k]
         return out
@@ -151,8 +146,6 @@ class FreeParameters:
             transform = self.codes[k, 3]
             if transform == LOG:
                 out[k] = math.exp(theta[k])
-            elif transform == NEGATIVE_LOG:
-                out[k] = -math.exp(theta[k])
             if self.codes[k, 0] == MASS:
                 out[k] = -out[k]
         return out
@@ -161,12 +154,6 @@ class FreeParameters:
         """Return those of the names that are in `keep`, in the same order."""
         rows = [k for k, name in enumerate(self.names) if name in keep]
         return replace(self, names=tuple(self.names[k] for k in rows), codes=self.codes[rows], rigid=self.rigid[rows])
-
-    def untransformed(self, names: Collection[str]) -> FreeParameters:
-        """Return the same with the coefficients of these names as they are: of either sign."""
-        codes = self.codes.copy()
-        codes[[k for k, name in enumerate(self.names) if name in names], 3] = UNTRANSFORMED
-        return replace(self, codes=codes)
 
 
 def unknowns_of(vehicle: Vehicle) -> tuple[str, ...]:
@@ -258,8 +245,6 @@ def put_parameters(p: Array, codes: Codes, theta: Array, work: Array) -> bool:
         value = theta[k]
         if transform == LOG:
             value = math.exp(value)
-        elif transform == NEGATIVE_LOG:
-            value = -math.exp(value)
         if kind == MASS:
             p[I_MASS + 6 * i + j] = value
             p[I_MASS + 6 * j + i] = value

@@ -1,77 +1,394 @@
-"""What is supposed of coefficients before any data: by the body's size, or by a vehicle with deviations."""
+"""What is supposed of every plausible coefficient before any data: the vehicle's file where it speaks, else physics.
+
+Nothing is chosen: every coefficient that a body of this kind may have is free, with a mean and a deviation. The data
+narrow them. Where the file has a value, that is the mean, with its deviation, or half of it where none is stated. Where
+it is silent, the size of the body says what is plausible. A line of the table [prior] stands above both, and what was
+learned before above all: a learned file's posterior has taken the rest in. With m and I_i the rigid body,
+L = (m/rho)^(1/3) the edge of a cube of water of its mass, a_i = 1.7 sqrt(I_i/m) the arm of hull and fins, W = m g:
+
+    total inertia        1.7 m, 1.6 I_i, a factor of exp(0.5) either way
+    its couplings        0 +- 0.24 sqrt(M_i M_j), of a body that is the same to port and starboard
+    quadratic damping    -g +- 2 g, g = rho L^2, rotation rho L^2 a_i^3
+    linear damping       -l +- 2 l, l = 0.1 rho L^2 (1 m/s), rotation 0.1 rho L^2 a_i^2; couplings 0 +- sqrt(l_i l_j)
+    drag ahead, astern   0 +- 0.3 of the quadratic damping (surge, heave, pitch), 0.03 (sway, roll, yaw)
+    thrust, inflow       0 +- 0.15 of the thrust lost per m/s of water through the thruster
+    forward-speed terms  0 +- rho L^2 times the arms, of a vehicle that goes ahead
+    net weight, BG       0 +- 0.01 W; BG_z 0.02 W L +- 0.1 W L, BG_x and BG_y 0 +- 0.02 W L
+    constant wrench      0 +- 0.005 m/s^2 m, 0.01 rad/s^2 I_i
+    sensors              latency 0.05 +- 0.1 s, place of the accelerometer 0 +- 0.1 m
+    inputs               delay 0.08 +- 0.06 s, lag 0.1 s and a factor of exp(0.8), gains 1 +- 8 %
+
+Inertias, lag and gains are positive and are supposed log-normal; all else is normal. Damping is a plain number: as a
+logarithm that starts far too small it has no gradient and stays there.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Container, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.model.parameters import MASS, QUADRATIC, FreeParameters
-from towtank.identification.model.terms import (
-    ADDED,
-    LOG,
-    NEGATIVE_LOG,
-    TERMS,
+from towtank.core.layout import INFLOW, N_KINDS
+from towtank.errors import InputError, nearest
+from towtank.identification.model.parameters import (
+    DELAY,
+    GAIN_PREFIX,
+    IN_GAIN,
+    LAG,
+    PLACES,
     UNTRANSFORMED,
-    body_size,
-    damping_guess,
-    usual_disturbance,
+    FreeParameters,
+    free_parameters,
+    unknowns_of,
 )
-from towtank.vehicle import COEFFICIENTS, Vehicle
+from towtank.vehicle import COEFFICIENTS, FORWARD_SPEED, Vehicle
+from towtank.vehicle.matrices import GRAVITY
+from towtank.vehicle.names import COLUMNS, ROWS, index, mirror
+from towtank.vehicle.posterior import stated_coordinate
+from towtank.vehicle.thrusters.curves import is_of_unit_scale
 
-__all__ = ["prior_information", "size_of", "start_theta", "usual_disturbance"]
+__all__ = ["Body", "Prior", "prior_of"]
 
-
-def prior_information(prior: Vehicle, free: FreeParameters) -> tuple[Array, Array]:
-    """Return mean (n,) and information (n, n) of a vehicle whose coefficients bear deviations, or that has [prior]."""
-    values = free.values(free.theta(prior, delay=prior.command_delay, lag=0.05))
-    deviations = [prior.deviation(name) if name in COEFFICIENTS else None for name in free.names]
-    for k, name in enumerate(free.names):
-        if name in prior.prior:
-            values[k], deviations[k] = prior.prior[name].value, prior.prior[name].std
-    mean = free.thetas(values)
-    slopes = free.slopes(mean)
-    information = np.zeros((len(free), len(free)))
-    for k, std in enumerate(deviations):
-        if std is not None and std > 0.0:
-            information[k, k] = (slopes[k] / std) ** 2
-    return mean, information
-
-
-def start_theta(vehicle: Vehicle, known: Vehicle, free: FreeParameters, *, delay: float, lag: float) -> Array:
-    """Return theta (n,): the values of `known` where it has them, else what a body of this size would have."""
-    theta = free.theta(known, delay=delay, lag=lag)
-    rigid = vehicle.rigid_body_matrix
-    for k, name in enumerate(free.names):
-        kind, i, transform = free.codes[k, 0], free.codes[k, 1], free.codes[k, 3]
-        if kind == MASS and transform == LOG:
-            if known.coefficient(name) == 0.0:
-                theta[k] = math.log((1.0 + ADDED) * rigid[i, i])
-            theta[k] = max(theta[k], math.log(0.3 * rigid[i, i]))
-        elif transform == NEGATIVE_LOG and not known.coefficient(name) < 0.0:
-            other = _other_damping(free, k)
-            theta[k] = math.log(
-                damping_guess(body_size(vehicle), int(kind), int(i)) * (0.1 if _has(known, other) else 1.0)
-            )
-    return theta
+_WATER = 1000.0  # kg/m^3
+_ADDED = (1.7, 1.6)  # total inertia, of the rigid body's: translation, rotation
+_INERTIA_STD = 0.5  # of ln total inertia
+_COUPLING_STD = 0.24  # of sqrt(M_i M_j)
+_ARM = 1.7  # of the gyradius
+_SPREAD = 2.0  # of damping, as a share of its mean
+_NET_WEIGHT, _RIGHTING, _RIGHTING_STD, _TRIM_STD = 0.01, 0.02, 0.1, 0.02  # of W, W L
+_CONSTANT = (0.005, 0.01)  # m/s^2, rad/s^2
+_ASYMMETRY_STD = (0.3, 0.03)  # of the quadratic damping; between port and starboard
+_PRIORS_FILE = "the prior's file"
+_STATED = 0.5  # deviation of what the file states without one, as a share of it
+_DELAY, _LAG, _LAG_STD, _GAIN_STD = (0.08, 0.06), 0.1, 0.8, 0.08
+_LATENCY = (0.05, 0.1)  # s
+_PLACE = 0.1  # m
+_LIFT = 1.0  # of the density times the area of the cube's face and the arms
+_INFLOW = (0.0, 0.15)  # s/m
+_NO_SCALE = 1.0  # deviation of the logarithm of a scale of force that nobody measured
+_INERTIAS = ((0, 2), (0, 4), (2, 4), (1, 3), (1, 5), (3, 5))  # couplings of a body that is the same to both sides
+_OTHER_DAMPING = {f"{r}_{c}": f"{r}_{c * 2}" for r, c in zip(ROWS, COLUMNS, strict=True)}
+_OTHER_DAMPING |= {quadratic: linear for linear, quadratic in _OTHER_DAMPING.items()}
+_DAMPINGS = ((1, 5), (5, 1), (2, 4), (4, 2), (1, 3), (3, 1), (0, 4), (4, 0))
 
 
-def _other_damping(free: FreeParameters, k: int) -> str:
-    name = free.names[k]
-    return name[:3] if free.codes[k, 0] == QUADRATIC else name + name[-1]
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is supposed of all unknowns.
+
+    Attributes:
+        mean, covariance: (n,), (n, n) in the coordinates of `free`. sources: where each comes from.
+        reference: deviations (n,) before any data were seen at all; a learned file knows more than that.
+    """
+
+    free: FreeParameters
+    mean: Array
+    covariance: Array
+    sources: tuple[str, ...]
+    reference: Array
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the unknowns."""
+        return self.free.names
+
+    @property
+    def std(self) -> Array:
+        """Deviations (n,) in the coordinates of `free`."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def values(self) -> Array:
+        """Means (n,), each in its own unit: added inertias, not totals; gains as multiples of the file's."""
+        return self.free.values(self.mean)
+
+    @property
+    def value_std(self) -> Array:
+        """Deviations (n,) in these units; of what is log-normal to first order."""
+        return np.asarray(np.abs(self.free.slopes(self.mean)) * self.std)
+
+    def only(self, names: Sequence[str]) -> Prior:
+        """Return what is supposed of these names alone."""
+        rows = [k for k, name in enumerate(self.names) if name in names]
+        return Prior(
+            self.free.subset(names),
+            self.mean[rows],
+            self.covariance[np.ix_(rows, rows)],
+            tuple(self.sources[k] for k in rows),
+            self.reference[rows],
+        )
+
+    def with_rows(self, rows: Sequence[int], mean: Array, covariance: Array, reference: Array, source: str) -> Prior:
+        """Return it with rows that owe nothing to the rest: mean and covariance as a vehicle's posterior has them."""
+        means, block, before, sources = self.mean.copy(), self.covariance.copy(), self.reference.copy(), [*self.sources]
+        signs = self.free.signs[rows]
+        means[rows], before[rows] = np.where(signs < 0.0, self.free.rigid[rows] - mean, mean), reference
+        block[rows] = 0.0
+        block[:, rows] = 0.0
+        block[np.ix_(rows, rows)] = covariance * np.outer(signs, signs)
+        for k in rows:
+            sources[k] = source
+        return Prior(self.free, means, block, tuple(sources), before)
+
+    def seen_from(self, theta: Array) -> tuple[Array, Array]:
+        """Return mean (n,) and covariance (n, n) as they are close to theta (n,).
+
+        Data tell forces in proportion to the common scale g of the thrusters, the mean of their gains: c / g, however
+        uncertain c and g are. As a Gaussian in c that is so about its mean only; elsewhere two views that differ by
+        little would agree best where all forces are small (Peelle's puzzle). So c / g is what is kept, and c about
+        theta is c_0 g / g_0 (1 + d ln g) to first order.
+        """
+        kind, gains = self.free.codes[:, 0], self.free.codes[:, 0] == IN_GAIN
+        if gains.sum() < 2:  # the gain of one thruster is not the scale of all
+            return self.mean, self.covariance
+        forces = (kind < N_KINDS) & (kind != INFLOW) & (self.free.codes[:, 3] == UNTRANSFORMED)
+        share = gains / gains.sum()
+        away = float(share @ (theta - self.mean))
+        grown = np.where(forces, np.exp(away), 1.0)
+        turn = np.diag(grown) + np.outer(np.where(forces, theta - grown * self.mean, 0.0), share)
+        mean = grown * self.mean - np.where(forces, theta, 0.0) * away
+        return mean, np.asarray(turn @ self.covariance @ turn.T)
+
+    @property
+    def vehicle_values(self) -> dict[str, float]:
+        """The coefficients among the means, by name, in their own units."""
+        values = self.free.values(self.mean)
+        return {name: float(v) for name, v in zip(self.names, values, strict=True) if name in COEFFICIENTS}
 
 
-def _has(vehicle: Vehicle, name: str) -> bool:
-    return vehicle.coefficient(name) < 0.0
+@dataclass(frozen=True)
+class Line:
+    """Mean and deviation of one unknown, in its own unit; of one that is log-normal the deviation of the logarithm."""
+
+    mean: float
+    std: float
+    source: str
 
 
-def size_of(vehicle: Vehicle, free: FreeParameters) -> Array:
-    """Return the size (n,) of the coefficients that are no logarithms, for a wide start; 1 for all others."""
-    body = body_size(vehicle)
-    out = np.ones(len(free))
-    for k in range(len(free)):
-        kind, i, j, transform = (int(c) for c in free.codes[k])
-        if transform == UNTRANSFORMED and kind in TERMS:
-            out[k] = TERMS[kind].size(body, i, j)
+class Body:
+    """The sizes that physics gives a vehicle's coefficients.
+
+    Attributes:
+        rigid: diagonal (6,) of the rigid body's mass matrix; m: its mass [kg]. length: edge of a cube of water of this
+            mass [m]. gyradii: (3,) [m].
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        rigid = np.diag(vehicle.rigid_body_matrix)
+        self.vehicle, self.rigid, self.m = vehicle, rigid, float(rigid[0])
+        self.length = (self.m / _WATER) ** (1.0 / 3.0)
+        self.weight = self.m * GRAVITY
+        self.total = rigid * np.array([_ADDED[0]] * 3 + [_ADDED[1]] * 3)
+        self.gyradii = np.sqrt(rigid[3:] / self.m)
+        arm = np.concatenate([np.ones(3), _ARM * self.gyradii])
+        area = _WATER * self.length**2
+        self.arm = arm
+        self.quadratic = area * arm**3
+        self.linear = 0.1 * area * arm**2
+
+    def lines(self, *, commands: bool) -> dict[str, Line]:
+        """Return the line of every plausible coefficient."""
+        out: dict[str, Line] = {}
+        for i in range(6):
+            row, column = ROWS[i], COLUMNS[i]
+            kind = "mass" if i < 3 else "inertia about this axis"
+            added = self.rigid[i] - self.total[i]
+            out[f"{row}_{column}dot"] = Line(added, _INERTIA_STD, f"{_ADDED[i > 2]:g} times the rigid body's {kind}")
+        for i in range(6):
+            g, l = self.quadratic[i], self.linear[i]
+            size = "displaced volume" if i < 3 else "displaced volume and radius of gyration"
+            out[f"{ROWS[i]}_{COLUMNS[i]}"] = Line(-l, _SPREAD * l, size)
+            out[f"{ROWS[i]}_{COLUMNS[i] * 2}"] = Line(-g, _SPREAD * g, size)
+        for i, j in _INERTIAS:
+            std = _COUPLING_STD * math.sqrt(self.total[i] * self.total[j])
+            out[f"{ROWS[i]}_{COLUMNS[j]}dot"] = Line(0.0, std, "a hull that is the same to port and starboard")
+        for i, j in _DAMPINGS:
+            std = math.sqrt(self.linear[i] * self.linear[j])
+            out[f"{ROWS[i]}_{COLUMNS[j]}"] = Line(0.0, std, "a hull that is the same to port and starboard")
+        for i in range(6):
+            std = _ASYMMETRY_STD[i in (1, 3, 5)] * self.quadratic[i]
+            shape = "the same to port and starboard" if i in (1, 3, 5) else "not the same ahead and astern"
+            out[f"{ROWS[i]}_{COLUMNS[i]}2"] = Line(0.0, std, f"a hull that is {shape}")
+        if self.vehicle.thrusters and commands:
+            out["inflow_loss"] = Line(*_INFLOW, "propellers as they usually are")
+        out["W_minus_B"] = Line(0.0, _NET_WEIGHT * self.weight, "a vehicle trimmed to 1 % of its weight")
+        arm = self.weight * self.length
+        out["BG_z"] = Line(_RIGHTING * arm, _RIGHTING_STD * arm, "weight and displaced volume")
+        for name in ("BG_x", "BG_y"):
+            out[name] = Line(0.0, _TRIM_STD * arm, "a vehicle that floats level")
+        for i in (0, 1, 3, 4, 5):
+            std = _CONSTANT[i > 2] * float(self.rigid[i])
+            out[f"{ROWS[i]}_0"] = Line(0.0, std, "thrusters that differ, a tether")
+        return {name: replace(line, source=f"physics: {line.source}") for name, line in out.items()}
+
+
+def prior_of(
+    vehicle: Vehicle, *, commands: bool = True, more: Sequence[str] = (), beside: Vehicle | None = None
+) -> Prior:
+    """Return what is supposed of a vehicle.
+
+    Args:
+        commands: it is driven by thruster commands, so that delay, lag and gains are unknown; by a wrench that was
+            measured or computed, only a delay is.
+        more: what these data make unknown besides: `latency_<sensor>` of sensors whose clock is not that of the
+            others, the place of an accelerometer, forward-speed terms.
+        beside: another vehicle, which counts where it says something: one whose coefficients bear deviations, or that
+            was learned, or that has a table [prior].
+
+    Raises:
+        InputError: a table [prior] names what is no unknown, or an inertia that is not above 0 on this vehicle.
+    """
+    lines = _plausible(vehicle, beside, commands=commands)
+    lines |= _inputs(vehicle, beside, commands=commands)
+    lines |= {name: _further(vehicle, name) for name in more if name not in lines}
+    free = free_parameters(vehicle, tuple(lines))
+    kept = [lines[name] for name in free.names]
+    mean, std = free.thetas(np.array([line.mean for line in kept])), np.array([line.std for line in kept])
+    covariance = np.diag(std**2)
+    gains = [k for k, name in enumerate(free.names) if name.startswith(GAIN_PREFIX)]
+    covariance[np.ix_(gains, gains)] = _gain_covariance(vehicle, len(gains))
+    physics = Prior(free, mean, covariance, tuple(line.source for line in kept), np.sqrt(np.diag(covariance)))
+    supposed = _with_tables(physics, vehicle, beside)
+    if beside is None or beside.posterior is not None:
+        return _gone_on(supposed, beside or vehicle, vehicle)
+    told = [_named(name, free.names) for name in beside.prior]
+    told += [name for name in free.names if name in COEFFICIENTS and beside.deviation(name) is not None]
+    return _gone_on(supposed, vehicle, vehicle, told)
+
+
+def _plausible(vehicle: Vehicle, beside: Vehicle | None, *, commands: bool) -> dict[str, Line]:
+    """Return the lines of the coefficients: those that a body of this kind may have, and what the files name besides.
+
+    Raises:
+        InputError: a table [prior] names what is no unknown of the vehicle.
+    """
+    lines = Body(vehicle).lines(commands=commands)
+    known = unknowns_of(vehicle)
+    files = [vehicle] if beside is None else [vehicle, beside]
+    for each in files:
+        for name in each.prior:
+            if name not in known:
+                raise InputError(f'{each.name}: prior: "{name}" is no unknown of {vehicle.name}{nearest(name, known)}')
+    stated = [name for each in files for name in each.prior if name in COEFFICIENTS]
+    for name in (*(name for each in files for name in each.hydrodynamics), *stated):
+        if name != "inflow_loss":
+            lines.setdefault(name, Line(0.0, 0.0, ""))
+    lines = {name: _stated(vehicle, name, line) for name, line in lines.items()}
+    if beside is not None:
+        told = [name for name in lines if _says(beside, name) or not _says(vehicle, name)]
+        lines |= {name: _stated(beside, name, lines[name], _PRIORS_FILE) for name in told}
+    return {name: line for name, line in lines.items() if line.std > 0.0 or name in stated}
+
+
+def _further(vehicle: Vehicle, name: str) -> Line:
+    if name in FORWARD_SPEED:
+        body, (_, i, j) = Body(vehicle), index(name)
+        std = _LIFT * _WATER * body.length**2 * float(body.arm[i] * body.arm[j])
+        return Line(0.0, std, "physics: lift of a hull of this volume")
+    if name in PLACES:
+        return Line(0.0, _PLACE, "electronics near the body origin")
+    return Line(*_LATENCY, "what sensors need to compute and send")
+
+
+def _gain_covariance(vehicle: Vehicle, n: int) -> Array:
+    """Return the covariance (n, n) of the logarithms of thrusters' gains.
+
+    Each differs from its curve by itself; what all have in common is as sure as `scale_std` says where the file has it,
+    and nearly unknown where curves are of unit scale, which nobody measured.
+    """
+    own = _GAIN_STD**2 * np.eye(n)
+    scale = vehicle.scale_std
+    if scale is None and n and all(is_of_unit_scale(thruster.curve) for thruster in vehicle.thrusters):
+        scale = _NO_SCALE
+    if scale is None or not n:
+        return own
+    common = np.full((n, n), 1.0 / n)
+    return np.asarray(own - _GAIN_STD**2 * common + n * max(scale, 1e-4) ** 2 * common)
+
+
+def _gone_on(supposed: Prior, of: Vehicle, onto: Vehicle, but: Sequence[str] = ()) -> Prior:
+    """Return what was learned of a vehicle, of all unknowns that it knows of `but` these, and of others the supposed.
+
+    Gains are learned as multiples of those of the vehicle that they were learned of, and used as such of another's.
+    """
+    learned = of.posterior
+    if learned is None:
+        return supposed
+    names = [_named(name, supposed.names) for name in learned.names]
+    known = [k for k, name in enumerate(names) if name in supposed.names and name not in but]
+    rows = [supposed.names.index(names[k]) for k in known]
+    gains = {GAIN_PREFIX + name: math.log(ratio) for name, ratio in _gains(of, onto).items()}
+    mean = np.array([learned.mean[k] + gains.get(names[k], 0.0) for k in known])
+    covariance, reference = learned.covariance[np.ix_(known, known)], np.array(learned.prior_std)[known]
+    return supposed.with_rows(rows, mean, covariance, reference, "learned before")
+
+
+def _named(name: str, names: Container[str]) -> str:
+    """Return the name that an unknown has among these: an added-mass coupling has two."""
+    twin = mirror(name) if name in COEFFICIENTS and index(name)[0] == "mass" else name
+    return twin if name not in names and twin in names else name
+
+
+def _says(vehicle: Vehicle, name: str) -> bool:
+    """Whether a file says something of a coefficient."""
+    return vehicle.coefficient(name) != 0.0 or vehicle.deviation(name) is not None
+
+
+def _with_tables(supposed: Prior, vehicle: Vehicle, beside: Vehicle | None) -> Prior:
+    """Return what is supposed with the lines of the tables [prior], those of the file beside last."""
+    for each, source in ((vehicle, "the vehicle's file"), (beside, _PRIORS_FILE)):
+        for name, line in {} if each is None else each.prior.items():
+            row = [k for k, other in enumerate(supposed.names) if other == _named(name, supposed.names)]
+            if row:
+                mean, std = stated_coordinate(vehicle, name, line)
+                said = f"{source}, [prior]" + (f": {line.source}" if line.source else "")
+                supposed = supposed.with_rows(row, np.array([mean]), np.array([[std**2]]), np.array([std]), said)
+    return supposed
+
+
+def _stated(vehicle: Vehicle, name: str, line: Line, source: str = "the vehicle's file") -> Line:
+    """Return the line with what a vehicle's file says of it.
+
+    A file that has one damping term of an axis says that the other is nothing, or little.
+    """
+    value, std = vehicle.coefficient(name), vehicle.deviation(name)
+    if value == 0.0 and std is None:
+        if vehicle.coefficient(_OTHER_DAMPING.get(name, name)) != 0.0:
+            return Line(0.0, 0.5 * line.std, f"{source}, which has {_OTHER_DAMPING[name]} alone")
+        return line
+    if std is None:
+        std, source = _STATED * abs(value), f"{source}, which states no deviation: half of it"
+    if name.endswith("dot") and ROWS.index(name[0]) == COLUMNS.index(name[2]):
+        i = ROWS.index(name[0])
+        total = float(vehicle.rigid_body_matrix[i, i]) - value
+        return Line(value, max(std / total, 1e-6), source)
+    return Line(value, max(std, 1e-9), source)
+
+
+def _inputs(vehicle: Vehicle, beside: Vehicle | None, *, commands: bool) -> dict[str, Line]:
+    out = {DELAY: Line(*_DELAY, "autopilots and thrusters as they usually are")}
+    files = [(vehicle, "the vehicle's file")] + ([] if beside is None else [(beside, _PRIORS_FILE)])
+    for each, source in files:
+        if each.command_delay > 0.0:
+            out[DELAY] = Line(each.command_delay, _DELAY[1], f"{source}, and delays as they usually differ")
+    if not commands:
+        return out
+    out[LAG] = Line(_LAG, _LAG_STD, "thrusters as they usually are")
+    for each, source in files:
+        known = [thruster.time_constant for thruster in each.thrusters if thruster.time_constant > 0.0]
+        if known:
+            out[LAG] = Line(float(np.mean(known)), _STATED, f"{source}, which states no deviation: half of it")
+    gains = {} if beside is None else _gains(beside, vehicle)
+    for thruster in vehicle.thrusters:
+        ratio = gains.get(thruster.name, 1.0)
+        out[GAIN_PREFIX + thruster.name] = Line(ratio, _GAIN_STD, "thrusters differ by a few percent")
     return out
+
+
+def _gains(of: Vehicle, onto: Vehicle) -> dict[str, float]:
+    """Return the gains of a vehicle's thrusters as multiples of those that another gives the same ones."""
+    there = {each.name: each.gain for each in onto.thrusters}
+    return {each.name: each.gain / there[each.name] for each in of.thrusters if each.name in there}

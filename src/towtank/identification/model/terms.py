@@ -69,7 +69,7 @@ IN_DELAY, IN_LAG, IN_GAIN, IN_LATENCY, IN_PLACE = range(
 Codes = NDArray[np.int64]  # (n, 4) kind, row, column and transform of each free coefficient
 N_MOVING = 12  # errors of position, attitude and velocity
 N_FIXED = 21  # and of disturbance 6 and current 3; those of the free coefficients follow
-UNTRANSFORMED, LOG, NEGATIVE_LOG = range(3)
+UNTRANSFORMED, LOG = range(2)
 ADDED = 0.6  # of the rigid body's inertia
 _WATER = 1000.0  # kg/m^3
 _GRAVITY = 9.81  # m/s^2
@@ -137,8 +137,8 @@ class Term:
     """What an estimator needs of a kind of coefficient.
 
     Attributes:
-        diagonal: how an element on the diagonal is written, `LOG`, `NEGATIVE_LOG` or `UNTRANSFORMED`; all others are
-            untransformed. size: of an element (row, column) of either sign, for a wide start.
+        diagonal: how an element on the diagonal is written, `LOG` or `UNTRANSFORMED`; all others are untransformed.
+        size: of an element (row, column) of either sign.
         role: kind, row and column of an element's part in the model (`posterior.wording.Role`), -1 for no axis.
         part: of the body, that changes with it. size_step, log_step: deviation of such a change, as a share of `size`
             where it is untransformed, of its logarithm where it is one.
@@ -175,7 +175,7 @@ TERMS: dict[int, Term] = {
         by_motion=True,
     ),
     LINEAR: Term(
-        NEGATIVE_LOG,
+        UNTRANSFORMED,
         _damping_size(LINEAR),
         _on_diagonal("linear"),
         "drag",
@@ -184,7 +184,7 @@ TERMS: dict[int, Term] = {
         by_motion=True,
     ),
     QUADRATIC: Term(
-        NEGATIVE_LOG,
+        UNTRANSFORMED,
         _damping_size(QUADRATIC),
         _on_diagonal("quadratic"),
         "drag",

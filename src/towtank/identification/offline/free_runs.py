@@ -19,7 +19,7 @@ from towtank.core.arrays import Array
 from towtank.identification.data.samples import Sources
 from towtank.identification.kalman.passes import JointFit, JointProblem, latencies_of
 from towtank.identification.least_squares.velocity import drifting_attitude
-from towtank.identification.model.parameters import LATENCIES, PLACES, FreeParameters
+from towtank.identification.model.parameters import LATENCIES, PLACES
 from towtank.identification.simulation_error.cross_validation import (
     FreeRuns,
     columns_of,
@@ -72,11 +72,7 @@ def free_run_verdict(
     sources = [Sources.of(grid.pose, grid.velocity, grid.acceleration) for grid in grids]
     attitude = [drifting_attitude(g, s, each.t) for g, s, each in zip(grids, sources, samples, strict=True)]
     known = (prior.mean, np.asarray(np.linalg.inv(prior.covariance), dtype=np.float64))
-
-    def same_prior(free: FreeParameters) -> tuple[Array, Array]:
-        return known
-
-    runs = FreeRuns.over(vehicle, samples, problem.own_noise, prior.names, attitude, same_prior)
+    runs = FreeRuns.over(vehicle, samples, problem.own_noise, prior.names, known, attitude)
     if not runs.comparable and not always:
         return None
     weighed = _weighed(runs, model)

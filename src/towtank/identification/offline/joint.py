@@ -29,10 +29,10 @@ from towtank.identification.kalman.passes import (
     narrowed_to,
     settings_for,
 )
-from towtank.identification.model.belief import belief
 from towtank.identification.model.parameters import DELAY, LATENCIES
+from towtank.identification.model.prior import prior_of
 from towtank.identification.offline.free_runs import FreeRunVerdict, free_run_verdict
-from towtank.identification.posterior.assembly import Current, LogLearning
+from towtank.identification.posterior.assembly import Current, LogLearning, Mode
 from towtank.identification.posterior.result import estimate_of, model_of, with_posterior
 from towtank.identification.posterior.thrusters import learned_gains, scale_remarks
 from towtank.recording import Grid, Recording, align
@@ -52,7 +52,8 @@ class LearningRequest:
 
     Attributes:
         recordings: prepared. samples: of them, where they could be had.
-        always_free_runs: free runs have the last word in any case.
+        free_runs: whether they are fitted, too, and then have the last word; None: where windows contradict each other,
+            and they speak where they predict better.
     """
 
     vehicle: Vehicle
@@ -63,7 +64,7 @@ class LearningRequest:
     longest_delay: float = 0.4
     prior: Vehicle | None = None
     current: bool = False
-    always_free_runs: bool = False
+    free_runs: bool | None = None
 
 
 def learn_joint(request: LearningRequest, progress: Progress | None = None) -> LogLearning:
@@ -74,7 +75,9 @@ def learn_joint(request: LearningRequest, progress: Progress | None = None) -> L
     problem = joint_problem(request)
     by_filter = joint_fit(problem, _levels(request, problem), lambda share: report("joint filter", 0.05 + 0.6 * share))
     report("free runs", 0.65)
-    verdict = free_run_verdict(problem, by_filter, grids, request.vehicle, always=request.always_free_runs)
+    verdict = None
+    if request.free_runs is not False:
+        verdict = free_run_verdict(problem, by_filter, grids, request.vehicle, always=bool(request.free_runs))
     report("what is known", 0.95)
     fit = by_filter if verdict is None or not verdict.better else verdict.fit
     return _learned(request, problem, fit, grids, verdict)
@@ -93,7 +96,7 @@ def joint_problem(request: LearningRequest) -> JointProblem:
     commands = all(each.commands for each in samples)
     named = [name for name in request.free or () if name in FORWARD_SPEED]
     more = (*further_unknowns(samples), *named)
-    whole = belief(vehicle, commands=commands, more=more, beside=request.prior)
+    whole = prior_of(vehicle, commands=commands, more=more, beside=request.prior)
     prior = narrowed_to(whole, request.free, delay_given=request.delay is not None)
     base = vehicle.with_coefficients(whole.vehicle_values)
     levels = common_noise_levels(request.recordings, samples, vehicle)
@@ -162,7 +165,7 @@ def _learned(
         current=current,
         gains=gains,
         latency=latency,
-        prior=fit.prior,
+        mode=Mode(fit.prior, fit.theta, fit.levels),
         wave_period=fit.wave_period if fit.levels.waves.any() else math.nan,
         narrowed=dict(zip(free.names, (fit.std / fit.prior.reference).tolist(), strict=True)),
         remarks=(*_remarks(request, fit, current), *(() if verdict is None else (verdict.text,))),
@@ -172,7 +175,7 @@ def _learned(
 def problem_base(request: LearningRequest, problem: JointProblem) -> dict[str, float]:
     """Return the prior's means of all coefficients, by name."""
     commands = all(each.commands for each in problem.samples)
-    return belief(request.vehicle, commands=commands, beside=request.prior).vehicle_values
+    return prior_of(request.vehicle, commands=commands, beside=request.prior).vehicle_values
 
 
 def _in_newtons(fit: JointFit, model: Vehicle) -> NoiseLevels:

@@ -17,9 +17,9 @@ from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification.data.samples import held_forces, prepared, samples_of, with_absent_zero
 from towtank.identification.learner import Learner, sample_vector
-from towtank.identification.model.belief import Belief
 from towtank.identification.model.measurements import TYPICAL_NOISE
 from towtank.identification.model.parameters import DELAY, LAG, LATENCIES
+from towtank.identification.model.prior import Prior
 from towtank.identification.model.terms import DISTURBANCE
 from towtank.identification.online.reestimation import Question
 from towtank.identification.online.stream import JointStream
@@ -267,7 +267,7 @@ class JointLearner(Learner):
 
     # -- inside
 
-    def _posterior(self) -> tuple[Belief, Belief, Array, Array]:
+    def _posterior(self) -> tuple[Prior, Prior, Array, Array]:
         """Return what was supposed of everything and of the unknowns, mean (n,) and covariance (n, n) by now."""
         running = self._stream.running
         if running is None:

@@ -32,8 +32,8 @@ from towtank.identification.kalman.passes import (
     settings_for,
 )
 from towtank.identification.kalman.state import healthy_snapshot
-from towtank.identification.model.belief import Belief, belief
 from towtank.identification.model.parameters import LATENCIES, PLACES
+from towtank.identification.model.prior import Prior, prior_of
 from towtank.identification.model.terms import DISTURBANCE
 from towtank.vehicle import FORWARD_SPEED, Vehicle
 
@@ -61,25 +61,25 @@ class Question:
     delay: float | None
     beside: Vehicle | None
 
-    def whole(self, kept: Kept | None, *, commands: bool, more: Sequence[str] = ()) -> Belief:
+    def whole(self, kept: Kept | None, *, commands: bool, more: Sequence[str] = ()) -> Prior:
         """Return what is supposed of every plausible coefficient, with what was learned from rows that are gone."""
         known = () if kept is None else kept.names
         names = [name for name in (*LATENCIES, *PLACES, *FORWARD_SPEED) if name in more or name in known]
-        whole = belief(self.vehicle, commands=commands, more=names, beside=self.beside)
+        whole = prior_of(self.vehicle, commands=commands, more=names, beside=self.beside)
         return whole if kept is None else _gone_on(whole, kept)
 
-    def prior(self, whole: Belief, kept: Kept | None) -> Belief:
+    def prior(self, whole: Prior, kept: Kept | None) -> Prior:
         """Return what is supposed of the unknowns."""
         more = () if kept is None else kept.names
         free = None if self.free is None else [*self.free, *(name for name in more if name not in self.free)]
         return narrowed_to(whole, free, delay_given=self.delay is not None)
 
-    def base(self, whole: Belief) -> Vehicle:
+    def base(self, whole: Prior) -> Vehicle:
         """Return the vehicle with the prior's mean of every plausible coefficient."""
         return self.vehicle.with_coefficients(whole.vehicle_values)
 
 
-def _gone_on(whole: Belief, kept: Kept) -> Belief:
+def _gone_on(whole: Prior, kept: Kept) -> Prior:
     rows = [whole.names.index(name) for name in kept.names]
     mean, covariance = whole.mean.copy(), whole.covariance.copy()
     mean[rows] = kept.mean
@@ -173,7 +173,7 @@ class Reestimation:
             rows, inputs = after
         return Found(running, kept, gone, rows, inputs)
 
-    def _problem(self, stretches: Sequence[Samples]) -> tuple[Belief, JointProblem, NoiseLevels]:
+    def _problem(self, stretches: Sequence[Samples]) -> tuple[Prior, JointProblem, NoiseLevels]:
         question = self.question
         whole = question.whole(self.kept, commands=self.buffer.commands, more=further_unknowns(stretches))
         longest = max(stretches, key=len)

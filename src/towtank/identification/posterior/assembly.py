@@ -10,13 +10,13 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import NoiseLevels, Sources
-from towtank.identification.model.belief import Belief
+from towtank.identification.model.prior import Prior
 from towtank.identification.posterior.estimate import Estimate
 from towtank.recording import Grid
 from towtank.recording.consistency import Finding
 from towtank.vehicle import Vehicle
 
-__all__ = ["Current", "DelayScan", "LogLearning"]
+__all__ = ["Current", "DelayScan", "LogLearning", "Mode"]
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,17 @@ class DelayScan:
         return bool(self.cost.argmin() == len(self.cost) - 1)
 
 
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """The likeliest values of all unknowns: theta (n,) in the coordinates of the `prior`, and the `levels` of noise and
+    disturbance [m/s^2, rad/s^2] with them.
+    """
+
+    prior: Prior
+    theta: Array
+    levels: NoiseLevels
+
+
 @dataclass(frozen=True)
 class LogLearning:
     """What was learned from recordings.
@@ -46,7 +57,7 @@ class LogLearning:
             thrusters, NaN where it was not free. current: of the water, where it was estimated.
         gains: of thrusters where they were free, value and deviation.
         remarks: how it was learned, in plain words. delay_given: whether somebody gave it.
-        latency: of sensors, value and deviation [s]. prior: what was supposed, None of the paper's method.
+        latency: of sensors, value and deviation [s]. mode: of the posterior, None of the paper's method.
         narrowed: deviation of each unknown as a share of what it was before any data. wave_period: of the water [s],
             NaN where it has no waves.
         findings: what cannot be right, gravest first. driven: axes (6,) that the inputs drove; () where not looked at.
@@ -70,11 +81,16 @@ class LogLearning:
     remarks: tuple[str, ...] = ()
     delay_given: bool = False
     latency: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    prior: Belief | None = None
+    mode: Mode | None = None
     narrowed: Mapping[str, float] = field(default_factory=dict)
     wave_period: float = math.nan
     findings: tuple[Finding, ...] = ()
     driven: tuple[bool, ...] = ()
+
+    @property
+    def prior(self) -> Prior | None:
+        """What was supposed, None of the paper's method."""
+        return None if self.mode is None else self.mode.prior
 
 
 @dataclass(frozen=True, eq=False)

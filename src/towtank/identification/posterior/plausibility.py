@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from towtank.digits import estimate_text, short
-from towtank.identification.model.belief import Belief, Body
 from towtank.identification.model.parameters import DELAY, GAIN_PREFIX, LAG, LATENCIES, PLACES
+from towtank.identification.model.prior import Body, Prior
 from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.recording.consistency import Finding
@@ -223,7 +223,7 @@ def _total(learning: LogLearning, axis: int) -> tuple[float, float]:
     return _of_logarithm(prior, posterior.mean, posterior.std, name)
 
 
-def _of_logarithm(prior: Belief, mean: tuple[float, ...], std: tuple[float, ...], name: str) -> tuple[float, float]:
+def _of_logarithm(prior: Prior, mean: tuple[float, ...], std: tuple[float, ...], name: str) -> tuple[float, float]:
     k = prior.names.index(name)
     total = math.exp(mean[k])
     return total, total * std[k]

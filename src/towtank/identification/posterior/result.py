@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.model.belief import Belief
 from towtank.identification.model.parameters import GAIN_PREFIX
+from towtank.identification.model.prior import Prior
 from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.estimate import Estimate, SumOfInertias
 from towtank.identification.posterior.physical import consistent
@@ -23,7 +23,7 @@ NARROWED = 0.5  # share of the prior's deviation up to which a coefficient count
 
 
 def estimate_of(
-    vehicle: Vehicle, prior: Belief, theta: Array, covariance: Array, duration: float, samples: int
+    vehicle: Vehicle, prior: Prior, theta: Array, covariance: Array, duration: float, samples: int
 ) -> tuple[Estimate, tuple[str, ...]]:
     """Return the coefficients of a posterior, and what had to be moved for them to be physical.
 
@@ -77,7 +77,7 @@ def model_of(
     return model
 
 
-def with_posterior(model: Vehicle, prior: Belief, theta: Array, covariance: Array) -> Vehicle:
+def with_posterior(model: Vehicle, prior: Prior, theta: Array, covariance: Array) -> Vehicle:
     """Return the model with the posterior itself, from which learning goes on and vehicles are drawn."""
     signs = prior.free.signs
     at = np.where(signs < 0.0, prior.free.rigid - theta, theta)

@@ -8,7 +8,7 @@ their runs over the same windows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,8 +16,6 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification.data.samples import N_MEASURED, Samples
-from towtank.identification.model.parameters import FreeParameters
-from towtank.identification.model.prior import size_of
 from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
 from towtank.identification.simulation_error.segments import CandidateModel, Knowledge
 from towtank.identification.simulation_error.trajectory import STEP
@@ -25,7 +23,7 @@ from towtank.recording.grids.stretches import Stretch, cuts
 from towtank.vehicle import Vehicle
 from towtank.vehicle.names import ROWS
 
-__all__ = ["ErrorReduction", "FreeRuns", "Prior", "columns_of", "error_reduction", "fit_percent"]
+__all__ = ["ErrorReduction", "FreeRuns", "columns_of", "error_reduction", "fit_percent"]
 
 _FAILED, _FLOOR = 10.0, 0.1
 _RUN, _POSED = 5.0, 60.0  # s: length of a run; and where a pose is run over, which remembers how it began
@@ -38,8 +36,7 @@ _UPRIGHT = 0.1  # rad, deviation of an attitude that is not measured, where a ru
 _BEGIN = 2  # rows that it is put into
 _SURE = 1e9  # 1/deviation^2 of what is held in a free run
 _ITERATIONS, _AGAIN, _STATES = 30, 20, 8
-_CLAIMED = 1e-6  # deviation, of a coefficient's size, that no recording can promise
-Prior = Callable[[FreeParameters], Knowledge | None]
+_CLAIMED = 1e-6  # of the prior's deviation, which no recording can promise
 
 
 @dataclass(frozen=True)
@@ -119,7 +116,7 @@ class FreeRuns:
         samples: of each recording, or of stretches of it where there is too much. noise: (18,).
         attitude: of each, roll and pitch (n, 2) that a run may begin with where none is measured, NaN where not known.
         segment: length of a run [s]. thinned: whether there was too much.
-        prior: what is known beforehand of the coefficients that are free.
+        prior: what is known beforehand of the coefficients, mean (n,) and information (n, n).
     """
 
     vehicle: Vehicle
@@ -129,7 +126,7 @@ class FreeRuns:
     segment: float
     windows: tuple[Stretch, ...]
     thinned: bool
-    prior: Prior
+    prior: Knowledge
 
     @classmethod
     def over(
@@ -138,8 +135,8 @@ class FreeRuns:
         samples: Sequence[Samples],
         noise: Array,
         names: Sequence[str],
+        prior: Knowledge,
         attitude: Sequence[Array] | None = None,
-        prior: Prior | None = None,
     ) -> FreeRuns:
         """Prepare recordings for coefficients of these names; what says nothing of their axes is left out."""
         measured = np.any([each.measured for each in samples], axis=0)
@@ -167,8 +164,7 @@ class FreeRuns:
         noise = np.array(noise)
         if not measured[3:5].any():
             noise[3:5] = _UPRIGHT
-        known = prior or (lambda free: None)
-        return cls(vehicle, tuple(kept), tuple(angles), noise, segment, windows, cost > _MOST_ROWS, known)
+        return cls(vehicle, tuple(kept), tuple(angles), noise, segment, windows, cost > _MOST_ROWS, prior)
 
     @property
     def comparable(self) -> bool:
@@ -182,13 +178,13 @@ class FreeRuns:
         derivatives say nothing of the coefficient, and the deviation that follows from them is absurdly small.
         """
         most = _AGAIN if without else _ITERATIONS
-        fit = self._fitted(self._rest(without), model, self.prior(model.free), most)
+        fit = self._fitted(self._rest(without), model, self.prior, most)
         if fit is None or not (np.isfinite(fit.theta).all() and np.isfinite(fit.cost)):
             return None
         if not np.isfinite(fit.covariance).all():
             return None
-        claimed = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)) / size_of(self.vehicle, model.free)
-        return fit if (claimed > _CLAIMED).all() else None
+        possible = _CLAIMED**2 / np.diag(self.prior[1])
+        return fit if (np.diag(fit.covariance) > possible).all() else None
 
     def errors(self, model: CandidateModel, windows: Sequence[int] | None = None) -> Array:
         """Return the mean squares (w, 18) of what free runs over each window miss [of the noise]; inf where one fails.
@@ -247,7 +243,7 @@ class FreeRuns:
         return replace(piece, values=values)
 
     def _fitted(
-        self, samples: Sequence[Samples], model: CandidateModel, prior: Knowledge | None, iterations: int
+        self, samples: Sequence[Samples], model: CandidateModel, prior: Knowledge, iterations: int
     ) -> OutputErrorFit | None:
         try:
             return fit_output_error(samples, model, self.noise, prior=prior, iterations=iterations)
