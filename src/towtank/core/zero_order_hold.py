@@ -97,7 +97,8 @@ def hold_force(held: ZeroOrderHold, t: float, value: Array) -> None:
 def force_integral_into(held: ZeroOrderHold, end: float, out: Array) -> bool:
     """Write int force dt (m,) from the clock to `end` into `out` and advance the clock; it never goes back.
 
-    Before the first command the first command is taken as held. Returns whether any command has come yet.
+    Before the first command the first command is taken as held. Where the clock has not been started, thrusters have
+    answered since then, and the integral is 0. Returns whether any command has come yet.
     """
     m = held.force.shape[0]
     ring = held.times.shape[0]
@@ -110,9 +111,10 @@ def force_integral_into(held: ZeroOrderHold, end: float, out: Array) -> bool:
     held.clock[0] = end
     if received == 0:
         return False
-    if not math.isfinite(now):
-        return True
     active = int(held.counters[0].in_force)
+    started = math.isfinite(now)
+    if not started:
+        now = min(held.times[active % ring], end)
     while now < end:
         until = end
         if active + 1 < received:
@@ -136,6 +138,9 @@ def force_integral_into(held: ZeroOrderHold, end: float, out: Array) -> bool:
                 held.force[j] = target
         now = until
     held.counters[0].in_force = float(active)
+    if not started:
+        for j in range(m):
+            out[j] = 0.0
     return True
 
 

@@ -35,6 +35,7 @@ _TINY = 1e-30  # m^2/s^4
 _ATTITUDE_MEMORY = 30.0  # s: of the bias of an attitude that wanders
 _START = (0.3, 0.2, 0.3, 0.2)  # m, rad, m/s, rad/s: deviations at the start where a sensor has shown nothing
 _UNKNOWN_POSITION = 100.0  # m^2: variance of it
+_ANSWERED = 0.5  # s after which thrusters have forgotten what they did before the first command
 
 
 class Rows(NamedTuple):
@@ -357,6 +358,21 @@ def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> 
 
 
 @kernel
+def _inputs_known(held: ZeroOrderHold, t: float) -> bool:
+    """Return whether the thrusters' force follows at t [s] from the commands that came.
+
+    A first command that asks for a force says that there were others before, which are not known.
+    """
+    received, ring = int(held.counters[0].received), held.times.shape[0]
+    if received == 0 or received > ring or t - held.times[0] + held.delay[0] > _ANSWERED:
+        return received > 0
+    for j in range(held.values.shape[1]):
+        if held.values[0, j] != 0.0:
+            return False
+    return True
+
+
+@kernel
 def joint_step(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> bool:
     """Take the row z (18,) of time t [s]; return whether it was of use: in order, and the inputs known."""
     clock = state.clock[0]
@@ -365,7 +381,8 @@ def joint_step(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> bo
     if started and not t > now:
         return False
     if not started or t - now > state.settings[0].gap:
-        if held.counters[0].received > 0.0:
+        clock.started = 0.0
+        if _inputs_known(held, t):
             begin_motion(state, held, t, z)
             update_row(state, z)
         return False
