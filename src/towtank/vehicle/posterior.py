@@ -200,8 +200,6 @@ def stated_coordinate(vehicle: Vehicle, name: str, line: Coefficient) -> tuple[f
     if name.startswith(GAIN_PREFIX):
         before = next(each.gain for each in vehicle.thrusters if GAIN_PREFIX + each.name == name)
         return math.log(value / before), std / value
-    if name == LAG:
-        return math.log(value), std / value
     i = index(name)[1]
     total = float(vehicle.rigid_body_matrix[i, i]) - value
     if total <= 0.0:
@@ -254,7 +252,7 @@ def _logarithmic(name: str) -> bool:
     if name in COEFFICIENTS:
         kind, i, j = index(name)
         return kind == "mass" and i == j
-    return name == LAG or name.startswith(GAIN_PREFIX)
+    return name.startswith(GAIN_PREFIX)
 
 
 def coordinate(vehicle: Vehicle, name: str) -> float:
@@ -290,7 +288,7 @@ def _coefficient(vehicle: Vehicle, name: str, x: float) -> float:
 
 def _thruster(thruster: Thruster, at: dict[str, float]) -> Thruster:
     gain = thruster.gain * math.exp(at.get(GAIN_PREFIX + thruster.name, 0.0))
-    lag = math.exp(at[LAG]) if LAG in at else thruster.time_constant
+    lag = max(at[LAG], 0.0) if LAG in at else thruster.time_constant
     return thruster.model_copy(update={"gain": gain, "time_constant": lag})
 
 

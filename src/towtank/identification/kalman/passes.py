@@ -46,6 +46,7 @@ from towtank.identification.model.parameters import (
     FreeParameters,
 )
 from towtank.identification.model.prior import Prior
+from towtank.identification.posterior.statistics import nearest_point, square_root
 from towtank.recording.frames.rotations import conjugate, rotate
 from towtank.recording.grids.stretches import spread
 from towtank.vehicle import FORWARD_SPEED
@@ -73,7 +74,6 @@ _ROUGH = 20.0  # times the usual disturbance, in the first pass
 _LONGEST_STEP = 1.5  # deviations of the prior
 _STILL = 0.1  # deviations of the posterior that a coefficient may still move
 _MUCH_WORSE = 100.0  # of the log likelihood, that a pass may lose on the best one
-_LAGS = (1e-3, 2.0)  # s: least and largest time constant of the thrusters
 _PERIODS = (3.5, 5.0, 8.0)  # s, of waves that are tried beside that of the settings
 _WAVE = 0.03  # m/s: their size to begin with
 _DISAGREE = 100.0  # times the variance, at most
@@ -246,7 +246,7 @@ def inputs_of(samples: Samples, free: FreeParameters, theta: Array, delay: float
         if free.codes[k, 0] == IN_DELAY:
             delay = max(0.0, float(theta[k]))
         elif free.codes[k, 0] == IN_LAG:
-            lag = np.full(samples.lag.size, np.exp(theta[k]))
+            lag = np.full(samples.lag.size, float(theta[k]))
     return new_zero_order_hold(samples.B.shape[1], lag, delay)
 
 
@@ -393,21 +393,16 @@ def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress:
 
 
 def _within_bounds(free: FreeParameters, theta: Array, covariance: Array) -> Array:
-    """Return the likeliest theta (n,) with a delay that is not negative and a lag that thrusters can have.
-
-    A coordinate that lies beyond its bound is put there, and takes along what is correlated with it: the mode of the
-    Gaussian of this mean and covariance (n, n) on the bound.
+    """Return the likeliest theta (n,) that is physical: the mode, within bounds, of the Gaussian of this mean and
+    covariance (n, n). What is correlated with a coordinate that meets its bound goes along.
     """
-    kinds = free.codes[:, 0]
-    low = np.select([kinds == IN_DELAY, kinds == IN_LAG], [0.0, np.log(_LAGS[0])], -np.inf)
-    high = np.where(kinds == IN_LAG, np.log(_LAGS[1]), np.inf)
-    out, bound = np.array(theta), np.zeros(len(free), dtype=bool)
-    for _ in range(int(np.isfinite(low).sum())):
-        bound |= (out < low) | (out > high)
-        at = np.flatnonzero(bound)
-        away = np.clip(out, low, high)[at] - theta[at]
-        out = theta + covariance[:, at] @ np.linalg.lstsq(covariance[np.ix_(at, at)], away, rcond=None)[0]
-    return np.clip(out, low, high)
+    low, high = free.bounds
+    below, above = np.isfinite(low), np.isfinite(high)
+    if ((theta >= low) & (theta <= high)).all():
+        return theta
+    unit = np.eye(len(free))
+    G, h = np.vstack([unit[below], -unit[above]]), np.concatenate([low[below], -high[above]])
+    return np.clip(nearest_point(theta, square_root(covariance), G, h).x, low, high)
 
 
 def _midpoint(one: NoiseLevels, other: NoiseLevels) -> NoiseLevels:

@@ -193,8 +193,10 @@ def linearise_into(
         else:
             continue  # of a sensor: no force
         slope = 1.0
-        if transform == LOG and kind != IN_LAG:
+        if transform == LOG:
             slope = math.exp(theta[c])
+        elif kind == IN_LAG:  # `pushed` is by its logarithm
+            slope = 1.0 / max(theta[c], 1e-3)
         for m in range(6):
             w[0, m] *= slope
         _by_mass(p, A, N_FIXED + c, w[0])

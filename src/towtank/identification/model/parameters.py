@@ -1,8 +1,8 @@
 """The free coefficients as unconstrained numbers theta, and back into the kernel's vector of a vehicle.
 
-Total inertias on the diagonal, the lag and thruster gains are written exp(theta): whatever an estimator does to theta,
-they stay positive. Everything else (couplings, damping, restoring and forward-speed terms, constant forces, the delay)
-is theta itself.
+Total inertias on the diagonal and thruster gains are written exp(theta): whatever an estimator does to theta, they
+stay positive. Everything else (couplings, damping, restoring and forward-speed terms, constant forces, delay, lag) is
+theta itself.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from towtank.core.layout import (
     CONSTANT,
     I_MASS,
     I_MASS_INVERSE,
+    INFLOW,
     LINEAR,
     MASS,
     MOMENT,
@@ -73,6 +74,7 @@ __all__ = [
 
 DELAY, LAG, GAIN_PREFIX = "delay", "lag", "gain_"
 PLACES = ("imu_x", "imu_y", "imu_z")  # m: where the accelerometer is, in the body
+_LAGS = (1e-3, 2.0)  # s: least and largest time constant of the thrusters
 LATENCIES = tuple(f"latency_{sensor.name.replace(' ', '_')}" for sensor in SENSORS)  # [s], of each sensor
 
 
@@ -150,6 +152,20 @@ class FreeParameters:
                 out[k] = -out[k]
         return out
 
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """The least and the largest theta (n,) that physics allows, as far as each can be told alone.
+
+        Delay and loss by inflow are not negative, thrusters have a lag of 1 ms to 2 s, damping takes energy out, and
+        water adds inertia.
+        """
+        kind, diagonal = self.codes[:, 0], self.codes[:, 1] == self.codes[:, 2]
+        inertia = (kind == MASS) & diagonal
+        low = np.select([(kind == IN_DELAY) | (kind == INFLOW), kind == IN_LAG], [0.0, _LAGS[0]], -np.inf)
+        low[inertia] = np.log(self.rigid[inertia])
+        high = np.select([((kind == LINEAR) | (kind == QUADRATIC)) & diagonal, kind == IN_LAG], [0.0, _LAGS[1]], np.inf)
+        return low, high
+
     def subset(self, keep: Sequence[str]) -> FreeParameters:
         """Return those of the names that are in `keep`, in the same order."""
         rows = [k for k, name in enumerate(self.names) if name in keep]
@@ -190,7 +206,7 @@ def _code(name: str, thrusters: Sequence[str]) -> tuple[int, int, int, int]:
     if name == DELAY:
         return IN_DELAY, 0, 0, UNTRANSFORMED
     if name == LAG:
-        return IN_LAG, 0, 0, LOG
+        return IN_LAG, 0, 0, UNTRANSFORMED
     if name in PLACES:
         return IN_PLACE, PLACES.index(name), 0, UNTRANSFORMED
     if name in LATENCIES:

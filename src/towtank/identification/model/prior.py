@@ -63,7 +63,7 @@ _CONSTANT = (0.005, 0.01)  # m/s^2, rad/s^2
 _ASYMMETRY_STD = (0.3, 0.03)  # of the quadratic damping; between port and starboard
 _PRIORS_FILE = "the prior's file"
 _STATED = 0.5  # deviation of what the file states without one, as a share of it
-_DELAY, _LAG, _LAG_STD, _GAIN_STD = (0.08, 0.06), 0.1, 0.8, 0.08
+_DELAY, _LAG, _GAIN_STD = (0.08, 0.06), (0.1, 0.08), 0.08
 _LATENCY = (0.05, 0.1)  # s
 _PLACE = 0.1  # m
 _LIFT = 1.0  # of the density times the area of the cube's face and the arms
@@ -376,11 +376,12 @@ def _inputs(vehicle: Vehicle, beside: Vehicle | None, *, commands: bool) -> dict
             out[DELAY] = Line(each.command_delay, _DELAY[1], f"{source}, and delays as they usually differ")
     if not commands:
         return out
-    out[LAG] = Line(_LAG, _LAG_STD, "thrusters as they usually are")
+    out[LAG] = Line(*_LAG, "thrusters as they usually are")
     for each, source in files:
         known = [thruster.time_constant for thruster in each.thrusters if thruster.time_constant > 0.0]
         if known:
-            out[LAG] = Line(float(np.mean(known)), _STATED, f"{source}, which states no deviation: half of it")
+            lag = float(np.mean(known))
+            out[LAG] = Line(lag, _STATED * lag, f"{source}, which states no deviation: half of it")
     gains = {} if beside is None else _gains(beside, vehicle)
     for thruster in vehicle.thrusters:
         ratio = gains.get(thruster.name, 1.0)

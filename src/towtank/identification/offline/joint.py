@@ -140,7 +140,7 @@ def _learned(
     theta, std = dict(zip(free.names, fit.theta, strict=True)), dict(zip(free.names, fit.std, strict=True))
     method = "joint" if verdict is None or not verdict.better else "output-error"
     delay = max(0.0, float(theta[DELAY])) if DELAY in theta else problem.delay
-    lag = float(np.exp(theta["lag"])) if "lag" in theta else math.nan
+    lag = float(theta["lag"]) if "lag" in theta else math.nan
     gains = learned_gains(vehicle, free, fit.theta, fit.std)
     model = model_of(base, estimate, f"learned by towtank, method {method}", delay=delay, lag=lag, gains=gains)
     current = _current(fit)
@@ -160,7 +160,7 @@ def _learned(
         method=method,
         delay_std=float(std.get(DELAY, math.nan)),
         lag=lag,
-        lag_std=float(std.get("lag", math.nan)) * lag,
+        lag_std=float(std.get("lag", math.nan)),
         levels=_in_newtons(fit, model),
         current=current,
         gains=gains,

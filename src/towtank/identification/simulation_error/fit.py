@@ -71,7 +71,8 @@ from towtank.identification.simulation_error.whiteness import Autocorrelation, a
 __all__ = ["OutputErrorFit"]
 
 _LOG_STEP = 1.0  # that the logarithm of a coefficient may go in one step
-_LAG_STEP, _SHORTEST = -0.5, 0.002  # share that a lag may lose in one step; s, below which it no longer matters
+_LAG_SHARE, _LAG_STEP = 0.5, 0.02  # that a lag may lose in one step; s, that it may gain, or as much as it is
+_SHORTEST = 0.002  # s, below which a lag no longer matters
 _ROWS_FOR_SCALE = 2000  # residuals that a scale is taken from
 _NOTHING = 1e-12  # information on an initial state, and size of a sensitivity, that is rounding
 _FAR = 1e3  # standard deviations of the noise: scale of residuals of which nothing is known yet
@@ -194,14 +195,16 @@ class FreeRunProblem:
         )
 
     def bounds(self, theta: Array, *, lag: bool = True) -> tuple[Array, Array]:
-        """Return the least and the most (n,) that a step from theta may be; the lag only moves where `lag`."""
+        """Return the least and the most (n,) that a step from theta within its bounds may be; the lag only moves where
+        `lag`.
+        """
         most = np.where(self.logarithmic, _LOG_STEP, np.inf)
         least = -most
-        with np.errstate(over="ignore"):
-            shortest = np.maximum(_LAG_STEP, np.minimum(_SHORTEST * np.exp(-theta) - 1.0, 0.0))
-        least[self.lags] = shortest[self.lags] if lag else 0.0
-        most[self.lags] = _LOG_STEP if lag else 0.0
-        return least, most
+        now = theta[self.lags]
+        least[self.lags] = np.maximum(-_LAG_SHARE * now, np.minimum(_SHORTEST - now, 0.0)) if lag else 0.0
+        most[self.lags] = np.maximum(now, _LAG_STEP) if lag else 0.0
+        low, high = self.free.bounds
+        return np.maximum(least, np.minimum(low - theta, 0.0)), np.minimum(most, np.maximum(high - theta, 0.0))
 
     def cost(self, point: Point, scale: Array, gated: bool) -> float:
         """Return the robust cost of a point, the prior included."""
@@ -210,17 +213,13 @@ class FreeRunProblem:
         return float(data + 0.5 * away @ self.prior[1] @ away)
 
     def moved(self, point: Point, step: Step) -> tuple[Array, list[Array]]:
-        """Return coefficients and initial states after a step.
-
-        The lag goes by a share of itself, not by a factor: what is known best is its sum with the delay.
-        """
+        """Return coefficients and initial states after a step."""
         states = []
         begin = 0
         for start in point.states:
             states.append(_moved(start, step.states[begin : begin + len(start)]))
             begin += len(start)
-        theta = np.where(self.lags, np.log1p(np.where(self.lags, step.theta, 0.0)), step.theta)
-        return point.theta + theta, states
+        return point.theta + step.theta, states
 
     def possible(self, theta: Array) -> bool:
         """Whether the mass matrix is positive definite."""
@@ -432,7 +431,7 @@ def fit_output_error(
     Raises:
         InputError: nothing is free, nothing is measured, or sizes and deviations that do not fit.
     """
-    theta = np.array(model.theta, dtype=np.float64)
+    theta = np.clip(np.array(model.theta, dtype=np.float64), *model.free.bounds)
     noise = np.array(noise, dtype=np.float64)
     n = len(model.free)
     known = prior or (np.zeros(n), np.zeros((n, n)))

@@ -251,7 +251,7 @@ def free_run_into(
         if codes[c, 0] == IN_DELAY:
             hold.delay[0] = theta[c]
         elif codes[c, 0] == IN_LAG:
-            hold.lag[:] = math.exp(theta[c])
+            hold.lag[:] = max(theta[c], 0.0)
         elif codes[c, 0] == IN_GAIN:
             gain[codes[c, 1]] = math.exp(theta[c])
     even, loss = has_even_terms(p_lane), p[I_INFLOW] != 0.0
