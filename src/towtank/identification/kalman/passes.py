@@ -72,6 +72,8 @@ _WINDOWS, _LEAST_WINDOW = 16, 25  # of a pass, that must agree; rows
 _PASSES = 16
 _ROUGH = 20.0  # times the usual disturbance, in the first pass
 _LONGEST_STEP = 1.5  # deviations of the prior
+_PATIENCE = 4  # passes after the likeliest one
+_FREELY, _DAMPED = 3, 0.5  # passes that go the whole step; share that the others go, which would overshoot
 _STILL = 0.1  # deviations of the posterior that a coefficient may still move
 _MUCH_WORSE = 100.0  # of the log likelihood, that a pass may lose on the best one
 _PERIODS = (3.5, 5.0, 8.0)  # s, of waves that are tried beside that of the settings
@@ -383,9 +385,11 @@ def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress:
             return fit
         if likeliest is None or fit.likelihood > likeliest.likelihood:
             likeliest = fit
+        elif k + 1 - likeliest.passes >= _PATIENCE:
+            return likeliest
         step = fit.theta - about
         longest = float(np.max(np.abs(step) / problem.prior.std, initial=0.0))
-        about = about + step * min(1.0, _LONGEST_STEP / max(longest, 1e-9))
+        about = about + step * min(1.0 if k < _FREELY else _DAMPED, _LONGEST_STEP / max(longest, 1e-9))
         levels = adapted
     if likeliest is None:
         return replace(fit, theta=problem.prior.mean, covariance=problem.prior.covariance)
