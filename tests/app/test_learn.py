@@ -76,13 +76,16 @@ def test_the_table_has_the_prior_and_how_late_sensors_are(workshop: Path, monkey
 
 def test_what_was_moved_is_learned(learned: dict) -> None:
     truth = load_vehicle("vlbv300")
-    assert learned["coefficients"]["N_rdot"]["value"] == pytest.approx(truth.coefficient("N_rdot"), rel=0.02)
-    assert learned["coefficients"]["N_rr"]["value"] == pytest.approx(truth.coefficient("N_rr"), rel=0.05)
+    for name in ("N_rdot", "N_rr"):
+        found = learned["coefficients"][name]
+        assert found["identified"]
+        assert abs(found["value"] - truth.coefficient(name)) < 3.0 * found["std"]
     assert learned["delay_s"] == pytest.approx(0.0, abs=0.005)
-    assert learned["fit"]["r"] > 98.0
-    assert learned["coefficients"]["X_uu"]["identified"] is False
+    assert learned["fit"]["r"] > 97.0
+    assert learned["coefficients"]["K_pp"]["identified"] is False
     total = learned["sums"]["I_z - N_rdot"]
-    assert total["value"] == pytest.approx(0.9 + 0.9061, rel=0.02)
+    assert total["std"] < 0.05 * total["value"]  # all that is known of the scale of force
+    assert abs(total["value"] - 0.9 - 0.9061) < 3.0 * total["std"]
 
 
 def test_table_names_what_was_learned_and_why_the_rest_was_not(workshop: Path) -> None:
@@ -90,7 +93,7 @@ def test_table_names_what_was_learned_and_why_the_rest_was_not(workshop: Path) -
     assert ran.code == 0
     assert "N_rdot" in ran.out
     assert "Not identified" in ran.out
-    assert "not commanded" in ran.out.replace("\n", " ")
+    assert "would narrow it" in ran.out.replace("\n", " ")
     assert "Next:" in ran.out
     assert "Repairs(" not in ran.out
 
@@ -141,13 +144,13 @@ inertia = [0.6, 0.7, 0.9]
 
 def test_a_prior_of_single_lines_is_enough(tmp_path: Path, workshop: Path) -> None:
     prior = tmp_path / "prior.toml"
-    prior.write_text(f"{ONLY}N_rr = {{ value = -0.5, std = 1e-4 }}\nlag = {{ value = 0.05, std = 1e-4 }}\n")
+    prior.write_text(f"{ONLY}N_rr = {{ value = -0.5, std = 1e-4 }}\nlag = {{ value = 0.03, std = 1e-5 }}\n")
     found = document("learn", workshop / "yaw.csv", "--vehicle", "vlbv300", "--prior", prior, "--window", "0,12")
     held = found["coefficients"]["N_rr"]
     assert held["value"] == pytest.approx(-0.5, abs=5e-4)
     assert held["prior"] == pytest.approx({"value": -0.5, "std": 1e-4})
     assert not held["identified"]  # nothing that the log says is beyond what was stated
-    assert found["lag_s"] == pytest.approx(0.05, abs=5e-4)
+    assert found["lag_s"] == pytest.approx(0.03, abs=5e-4)
     assert found["coefficients"]["N_r"]["prior"]["value"] == 0.0
     prior.write_text(f"{ONLY}latency_velocty = {{ value = 0.1, std = 0.01 }}\n")
     assert 'did you mean "latency_velocity"?' in refused(
@@ -210,7 +213,8 @@ def test_window_and_several_logs(workshop: Path) -> None:
 
 def test_model_file_is_a_vehicle_with_provenance(workshop: Path) -> None:
     model = load_vehicle(str(workshop / "learned.toml"))
-    assert model.coefficient("N_rr") == pytest.approx(load_vehicle("vlbv300").coefficient("N_rr"), rel=0.05)
+    off = model.coefficient("N_rr") - load_vehicle("vlbv300").coefficient("N_rr")
+    assert abs(off) < 3.0 * (model.deviation("N_rr") or 0.0)
     assert any("learned from yaw.csv" in note for note in model.provenance.notes)
     assert str(workshop) not in (workshop / "learned.toml").read_text()
 
@@ -220,7 +224,7 @@ def test_validate(workshop: Path) -> None:
     assert found.keys() >= {"model", "logs", "fit", "rmse", "window"}
     assert found["fit"].keys() == CHANNELS
     assert found["rmse"].keys() == CHANNELS
-    assert found["fit"]["r"] > 98.0
+    assert found["fit"]["r"] > 95.0
     assert found["window"] == pytest.approx([0.0, 30.0], abs=0.02)
     ran = command("validate", workshop / "learned.toml", workshop / "yaw.csv", "--horizon", 5)
     assert ran.code == 0

@@ -55,7 +55,7 @@ def test_a_fault_is_told_in_words(workshop: Path, wrong: Path, monkeypatch: pyte
     assert "What the errors are" in out
     assert "surge errors follow the command" in out
     assert "the model lacks something" in " ".join(out.split())
-    right = narrow("validate", "vlbv300", workshop / "surge.csv", monkeypatch=monkeypatch)
+    right = narrow("validate", workshop / "truth.toml", workshop / "surge.csv", monkeypatch=monkeypatch)
     assert "surge errors follow the command" not in right
 
 

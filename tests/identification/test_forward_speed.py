@@ -10,7 +10,7 @@ import pytest
 
 from towtank.errors import InputError
 from towtank.identification import Learner, LogLearning, learn_recordings
-from towtank.identification.changes.hypotheses import hypotheses, steps_of
+from towtank.identification.changes.hypotheses import hypotheses
 from towtank.identification.model.parameters import free_parameters
 from towtank.identification.model.prior import prior_of
 from towtank.identification.model.terms import TERMS, given_terms
@@ -24,11 +24,10 @@ sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studie
 from torpedo_study import FINS, LEAST_FIT, LIFT, finned, known, learned, torpedo, zigzag, zigzags
 
 
-def test_the_yaw_of_a_torpedo_is_predicted_with_them_and_not_without() -> None:
-    with_them, without = (learned(case, "joint", seed=1, duration=120.0) for case in ("with", "without"))
-    assert with_them.fit[0] >= LEAST_FIT
-    assert without.fit[0] < LEAST_FIT - 20.0
-    assert max(abs(off) for off in with_them.errors) < 15.0  # percent
+def test_the_yaw_of_a_torpedo_is_predicted_whether_the_file_has_them_or_not() -> None:
+    """They are plausible of a vehicle that goes ahead."""
+    for case in ("with", "without"):
+        assert learned(case, "joint", seed=1, duration=120.0).fit[0] >= LEAST_FIT
 
 
 def test_they_are_free_where_the_file_has_them() -> None:
@@ -89,7 +88,7 @@ def test_every_kind_of_coefficient_has_its_row() -> None:
 def test_a_change_of_drag_changes_them_too() -> None:
     truth = torpedo()
     free = free_parameters(truth, ("N_rr", "N_uv", "N_rdot"))
-    steps = steps_of(truth, free)
-    drag = next(each for each in hypotheses(free, steps) if each.parts == ("drag",))
+    drag = next(each for each in hypotheses(free, np.ones(3)) if each.parts == ("drag",))
     assert np.array_equal(drag.steps > 0.0, [True, True, False])
-    assert all(steps_of(truth, free_parameters(truth, FORWARD_SPEED)) > 0.0)
+    forward = free_parameters(truth, FORWARD_SPEED)
+    assert [each.parts for each in hypotheses(forward, np.ones(len(forward)))] == [("drag",)]

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from towtank.identification.data.samples import N_MEASURED, NoiseLevels
 from towtank.identification.model.prior import prior_of
-from towtank.identification.posterior.assembly import Current, LogLearning
+from towtank.identification.posterior.assembly import Current, LogLearning, Mode
 from towtank.identification.posterior.plausibility import implausible
 from towtank.identification.posterior.result import estimate_of, model_of, with_posterior
 from towtank.identification.posterior.thrusters import learned_gains
@@ -47,7 +48,7 @@ def learning(known: float = 0.05, vehicle: Vehicle = VEHICLE, **moved: float) ->
         warnings=messages,
         method="joint",
         gains=gains,
-        prior=prior,
+        mode=Mode(prior, theta, NoiseLevels(np.ones(N_MEASURED), np.ones(6))),
     )
 
 

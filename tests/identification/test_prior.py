@@ -105,7 +105,7 @@ def test_sizes_are_those_of_the_table(which: str) -> None:
 def test_inputs_are_those_of_autopilots_and_thrusters() -> None:
     supposed = prior_of(driven(), more=(*LATENCIES, *PLACES))
     assert of(supposed, "delay") == (0.08, 0.06)
-    assert of(supposed, "lag") == pytest.approx((math.log(0.1), 0.8))
+    assert of(supposed, "lag") == (0.1, 0.08)
     assert of(supposed, "inflow_loss") == (0.0, 0.15)
     for k in range(4):
         assert of(supposed, f"gain_t{k}") == pytest.approx((0.0, 0.08))
@@ -147,9 +147,8 @@ def test_couplings_are_those_of_a_body_that_is_the_same_to_port_and_starboard(ki
 def test_damping_is_a_plain_number_and_inertia_a_logarithm() -> None:
     supposed = prior_of(driven())
     slopes = dict(zip(supposed.names, supposed.free.slopes(supposed.mean), strict=True))
-    assert all(slopes[name] == 1.0 for name in ("X_u", "X_uu", "K_pp", "BG_z", "N_v", "delay"))
+    assert all(slopes[name] == 1.0 for name in ("X_u", "X_uu", "K_pp", "BG_z", "N_v", "delay", "lag"))
     assert slopes["X_udot"] == pytest.approx(-22.1)
-    assert slopes["lag"] == pytest.approx(0.1)
 
 
 # -- the vehicle's file
@@ -197,7 +196,7 @@ def test_the_file_s_delay_and_lag_are_means() -> None:
     slow = [each.model_copy(update={"time_constant": 0.3}) for each in vehicle.thrusters]
     supposed = prior_of(vehicle.model_copy(update={"thrusters": slow}))
     assert of(supposed, "delay") == (0.2, 0.06)
-    assert of(supposed, "lag") == pytest.approx((math.log(0.3), 0.5))
+    assert of(supposed, "lag") == pytest.approx((0.3, 0.15))
 
 
 # -- gains and the scale of force
@@ -250,7 +249,7 @@ EXPECTED = {
     "Y_rdot": (0.2, 0.05),
     "Z_uw": (-3.0, 1.0),
     "delay": (0.1, 0.02),
-    "lag": (math.log(0.2), 0.25),
+    "lag": (0.2, 0.05),
     "gain_t1": (math.log(0.9), 0.1),
     "latency_velocity": (0.12, 0.01),
 }

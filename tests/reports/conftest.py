@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from towtank.vehicle import load_vehicle, save_vehicle
+
 from .pages import Page, run
 
 
@@ -22,9 +24,13 @@ class Made(NamedTuple):
 def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with `yaw.csv` and `surge.csv`, 12 s each."""
     folder = tmp_path_factory.mktemp("report")
+    truth = load_vehicle("vlbv300")
+    lagged = tuple(each.model_copy(update={"time_constant": 0.03}) for each in truth.thrusters)
+    save_vehicle(truth.model_copy(update={"thrusters": lagged}), folder / "truth.toml")
     sensed = ("--sensors", "ins", "--disturbance", 0.3, "--seed", 1)
     for name in ("surge", "yaw"):
-        run("simulate", "vlbv300", f"{name}-square", "-o", folder / f"{name}.csv", "--duration", 12, *sensed)
+        told = ("simulate", folder / "truth.toml", f"{name}-square", "-o", folder / f"{name}.csv")
+        run(*told, "--duration", 12, *sensed)
     return folder
 
 

@@ -181,7 +181,8 @@ def _by_learning(axis: Any, source: str, learning: LogLearning) -> AxisVerdict:
     estimate, accuracies = learning.estimate, predicted_accuracies(learning)
     names = [name for name in (axis.added_mass, *axis.columns) if name and name in estimate]
     reasons = {name: estimate[name].reason for name in names}
-    learned = [name for name in names if estimate[name].identified and name not in ("BG_z",)]
+    learned = [name for name in names if estimate[name].identified]
+    moved = axis.added_mass in learned
     why = next((reason for name, reason in reasons.items() if reason and name not in learned), None)
     known = {name: accuracies[name] for name in names if name in accuracies}
-    return AxisVerdict(axis.velocity, source, bool(learned), None if learned else why, None, reasons, known)
+    return AxisVerdict(axis.velocity, source, moved, None if moved else why, None, reasons, known)

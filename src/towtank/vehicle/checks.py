@@ -243,7 +243,9 @@ def _stale(vehicle: Vehicle) -> list[str]:
     far = [
         name
         for name, mean, std in zip(posterior.names, posterior.mean, posterior.std, strict=True)
-        if name in COEFFICIENTS and not abs(coordinate(vehicle, name) - mean) <= _STALE * std
+        if name in COEFFICIENTS
+        and vehicle.coefficient(name) != 0.0  # that may be a bound, which the mean lies beyond
+        and not abs(coordinate(vehicle, name) - mean) <= _STALE * std
     ]
     if not far:
         return []

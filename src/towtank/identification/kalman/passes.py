@@ -41,6 +41,7 @@ from towtank.identification.model.parameters import (
     IN_DELAY,
     IN_LAG,
     IN_LATENCY,
+    LAG,
     LATENCIES,
     PLACES,
     FreeParameters,
@@ -129,7 +130,8 @@ class JointFit:
     """The posterior, and how it was found.
 
     Attributes:
-        prior: what was supposed. theta, covariance: mean (n,) and covariance (n, n) in the coordinates of its `free`.
+        prior: what was supposed. mean, covariance: (n,) and (n, n) of the Gaussian, in the coordinates of its `free`.
+        theta: the likeliest of it (n,) within the bounds of physics.
         disagreement: factors (n,) by which windows of the data differ more than they state, 1 at least, along the
             principal axes of what they tell; the covariance is widened by them, see `widened`.
         levels: as the data show them. wave_period: [s], where the levels have waves.
@@ -140,6 +142,7 @@ class JointFit:
     """
 
     prior: Prior
+    mean: Array
     theta: Array
     covariance: Array
     disagreement: Array
@@ -188,7 +191,8 @@ def settings_for(samples: Sequence[Samples], settings: FilterSettings) -> Filter
 
 
 def narrowed_to(whole: Prior, free: Collection[str] | None, *, delay_given: bool) -> Prior:
-    """Return what is supposed of the names that are free where somebody named them, and of the delay unless given.
+    """Return what is supposed of the names that are free where somebody named them, of the lag of the thrusters, and of
+    the delay unless given: who names coefficients says nothing of when their forces act.
 
     Raises:
         InputError: a name that is no unknown.
@@ -196,7 +200,7 @@ def narrowed_to(whole: Prior, free: Collection[str] | None, *, delay_given: bool
     for name in free or ():
         if name not in whole.names:
             raise InputError(f'free: "{name}" is not a coefficient of the prior{nearest(name, whole.names)}')
-    names = whole.names if free is None else [*free, DELAY]
+    names = whole.names if free is None else [*free, DELAY, LAG]
     return whole.only([name for name in names if not (delay_given and name == DELAY)])
 
 
@@ -392,7 +396,7 @@ def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress:
         about = about + step * min(1.0 if k < _FREELY else _DAMPED, _LONGEST_STEP / max(longest, 1e-9))
         levels = adapted
     if likeliest is None:
-        return replace(fit, theta=problem.prior.mean, covariance=problem.prior.covariance)
+        return replace(fit, mean=problem.prior.mean, theta=problem.prior.mean, covariance=problem.prior.covariance)
     return likeliest
 
 
@@ -430,6 +434,7 @@ def _fit_of(
     theta, finite = state.theta.copy(), np.isfinite(state.P).all() and np.isfinite(state.theta).all()
     return JointFit(
         prior=problem.prior,
+        mean=theta,
         theta=_within_bounds(problem.free, theta, coefficient_block(state)) if finite else theta,
         covariance=covariance,
         disagreement=disagreement,

@@ -104,7 +104,7 @@ def scan_delay(cost: Callable[[float], DelayCost], longest: float) -> DelayScan:
     if i == centre:
         delay += 0.5 * _FINE * (low - high) / bend
     std = _deviation(at(fine[centre - 1]).blocks, at(fine[centre + 1]).blocks, bend / _FINE**2)
-    return DelayScan(delay, std, delays, costs)
+    return DelayScan(float(delay), std, delays, costs)
 
 
 def _deviation(before: Sequence[Array], after: Sequence[Array], curvature: float) -> float:

@@ -68,6 +68,7 @@ _LATENCY = (0.05, 0.1)  # s
 _PLACE = 0.1  # m
 _LIFT = 1.0  # of the density times the area of the cube's face and the arms
 _INFLOW = (0.0, 0.15)  # s/m
+_SURER = 0.5  # times the deviation of the scale, below which a force is known by itself
 _NO_SCALE = 1.0  # deviation of the logarithm of a scale of force that nobody measured
 _INERTIAS = ((0, 2), (0, 4), (2, 4), (1, 3), (1, 5), (3, 5))  # couplings of a body that is the same to both sides
 _OTHER_DAMPING = {f"{r}_{c}": f"{r}_{c * 2}" for r, c in zip(ROWS, COLUMNS, strict=True)}
@@ -139,7 +140,7 @@ class Prior:
         Data tell forces in proportion to the common scale g of the thrusters, the mean of their gains: c / g, however
         uncertain c and g are. As a Gaussian in c that is so about its mean only; elsewhere two views that differ by
         little would agree best where all forces are small (Peelle's puzzle). So c / g is what is kept, and c about
-        theta is c_0 g / g_0 (1 + d ln g) to first order.
+        theta is c_0 g / g_0 (1 + d ln g) to first order; of a c that is far surer than g, c itself.
         """
         kind, gains = self.free.codes[:, 0], self.free.codes[:, 0] == IN_GAIN
         if gains.sum() < 2:  # the gain of one thruster is not the scale of all
@@ -147,6 +148,7 @@ class Prior:
         forces = (kind < N_KINDS) & (kind != INFLOW) & (self.free.codes[:, 3] == UNTRANSFORMED)
         share = gains / gains.sum()
         away = float(share @ (theta - self.mean))
+        forces &= self.std > _SURER * np.abs(self.mean) * np.sqrt(share @ self.covariance @ share)
         grown = np.where(forces, np.exp(away), 1.0)
         turn = np.diag(grown) + np.outer(np.where(forces, theta - grown * self.mean, 0.0), share)
         mean = grown * self.mean - np.where(forces, theta, 0.0) * away

@@ -90,7 +90,7 @@ def free_run_verdict(
     covariance[np.ix_(rows, rows)] = _no_surer(fitted.covariance, fitted.information)
     late = [k for k in range(len(fit.free)) if k not in rows]
     covariance[np.ix_(late, late)] = fit.covariance[np.ix_(late, late)]
-    posterior = replace(fit, theta=theta, covariance=covariance)
+    posterior = replace(fit, mean=theta, theta=theta, covariance=covariance)
     if not runs.comparable:
         return FreeRunVerdict(
             True, posterior, "free runs, as asked for; too little data to compare them with the filter"

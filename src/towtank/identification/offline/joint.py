@@ -135,8 +135,9 @@ def _learned(
 ) -> LogLearning:
     """Return the posterior as a model, with what was learned of inputs, sensors and water."""
     vehicle, free = request.vehicle, fit.free
+    duration = sum(each.duration for each in problem.samples)
     base = vehicle.with_coefficients(problem_base(request, problem))
-    estimate, messages = estimate_of(base, fit.prior, fit.theta, fit.covariance, fit.duration, fit.rows)
+    estimate, messages = estimate_of(base, fit.prior, fit.theta, fit.covariance, duration, fit.rows)
     theta, std = dict(zip(free.names, fit.theta, strict=True)), dict(zip(free.names, fit.std, strict=True))
     method = "joint" if verdict is None or not verdict.better else "output-error"
     delay = max(0.0, float(theta[DELAY])) if DELAY in theta else problem.delay
@@ -150,7 +151,7 @@ def _learned(
     return LogLearning(
         vehicle=vehicle,
         estimate=estimate,
-        model=with_posterior(model, fit.prior, fit.theta, fit.covariance),
+        model=with_posterior(model, fit.prior, fit.mean, fit.covariance),
         delay=delay,
         delay_scan=None,
         delay_given=request.delay is not None,

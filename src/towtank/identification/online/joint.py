@@ -188,7 +188,7 @@ class JointLearner(Learner):
     @property
     def lag(self) -> float:
         """Time constant of the thrusters [s]; NaN where the inputs are no commands."""
-        return self._value(LAG, np.nan)[0]
+        return float(np.maximum(self._value(LAG, np.nan)[0], 0.0))
 
     @property
     def gains(self) -> dict[str, tuple[float, float]]:

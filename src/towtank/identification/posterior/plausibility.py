@@ -56,14 +56,10 @@ def implausible(learning: LogLearning) -> tuple[Finding, ...]:
 
 def _doubts(learning: LogLearning) -> list[_Doubt]:
     """Return the unknowns beyond their prior, farthest first."""
-    prior, posterior = learning.prior, learning.model.posterior
-    if prior is None or posterior is None:
+    posterior = learning.model.posterior
+    if learning.mode is None or posterior is None:
         return []
-    theta, std = np.array(posterior.mean), np.array(posterior.std)
-    theta = np.where(prior.free.signs < 0.0, prior.free.rigid - theta, theta)
-    for k, name in enumerate(prior.names):
-        if name.startswith(GAIN_PREFIX):
-            theta[k] = _log_gain(learning, name.removeprefix(GAIN_PREFIX))
+    prior, theta, std = learning.mode.prior, learning.mode.theta, np.array(posterior.std)
     mean, covariance = prior.seen_from(theta)
     away, before = np.abs(theta - mean), np.sqrt(np.diag(covariance))
     quick = np.array([name in (DELAY, LAG) for name in prior.names]) & (theta < mean)  # thrusters may be
@@ -74,11 +70,6 @@ def _doubts(learning: LogLearning) -> list[_Doubt]:
         for k, source in ((int(k), prior.sources[k]) for k in beyond)
     ]
     return sorted(doubts, key=lambda each: -each.deviations)
-
-
-def _log_gain(learning: LogLearning, thruster: str) -> float:
-    before = next(each.gain for each in learning.vehicle.thrusters if each.name == thruster)
-    return math.log(learning.gains[thruster][0] / before)
 
 
 class _Words(Body):
