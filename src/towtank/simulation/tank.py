@@ -70,6 +70,7 @@ _REST = 0.15  # of the time of an axis, half of it before and half after
 _PULL, _BRAKE = 0.9, 1.3  # of the pilot: 1/s^2 of the way to go, 1/s of the velocity, both times the inertia
 _SOFT = 0.25  # of that pull, for the depth hold while another axis is excited
 _ITS_OWN = ("heave", "pitch")  # axes that need heave for themselves
+_BENCH = 0.005  # to which the bench knows the scale of the thrusters' force
 _HEAVIER, _MORE_DRAG, _SINKS = 2.0, 1.3, 2.0  # kg along surge, sway, heave; times the drag there; N, of a payload
 
 
@@ -157,6 +158,7 @@ def _known(truth: Vehicle) -> Vehicle:
             "description": "SeaBotix vLBV300: rigid body and thrusters; coefficients learned in the simulated session",
             "hydrodynamics": {},
             "command_delay": 0.0,
+            "scale_std": _BENCH,
             "buoyancy": truth.buoyancy.model_copy(update={"centre": truth.rigid_body.centre_of_gravity, "source": ""}),
             "provenance": Provenance(source="towtank demo, a simulated tank session"),
         }

@@ -31,7 +31,7 @@ from towtank.errors import InputError
 from towtank.identification import Learner, learn_recordings
 from towtank.outputs import write_text
 from towtank.report import LearnFacts
-from towtank.simulation.tank import DELAY, DURATION, FREE, SEED, Session, tank_session, unseen_session
+from towtank.simulation.tank import DELAY, DURATION, SEED, Session, tank_session, unseen_session
 from towtank.validation import Validation, validate
 
 if TYPE_CHECKING:
@@ -55,9 +55,9 @@ def warm_up(compiling: Callable[[], None]) -> None:
 
     with watching_compilation(once):
         session = tank_session(_SECONDS)
-        learner = Learner(session.known, free=FREE)
+        learner = Learner(session.known)
         stream(session, learner, LearningCurve(quantities(session.truth)), paced=False, show=lambda moment: None)
-        learn_recordings(session.known, [session.recording], free=FREE)
+        learn_recordings(session.known, [session.recording])
         validate(session.truth, [unseen_session().recording.window(0.0, _SECONDS)])
 
 
@@ -96,7 +96,7 @@ def run_demo(
     _say(console, plan(session, fast))
     console.print()
 
-    learner = Learner(session.known, free=session.free)
+    learner = Learner(session.known)
     curve = LearningCurve(quantities(session.truth, weight=payload))
     watched = not json_output and sys.stdout.isatty()
     feed, live = _page(session, learner, curve, page, console)
@@ -164,7 +164,7 @@ def _second_pass(console: Console, session: Session, curve: LearningCurve) -> Le
     """Learn once more from the whole recording, as `towtank learn` does, and add the result to the curve."""
     _say(console, "second pass over the recording, as `towtank learn` takes a log")
     with Output().progress("second pass") as progress:
-        learning = learn_recordings(session.known, [session.recording], free=session.free, progress=progress)
+        learning = learn_recordings(session.known, [session.recording], progress=progress)
     curve.read(session.recording.duration, learning.estimate)
     return learn_facts(learning, learning.model, None, [session.recording])
 

@@ -70,6 +70,7 @@ from towtank.identification.simulation_error.whiteness import Autocorrelation, a
 
 __all__ = ["OutputErrorFit"]
 
+_FACTOR = 1.7  # times what it is, and a deviation of the prior more, that damping may grow in one step
 _LOG_STEP = 1.0  # that the logarithm of a coefficient may go in one step
 _LAG_SHARE, _LAG_STEP = 0.5, 0.02  # that a lag may lose in one step; s, that it may gain, or as much as it is
 _SHORTEST = 0.002  # s, below which a lag no longer matters
@@ -204,6 +205,10 @@ class FreeRunProblem:
         least[self.lags] = np.maximum(-_LAG_SHARE * now, np.minimum(_SHORTEST - now, 0.0)) if lag else 0.0
         most[self.lags] = np.maximum(now, _LAG_STEP) if lag else 0.0
         low, high = self.free.bounds
+        known = np.diag(self.prior[1]) > 0.0
+        farthest = _FACTOR * np.abs(theta) + np.where(known, np.diag(self.prior[1]), np.inf) ** -0.5
+        farthest[farthest == 0.0] = np.inf
+        least = np.where(high == 0.0, np.maximum(least, -farthest), least)  # of damping
         return np.maximum(least, np.minimum(low - theta, 0.0)), np.minimum(most, np.maximum(high - theta, 0.0))
 
     def cost(self, point: Point, scale: Array, gated: bool) -> float:
