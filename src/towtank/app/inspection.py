@@ -182,7 +182,7 @@ def _by_learning(axis: Any, source: str, learning: LogLearning) -> AxisVerdict:
     names = [name for name in (axis.added_mass, *axis.columns) if name and name in estimate]
     reasons = {name: estimate[name].reason for name in names}
     learned = [name for name in names if estimate[name].identified]
-    moved = axis.added_mass in learned
+    moved = any(name in learned for name in (axis.added_mass, axis.linear, axis.quadratic))
     why = next((reason for name, reason in reasons.items() if reason and name not in learned), None)
     known = {name: accuracies[name] for name in names if name in accuracies}
     return AxisVerdict(axis.velocity, source, moved, None if moved else why, None, reasons, known)

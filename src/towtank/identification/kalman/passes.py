@@ -279,15 +279,13 @@ def one_pass(
     progress: Progress | None = None,
     *,
     windows: int = _WINDOWS,
-    view: Array | None = None,
 ) -> tuple[JointState, ZeroOrderHold, list[Reading]]:
     """Run the filter once over all recordings, linearised about theta (n,) `about`.
 
-    The prior is seen from the mean `view` (n,), or from `about`, where no bound keeps that from the mean.
     Returns its state and the inputs' at the end, the prior, and what was known at the ends of so many windows.
     """
     free, samples = problem.free, problem.samples
-    prior = Reading(0.0, *problem.prior.seen_from(about if view is None else view))
+    prior = Reading(0.0, *problem.prior.seen_from(about))
     state = new_joint_state(
         problem.p, free, prior.theta, prior.covariance, samples[0].B, levels, problem.settings, about
     )
@@ -371,19 +369,18 @@ def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress:
     """
     best: JointFit | None = None
     likeliest: JointFit | None = None
-    at_best, view, about = about, about, _within_bounds(problem.free, about, problem.prior.covariance)
+    at_best, about = about, _within_bounds(problem.free, about, problem.prior.covariance)
     for k in range(_PASSES):
-        state, _, readings = one_pass(problem, about, levels, _part(progress, k), view=view)
+        state, _, readings = one_pass(problem, about, levels, _part(progress, k))
         fit = _fit_of(problem, state, levels, k + 1, readings)
         finite = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.std).all() and np.isfinite(fit.likelihood))
         if not finite and best is None:  # no motion can be computed with these coefficients, or none so smooth
             if np.allclose(about, problem.prior.mean):
                 levels = replace(levels, disturbance=_ROUGH * levels.disturbance)
-            view = about = 0.5 * (about + problem.prior.mean) if k < _PASSES // 2 else problem.prior.mean
+            about = 0.5 * (about + problem.prior.mean) if k < _PASSES // 2 else problem.prior.mean
             continue
         if best is not None and not (finite and fit.likelihood > best.likelihood - _MUCH_WORSE):
             about, levels = 0.5 * (about + at_best), _midpoint(levels, best.levels)
-            view = about
             continue
         adapted = adapt_noise(state, levels, problem.settings, problem.own_noise, neighbours=True)
         still = bool(np.all(np.abs(fit.theta - about) <= _STILL * fit.std + 1e-9))
@@ -397,7 +394,7 @@ def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress:
         step = fit.theta - about
         longest = float(np.max(np.abs(step) / problem.prior.std, initial=0.0))
         share = min(1.0 if k < _FREELY else _DAMPED, _LONGEST_STEP / max(longest, 1e-9))
-        about, view = about + share * step, view + share * (fit.mean - view)
+        about = about + share * step
         levels = adapted
     if likeliest is None:
         return replace(fit, mean=problem.prior.mean, theta=problem.prior.mean, covariance=problem.prior.covariance)
