@@ -52,7 +52,7 @@ def unknowns(n):
 
 def learned(names=NAMES, relative=0.04, vehicle=STEADY):
     """A vehicle with a posterior about its own values: correlated, all far from what is not physical."""
-    vehicle = with_coordinates(vehicle, ["delay", "lag"], [0.08, math.log(0.15)])
+    vehicle = with_coordinates(vehicle, ["delay", "lag"], [0.08, 0.15])
     mean = np.array([at(vehicle, name, vehicle) for name in names])
     correlations = covariance_of(len(names), 1e3, 3)
     size = np.sqrt(np.diag(correlations))
@@ -67,7 +67,7 @@ def at(vehicle, name, base):
     if name == "delay":
         return vehicle.command_delay
     if name == "lag":
-        return math.log(vehicle.thrusters[0].time_constant)
+        return vehicle.thrusters[0].time_constant
     if name == GAIN:
         return math.log(vehicle.thrusters[1].gain / base.thrusters[1].gain)
     return coordinate(vehicle, name)

@@ -56,7 +56,7 @@ def learn_recordings(
             same prior speak where they predict better. "output-error": these in any case. "paper": filtered
             regressors, one axis after the other.
         progress: called with a text and the share done, 0 .. 1.
-        free: names of the unknowns to learn; all others but the delay are fixed at the prior's mean.
+        free: names of the unknowns to learn; all others but delay and lag are fixed at the prior's mean.
         delay: from command (or recorded wrench) to force [s]; found, up to `longest_delay` (0.4 s), where omitted.
         prior: a vehicle whose coefficients bear deviations, or that was learned: what is known beforehand. Not for
             "paper".

@@ -5,8 +5,8 @@ And what a person knows of single unknowns before any data, the table [prior], e
 Unknowns are coefficients by their SNAME names, the `delay` [s] of the commands, the `lag` [s] of the thrusters,
 `gain_<thruster>`, `latency_<sensor>` [s] and the place of the accelerometer, `imu_x`, `imu_y` and `imu_z` [m]. Each
 has a coordinate in which it is Gaussian: the natural logarithm of the total inertia M_ii (rigid body and added mass,
-kg or kg m^2) for the six added masses on the diagonal, of the lag [s], and of a gain as a multiple of the gain that
-the file gives the thruster; the quantity itself, in SI, for all others.
+kg or kg m^2) for the six added masses on the diagonal, and of a gain as a multiple of the gain that the file gives
+the thruster; the quantity itself, in SI, for all others.
 
 The covariance is kept as deviations and the lower Cholesky factor of the correlations, in whole numbers: whatever
 digits are left out, it stays positive definite, and deviations of single unknowns stay as they are. How many digits
@@ -350,7 +350,7 @@ def _limits(names: Sequence[str]) -> tuple[Array, Array]:
     for k, name in enumerate(names):
         if _logarithmic(name):
             lower[k], upper[k] = -_LARGEST_LOG, _LARGEST_LOG
-        elif name == DELAY:
+        elif name in (DELAY, LAG):
             lower[k] = 0.0
         elif name in COEFFICIENTS:
             kind, i, j = index(name)

@@ -100,7 +100,7 @@ def show_prior(vehicle: Vehicle, supposed: list[Supposed], output: Output) -> No
         output.show(table)
     output.line()
     output.line(
-        "Total inertias, lag and gains are log-normal: their mean is the middle, and ± is the deviation of the "
+        "Total inertias and gains are log-normal: their mean is the middle, and ± is the deviation of the "
         "logarithm, as a percentage or as a factor either way. All others are normal."
     )
     output.heading("Where the numbers come from")
