@@ -38,7 +38,7 @@ def test_the_current_is_found_and_the_drag_is_right(along: LogLearning) -> None:
     assert (np.abs(along.current.velocity - WATER) < 4.0 * along.current.std).all()
     for name in ("X_uu", "Y_vv"):
         found = along.estimate[name]
-        assert found.value == pytest.approx(TRUTH.coefficient(name), rel=0.05)
+        assert found.value == pytest.approx(TRUTH.coefficient(name), rel=0.08)
         assert abs(found.value - TRUTH.coefficient(name)) < 3.5 * found.std
     assert along.method == "joint"
 
@@ -69,7 +69,7 @@ def test_two_recordings_have_water_of_their_own(flowing: Recording) -> None:
     for name in ("X_uu", "Y_vv"):
         found = learning.estimate[name]
         assert abs(found.value - TRUTH.coefficient(name)) < 3.5 * found.std
-        assert found.value == pytest.approx(TRUTH.coefficient(name), rel=0.05)
+        assert found.value == pytest.approx(TRUTH.coefficient(name), rel=0.08)
 
 
 def test_a_stream_learns_it_along(flowing: Recording) -> None:
