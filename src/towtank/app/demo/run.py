@@ -96,7 +96,7 @@ def run_demo(
     _say(console, plan(session, fast))
     console.print()
 
-    learner = Learner(session.known)
+    learner = Learner(session.known, background=not fast)
     curve = LearningCurve(quantities(session.truth, weight=payload))
     watched = not json_output and sys.stdout.isatty()
     feed, live = _page(session, learner, curve, page, console)
