@@ -11,24 +11,30 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
+from towtank.core.attitude import quaternions_from_eulers
+from towtank.core.layout import I_MASS, I_MASS_INVERSE
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, Samples
 from towtank.identification.kalman.state import FilterSettings, JointState
 from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
 from towtank.identification.model.terms import DISTURBANCE
 from towtank.recording import Recording
+from towtank.recording.frames.rotations import conjugate, multiply, rotate
 from towtank.recording.noise import noise_level, noise_levels
 from towtank.recording.standard import EULER, MEASURED, QUATERNION
 from towtank.vehicle import Vehicle
 
 __all__ = [
+    "accelerations_of",
     "adapt_noise",
     "common_noise_levels",
     "converged",
     "diverged",
     "filter_settings",
     "initial_noise_levels",
+    "most_disturbed",
     "noise_of_rows",
     "velocity_walk_of_rows",
 ]
@@ -47,6 +53,7 @@ _FLOOR_SHARE = 0.3  # of the usual disturbance: its least level
 _LEAST_WAVE = 2e-3  # m/s
 _LATEST, _FEWEST_ROWS = 2000, 30  # rows that show the noise of a stream
 _SPEED_STEP = 0.1  # s between two speeds whose difference shows what a vehicle does
+_PUSHED_FOR = 0.3  # s between two poses or speeds whose difference shows an acceleration
 
 
 def adapt_noise(
@@ -205,6 +212,61 @@ def velocity_walk_of_rows(t: Array, values: Array) -> Array:
             steps = (speeds[to] - speeds[from_])[near] ** 2 / (stamps[to] - stamps[from_])[near]
             velocity_walk[i] = math.sqrt(float(np.mean(steps)))
     return velocity_walk
+
+
+def most_disturbed(samples: Sequence[Samples], p: Array) -> Array:
+    """Return the largest level (6,) that a disturbance may have [m/s^2, rad/s^2], infinite where nothing shows it.
+
+    What pushes an axis shows in its motion, or inputs stand against it: so it is not larger than the accelerations of
+    both, and the usual one. Without that, a large push on heavy damping looks like a small one on light damping, and
+    passes go on from one to the other.
+
+    Args:
+        p: kernel parameters (170,): the inertia that inputs move.
+    """
+    inertia = p[I_MASS:I_MASS_INVERSE].reshape(6, 6).diagonal()
+    most = np.zeros(6)
+    for each in samples:
+        pushed = each.input_force @ each.B.T / inertia
+        own = np.sqrt(np.mean(pushed**2, axis=0)) if len(pushed) else 0.0
+        most = np.maximum(most, accelerations_of(each) + own)
+    return most + np.array(DISTURBANCE)
+
+
+def accelerations_of(samples: Samples) -> Array:
+    """Return the accelerations (6,) [m/s^2, rad/s^2] of the body that nine in ten samples stay below.
+
+    Of speeds that are measured, else of the pose; infinite where there is neither.
+    """
+    out = np.full(6, np.inf)
+    posed = np.isfinite(samples.values[:, :6]).all(axis=1)
+    for i in range(6):
+        known = np.isfinite(samples.values[:, 6 + i])
+        if known.sum() < _FEWEST_ROWS and posed.sum() >= _FEWEST_ROWS:
+            rows = _spaced(samples.t, posed)
+            q = quaternions_from_eulers(samples.values[rows, 3:6])
+            between, back = np.diff(samples.t[rows]), conjugate(q[:-1])
+            if i < 3:
+                moved = rotate(back, np.diff(samples.values[rows, :3], axis=0))[:, i]
+            else:
+                turn = multiply(back, q[1:])
+                moved = 2.0 * np.sign(turn[:, 0]) * turn[:, i - 2]
+            speeds, t = moved / between, samples.t[rows[:-1]] + 0.5 * between
+        elif known.sum() >= _FEWEST_ROWS:
+            rows = _spaced(samples.t, known)
+            speeds, t = samples.values[rows, 6 + i], samples.t[rows]
+        else:
+            continue
+        if len(speeds) > 1:
+            out[i] = float(np.quantile(np.abs(np.diff(speeds) / np.diff(t)), 0.9))
+    return out
+
+
+def _spaced(t: Array, known: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Return rows that are known, each `_PUSHED_FOR` after the one before at least."""
+    there = np.flatnonzero(known)
+    at = np.searchsorted(t[there], np.arange(t[there[0]], t[there[-1]], _PUSHED_FOR))
+    return there[np.unique(at[at < there.size])]
 
 
 def _rate(recording: Recording, name: str) -> float:

@@ -27,7 +27,7 @@ from towtank.core.zero_order_hold import ZeroOrderHold, new_zero_order_hold
 from towtank.errors import InputError, nearest
 from towtank.identification.data.samples import NoiseLevels, Samples
 from towtank.identification.kalman.filter import joint_events, rows_of
-from towtank.identification.kalman.noise_adaptation import adapt_noise, converged, rejected_share
+from towtank.identification.kalman.noise_adaptation import adapt_noise, converged, most_disturbed, rejected_share
 from towtank.identification.kalman.state import (
     FilterSettings,
     JointState,
@@ -370,6 +370,8 @@ def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress:
     best: JointFit | None = None
     likeliest: JointFit | None = None
     at_best, about = about, _within_bounds(problem.free, about, problem.prior.covariance)
+    most = most_disturbed(problem.samples, problem.p)
+    levels = replace(levels, disturbance=np.minimum(levels.disturbance, most))
     for k in range(_PASSES):
         state, _, readings = one_pass(problem, about, levels, _part(progress, k))
         fit = _fit_of(problem, state, levels, k + 1, readings)
@@ -383,6 +385,7 @@ def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress:
             about, levels = 0.5 * (about + at_best), _midpoint(levels, best.levels)
             continue
         adapted = adapt_noise(state, levels, problem.settings, problem.own_noise, neighbours=True)
+        adapted = replace(adapted, disturbance=np.minimum(adapted.disturbance, most))
         still = bool(np.all(np.abs(fit.theta - about) <= _STILL * fit.std + 1e-9))
         best, at_best = fit, about
         if k > 0 and still and converged(adapted, levels):
