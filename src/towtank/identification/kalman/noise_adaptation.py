@@ -8,7 +8,7 @@ usual level, as so many independent samples of it would hold it.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
 from towtank.identification.model.terms import DISTURBANCE
 from towtank.recording import Recording
 from towtank.recording.frames.rotations import conjugate, multiply, rotate
-from towtank.recording.noise import noise_level, noise_levels
+from towtank.recording.noise import NoiseLevel, noise_level, noise_levels
 from towtank.recording.standard import EULER, MEASURED, QUATERNION
 from towtank.vehicle import Vehicle
 
@@ -40,11 +40,12 @@ __all__ = [
 ]
 
 _NOISE_AT_MOST = 1.5  # times what the samples show by themselves
-_NOISE_AT_LEAST = 0.5  # of it, of a speed: one that was smoothed shows none at all
+_NOISE_AT_LEAST = 0.5  # of it: a sensor that was smoothed leaves no innovations
 _CONVERGED = 0.05  # of a level
 _USUAL_FOR = 2.0  # effective samples of the disturbance that the usual level counts for
 _MODEL_OFF, _LONG_RUN = 0.3, 10.0  # rejected share of a sensor from which, after so long [s], the model is off
 _DIVERGED = 0.1  # rejected share of a sensor in a pass that has diverged
+_ROUNDED = 5.0  # quanta of noise, up to which it may be that of rounding
 _COUNTED = 50.0  # samples from which innovations say something of a level
 _WALK_SURE = 4.0  # deviations by which innovations must be too large for a velocity walk
 _SMOOTHER = 0.9  # times a velocity walk that was too large: it hid the disturbance, whose level may rise but not fall
@@ -80,8 +81,7 @@ def adapt_noise(
             noise[j] *= _SWING if rejected[j] > _MODEL_OFF else 1.0
         else:
             noise[j] = min(noise[j], _NOISE_AT_MOST * own_noise[j])
-            if neighbours and 6 <= j < 12:
-                noise[j] = max(noise[j], _NOISE_AT_LEAST * own_noise[j])
+        noise[j] = max(noise[j], _NOISE_AT_LEAST * own_noise[j])
     disturbance, velocity_walk = levels.disturbance.copy(), _velocity_walk(state, levels, steady=neighbours)
     smoother = neighbours & (np.nan_to_num(velocity_walk) < _SMOOTHER * np.nan_to_num(levels.velocity_walk))
     floors = np.array([settings.floor_force] * 3 + [settings.floor_moment] * 3)
@@ -158,14 +158,8 @@ def initial_noise_levels(recording: Recording, vehicle: Vehicle) -> NoiseLevels:
     shown = noise_levels(recording)
     if all(name in recording for name in QUATERNION) and not all(name in shown for name in EULER):
         shown = {**shown, **{name: shown[q] for name, q in zip(EULER, QUATERNION[1:], strict=True) if q in shown}}
-    noise = np.array(TYPICAL_NOISE)
-    for j, name in enumerate(MEASURED):
-        level = shown.get(name)
-        if level is not None and np.isfinite(level.std) and level.std > 0.0 and not level.dead:
-            noise[j] = max(
-                level.of_each(_rate(recording, name)), level.quantum / math.sqrt(12.0), float(LEAST_NOISE[j])
-            )
-    return NoiseLevels(noise, np.array(DISTURBANCE))
+    told = {j: (shown[name], _rate(recording, name)) for j, name in enumerate(MEASURED) if name in shown}
+    return NoiseLevels(_noise_told_by(told), np.array(DISTURBANCE))
 
 
 def common_noise_levels(recordings: Sequence[Recording], samples: Sequence[Samples], vehicle: Vehicle) -> NoiseLevels:
@@ -177,7 +171,7 @@ def common_noise_levels(recordings: Sequence[Recording], samples: Sequence[Sampl
 
 def noise_of_rows(t: Array, values: Array) -> Array:
     """Return the noise (18,) of rows (n,), (n, 18), from the latest of them."""
-    noise = np.array(TYPICAL_NOISE)
+    told = {}
     for j, name in enumerate(MEASURED):
         column = values[-_LATEST:, j]
         known = np.isfinite(column)
@@ -186,10 +180,28 @@ def noise_of_rows(t: Array, values: Array) -> Array:
         stamps = t[-_LATEST:][known]
         regular = np.concatenate([[True], np.diff(stamps) > 0.0])
         level = noise_level(stamps[regular], column[known][regular], "angle" if name in ("phi", "psi") else "linear")
-        if np.isfinite(level.std) and level.std > 0.0 and not level.dead:
-            span = float(stamps[-1] - stamps[0])
-            rate = (len(stamps) - 1) / span if span > 0.0 else level.rate
-            noise[j] = max(level.of_each(rate), level.quantum / math.sqrt(12.0), float(LEAST_NOISE[j]))
+        span = float(stamps[-1] - stamps[0])
+        told[j] = level, (len(stamps) - 1) / span if span > 0.0 else level.rate
+    return _noise_told_by(told)
+
+
+def _noise_told_by(shown: Mapping[int, tuple[NoiseLevel, float]]) -> Array:
+    """Return the noise (18,) of each sample from what columns show by themselves, and their rates [Hz].
+
+    A sensor that has smoothed most of its numbers shows next to no noise, or that of their last digit, and its errors
+    go together: then they are taken for those of a usual sensor.
+    """
+    noise = np.array(TYPICAL_NOISE)
+    for first in range(0, N_MEASURED, 3):
+        own = {
+            j: each
+            for j, each in shown.items()
+            if first <= j < first + 3 and np.isfinite(each[0].std) and each[0].std > 0.0 and not each[0].dead
+        }
+        smooth = {j for j, (level, _) in own.items() if not level.white or level.std < _ROUNDED * level.quantum}
+        for j, (level, rate) in own.items():
+            shows = max(level.of_each(rate), level.quantum / math.sqrt(12.0), float(LEAST_NOISE[j]))
+            noise[j] = max(shows, noise[j]) if j in smooth or len(smooth) > 0.5 * len(own) else shows
     return noise
 
 
@@ -230,7 +242,7 @@ def most_disturbed(samples: Sequence[Samples], p: Array) -> Array:
         pushed = each.input_force @ each.B.T / inertia
         own = np.sqrt(np.mean(pushed**2, axis=0)) if len(pushed) else 0.0
         most = np.maximum(most, accelerations_of(each) + own)
-    return most + np.array(DISTURBANCE)
+    return np.asarray(most + np.array(DISTURBANCE))
 
 
 def accelerations_of(samples: Samples) -> Array:
@@ -239,9 +251,9 @@ def accelerations_of(samples: Samples) -> Array:
     Of speeds that are measured, else of the pose; infinite where there is neither.
     """
     out = np.full(6, np.inf)
-    posed = np.isfinite(samples.values[:, :6]).all(axis=1)
+    posed = np.asarray(np.isfinite(samples.values[:, :6]).all(axis=1))
     for i in range(6):
-        known = np.isfinite(samples.values[:, 6 + i])
+        known = np.asarray(np.isfinite(samples.values[:, 6 + i]))
         if known.sum() < _FEWEST_ROWS and posed.sum() >= _FEWEST_ROWS:
             rows = _spaced(samples.t, posed)
             q = quaternions_from_eulers(samples.values[rows, 3:6])
@@ -266,7 +278,7 @@ def _spaced(t: Array, known: NDArray[np.bool_]) -> NDArray[np.intp]:
     """Return rows that are known, each `_PUSHED_FOR` after the one before at least."""
     there = np.flatnonzero(known)
     at = np.searchsorted(t[there], np.arange(t[there[0]], t[there[-1]], _PUSHED_FOR))
-    return there[np.unique(at[at < there.size])]
+    return np.asarray(there[np.unique(at[at < there.size])])
 
 
 def _rate(recording: Recording, name: str) -> float:
