@@ -227,7 +227,7 @@ def velocity_walk_of_rows(t: Array, values: Array) -> Array:
 
 
 def most_disturbed(samples: Sequence[Samples], p: Array) -> Array:
-    """Return the largest level (6,) that a disturbance may have [m/s^2, rad/s^2], infinite where nothing shows it.
+    """Return the largest level (6,) that a disturbance may have [m/s^2, rad/s^2], infinite where that is unknown.
 
     What pushes an axis shows in its motion, or inputs stand against it: so it is not larger than the accelerations of
     both, and the usual one. Without that, a large push on heavy damping looks like a small one on light damping, and
@@ -242,15 +242,17 @@ def most_disturbed(samples: Sequence[Samples], p: Array) -> Array:
         pushed = each.input_force @ each.B.T / inertia
         own = np.sqrt(np.mean(pushed**2, axis=0)) if len(pushed) else 0.0
         most = np.maximum(most, accelerations_of(each) + own)
-    return np.asarray(most + np.array(DISTURBANCE))
+    return np.asarray(most + np.array(DISTURBANCE), dtype=np.float64)
 
 
 def accelerations_of(samples: Samples) -> Array:
     """Return the accelerations (6,) [m/s^2, rad/s^2] of the body that nine in ten samples stay below.
 
-    Of speeds that are measured, else of the pose; infinite where there is neither.
+    Of speeds that are measured, else of the pose; infinite where an accelerometer alone feels them beside gravity, and
+    0 where nothing does.
     """
-    out = np.full(6, np.inf)
+    feels = np.isfinite(samples.values[:, 12:15]).any(axis=0)
+    out = np.where(np.append(feels, [False] * 3), np.inf, 0.0)
     posed = np.asarray(np.isfinite(samples.values[:, :6]).all(axis=1))
     for i in range(6):
         known = np.asarray(np.isfinite(samples.values[:, 6 + i]))

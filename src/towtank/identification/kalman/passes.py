@@ -27,7 +27,13 @@ from towtank.core.zero_order_hold import ZeroOrderHold, new_zero_order_hold
 from towtank.errors import InputError, nearest
 from towtank.identification.data.samples import NoiseLevels, Samples
 from towtank.identification.kalman.filter import joint_events, rows_of
-from towtank.identification.kalman.noise_adaptation import adapt_noise, converged, most_disturbed, rejected_share
+from towtank.identification.kalman.noise_adaptation import (
+    adapt_noise,
+    converged,
+    diverged,
+    most_disturbed,
+    rejected_share,
+)
 from towtank.identification.kalman.state import (
     FilterSettings,
     JointState,
@@ -333,9 +339,15 @@ def joint_fit(
 
 def log_likelihood(problem: JointProblem, levels: NoiseLevels) -> float:
     """Return the log likelihood of stretches of the samples, in water without waves."""
-    rough = replace(levels, disturbance=_ROUGH * levels.disturbance)
     few = problem.over(spread(problem.samples))
+    rough = _rough(few, levels)
     return float(np.nan_to_num(_settled(few, problem.prior.mean, rough, lambda share: None).likelihood, nan=-np.inf))
+
+
+def _rough(problem: JointProblem, levels: NoiseLevels) -> NoiseLevels:
+    """Return the levels of the first pass: the disturbance far larger than it will be, so that little is rejected."""
+    most = most_disturbed(problem.samples, problem.p)
+    return replace(levels, disturbance=np.minimum(most, _ROUGH * levels.disturbance))
 
 
 def _with_waves(
@@ -346,7 +358,7 @@ def _with_waves(
     Waves stand in the model from the first pass on: a disturbance that has to stand for them hides them.
     """
     problem = problem.over(samples)
-    rough = replace(levels, disturbance=_ROUGH * levels.disturbance)
+    rough = _rough(problem, levels)
     if not problem.settings.current or sum(each.duration for each in samples) < _WAVES_SHOW:
         return problem, _settled(problem, problem.prior.mean, rough, progress)
     wavy = replace(rough, waves=np.full(3, _WAVE))
@@ -372,8 +384,12 @@ def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress:
     at_best, about = about, _within_bounds(problem.free, about, problem.prior.covariance)
     most = most_disturbed(problem.samples, problem.p)
     levels = replace(levels, disturbance=np.minimum(levels.disturbance, most))
+    roughest = np.where(np.isfinite(most), most, levels.disturbance)
     for k in range(_PASSES):
         state, _, readings = one_pass(problem, about, levels, _part(progress, k))
+        if best is None and diverged(state) and (levels.disturbance < roughest).any():
+            levels = replace(levels, disturbance=roughest)
+            continue
         fit = _fit_of(problem, state, levels, k + 1, readings)
         finite = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.std).all() and np.isfinite(fit.likelihood))
         if not finite and best is None:  # no motion can be computed with these coefficients, or none so smooth
