@@ -80,7 +80,7 @@ _PASSES = 16
 _ROUGH = 20.0  # times the usual disturbance, in the first pass
 _LONGEST_STEP = 1.5  # deviations of the prior
 _PATIENCE = 4  # passes after the likeliest one
-_FREELY, _DAMPED = 3, 0.5  # passes that go the whole step; share that the others go, which would overshoot
+_DAMPED = 0.5  # share of a step that goes back on the last one
 _STILL = 0.05  # deviations of the posterior that a coefficient may still move
 _MUCH_WORSE = 100.0  # of the log likelihood, that a pass may lose on the best one
 _PERIODS = (3.5, 5.0, 8.0)  # s, of waves that are tried beside that of the settings
@@ -381,6 +381,7 @@ def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress:
     """
     best: JointFit | None = None
     likeliest: JointFit | None = None
+    most_worth, last = -math.inf, np.zeros(len(problem.free))
     at_best, about = about, _within_bounds(problem.free, about, problem.prior.covariance)
     most = most_disturbed(problem.samples, problem.p)
     levels = replace(levels, disturbance=np.minimum(levels.disturbance, most))
@@ -402,17 +403,20 @@ def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress:
             continue
         adapted = adapt_noise(state, levels, problem.settings, problem.own_noise, neighbours=True)
         adapted = replace(adapted, disturbance=np.minimum(adapted.disturbance, most))
-        still = bool(np.all(np.abs(fit.theta - about) <= _STILL * fit.std + 1e-9))
+        moved = np.abs(fit.theta - about) / (fit.std + 1e-9)
         best, at_best = fit, about
-        if k > 0 and still and converged(adapted, levels):
+        if k > 0 and bool((moved <= _STILL).all()) and converged(adapted, levels):
             return fit
-        if likeliest is None or fit.likelihood > likeliest.likelihood:
-            likeliest = fit
+        worth = fit.likelihood - 0.5 * float(moved @ moved)  # linearised elsewhere, it is another model's likelihood
+        if likeliest is None or worth > most_worth:
+            likeliest, most_worth = fit, worth
         elif k + 1 - likeliest.passes >= _PATIENCE:
             return likeliest
         step = fit.theta - about
         longest = float(np.max(np.abs(step) / problem.prior.std, initial=0.0))
-        share = min(1.0 if k < _FREELY else _DAMPED, _LONGEST_STEP / max(longest, 1e-9))
+        turned = float(np.sum(step * last / (fit.std + 1e-9) ** 2)) < 0.0
+        share = min(_DAMPED if turned else 1.0, _LONGEST_STEP / max(longest, 1e-9))
+        last = step
         about = about + share * step
         levels = adapted
     if likeliest is None:
