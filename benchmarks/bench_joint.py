@@ -28,7 +28,6 @@ import numpy as np
 from figures import Figure, interleaved, report
 
 from towtank.identification import Learner
-from towtank.identification.kalman.noise_adaptation import initial_noise_levels
 from towtank.identification.kalman.passes import one_pass
 from towtank.identification.offline.joint import LearningRequest, joint_problem
 from towtank.recording import Recording, write_csv
@@ -78,7 +77,7 @@ def peer(rows: int, size: int) -> None:
 def measured() -> Sequence[Figure]:
     truth, known, recording = session()
     problem = joint_problem(LearningRequest(known, [recording]))
-    theta, levels = problem.prior.mean, initial_noise_levels(recording, known)
+    theta, levels = problem.prior.mean, problem.rough
     learner = Learner(known)
     learner.run(recording)
     proved(learner, truth)

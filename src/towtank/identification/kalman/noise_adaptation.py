@@ -20,23 +20,18 @@ from towtank.identification.data.samples import N_MEASURED, NoiseLevels, Samples
 from towtank.identification.kalman.state import FilterSettings, JointState
 from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
 from towtank.identification.model.terms import DISTURBANCE
-from towtank.recording import Recording
 from towtank.recording.frames.rotations import conjugate, multiply, rotate
-from towtank.recording.noise import NoiseLevel, noise_level, noise_levels
-from towtank.recording.standard import EULER, MEASURED, QUATERNION
-from towtank.vehicle import Vehicle
+from towtank.recording.noise import NoiseLevel, noise_level
+from towtank.recording.standard import MEASURED
 
 __all__ = [
     "accelerations_of",
     "adapt_noise",
-    "common_noise_levels",
     "converged",
     "diverged",
     "filter_settings",
-    "initial_noise_levels",
     "most_disturbed",
     "noise_of_rows",
-    "velocity_walk_of_rows",
 ]
 
 _NOISE_AT_MOST = 1.5  # times what the samples show by themselves
@@ -52,8 +47,7 @@ _SMOOTHER = 0.9  # times a velocity walk that was too large: it hid the disturba
 _SWING = 5.0  # factor by which a level may change from one pass to the next
 _FLOOR_SHARE = 0.3  # of the usual disturbance: its least level
 _LEAST_WAVE = 2e-3  # m/s
-_LATEST, _FEWEST_ROWS = 2000, 30  # rows that show the noise of a stream
-_SPEED_STEP = 0.1  # s between two speeds whose difference shows what a vehicle does
+_FEWEST_ROWS = 30  # that show a noise
 _PUSHED_FOR = 0.3  # s between two poses or speeds whose difference shows an acceleration
 
 
@@ -153,31 +147,16 @@ def converged(new: NoiseLevels, old: NoiseLevels) -> bool:
     )
 
 
-def initial_noise_levels(recording: Recording, vehicle: Vehicle) -> NoiseLevels:
-    """Return noise levels from the recording's own samples and a usual level of the disturbance."""
-    shown = noise_levels(recording)
-    if all(name in recording for name in QUATERNION) and not all(name in shown for name in EULER):
-        shown = {**shown, **{name: shown[q] for name, q in zip(EULER, QUATERNION[1:], strict=True) if q in shown}}
-    told = {j: (shown[name], _rate(recording, name)) for j, name in enumerate(MEASURED) if name in shown}
-    return NoiseLevels(_noise_told_by(told), np.array(DISTURBANCE))
-
-
-def common_noise_levels(recordings: Sequence[Recording], samples: Sequence[Samples], vehicle: Vehicle) -> NoiseLevels:
-    """Return the levels that several recordings start with: median noise, largest velocity walk."""
-    each = [initial_noise_levels(recording, vehicle) for recording in recordings]
-    velocity_walk = np.fmax.reduce([velocity_walk_of_rows(one.t, one.values) for one in samples], axis=0)
-    return NoiseLevels(np.median([level.noise for level in each], axis=0), each[0].disturbance, velocity_walk)
-
-
-def noise_of_rows(t: Array, values: Array) -> Array:
-    """Return the noise (18,) of rows (n,), (n, 18), from the latest of them."""
+def noise_of_rows(t: Array, values: Array, latest: int | None = None) -> Array:
+    """Return the noise (18,) that rows (n,), (n, 18) show by themselves, or the `latest` of them."""
+    first = 0 if latest is None else max(0, len(t) - latest)
     told = {}
     for j, name in enumerate(MEASURED):
-        column = values[-_LATEST:, j]
+        column = values[first:, j]
         known = np.isfinite(column)
         if known.sum() < _FEWEST_ROWS:
             continue
-        stamps = t[-_LATEST:][known]
+        stamps = t[first:][known]
         regular = np.concatenate([[True], np.diff(stamps) > 0.0])
         level = noise_level(stamps[regular], column[known][regular], "angle" if name in ("phi", "psi") else "linear")
         span = float(stamps[-1] - stamps[0])
@@ -203,27 +182,6 @@ def _noise_told_by(shown: Mapping[int, tuple[NoiseLevel, float]]) -> Array:
             shows = max(level.of_each(rate), level.quantum / math.sqrt(12.0), float(LEAST_NOISE[j]))
             noise[j] = max(shows, noise[j]) if j in smooth or len(smooth) > 0.5 * len(own) else shows
     return noise
-
-
-def velocity_walk_of_rows(t: Array, values: Array) -> Array:
-    """Return what the speeds of rows (n,), (n, 18) do in all, as a random walk (6,) [m/s^2 sqrt(s), rad/s^2 sqrt(s)].
-
-    No model leaves more than this unexplained: a filter that starts from here cannot lose the motion. NaN where there
-    are too few samples.
-    """
-    velocity_walk = np.full(6, np.nan)
-    for i in range(6):
-        known = np.isfinite(values[:, 6 + i])
-        if known.sum() < _FEWEST_ROWS:
-            continue
-        stamps, speeds = t[known], values[known, 6 + i]
-        apart = np.searchsorted(stamps, stamps + _SPEED_STEP)
-        from_, to = np.flatnonzero(apart < stamps.size), apart[apart < stamps.size]
-        near = stamps[to] - stamps[from_] < 5.0 * _SPEED_STEP
-        if near.any():
-            steps = (speeds[to] - speeds[from_])[near] ** 2 / (stamps[to] - stamps[from_])[near]
-            velocity_walk[i] = math.sqrt(float(np.mean(steps)))
-    return velocity_walk
 
 
 def most_disturbed(samples: Sequence[Samples], p: Array) -> Array:
@@ -283,14 +241,8 @@ def _spaced(t: Array, known: NDArray[np.bool_]) -> NDArray[np.intp]:
     return np.asarray(there[np.unique(at[at < there.size])])
 
 
-def _rate(recording: Recording, name: str) -> float:
-    channel = recording[name] if name in recording else recording[QUATERNION[0]]
-    known = channel.measured
-    return (len(known) - 1) / max(float(known.t[-1] - known.t[0]), 1e-9) if len(known) > 1 else 1.0
-
-
-def filter_settings(vehicle: Vehicle) -> FilterSettings:
-    """Return the filter's settings for a vehicle: floors of the disturbance in proportion to its inertia."""
+def filter_settings() -> FilterSettings:
+    """Return the filter's settings: usual levels of the disturbance, and floors."""
     return FilterSettings(
         floor_force=_FLOOR_SHARE * DISTURBANCE[0], floor_moment=_FLOOR_SHARE * DISTURBANCE[3], usual=DISTURBANCE
     )

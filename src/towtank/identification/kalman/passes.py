@@ -53,6 +53,7 @@ from towtank.identification.model.parameters import (
     FreeParameters,
 )
 from towtank.identification.model.prior import Prior
+from towtank.identification.model.terms import DISTURBANCE
 from towtank.identification.posterior.statistics import nearest_point, square_root
 from towtank.recording.frames.rotations import conjugate, rotate
 from towtank.recording.grids.stretches import spread
@@ -114,6 +115,11 @@ class JointProblem:
     def free(self) -> FreeParameters:
         """The unknowns."""
         return self.prior.free
+
+    @property
+    def rough(self) -> NoiseLevels:
+        """The levels of the first pass: a disturbance far larger than it will be, so that little is rejected."""
+        return NoiseLevels(self.own_noise, _ROUGH * np.array(DISTURBANCE))
 
     def over(self, samples: Sequence[Samples]) -> JointProblem:
         """Return the same question about other samples."""
@@ -316,53 +322,44 @@ def one_pass(
 
 
 def joint_fit(
-    problem: JointProblem, levels: NoiseLevels, progress: Progress | None = None, about: Array | None = None
+    problem: JointProblem, progress: Progress | None = None, since: tuple[Array, NoiseLevels] | None = None
 ) -> JointFit:
     """Return the posterior of a problem.
 
     Args:
-        levels: of noise and disturbance, to begin with. progress: gets the share done.
-        about: theta (n,) that the first pass is linearised about, where fewer data have told it together with the
-            levels: the prior's mean is not gone back to, and whether there are waves is not asked again.
+        progress: gets the share done.
+        since: theta (n,) that the first pass is linearised about, and levels, where fewer data have told both: the
+            prior's mean is not gone back to, and whether there are waves is not asked again.
     """
     progress = progress or (lambda share: None)
-    few = spread(problem.samples)
-    if about is not None:
-        return _settled(problem.over(few), about, levels, progress)
-    whole = sum(map(len, few)) == sum(map(len, problem.samples))
-    problem, fit = _with_waves(problem, few, levels, lambda share: progress(share if whole else 0.5 * share))
+    few = problem.over(spread(problem.samples))
+    if since is not None:
+        return _settled(few, *since, progress)
+    whole = sum(map(len, few.samples)) == sum(map(len, problem.samples))
+    found, fit = _with_waves(few, lambda share: progress(share if whole else 0.5 * share))
     if not whole:
-        fit = _settled(problem, fit.theta, fit.levels, lambda share: progress(0.5 + 0.5 * share))
+        found = found.over(problem.samples)
+        fit = _settled(found, fit.theta, fit.levels, lambda share: progress(0.5 + 0.5 * share))
     progress(1.0)
     return fit
 
 
-def log_likelihood(problem: JointProblem, levels: NoiseLevels) -> float:
+def log_likelihood(problem: JointProblem) -> float:
     """Return the log likelihood of stretches of the samples, in water without waves."""
     few = problem.over(spread(problem.samples))
-    rough = _rough(few, levels)
-    return float(np.nan_to_num(_settled(few, problem.prior.mean, rough, lambda share: None).likelihood, nan=-np.inf))
+    fit = _settled(few, problem.prior.mean, problem.rough, lambda share: None)
+    return float(np.nan_to_num(fit.likelihood, nan=-np.inf))
 
 
-def _rough(problem: JointProblem, levels: NoiseLevels) -> NoiseLevels:
-    """Return the levels of the first pass: the disturbance far larger than it will be, so that little is rejected."""
-    most = most_disturbed(problem.samples, problem.p)
-    return replace(levels, disturbance=np.minimum(most, _ROUGH * levels.disturbance))
-
-
-def _with_waves(
-    problem: JointProblem, samples: Sequence[Samples], levels: NoiseLevels, progress: Progress
-) -> tuple[JointProblem, JointFit]:
-    """Return the posterior from samples, in water with waves of the likeliest period, or in water without any.
+def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem, JointFit]:
+    """Return the posterior in water with waves of the likeliest period, or in water without any, and its question.
 
     Waves stand in the model from the first pass on: a disturbance that has to stand for them hides them.
     """
-    problem = problem.over(samples)
-    rough = _rough(problem, levels)
-    if not problem.settings.current or sum(each.duration for each in samples) < _WAVES_SHOW:
-        return problem, _settled(problem, problem.prior.mean, rough, progress)
-    wavy = replace(rough, waves=np.full(3, _WAVE))
-    calm = _settled(problem, problem.prior.mean, rough, lambda share: progress(0.4 * share))
+    if not problem.settings.current or sum(each.duration for each in problem.samples) < _WAVES_SHOW:
+        return problem, _settled(problem, problem.prior.mean, problem.rough, progress)
+    wavy = replace(problem.rough, waves=np.full(3, _WAVE))
+    calm = _settled(problem, problem.prior.mean, problem.rough, lambda share: progress(0.4 * share))
     fit = _settled(problem, problem.prior.mean, wavy, lambda share: progress(0.4 + 0.4 * share))
     if not (fit.likelihood > calm.likelihood + _WAVES_GAIN and fit.levels.waves.max() > _SMALLEST_WAVE):
         return problem, calm

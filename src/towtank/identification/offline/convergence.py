@@ -64,7 +64,7 @@ def _by_filter(
     learning: LogLearning, mode: Mode, recordings: Sequence[Recording], names: tuple[str, ...]
 ) -> Convergence:
     samples = [samples_of(prepared(recording, learning.vehicle), learning.vehicle) for recording in recordings]
-    settings = settings_for(samples, filter_settings(learning.vehicle))
+    settings = settings_for(samples, filter_settings())
     if math.isfinite(learning.wave_period):
         settings = replace(settings, wave_period=learning.wave_period)
     p, free = np.array(learning.model.parameters), mode.prior.free

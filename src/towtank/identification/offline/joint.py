@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from towtank.errors import InputError
 from towtank.identification.data.samples import NoiseLevels, Samples, Sources, samples_of
-from towtank.identification.kalman.noise_adaptation import common_noise_levels, filter_settings
+from towtank.identification.kalman.noise_adaptation import filter_settings, noise_of_rows
 from towtank.identification.kalman.passes import (
     JointFit,
     JointProblem,
@@ -73,7 +73,7 @@ def learn_joint(request: LearningRequest, progress: Progress | None = None) -> L
     report("aligning", 0.0)
     grids = tuple(align(recording) for recording in request.recordings)
     problem = joint_problem(request)
-    by_filter = joint_fit(problem, _levels(request, problem), lambda share: report("joint filter", 0.05 + 0.6 * share))
+    by_filter = joint_fit(problem, lambda share: report("joint filter", 0.05 + 0.6 * share))
     report("free runs", 0.65)
     verdict = None
     if request.free_runs is not False:
@@ -99,10 +99,10 @@ def joint_problem(request: LearningRequest) -> JointProblem:
     whole = prior_of(vehicle, commands=commands, more=more, beside=request.prior)
     prior = narrowed_to(whole, request.free, delay_given=request.delay is not None)
     base = vehicle.with_coefficients(whole.vehicle_values)
-    levels = common_noise_levels(request.recordings, samples, vehicle)
-    settings = settings_for(samples, filter_settings(vehicle))
+    settings = settings_for(samples, filter_settings())
     p = np.array(base.parameters)
-    return JointProblem(samples, p, prior, settings, levels.noise, request.delay or 0.0)
+    noise = np.median([noise_of_rows(each.t, each.values) for each in samples], axis=0)
+    return JointProblem(samples, p, prior, settings, np.asarray(noise), request.delay or 0.0)
 
 
 def likelier_reversed(request: LearningRequest, axes: Sequence[int]) -> bool:
@@ -117,13 +117,8 @@ def likelier_reversed(request: LearningRequest, axes: Sequence[int]) -> bool:
         turned[list(axes)] = sign
         samples = tuple(replace(each, B=turned[:, None] * each.B) for each in request.samples)
         problem = joint_problem(replace(request, samples=samples, free=None))
-        found.append(log_likelihood(problem, _levels(request, problem)))
+        found.append(log_likelihood(problem))
     return found[1] > found[0] + _FAR_LIKELIER
-
-
-def _levels(request: LearningRequest, problem: JointProblem) -> NoiseLevels:
-    levels = common_noise_levels(request.recordings, problem.samples, request.vehicle)
-    return replace(levels, velocity_walk=np.zeros(6))
 
 
 def _learned(

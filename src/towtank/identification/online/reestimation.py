@@ -17,7 +17,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.changes.branch import Kept, Running
-from towtank.identification.data.samples import Buffer, NoiseLevels, Samples
+from towtank.identification.data.samples import Buffer, Samples
 from towtank.identification.kalman.filter import take_all
 from towtank.identification.kalman.noise_adaptation import filter_settings, noise_of_rows
 from towtank.identification.kalman.passes import (
@@ -34,12 +34,11 @@ from towtank.identification.kalman.passes import (
 from towtank.identification.kalman.state import healthy_snapshot
 from towtank.identification.model.parameters import LATENCIES, PLACES
 from towtank.identification.model.prior import Prior, prior_of
-from towtank.identification.model.terms import DISTURBANCE
 from towtank.vehicle import FORWARD_SPEED, Vehicle
 
 __all__ = ["Found", "Question", "Reestimation", "begun_anew", "caught_up", "is_full"]
 
-_MOST_ROWS = 40_000  # kept
+_MOST_ROWS, _LATEST = 40_000, 2000  # rows kept; that show the noise
 _ADAPT = 10.0  # s over which the live filter follows the disturbance
 _REST = 0.05  # share of a steady pace of learning below which the live filter only considers a coefficient
 _FALSE_START, _LONG_ENOUGH = 0.5, 1.5  # s that are left out; of the first stretch, for that
@@ -131,18 +130,19 @@ class Reestimation:
         stretches = [each for _, each in self.buffer.until(self.rows, self.inputs) if len(each)]
         if not any(each.input_t.size for each in stretches):
             return None
-        whole, problem, levels = self._problem(stretches)
+        whole, problem = self._problem(stretches)
         about = self._about(problem)
+        since = None
         if self.last is not None and about is not None:
-            levels = self.last.levels
+            since = about, self.last.levels
             period = self.last.settings.wave_period
             problem = replace(problem, settings=replace(problem.settings, wave_period=period))
-        fit = joint_fit(problem, levels, about=about)
+        fit = joint_fit(problem, since=since)
         gone = 0
-        if about is None and fit.rejected.max() > _REJECTED and stretches[0].duration > _LONG_ENOUGH:
+        if since is None and fit.rejected.max() > _REJECTED and stretches[0].duration > _LONG_ENOUGH:
             gone = int(np.searchsorted(stretches[0].t, stretches[0].t[0] + _FALSE_START))
             later = [stretches[0].stretch(gone, len(stretches[0])), *stretches[1:]]
-            other = joint_fit(problem.over(later), levels)
+            other = joint_fit(problem.over(later))
             if other.rejected.max() < 0.5 * fit.rejected.max():
                 fit, problem, stretches = other, problem.over(later), later
             else:
@@ -173,20 +173,20 @@ class Reestimation:
             rows, inputs = after
         return Found(running, kept, gone, rows, inputs)
 
-    def _problem(self, stretches: Sequence[Samples]) -> tuple[Prior, JointProblem, NoiseLevels]:
+    def _problem(self, stretches: Sequence[Samples]) -> tuple[Prior, JointProblem]:
         question = self.question
         whole = question.whole(self.kept, commands=self.buffer.commands, more=further_unknowns(stretches))
         longest = max(stretches, key=len)
-        noise = noise_of_rows(longest.t, longest.values)
+        noise = noise_of_rows(longest.t, longest.values, _LATEST)
         problem = JointProblem(
             stretches,
             np.array(question.base(whole).parameters),
             question.prior(whole, self.kept),
-            settings_for(stretches, filter_settings(question.vehicle)),
+            settings_for(stretches, filter_settings()),
             noise,
             question.delay or 0.0,
         )
-        return whole, problem, NoiseLevels(noise, np.array(DISTURBANCE), np.zeros(6))
+        return whole, problem
 
     def _about(self, problem: JointProblem) -> Array | None:
         """Return what the first pass is linearised about, None for the prior's mean."""
