@@ -18,7 +18,7 @@ import numpy as np
 from towtank.app.demo.progress import Quantity, quantities, readings
 from towtank.app.demo.stream import pose_and_commands
 from towtank.identification import Learner, learn_recordings
-from towtank.simulation.tank import DURATION, FREE, tank_session
+from towtank.simulation.tank import DURATION, tank_session
 
 
 def promised(quantity: Quantity) -> float:
@@ -30,12 +30,12 @@ def errors(seed: int, seconds: float, streaming: bool) -> tuple[np.ndarray, np.n
     """Return the errors [%] and the errors in deviations of one run, (n,) each, NaN where not identified."""
     session = tank_session(seconds, seed)
     if streaming:
-        learner = Learner(session.known, free=FREE)
+        learner = Learner(session.known)
         for t, pose, commands in zip(*pose_and_commands(session), strict=True):
             learner.update(t, pose=pose, commands=commands)
         estimate = learner.estimate
     else:
-        estimate = learn_recordings(session.known, [session.recording], free=FREE).estimate
+        estimate = learn_recordings(session.known, [session.recording]).estimate
     learned = quantities(session.truth)
     values, std = readings(estimate, learned)
     truth = np.array([quantity.truth for quantity in learned])

@@ -16,7 +16,7 @@ from towtank.app.demo.stream import stream
 from towtank.dashboard import Address
 from towtank.dashboard.page import Page
 from towtank.identification import Learner
-from towtank.simulation.tank import Session, tank_session
+from towtank.simulation.tank import FREE, Session, tank_session
 
 from .rig import needs_browser, needs_page, wait_until
 
@@ -63,7 +63,7 @@ def test_a_payload_appears_while_it_is_learned(browser: Any, ran: Ran, tmp_path:
     shown = view.locator("#coefficients tbody tr[data-name=Z_ww] :nth-child(5)")
     wait_until(lambda: float(shown.inner_text()) == pytest.approx(later.coefficient("Z_ww"), rel=1e-3))
     known = view.evaluate("document.querySelectorAll('#convergence figure').length")
-    assert known >= len(ran.session.free)
+    assert known >= len(FREE)
     wait_until(lambda: ran.course.t[-1] > ran.session.changed + 6.0, 60.0)  # enough for a prediction
     with view.expect_download() as download:
         view.click("#report")

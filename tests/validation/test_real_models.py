@@ -35,8 +35,8 @@ def _there(runs: Learned) -> Learned:
 
 
 SHORT = {  # what is reached where it falls short of what is asked
-    "yaw_1 -> yaw_2: r": 68.0,
-    "yaw_1 + yaw_2 -> yaw_3: r": 52.0,
+    "yaw_1 -> yaw_2: r": 72.0,
+    "yaw_1 + yaw_2 -> yaw_3: r": 51.0,
     "pitch_roll_1 + all_2 -> pitch_roll_2: p": 55.0,
     "pitch_roll_1 + all_2 -> all_3 by 3 s: p": 45.0,
     "pitch_roll_1 + all_2 -> all_3 by 3 s: r": 28.0,
@@ -77,10 +77,7 @@ def test_sea_surge_of_the_second_half(data: Path) -> None:
         total = float(np.diag(learning.model.mass_matrix)[i] / np.diag(vehicle.rigid_body_matrix)[i])
         assert 1.0 <= total <= 5.0, name
     assert not any("opposite sign" in each.text for each in learning.findings)
-    fit = real_fit(learning, halves[1])["u"]
-    assert fit >= 30.0
-    if fit < 71.0:
-        pytest.xfail(f"{fit:.1f} %, 71 % asked")
+    assert real_fit(learning, halves[1])["u"] >= 71.0
 
 
 def test_boat_is_learned_in_the_plane(boat_logs: Learned) -> None:
@@ -88,6 +85,7 @@ def test_boat_is_learned_in_the_plane(boat_logs: Learned) -> None:
     assert not any("opposite sign" in each.text for each in learning.findings)
     out_of_plane = [c for c in learning.estimate.coefficients if c.name[0] in "ZKM" or c.name == "W_minus_B"]
     claimed = [c.name for c in out_of_plane if c.identified]
+    assert len(claimed) <= 3
     if claimed:
         pytest.xfail(f"identified of a craft that stays in the plane: {', '.join(claimed)}")
 
@@ -96,7 +94,5 @@ def test_boat_is_learned_in_the_plane(boat_logs: Learned) -> None:
 def test_the_reversed_yaw_moment_of_the_boat_is_found(boat_logs: Learned, half: tuple[str, ...]) -> None:
     vehicle = wrongly_wired(boat_logs.vehicle)
     learning = learn_recordings(vehicle, [boat_logs.read(name) for name in half], method="paper")
-    if not learning.findings:
-        pytest.xfail("suspected by correlation, not likelier for a model of the motion")
     assert any("the commanded yaw moment acts with the opposite sign" in each.text for each in learning.findings)
     assert learning.model.thrusters[0].position == pytest.approx(boat_logs.vehicle.thrusters[0].position)

@@ -101,11 +101,6 @@ class Session:
         """What the vehicle is in the end."""
         return self.truth if self.later is None else self.later
 
-    @property
-    def free(self) -> tuple[str, ...]:
-        """What is learned."""
-        return FREE if self.later is None else (*FREE, WEIGHT)
-
     def axis_at(self, t: float) -> str:
         """Return the axis whose turn it is at time t [s], or "" in the rest between two."""
         for name, start, end in self.turns:

@@ -2,7 +2,7 @@
 
 The noise of each sensor follows from the innovations, E[nu^2] = H P H^T + R, and the disturbance of each axis from
 E[d^2] = d_hat^2 + P_dd. The latter alone runs away where coefficients can stand for a disturbance; so it is held by a
-usual level, as so many independent samples of it would hold it.
+usual level, as so many independent samples of it would hold it, and by the accelerations that motion and inputs show.
 """
 
 from __future__ import annotations
@@ -39,7 +39,6 @@ _NOISE_AT_LEAST = 0.5  # of it: a sensor that was smoothed leaves no innovations
 _CONVERGED = 0.05  # of a level
 _USUAL_FOR = 2.0  # effective samples of the disturbance that the usual level counts for
 _MODEL_OFF, _LONG_RUN = 0.3, 10.0  # rejected share of a sensor from which, after so long [s], the model is off
-_DIVERGED = 0.1  # rejected share of a sensor in a pass that has diverged
 _ROUNDED = 5.0  # quanta of noise, up to which it may be that of rounding
 _COUNTED = 50.0  # samples from which innovations say something of a level
 _WALK_SURE = 4.0  # deviations by which innovations must be too large for a velocity walk
@@ -47,7 +46,7 @@ _SMOOTHER = 0.9  # times a velocity walk that was too large: it hid the disturba
 _SWING = 5.0  # factor by which a level may change from one pass to the next
 _FLOOR_SHARE = 0.3  # of the usual disturbance: its least level
 _LEAST_WAVE = 2e-3  # m/s
-_FEWEST_ROWS = 30  # that show a noise
+_FEWEST_ROWS = 30
 _PUSHED_FOR = 0.3  # s between two poses or speeds whose difference shows an acceleration
 
 
@@ -114,7 +113,7 @@ def rejected_share(state: JointState) -> Array:
 
 def diverged(state: JointState) -> bool:
     """Return whether the pass has rejected much of a sensor."""
-    return bool(np.any(rejected_share(state) > _DIVERGED))
+    return bool((rejected_share(state) > _MODEL_OFF).any())
 
 
 def _velocity_walk(state: JointState, levels: NoiseLevels, *, steady: bool) -> Array:

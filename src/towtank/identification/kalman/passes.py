@@ -2,7 +2,8 @@
 
 Every pass starts from the prior itself, linearised about what the last pass found, so that data count once however
 many passes there are: Gauss and Newton's way to the mode of the posterior. A first pass takes the disturbance for far
-larger than it will be, so that a start that is far off is led by the data's large features alone. Between passes the
+larger than it will be, so that a start that is far off is led by the data's large features alone; one that rejects much
+of a sensor even so has a rival that begins with the largest that motion and inputs allow. Between passes the
 levels of noise and disturbance follow what the pass shows (`kalman.noise_adaptation`), sensors that are late are moved
 back by what their latency is found to be, and no step is longer than the prior allows. Delay and lag have bounds, and
 the posterior is the likeliest one within them: a delay of -0.2 s undoes a lag of 0.2 s to first order, and only so.
@@ -91,6 +92,7 @@ _TOLD = 1e-6  # of the prior's information: below, the data tell nothing
 _WAVES_GAIN = 20.0  # of the log likelihood: far beyond chance with four numbers
 _WAVES_SHOW = 20.0  # s: of shorter data a wave is no more than a slow force
 _SMALLEST_WAVE = 0.015  # m/s: below, a wave stands for what the model lacks
+_CALM_AFTER = 2  # passes after which waves that have become so small are given up
 Progress = Callable[[float], None]
 
 
@@ -372,22 +374,36 @@ def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem
 
 
 def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress: Progress) -> JointFit:
+    """Return what passes from theta (n,) `about` come to.
+
+    Where the first one rejects much of a sensor, they begin a second time, with the disturbance as large as it may be,
+    and the likelier of the two speaks.
+    """
+    most = most_disturbed(problem.samples, problem.p)
+    levels = replace(levels, disturbance=np.minimum(levels.disturbance, most))
+    fit, lost = _passes(problem, about, levels, most, progress)
+    if not lost:
+        return fit
+    largest = np.where(np.isfinite(most), most, levels.disturbance)
+    other, _ = _passes(problem, about, replace(levels, disturbance=largest), most, progress)
+    return other if other.likelihood > fit.likelihood else fit
+
+
+def _passes(
+    problem: JointProblem, about: Array, levels: NoiseLevels, most: Array, progress: Progress
+) -> tuple[JointFit, bool]:
     """Run passes from theta (n,) `about` until nothing moves any more; the likeliest one where that never comes.
 
-    Where no pass can be computed, nothing was learned.
-    """
+    Where none can be computed, nothing was learned. No disturbance rises above `most` (6,). Returns, too, whether the
+    first rejected much of a sensor."""
     best: JointFit | None = None
     likeliest: JointFit | None = None
     most_worth, last = -math.inf, np.zeros(len(problem.free))
     at_best, about = about, _within_bounds(problem.free, about, problem.prior.covariance)
-    most = most_disturbed(problem.samples, problem.p)
-    levels = replace(levels, disturbance=np.minimum(levels.disturbance, most))
-    roughest = np.where(np.isfinite(most), most, levels.disturbance)
+    lost = False
     for k in range(_PASSES):
         state, _, readings = one_pass(problem, about, levels, _part(progress, k))
-        if best is None and diverged(state) and (levels.disturbance < roughest).any():
-            levels = replace(levels, disturbance=roughest)
-            continue
+        lost = lost or (k == 0 and diverged(state))
         fit = _fit_of(problem, state, levels, k + 1, readings)
         finite = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.std).all() and np.isfinite(fit.likelihood))
         if not finite and best is None:  # no motion can be computed with these coefficients, or none so smooth
@@ -403,12 +419,14 @@ def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress:
         moved = np.abs(fit.theta - about) / (fit.std + 1e-9)
         best, at_best = fit, about
         if k > 0 and bool((moved <= _STILL).all()) and converged(adapted, levels):
-            return fit
+            return fit, lost
+        if k >= _CALM_AFTER and levels.waves.any() and adapted.waves.max() < _SMALLEST_WAVE:
+            return fit, lost
         worth = fit.likelihood - 0.5 * float(moved @ moved)  # linearised elsewhere, it is another model's likelihood
         if likeliest is None or worth > most_worth:
             likeliest, most_worth = fit, worth
         elif k + 1 - likeliest.passes >= _PATIENCE:
-            return likeliest
+            return likeliest, lost
         step = fit.theta - about
         longest = float(np.max(np.abs(step) / problem.prior.std, initial=0.0))
         turned = float(np.sum(step * last / (fit.std + 1e-9) ** 2)) < 0.0
@@ -417,8 +435,9 @@ def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress:
         about = about + share * step
         levels = adapted
     if likeliest is None:
-        return replace(fit, mean=problem.prior.mean, theta=problem.prior.mean, covariance=problem.prior.covariance)
-    return likeliest
+        prior = problem.prior
+        return replace(fit, mean=prior.mean, theta=prior.mean, covariance=prior.covariance), lost
+    return likeliest, lost
 
 
 def _part(progress: Progress, k: int) -> Progress:
