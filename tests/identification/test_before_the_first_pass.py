@@ -13,7 +13,6 @@ from towtank.identification import learn_recordings
 from towtank.identification.data.samples import N_MEASURED, Samples
 from towtank.identification.kalman.filter import _inputs_known
 from towtank.identification.kalman.noise_adaptation import accelerations_of, most_disturbed, noise_of_rows
-from towtank.identification.kalman.passes import _within_bounds
 from towtank.identification.model.measurements import TYPICAL_NOISE
 from towtank.identification.model.parameters import free_parameters
 from towtank.identification.model.prior import prior_of
@@ -149,16 +148,6 @@ def test_a_clock_that_starts_late_knows_every_command_before() -> None:
     force_integral_into(hold, 2.0, out)
     whole = 0.5 * asked[-1] + (exact - asked[-1]) * -T * np.expm1(-0.5 / T)
     assert out[0] == pytest.approx(whole, rel=1e-12)
-
-
-def test_the_mode_on_a_bound_is_the_gaussian_s_conditional_mean() -> None:
-    free = free_parameters(load_vehicle("vlbv300"), ("X_u", "X_uu", "X_wdot"))
-    covariance = np.array([[4.0, -2.0, 0.3], [-2.0, 9.0, 1.0], [0.3, 1.0, 2.0]])
-    mean = np.array([3.0, -20.0, 1.0])  # X_u would put energy in
-    mode = _within_bounds(free, mean, covariance)
-    np.testing.assert_allclose(mode, mean - covariance[:, 0] / covariance[0, 0] * mean[0], atol=1e-6)
-    inside = np.array([-3.0, -20.0, 1.0])
-    np.testing.assert_array_equal(_within_bounds(free, inside, covariance), inside)
 
 
 def test_bounds_are_those_of_physics() -> None:

@@ -136,7 +136,7 @@ def asked(vehicle: Vehicle, log: Recording) -> tuple[JointProblem, NoiseLevels]:
     noise = np.repeat([0.1, 0.01, sensor.dvl_noise, sensor.gyro_noise, 0.1, 1.0], 3)
     levels = NoiseLevels(noise, np.full(6, 0.01), np.zeros(6))
     settings = settings_for(samples, FilterSettings())
-    return JointProblem(samples, np.array(vehicle.parameters), prior, settings, noise), levels
+    return JointProblem(samples, vehicle, prior, settings, noise), levels
 
 
 @pytest.mark.parametrize("seed", range(3))

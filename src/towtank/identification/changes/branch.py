@@ -200,6 +200,7 @@ def with_coordinates(state: JointState, free: FreeParameters, source: Sequence[i
     P[np.ix_(into, into)] = state.P[np.ix_(out_of, out_of)]
     kept = [(i, k) for i, k in enumerate(source) if k >= 0]
     vectors = {name: np.zeros(n) for name in ("theta", "linearised_at", "information_time", "information_rate")}
+    vectors["learns"] = np.ones(n)
     for name, vector in vectors.items():
         for i, k in kept:
             vector[i] = getattr(state, name)[k]

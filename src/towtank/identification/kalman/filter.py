@@ -231,7 +231,7 @@ def _choose_active(state: JointState, h: float) -> None:
     for c in range(state.theta.shape[0]):
         information_time = state.information_time[c]
         state.information_rate[c] *= fade
-        is_considered = (
+        is_considered = state.learns[c] == 0.0 or (
             information_time > INFORMATION_MEMORY
             and state.information_rate[c] * information_time < share * INFORMATION_MEMORY
         )

@@ -5,8 +5,9 @@ many passes there are: Gauss and Newton's way to the mode of the posterior. A fi
 larger than it will be, so that a start that is far off is led by the data's large features alone; one that rejects much
 of a sensor even so has a rival that begins with the largest that motion and inputs allow. Between passes the
 levels of noise and disturbance follow what the pass shows (`kalman.noise_adaptation`), sensors that are late are moved
-back by what their latency is found to be, and no step is longer than the prior allows. Delay and lag have bounds, and
-the posterior is the likeliest one within them: a delay of -0.2 s undoes a lag of 0.2 s to first order, and only so.
+back by what their latency is found to be, and no step is longer than the prior allows. What a pass finds is brought
+to the likeliest point that physics allows (`posterior.physical`): a delay of -0.2 s undoes a lag of 0.2 s to first
+order, and only so.
 
 Where a sensor sees the ground, waves are among the unknowns, water that goes to and fro with a period of seconds. They
 stay where the likelihood gains by far more than chance.
@@ -21,6 +22,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
 from towtank.core.attitude import quaternions_from_eulers
@@ -43,6 +45,7 @@ from towtank.identification.kalman.state import (
     forget_surroundings,
     new_joint_state,
 )
+from towtank.identification.model.measurements import shown_axes
 from towtank.identification.model.parameters import (
     DELAY,
     IN_DELAY,
@@ -55,10 +58,10 @@ from towtank.identification.model.parameters import (
 )
 from towtank.identification.model.prior import Prior
 from towtank.identification.model.terms import DISTURBANCE
-from towtank.identification.posterior.statistics import nearest_point, square_root
+from towtank.identification.posterior.physical import Region
 from towtank.recording.frames.rotations import conjugate, rotate
 from towtank.recording.grids.stretches import spread
-from towtank.vehicle import FORWARD_SPEED
+from towtank.vehicle import FORWARD_SPEED, Vehicle
 
 __all__ = [
     "JointFit",
@@ -89,6 +92,7 @@ _PERIODS = (3.5, 5.0, 8.0)  # s, of waves that are tried beside that of the sett
 _WAVE = 0.03  # m/s: their size to begin with
 _DISAGREE = 100.0  # times the variance, at most
 _TOLD = 1e-6  # of the prior's information: below, the data tell nothing
+_ALONE = 0.3  # of a direction's information, that is the least that others could contradict
 _WAVES_GAIN = 20.0  # of the log likelihood: far beyond chance with four numbers
 _WAVES_SHOW = 20.0  # s: of shorter data a wave is no more than a slow force
 _SMALLEST_WAVE = 0.015  # m/s: below, a wave stands for what the model lacks
@@ -101,13 +105,13 @@ class JointProblem:
     """What is asked of the filter.
 
     Attributes:
-        samples: of each recording. p: kernel parameters (170,) for all that is fixed. prior: of all unknowns.
+        samples: of each recording. vehicle: with all that is fixed. prior: of all unknowns.
         settings: of the filter, `settings_for`. own_noise: (18,) that the samples show by themselves.
         delay, lag: of the inputs [s] where they are no unknowns; lag (m,).
     """
 
     samples: Sequence[Samples]
-    p: Array
+    vehicle: Vehicle
     prior: Prior
     settings: FilterSettings
     own_noise: Array
@@ -117,6 +121,19 @@ class JointProblem:
     def free(self) -> FreeParameters:
         """The unknowns."""
         return self.prior.free
+
+    @property
+    def learned(self) -> NDArray[np.bool_]:
+        """Which unknowns (n,) are learned: those of axes that move. Others count as what they may be."""
+        return self.free.felt(self.moving)
+
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """Axes (6,) whose motion a sensor shows, or inputs make: by more than what disturbs a vehicle anyway."""
+        shown = shown_axes(np.any([each.measured for each in self.samples], axis=0))
+        inertia = np.diag(self.vehicle.mass_matrix)
+        pushed = [np.sqrt(np.mean((each.input_force @ each.B.T / inertia) ** 2, axis=0)) for each in self.samples]
+        return np.asarray(shown | (np.max(pushed, axis=0) > np.array(DISTURBANCE)))
 
     @property
     def rough(self) -> NoiseLevels:
@@ -145,9 +162,9 @@ class JointFit:
 
     Attributes:
         prior: what was supposed. mean, covariance: (n,) and (n, n) of the Gaussian, in the coordinates of its `free`.
-        theta: the likeliest of it (n,) within the bounds of physics.
-        disagreement: factors (n,) by which windows of the data differ more than they state, 1 at least, along the
-            principal axes of what they tell; the covariance is widened by them, see `widened`.
+        theta: the likeliest of it (n,) that physics allows.
+        disagreement: factor by which windows of the data differ more than they state, 1 at least; the covariance is
+            widened by it, see `widened`.
         levels: as the data show them. wave_period: [s], where the levels have waves.
         likelihood: log, of the last pass's innovations. passes: how many were run.
         duration [s], rows: learned from. rejected: share of each column's samples that lay beyond the gate (18,).
@@ -159,7 +176,7 @@ class JointFit:
     mean: Array
     theta: Array
     covariance: Array
-    disagreement: Array
+    disagreement: float
     levels: NoiseLevels
     wave_period: float
     likelihood: float
@@ -301,7 +318,15 @@ def one_pass(
     free, samples = problem.free, problem.samples
     prior = Reading(0.0, *problem.prior.seen_from(about))
     state = new_joint_state(
-        problem.p, free, prior.theta, prior.covariance, samples[0].B, levels, problem.settings, about
+        np.array(problem.vehicle.parameters),
+        free,
+        prior.theta,
+        prior.covariance,
+        samples[0].B,
+        levels,
+        problem.settings,
+        about,
+        problem.learned,
     )
     latency = latencies_of(free, about)
     total, done, passed = max(sum(len(each) for each in samples), 1), 0, 0.0
@@ -347,10 +372,15 @@ def joint_fit(
 
 
 def log_likelihood(problem: JointProblem) -> float:
-    """Return the log likelihood of stretches of the samples, in water without waves."""
+    """Return the log likelihood of stretches of the samples under the prior: that of the first pass.
+
+    Of recordings that contradict themselves, later passes differ by hundreds with what each of them rejects.
+    """
     few = problem.over(spread(problem.samples))
-    fit = _settled(few, problem.prior.mean, problem.rough, lambda share: None)
-    return float(np.nan_to_num(fit.likelihood, nan=-np.inf))
+    most = most_disturbed(few.samples, np.array(few.vehicle.parameters))
+    levels = replace(few.rough, disturbance=np.minimum(few.rough.disturbance, most))
+    state, _, _ = one_pass(few, few.prior.mean, levels)
+    return float(np.nan_to_num(state.clock[0].log_likelihood, nan=-np.inf))
 
 
 def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem, JointFit]:
@@ -379,7 +409,7 @@ def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress:
     Where the first one rejects much of a sensor, they begin a second time, with the disturbance as large as it may be,
     and the likelier of the two speaks.
     """
-    most = most_disturbed(problem.samples, problem.p)
+    most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
     levels = replace(levels, disturbance=np.minimum(levels.disturbance, most))
     fit, lost = _passes(problem, about, levels, most, progress)
     if not lost:
@@ -399,12 +429,13 @@ def _passes(
     best: JointFit | None = None
     likeliest: JointFit | None = None
     most_worth, last = -math.inf, np.zeros(len(problem.free))
-    at_best, about = about, _within_bounds(problem.free, about, problem.prior.covariance)
+    region = Region(problem.vehicle, problem.free)
+    at_best, about = about, region.nearest(about, _movable(problem.prior.covariance, problem.learned))
     lost = False
     for k in range(_PASSES):
         state, _, readings = one_pass(problem, about, levels, _part(progress, k))
         lost = lost or (k == 0 and diverged(state))
-        fit = _fit_of(problem, state, levels, k + 1, readings)
+        fit = _fit_of(problem, region, state, levels, k + 1, readings)
         finite = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.std).all() and np.isfinite(fit.likelihood))
         if not finite and best is None:  # no motion can be computed with these coefficients, or none so smooth
             if np.allclose(about, problem.prior.mean):
@@ -445,17 +476,9 @@ def _part(progress: Progress, k: int) -> Progress:
     return lambda share: progress((k + share) / _PASSES)
 
 
-def _within_bounds(free: FreeParameters, theta: Array, covariance: Array) -> Array:
-    """Return the likeliest theta (n,) that is physical: the mode, within bounds, of the Gaussian of this mean and
-    covariance (n, n). What is correlated with a coordinate that meets its bound goes along.
-    """
-    low, high = free.bounds
-    below, above = np.isfinite(low), np.isfinite(high)
-    if ((theta >= low) & (theta <= high)).all():
-        return theta
-    unit = np.eye(len(free))
-    G, h = np.vstack([unit[below], -unit[above]]), np.concatenate([low[below], -high[above]])
-    return np.clip(nearest_point(theta, square_root(covariance), G, h).x, low, high)
+def _movable(covariance: Array, learned: NDArray[np.bool_]) -> Array:
+    """Return the covariance (n, n) without that of what is not learned: it stays where it is."""
+    return np.asarray(covariance * np.outer(learned, learned), dtype=np.float64)
 
 
 def _midpoint(one: NoiseLevels, other: NoiseLevels) -> NoiseLevels:
@@ -469,18 +492,25 @@ def _midpoint(one: NoiseLevels, other: NoiseLevels) -> NoiseLevels:
 
 
 def _fit_of(
-    problem: JointProblem, state: JointState, levels: NoiseLevels, passes: int, readings: Sequence[Reading]
+    problem: JointProblem,
+    region: Region,
+    state: JointState,
+    levels: NoiseLevels,
+    passes: int,
+    readings: Sequence[Reading],
 ) -> JointFit:
     """Return the result of a pass with these levels from the filter at its end."""
     clock, accepted = state.clock[0], state.statistics["accepted"]
     with np.errstate(invalid="ignore", divide="ignore"):
         nis = np.where(accepted > 0.0, state.statistics["nis_sum"] / accepted, np.nan)
-    covariance, disagreement = widened(readings)
+    rows = np.flatnonzero(problem.learned)
+    block, covariance = np.ix_(rows, rows), coefficient_block(state).copy()
+    covariance[block], disagreement = widened([Reading(t, x[rows], P[block]) for t, x, P in readings])
     theta, finite = state.theta.copy(), np.isfinite(state.P).all() and np.isfinite(state.theta).all()
     return JointFit(
         prior=problem.prior,
         mean=theta,
-        theta=_within_bounds(problem.free, theta, coefficient_block(state)) if finite else theta,
+        theta=region.nearest(theta, _movable(coefficient_block(state), problem.learned)) if finite else theta,
         covariance=covariance,
         disagreement=disagreement,
         levels=levels,
@@ -495,14 +525,16 @@ def _fit_of(
     )
 
 
-def widened(readings: Sequence[Reading]) -> tuple[Array, Array]:
+def widened(readings: Sequence[Reading]) -> tuple[Array, float]:
     """Return the covariance (n, n) after the last window, widened by what windows contradict each other, and by what.
 
     In the coordinates x in which the prior is of unit covariance, window k adds the information L_k = P_k^-1 -
     P_(k-1)^-1, and has a view of its own, eta_k = P_k^-1 x_k - P_(k-1)^-1 x_(k-1), so that s_k = eta_k - L_k x is how
-    it alone would pull the final x. If the model is right s_k has the covariance L_k. Where it is not, windows pull
-    farther: along each eigenvector u_j of sum L_k, of eigenvalue l_j, by the factor f_j^2 = sum (u_j s_k)^2 / l_j, 1 at
-    least, and the data are worth l_j / f_j^2 there (White 1982; the middle of the sandwich, in its principal axes).
+    it alone would pull the final x. If the model is right s_k has the covariance L_k, less L_k^2 / (1 + sum L_k) for
+    what the window has told the final x itself. Where it is not, windows pull farther: along each eigenvector u_j of
+    sum L_k, of eigenvalue l_j, by a factor f_j^2, and the data are worth l_j / f_j^2 there (White 1982; the middle of
+    the sandwich, in its principal axes). What one window tells alone nothing contradicts; so no f_j^2 is below what all
+    directions have in common, each by the share that data have in it (Wedderburn 1974), nor below 1.
     What the data do not tell stays with the prior, and what they tell together stays together: a covariance whose
     deviations were scaled one by one would know the common scale of force from nothing.
 
@@ -510,25 +542,29 @@ def widened(readings: Sequence[Reading]) -> tuple[Array, Array]:
         readings: before the first window and after each.
 
     Returns:
-        The covariance, and the factors f (n,).
+        The covariance, and the factor f that all have in common.
     """
     n, last = readings[-1].theta.size, readings[-1].covariance
     try:
         whole = np.asarray(np.linalg.cholesky(readings[0].covariance), dtype=np.float64)
         views = [_in_units_of(whole, reading) for reading in readings]
     except np.linalg.LinAlgError:
-        return last, np.ones(n)
+        return last, 1.0
     information = views[-1][0]
     size, axes = np.linalg.eigh(information - views[0][0])
     x = np.linalg.solve(information, views[-1][1])
-    did = np.zeros(n)
-    for (before, own_before), (after, own_after) in pairwise(views):
-        did += (axes.T @ (own_after - own_before - (after - before) @ x)) ** 2
     told = size > _TOLD
     size = np.maximum(size, _TOLD)
-    ratio = np.where(told, np.clip(did / size, 1.0, _DISAGREE), 1.0)
+    did, should = np.zeros(n), np.zeros(n)
+    for (before, own_before), (after, own_after) in pairwise(views):
+        new = np.maximum(np.einsum("ij,ik,kj->j", axes, after - before, axes), 0.0)
+        did += (axes.T @ (own_after - own_before - (after - before) @ x)) ** 2
+        should += np.maximum(new - new**2 / (1.0 + size), 0.0)
+    weight = np.where(told, 1.0 / (1.0 + size), 0.0)
+    common = min(max(float(weight @ did) / max(float(weight @ should), _TOLD), 1.0), _DISAGREE)
+    ratio = np.where(told, np.clip(did / np.maximum(should, _ALONE * size), common, _DISAGREE), 1.0)
     root = whole @ axes / np.sqrt(1.0 + size / ratio)
-    return np.asarray(root @ root.T), np.sqrt(ratio)
+    return np.asarray(root @ root.T), math.sqrt(common)
 
 
 def _in_units_of(root: Array, reading: Reading) -> tuple[Array, Array]:

@@ -173,6 +173,7 @@ class JointState(NamedTuple):
     linear: Array  # (37,) whether `p` has losses by inflow now, and its linear damping without them
     codes: Codes  # (n, 4)
     linearised_at: Array  # (n,) theta that the motion is linearised about; `p` and the inputs have these values
+    learns: Array  # (n,) 1, and 0 for a coefficient of motion that no sensor shows: considered, never updated
     information_time: Array  # (n,) time over which theta has learned [s]
     information_rate: Array  # (n,) information of late: -d(log variance), fading over INFORMATION_MEMORY
     active: Array  # (N,) 1, and 0 for a coefficient that is considered but not updated
@@ -222,6 +223,7 @@ def new_joint_state(
     levels: NoiseLevels,
     settings: FilterSettings,
     linearised_at: Array | None = None,
+    learns: NDArray[np.bool_] | None = None,
 ) -> JointState:
     """Return a filter that has seen nothing.
 
@@ -230,6 +232,7 @@ def new_joint_state(
         theta, deviation: start values and their deviations (n,), or a covariance (n, n) in place of the deviations.
         B: wrench of each unit input (6, m).
         linearised_at: what the motion is linearised about (n,), by default the start values.
+        learns: which coefficients are learned (n,), by default all; the others count with their deviation.
     """
     n = len(free)
     waves = bool(np.any(levels.waves > 0.0))
@@ -262,6 +265,7 @@ def new_joint_state(
         linear=np.zeros(37),
         codes=np.ascontiguousarray(free.codes),
         linearised_at=about,
+        learns=np.ones(n) if learns is None else learns.astype(np.float64),
         information_time=np.zeros(n),
         information_rate=np.zeros(n),
         active=np.ones(size),
@@ -291,6 +295,7 @@ def new_joint_state(
         innovation=np.zeros(3),
         tau=np.zeros(6),
     )
+    state.active[N_FIXED : N_FIXED + n] = state.learns
     forget_surroundings(state)
     return state
 
@@ -368,7 +373,14 @@ def recovered(
     """Return a filter that begins its motion anew with what was known last, and trusts that less."""
     levels = replace(healthy.levels, disturbance=np.sqrt(_RECOVERY_INFLATION) * healthy.levels.disturbance)
     fresh = new_joint_state(
-        state.p, free, healthy.theta, _RECOVERY_INFLATION * healthy.covariance, state.B, levels, settings
+        state.p,
+        free,
+        healthy.theta,
+        _RECOVERY_INFLATION * healthy.covariance,
+        state.B,
+        levels,
+        settings,
+        learns=state.learns > 0.0,
     )
     for name in ("adapt", "considered_share"):
         fresh.settings[name] = state.settings[name]

@@ -21,6 +21,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from towtank.core.arrays import Array, kernel
 from towtank.recording.standard import MEASURED
 from towtank.vehicle.matrices import GRAVITY
@@ -42,10 +45,23 @@ __all__ = [
     "pace_of",
     "residual_of",
     "rotation_between",
+    "shown_axes",
     "specific_force",
     "specific_force_row_into",
     "unit_error",
 ]
+
+
+def shown_axes(measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return of which axes (6,) the motion is shown, by a pose, a speed or an accelerometer.
+
+    Args:
+        measured: which columns (18,) are measured.
+    """
+    pose, speed, force, water = measured[:6], measured[6:12], measured[12:15], measured[15:18]
+    shown = pose | speed
+    shown[:3] |= force | water
+    return np.asarray(shown, dtype=np.bool_)
 
 
 class Sensor(NamedTuple):

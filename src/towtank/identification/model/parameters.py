@@ -12,10 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.layout import (
     CONSTANT,
+    FORWARD,
     I_MASS,
     I_MASS_INVERSE,
     INFLOW,
@@ -165,6 +167,18 @@ class FreeParameters:
         low[inertia] = np.log(self.rigid[inertia])
         high = np.select([((kind == LINEAR) | (kind == QUADRATIC)) & diagonal, kind == IN_LAG], [0.0, _LAGS[1]], np.inf)
         return low, high
+
+    def felt(self, axes: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return which (n,) make or feel motion along these axes (6,) alone: inputs and sensors in any case."""
+        out = np.ones(len(self), dtype=np.bool_)
+        for k, (kind, i, j, _) in enumerate(self.codes.tolist()):
+            if kind == INFLOW:
+                out[k] = axes[:3].any()
+            elif kind in TERMS:
+                _, row, column = TERMS[kind].role(i, j)
+                felt = {row, column, 0 if kind == FORWARD else -1} - {-1}
+                out[k] = all(axes[axis] for axis in felt)
+        return out
 
     def subset(self, keep: Sequence[str]) -> FreeParameters:
         """Return those of the names that are in `keep`, in the same order."""

@@ -7,7 +7,8 @@ learned before above all: a learned file's posterior has taken the rest in. With
 L = (m/rho)^(1/3) the edge of a cube of water of its mass, a_i = 1.7 sqrt(I_i/m) the arm of hull and fins, W = m g:
 
     total inertia        1.7 m, 1.6 I_i, a factor of exp(0.5) either way
-    its couplings        0 +- 0.24 sqrt(M_i M_j), of a body that is the same to port and starboard
+    its couplings        0 +- 0.24 sqrt(M_i M_j), of a body that is the same to port and starboard; X_wdot and K_rdot,
+                         by which principal axes tilt, 0 +- 0.1 sqrt(M_i M_j)
     quadratic damping    -g +- 2 g, g = rho L^2, rotation rho L^2 a_i^3
     linear damping       -l +- 2 l, l = 0.1 rho L^2 (1 m/s), rotation 0.1 rho L^2 a_i^2; couplings 0 +- sqrt(l_i l_j)
     drag ahead, astern   0 +- 0.3 of the quadratic damping (surge, heave, pitch), 0.03 (sway, roll, yaw)
@@ -55,7 +56,7 @@ __all__ = ["Body", "Prior", "prior_of"]
 _WATER = 1000.0  # kg/m^3
 _ADDED = (1.7, 1.6)  # total inertia, of the rigid body's: translation, rotation
 _INERTIA_STD = 0.5  # of ln total inertia
-_COUPLING_STD = 0.24  # of sqrt(M_i M_j)
+_COUPLING_STD, _TILT_STD = 0.24, 0.1  # of sqrt(M_i M_j): between a force and a rotation; between two of a kind
 _ARM = 1.7  # of the gyradius
 _SPREAD = 2.0  # of damping, as a share of its mean
 _NET_WEIGHT, _RIGHTING, _RIGHTING_STD, _TRIM_STD = 0.01, 0.02, 0.1, 0.02  # of W, W L
@@ -205,7 +206,8 @@ class Body:
             out[f"{ROWS[i]}_{COLUMNS[i]}"] = Line(-l, _SPREAD * l, size)
             out[f"{ROWS[i]}_{COLUMNS[i] * 2}"] = Line(-g, _SPREAD * g, size)
         for i, j in _INERTIAS:
-            std = _COUPLING_STD * math.sqrt(self.total[i] * self.total[j])
+            share = _TILT_STD if (i < 3) == (j < 3) else _COUPLING_STD
+            std = share * math.sqrt(self.total[i] * self.total[j])
             out[f"{ROWS[i]}_{COLUMNS[j]}dot"] = Line(0.0, std, "a hull that is the same to port and starboard")
         for i, j in _DAMPINGS:
             std = math.sqrt(self.linear[i] * self.linear[j])

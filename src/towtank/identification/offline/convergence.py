@@ -67,8 +67,8 @@ def _by_filter(
     settings = settings_for(samples, filter_settings())
     if math.isfinite(learning.wave_period):
         settings = replace(settings, wave_period=learning.wave_period)
-    p, free = np.array(learning.model.parameters), mode.prior.free
-    problem = JointProblem(samples, p, mode.prior, settings, mode.levels.noise, learning.delay)
+    free = mode.prior.free
+    problem = JointProblem(samples, learning.model, mode.prior, settings, mode.levels.noise, learning.delay)
     _, _, readings = one_pass(problem, mode.theta, mode.levels, windows=_READINGS)
     kept = [free.names.index(name) for name in names]
     rows = []

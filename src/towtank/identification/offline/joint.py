@@ -31,6 +31,7 @@ from towtank.identification.kalman.passes import (
 )
 from towtank.identification.model.parameters import DELAY, LATENCIES
 from towtank.identification.model.prior import prior_of
+from towtank.identification.model.terms import AXES
 from towtank.identification.offline.free_runs import FreeRunVerdict, free_run_verdict
 from towtank.identification.posterior.assembly import Current, LogLearning, Mode
 from towtank.identification.posterior.result import estimate_of, model_of, with_posterior
@@ -79,7 +80,7 @@ def learn_joint(request: LearningRequest, progress: Progress | None = None) -> L
     if request.free_runs is not False:
         verdict = free_run_verdict(problem, by_filter, grids, request.vehicle, always=bool(request.free_runs))
     report("what is known", 0.95)
-    fit = by_filter if verdict is None or not verdict.better else verdict.fit
+    fit = by_filter if verdict is None else verdict.fit
     return _learned(request, problem, fit, grids, verdict)
 
 
@@ -100,9 +101,8 @@ def joint_problem(request: LearningRequest) -> JointProblem:
     prior = narrowed_to(whole, request.free, delay_given=request.delay is not None)
     base = vehicle.with_coefficients(whole.vehicle_values)
     settings = settings_for(samples, filter_settings())
-    p = np.array(base.parameters)
     noise = np.median([noise_of_rows(each.t, each.values) for each in samples], axis=0)
-    return JointProblem(samples, p, prior, settings, np.asarray(noise), request.delay or 0.0)
+    return JointProblem(samples, base, prior, settings, np.asarray(noise), request.delay or 0.0)
 
 
 def likelier_reversed(request: LearningRequest, axes: Sequence[int]) -> bool:
@@ -132,7 +132,7 @@ def _learned(
     vehicle, free = request.vehicle, fit.free
     duration = sum(each.duration for each in problem.samples)
     base = vehicle.with_coefficients(problem_base(request, problem))
-    estimate, messages = estimate_of(base, fit.prior, fit.theta, fit.covariance, duration, fit.rows)
+    estimate, messages = estimate_of(base, fit.prior, fit.theta, fit.covariance, duration, fit.rows, problem.learned)
     theta, std = dict(zip(free.names, fit.theta, strict=True)), dict(zip(free.names, fit.std, strict=True))
     method = "joint" if verdict is None or not verdict.better else "output-error"
     delay = max(0.0, float(theta[DELAY])) if DELAY in theta else problem.delay
@@ -164,7 +164,7 @@ def _learned(
         mode=Mode(fit.prior, fit.theta, fit.levels),
         wave_period=fit.wave_period if fit.levels.waves.any() else math.nan,
         narrowed=dict(zip(free.names, (fit.std / fit.prior.reference).tolist(), strict=True)),
-        remarks=(*_remarks(request, fit, current), *(() if verdict is None else (verdict.text,))),
+        remarks=(*_remarks(request, problem, fit, current), *(() if verdict is None else (verdict.text,))),
     )
 
 
@@ -187,15 +187,18 @@ def _current(fit: JointFit) -> Current | None:
     return Current(fit.state.current.copy(), np.sqrt(np.maximum(variance, 0.0)))
 
 
-def _remarks(request: LearningRequest, fit: JointFit, current: Current | None) -> tuple[str, ...]:
+def _remarks(
+    request: LearningRequest, problem: JointProblem, fit: JointFit, current: Current | None
+) -> tuple[str, ...]:
     out = [f"{len(fit.free)} unknowns, all free from the prior; {fit.passes} passes of the joint filter"]
     if request.free is not None:
         out = [f"free: {', '.join(fit.free.names)}; everything else is fixed at the prior's mean"]
-    wide = float(np.median(fit.disagreement))
-    if wide > 1.2:
-        out.append(
-            f"windows of the data differ {wide:.1f} times as much as they should (median): deviations are widened by it"
-        )
+    if not problem.learned.all():
+        still = [axis.name for axis, moves in zip(AXES, problem.moving, strict=True) if not moves]
+        out.append(f"no sensor shows and nothing drives {', '.join(still)}: what acts there counts as what it may be")
+    if fit.disagreement > 1.2:
+        times = f"{fit.disagreement:.1f} times"
+        out.append(f"windows of the data differ {times} as much as they should: deviations are widened by it")
     if current is not None and current.speed > max(_WORTH_SAYING, 3.0 * float(current.std[:2].max())):
         out.append(f"the water flows: {current.said}")
     if fit.levels.waves.any():

@@ -21,7 +21,7 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["read_checkpoint", "write_checkpoint"]
 
-_VERSION = 8
+_VERSION = 9
 
 T = TypeVar("T")
 

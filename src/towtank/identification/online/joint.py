@@ -245,7 +245,8 @@ class JointLearner(Learner):
             running = self._stream.running
             duration = 0.0 if running is None else float(running.state.clock[0].duration)
             base = self._question.base(whole)
-            self._estimate, _ = estimate_of(base, prior, theta, covariance, duration, self._stream.rows)
+            learned = None if running is None else running.state.learns > 0.0
+            self._estimate, _ = estimate_of(base, prior, theta, covariance, duration, self._stream.rows, learned)
         return self._estimate
 
     def model(self) -> Vehicle:

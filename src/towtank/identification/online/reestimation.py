@@ -180,7 +180,7 @@ class Reestimation:
         noise = noise_of_rows(longest.t, longest.values, _LATEST)
         problem = JointProblem(
             stretches,
-            np.array(question.base(whole).parameters),
+            question.base(whole),
             question.prior(whole, self.kept),
             settings_for(stretches, filter_settings()),
             noise,

@@ -9,6 +9,9 @@ bound been known. Every bound that was broken is reported with how far and which
 something else that is wrong.
 
 Forward-speed terms bear no bound: they take energy out ahead and feed it in astern, and a wing may feed it in ahead.
+
+An estimator that iterates stays in this region on its way (`Region`): linearised about an impossible vehicle, a mass
+matrix that is nearly singular say, what data tell is worth nothing.
 """
 
 from __future__ import annotations
@@ -22,15 +25,16 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
+from towtank.identification.model.parameters import IN_DELAY, IN_GAIN, IN_LAG, MASS, FreeParameters
 from towtank.identification.posterior.statistics import conditional_covariance, nearest_point, square_root
 from towtank.identification.posterior.wording import coupling, diagonal, follows, unreachable
 from towtank.vehicle import Vehicle
-from towtank.vehicle.matrices import damping_matrices
+from towtank.vehicle.matrices import added_mass_matrix, damping_matrices
 from towtank.vehicle.names import COLUMNS, HYDRODYNAMIC, ROWS
 
-__all__: list[str] = []
+__all__ = ["Region"]
 
-Kind = Literal["added", "inertia", "linear", "quadratic", "ahead", "astern", "loss"]
+Kind = Literal["added", "inertia", "linear", "quadratic", "ahead", "astern", "loss", "input"]
 _INSIDE = 1e-7  # of the scaled matrix, that bounds on couplings stay inside
 _OUTSIDE = 1e-10  # of the scaled matrix, that counts as a violation
 _LEAST_INERTIA = 1e-3  # of the rigid body's own
@@ -131,11 +135,14 @@ def families(vehicle: Vehicle, names: Sequence[str]) -> tuple[Family, ...]:
     A row of a matrix is left out where its diagonal is neither free nor known, or is unsound in the vehicle itself.
     """
     used = [name for name in names if name in HYDRODYNAMIC]
-    zero = _matrices(vehicle, dict.fromkeys(used, 0.0))
+    without = vehicle.with_coefficients(dict.fromkeys(used, 0.0)).hydrodynamics
+    held = {name: each.value for name, each in without.items() if name in used or each.value != 0.0}
+    rigid = vehicle.rigid_body_matrix
+    zero = _matrices(rigid, held)
     basis = {kind: np.zeros((len(names), 6, 6)) for kind in zero}
     for k, name in enumerate(names):
         if name in used:
-            for kind, matrix in _matrices(vehicle, {**dict.fromkeys(used, 0.0), name: 1.0}).items():
+            for kind, matrix in _matrices(rigid, held | {name: 1.0}).items():
                 basis[kind][k] = matrix - zero[kind]
     found = []
     for kind, base in zero.items():
@@ -147,21 +154,68 @@ def families(vehicle: Vehicle, names: Sequence[str]) -> tuple[Family, ...]:
     return tuple(found)
 
 
-def _matrices(vehicle: Vehicle, changes: dict[str, float]) -> dict[Kind, Array]:
-    changed = vehicle.with_coefficients(changes)
-    linear, quadratic = damping_matrices({name: each.value for name, each in changed.hydrodynamics.items()})
-    one_way = np.array([changed.coefficient(f"{r}_{c}2") for r, c in zip(ROWS, COLUMNS, strict=True)])
-    least = _LEAST_INERTIA * np.diag(np.diag(vehicle.rigid_body_matrix))
-    added = changed.added_mass_matrix
+def _matrices(rigid: Array, values: dict[str, float]) -> dict[Kind, Array]:
+    linear, quadratic = damping_matrices(values)
+    one_way = np.array([values.get(f"{r}_{c}2", 0.0) for r, c in zip(ROWS, COLUMNS, strict=True)])
+    least = _LEAST_INERTIA * np.diag(np.diag(rigid))
+    added = added_mass_matrix(values)
     return {
         "added": added,
-        "inertia": vehicle.rigid_body_matrix + added - least,
+        "inertia": rigid + added - least,
         "linear": -linear,
         "quadratic": -quadratic,
         "ahead": -np.diag(np.diag(quadratic) + one_way),
         "astern": -np.diag(np.diag(quadratic) - one_way),
-        "loss": np.diag([changed.coefficient("inflow_loss"), 0.0, 0.0, 0.0, 0.0, 0.0]),
+        "loss": np.diag([values.get("inflow_loss", 0.0), 0.0, 0.0, 0.0, 0.0, 0.0]),
     }
+
+
+class Region:
+    """Where all unknowns of an estimator are physical together: coefficients as above, delay and lag within theirs.
+
+    Whether damping takes energy out does not hang on the common scale of force, the mean of the logarithms of gains: a
+    drag that is off by its sign is so at any scale. To first order about such a point it would seem to, and the scale
+    would go along by a third. So only what is compared with the rigid body, added inertia, moves the scale; everything
+    else is made physical at that scale.
+    """
+
+    def __init__(self, vehicle: Vehicle, free: FreeParameters) -> None:
+        """Args: vehicle: what is not free. free: the unknowns (n,), in whose coordinates points are given."""
+        self.free, self.inertia = free, free.codes[:, 0] == MASS
+        self.families = (*families(vehicle, free.names), *_of_inputs(free))
+
+    def nearest(self, theta: Array, covariance: Array) -> Array:
+        """Return the likeliest physical theta (n,) of a Gaussian of this mean and covariance (n, n)."""
+        free = self.free
+        x = np.where(self.inertia, free.values(theta), theta)
+        if all(family.sound(x) for family in self.families):
+            return theta
+        slopes = np.where(self.inertia, free.slopes(theta), 1.0)
+        C = np.asarray(covariance * np.outer(slopes, slopes), dtype=np.float64)
+        gains = free.codes[:, 0] == IN_GAIN
+        if gains.sum() > 1:
+            x = _projected(x, C, [family for family in self.families if family.kind in ("added", "inertia")])
+            C = conditional_covariance(C, gains[None, :] / gains.sum())
+        x = _projected(x, C, self.families)
+        return np.asarray(np.where(self.inertia, free.thetas(x), x))
+
+
+def _projected(x: Array, covariance: Array, found: Sequence[Family]) -> Array:
+    projection = _Projection(x, square_root(covariance), found)
+    projection.run()
+    return projection.x
+
+
+def _of_inputs(free: FreeParameters) -> tuple[Family, ...]:
+    """Return the bounds of delay and lag."""
+    out = []
+    for k in np.flatnonzero(np.isin(free.codes[:, 0], (IN_DELAY, IN_LAG))):
+        for bound, sign in zip((each[k] for each in free.bounds), (1.0, -1.0), strict=True):
+            if np.isfinite(bound):
+                basis = np.zeros((len(free), 1, 1))
+                basis[k] = sign
+                out.append(Family("input", (0,), np.array([[-sign * bound]]), basis))
+    return tuple(out)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
 from towtank.identification.model.parameters import GAIN_PREFIX
@@ -13,7 +14,7 @@ from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.estimate import Estimate, SumOfInertias
 from towtank.identification.posterior.physical import consistent
 from towtank.identification.posterior.thrusters import with_thrusters
-from towtank.identification.posterior.wording import not_narrowed
+from towtank.identification.posterior.wording import not_narrowed, not_shown
 from towtank.vehicle import COEFFICIENTS, Coefficient, Provenance, Vehicle
 from towtank.vehicle.posterior import Posterior
 
@@ -23,7 +24,13 @@ NARROWED = 0.5  # share of the prior's deviation up to which a coefficient count
 
 
 def estimate_of(
-    vehicle: Vehicle, prior: Prior, theta: Array, covariance: Array, duration: float, samples: int
+    vehicle: Vehicle,
+    prior: Prior,
+    theta: Array,
+    covariance: Array,
+    duration: float,
+    samples: int,
+    learned: NDArray[np.bool_] | None = None,
 ) -> tuple[Estimate, tuple[str, ...]]:
     """Return the coefficients of a posterior, and what had to be moved for them to be physical.
 
@@ -32,6 +39,7 @@ def estimate_of(
 
     Args:
         vehicle: what is not free. theta, covariance: (n,), (n, n) in the coordinates of the prior's `free`.
+        learned: which of them were (n,), by default all; of the others no sensor shows the motion.
     """
     free = prior.free
     rows = [k for k, name in enumerate(free.names) if name in COEFFICIENTS]
@@ -48,8 +56,10 @@ def estimate_of(
             i = names.index(axis.added_mass)
             total = float(vehicle.rigid_body_matrix[axis.index, axis.index]) - float(physical.values[i])
             sums.append(SumOfInertias(axis.sum_name, total, float(std[i]), axis.unit))
+    taken = np.ones(len(rows), dtype=np.bool_) if learned is None else learned[rows]
     reasons = tuple(
-        None if ok else not_narrowed(name, float(left)) for name, ok, left in zip(names, identified, share, strict=True)
+        None if ok else not_narrowed(name, float(left)) if shown else not_shown(name)
+        for name, ok, left, shown in zip(names, identified, share, taken, strict=True)
     )
     estimate = Estimate(names, physical.values, std, block, identified, reasons, tuple(sums), (), duration, samples)
     return estimate, physical.messages

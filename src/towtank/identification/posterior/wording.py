@@ -70,6 +70,18 @@ def not_narrowed(name: str, share: float) -> str:
     return f"{left}; driving {axis} {how} would narrow it"
 
 
+def not_shown(name: str) -> str:
+    """Return why a coefficient was not learned at all: no motion that it makes or answers to.
+
+    >>> not_shown("K_pp")
+    'no sensor shows and nothing drives roll: it counts as what it may be'
+    """
+    part = role(name)
+    axes = list(dict.fromkeys(AXES[axis].name for axis in (part.row, part.column) if axis >= 0))
+    of = " or ".join(axes) or "surge, sway and heave"
+    return f"no sensor shows and nothing drives {of}: it counts as what it may be"
+
+
 def label(name: str) -> str:
     """Return what is really known of it: of an added inertia the sum with the rigid body's.
 

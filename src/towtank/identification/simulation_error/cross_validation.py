@@ -12,10 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification.data.samples import N_MEASURED, Samples
+from towtank.identification.model.measurements import shown_axes
 from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
 from towtank.identification.simulation_error.segments import CandidateModel, Knowledge
 from towtank.identification.simulation_error.trajectory import STEP
@@ -86,11 +88,11 @@ def error_reduction(new: Array, old: Array, columns: Sequence[int]) -> ErrorRedu
 
 
 def fit_percent(errors: Array, spread: Array, columns: Sequence[int]) -> float:
-    """Return the mean of 100 (1 - error / deviation) [%] over those columns that are speeds; NaN where none is."""
+    """Return the mean of 100 (1 - error / deviation) [%] over the columns that are measured; NaN where none is."""
     out = []
     for j in columns:
         known = errors[~np.isnan(errors[:, j]), j]
-        if 6 <= j < 12 and known.size and spread[j] > 0.0:
+        if known.size and spread[j] > 0.0:
             out.append(100.0 * (1.0 - np.sqrt(np.mean(known) / spread[j])))
     return float(np.mean(out)) if out else float("nan")
 
@@ -167,6 +169,11 @@ class FreeRuns:
         return cls(vehicle, tuple(kept), tuple(angles), noise, segment, windows, cost > _MOST_ROWS, prior)
 
     @property
+    def shown(self) -> NDArray[np.bool_]:
+        """Axes (6,) whose motion a column shows that is run over."""
+        return shown_axes(np.any([each.measured for each in self.samples], axis=0))
+
+    @property
     def comparable(self) -> bool:
         """Whether there are windows enough to compare models over."""
         return len(self.windows) >= _FEWEST
@@ -200,14 +207,10 @@ class FreeRuns:
                 out[row] = (fit.residual_std / self.noise) ** 2
         return out
 
-    def errors_unseen(self, model: CandidateModel) -> Array:
-        """Return `errors` (w, 18), each window run over with coefficients fitted to the other folds, from the model."""
-        out = np.full((len(self.windows), N_MEASURED), np.inf)
-        for fold in np.array_split(np.arange(len(self.windows)), min(_FOLDS, len(self.windows))):
-            fit = self.fit(model, without=fold.tolist())
-            if fit is not None:
-                out[fold] = self.errors(replace(model, theta=fit.theta), fold.tolist())
-        return out
+    @property
+    def folds(self) -> list[list[int]]:
+        """The windows dealt into folds, neighbours together."""
+        return [fold.tolist() for fold in np.array_split(np.arange(len(self.windows)), min(_FOLDS, len(self.windows)))]
 
     def spread(self) -> Array:
         """Return the variance (18,) of each column over all windows [of the noise]."""

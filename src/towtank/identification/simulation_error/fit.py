@@ -37,6 +37,7 @@ from towtank.core.zero_order_hold import new_zero_order_hold
 from towtank.errors import InputError
 from towtank.identification.data.samples import N_MEASURED, Samples
 from towtank.identification.model.parameters import IN_GAIN, IN_LAG, UNTRANSFORMED, put_parameters
+from towtank.identification.posterior.physical import Region
 from towtank.identification.posterior.statistics import long_run
 from towtank.identification.simulation_error.residuals import (
     GATE,
@@ -60,6 +61,7 @@ from towtank.identification.simulation_error.trajectory import (
     NormalEquations,
     Step,
     Unknowns,
+    Within,
     Workspace,
     free_run_into,
     inverse_information,
@@ -109,6 +111,7 @@ class FreeRunProblem:
     def __init__(self, runs: list[FreeRun], model: CandidateModel, prior: Knowledge) -> None:
         self.runs, self.free, self.prior, self.delay = runs, model.free, prior, model.delay
         self.parameters = model.parameters
+        self.region = Region(model.vehicle, model.free)
         self.lags: NDArray[np.bool_] = self.free.codes[:, 0] == IN_LAG
         self.logarithmic: NDArray[np.bool_] = self.free.codes[:, 3] != UNTRANSFORMED
         self.left_out = 0
@@ -211,6 +214,10 @@ class FreeRunProblem:
         least = np.where(high == 0.0, np.maximum(least, -farthest), least)  # of damping
         return np.maximum(least, np.minimum(low - theta, 0.0)), np.minimum(most, np.maximum(high - theta, 0.0))
 
+    def within(self, theta: Array) -> Within:
+        """Return what makes a step from theta (n,) end where the coefficients are physical."""
+        return lambda step, covariance: self.region.nearest(theta + step, covariance) - theta
+
     def cost(self, point: Point, scale: Array, gated: bool) -> float:
         """Return the robust cost of a point, the prior included."""
         away = point.theta - self.prior[0]
@@ -285,7 +292,7 @@ def warm_up(problem: FreeRunProblem, theta: Array, states: list[Array]) -> tuple
     point = problem.narrow(point)
     while True:
         arrowhead, cost = problem.arrowhead(point), problem.cost(point, scale, False)
-        step = arrowhead.step(damping, *problem.bounds(point.theta, lag=False))
+        step = arrowhead.step(damping, *problem.bounds(point.theta, lag=False), problem.within(point.theta))
         if step.decrease < _WARM * cost or runs >= _WARM_RUNS:
             break
         trial = problem.evaluate(*problem.moved(point, step), scale, False)
@@ -307,7 +314,7 @@ def descend(problem: FreeRunProblem, theta: Array, states: list[Array], most: in
     damping, runs = 0.0, 1
     while True:
         arrowhead = problem.arrowhead(point)
-        step = arrowhead.step(damping, *problem.bounds(point.theta))
+        step = arrowhead.step(damping, *problem.bounds(point.theta), problem.within(point.theta))
         if gated and step.decrease < _SETTLED:
             return Descent(point, step, scale, runs, True)
         if runs >= most:
@@ -337,7 +344,7 @@ def descend(problem: FreeRunProblem, theta: Array, states: list[Array], most: in
             damping = max(1e-3, 10.0 * damping)
             if runs >= most or damping > _MOST_DAMPED:
                 return Descent(point, step, old_scale, runs, False)
-            step = arrowhead.step(damping, *problem.bounds(point.theta))
+            step = arrowhead.step(damping, *problem.bounds(point.theta), problem.within(point.theta))
 
 
 @dataclass(frozen=True, eq=False)

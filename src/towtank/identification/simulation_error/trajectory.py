@@ -18,6 +18,7 @@ is the information on the coefficients, and no matrix is larger than one segment
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -379,6 +380,9 @@ class Step:
     decrease: float
 
 
+Within = Callable[[Array, Array], Array]
+
+
 @dataclass(frozen=True, eq=False)
 class Arrowhead:
     """Normal equations of all segments.
@@ -410,12 +414,13 @@ class Arrowhead:
         solved = scale[:, :, None] * np.linalg.solve(X, scale[:, :, None] * known)
         return solved[:, :, :-1], solved[:, :, -1]
 
-    def step(self, damping: float, least: Array, most: Array) -> Step:
+    def step(self, damping: float, least: Array, most: Array, within: Within | None = None) -> Step:
         """Return the damped step within bounds: what would leave them stays on them, the others make the best of it.
 
         Args:
             damping: Levenberg's and Marquardt's, relative to the diagonal.
             least, most: bounds of the step of each coefficient (n,).
+            within: returns the likeliest step that is allowed, of a step (n,) with its covariance (n, n).
         """
         C, x = self._eliminated(damping)
         T = self.T - np.einsum("ski,skj->ij", self.C, C)
@@ -434,6 +439,9 @@ class Arrowhead:
             if not beyond.any():
                 break
             moving &= ~beyond
+        if within is not None:
+            damped = T + np.diag((damping + _SMALLEST) / scale**2)
+            theta = np.where(informed, np.clip(within(theta, inverse_information(damped)), least, most), 0.0)
         x = x - C @ theta
         states = np.zeros((len(self.X), 12))
         states[:, self.estimated] = x
