@@ -39,6 +39,7 @@ _NOISE_AT_LEAST = 0.5  # of it: a sensor that was smoothed leaves no innovations
 _CONVERGED = 0.05  # of a level
 _USUAL_FOR = 2.0  # effective samples of the disturbance that the usual level counts for
 _MODEL_OFF, _LONG_RUN = 0.3, 10.0  # rejected share of a sensor from which, after so long [s], the model is off
+_CONTRADICTED = 0.1  # rejected share of a pose beside its own speed, from which it is worse than it shows
 _ROUNDED = 5.0  # quanta of noise, up to which it may be that of rounding
 _COUNTED = 50.0  # samples from which innovations say something of a level
 _WALK_SURE = 4.0  # deviations by which innovations must be too large for a velocity walk
@@ -71,7 +72,7 @@ def adapt_noise(
     rejected = rejected_share(state) * (state.clock[0].duration > _LONG_RUN)
     for j in range(N_MEASURED):
         if j < 6 and measured[6 + j]:  # a pose beside its speed: forces cannot part the two, clocks can
-            noise[j] *= _SWING if rejected[j] > _MODEL_OFF else 1.0
+            noise[j] *= _SWING if rejected[j] > _CONTRADICTED else 1.0
         else:
             noise[j] = min(noise[j], _NOISE_AT_MOST * own_noise[j])
         noise[j] = max(noise[j], _NOISE_AT_LEAST * own_noise[j])
