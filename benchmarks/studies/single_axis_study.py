@@ -100,7 +100,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     ]
     show(table)
     show(checks_table("must hold", held))
-    rows = [{"case": case, "found": asdict(one)} for case, one in zip(cases, found[:: len(seeds)], strict=True)]
+    every = [case for case in cases for _ in seeds]
+    rows = [{"case": case, "found": asdict(one)} for case, one in zip(every, found, strict=True)]
     write_json(options.output, {"study": "single axis", "runs": rows, "checks": [each.document() for each in held]})
     return 0 if all(check.met for check in held) else 1
 

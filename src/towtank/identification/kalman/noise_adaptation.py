@@ -47,7 +47,7 @@ _SMOOTHER = 0.9  # times a velocity walk that was too large: it hid the disturba
 _SWING = 5.0  # factor by which a level may change from one pass to the next
 _FLOOR_SHARE = 0.3  # of the usual disturbance: its least level
 _LEAST_WAVE = 2e-3  # m/s
-_FEWEST_ROWS = 30
+_FEWEST_ROWS = 30  # of a column, from which it shows its noise, and an acceleration
 _PUSHED_FOR = 0.3  # s between two poses or speeds whose difference shows an acceleration
 
 

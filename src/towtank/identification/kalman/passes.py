@@ -425,7 +425,8 @@ def _passes(
     """Run passes from theta (n,) `about` until nothing moves any more; the likeliest one where that never comes.
 
     Where none can be computed, nothing was learned. No disturbance rises above `most` (6,). Returns, too, whether the
-    first rejected much of a sensor."""
+    first rejected much of a sensor.
+    """
     best: JointFit | None = None
     likeliest: JointFit | None = None
     most_worth, last = -math.inf, np.zeros(len(problem.free))
