@@ -82,7 +82,7 @@ def boat_checks(data: Path) -> list[Check]:
     out.append(Check("boat, one left out: median u %", float(np.median(list(alone.values()))), low=68.0))
     out.append(Check("boat, one left out: least u %", min(alone.values()), low=50.0, note=note))
     found = learn_recordings(wrongly_wired(runs.vehicle), [runs.read(name) for name in BOAT_HALVES[0]])
-    told = sum("yaw moment acts with the opposite sign" in text for text in found.warnings)
+    told = sum("yaw moment acts with the opposite sign" in each.text for each in found.findings)
     out.append(Check("boat: reversed yaw moment reported", told, low=1.0))
     return out
 
