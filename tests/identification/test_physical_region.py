@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 from towtank.core.arrays import Array
+from towtank.core.layout import N_KINDS
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import N_MEASURED, samples_of
 from towtank.identification.kalman.passes import Reading, widened
@@ -37,6 +38,28 @@ def test_the_mode_on_a_bound_is_the_gaussian_s_conditional_mean() -> None:
     np.testing.assert_allclose(region.nearest(early, covariance), expected, atol=1e-9)
     inside = np.array([-3.0, -20.0, 1.0, 0.1])
     np.testing.assert_array_equal(region.nearest(inside, covariance), inside)
+
+
+def test_only_added_inertia_moves_the_scale_of_force() -> None:
+    """A drag of the wrong sign is so at any scale; a total inertia below the rigid body's says that the scale is."""
+    prior = prior_of(NOTHING)
+    free, gains = prior.free, np.array([name.startswith("gain_") for name in prior.names])
+    share = gains / gains.sum()
+    region = Region(NOTHING.with_coefficients(prior.vehicle_values), free)
+    feeding = prior.mean.copy()
+    feeding[prior.names.index("K_p")] = 0.5
+    along = np.where(gains, 1.0, np.where(free.codes[:, 0] < N_KINDS, feeding, 0.0))  # what a larger scale does to all forces
+    common = prior.covariance * 0.01 + 0.03**2 * np.outer(along, along)
+    found = region.nearest(feeding, common)
+    assert found[prior.names.index("K_p")] == pytest.approx(0.0, abs=1e-9)
+    assert share @ found == pytest.approx(share @ feeding, abs=1e-9)
+    light = prior.mean.copy()
+    k = prior.names.index("X_udot")
+    light[k] = np.log(0.95 * NOTHING.rigid_body.mass)
+    along = np.where(gains, 1.0, np.eye(len(free))[k])
+    found = region.nearest(light, np.diag(np.full(len(free), 1e-6)) + 0.03**2 * np.outer(along, along))
+    assert found[k] >= np.log(NOTHING.rigid_body.mass) - 1e-9
+    assert share @ found == pytest.approx(-np.log(0.95), rel=0.1)
 
 
 @pytest.mark.parametrize("seed", range(10))

@@ -173,7 +173,7 @@ class JointState(NamedTuple):
     linear: Array  # (37,) whether `p` has losses by inflow now, and its linear damping without them
     codes: Codes  # (n, 4)
     linearised_at: Array  # (n,) theta that the motion is linearised about; `p` and the inputs have these values
-    learns: Array  # (n,) 1, and 0 for a coefficient of motion that no sensor shows: considered, never updated
+    learns: Array  # (n,) 1, and 0 for one of motion that nothing shows or drives: considered, never updated
     information_time: Array  # (n,) time over which theta has learned [s]
     information_rate: Array  # (n,) information of late: -d(log variance), fading over INFORMATION_MEMORY
     active: Array  # (N,) 1, and 0 for a coefficient that is considered but not updated

@@ -39,7 +39,7 @@ def estimate_of(
 
     Args:
         vehicle: what is not free. theta, covariance: (n,), (n, n) in the coordinates of the prior's `free`.
-        learned: which of them were (n,), by default all; of the others no sensor shows the motion.
+        learned: which of them were (n,), by default all; of the others nothing shows or drives the motion.
     """
     free = prior.free
     rows = [k for k, name in enumerate(free.names) if name in COEFFICIENTS]
