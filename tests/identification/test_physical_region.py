@@ -48,7 +48,8 @@ def test_only_added_inertia_moves_the_scale_of_force() -> None:
     region = Region(NOTHING.with_coefficients(prior.vehicle_values), free)
     feeding = prior.mean.copy()
     feeding[prior.names.index("K_p")] = 0.5
-    along = np.where(gains, 1.0, np.where(free.codes[:, 0] < N_KINDS, feeding, 0.0))  # what a larger scale does to all forces
+    forces = np.where(free.codes[:, 0] < N_KINDS, feeding, 0.0)
+    along = np.where(gains, 1.0, forces)  # what a larger scale does
     common = prior.covariance * 0.01 + 0.03**2 * np.outer(along, along)
     found = region.nearest(feeding, common)
     assert found[prior.names.index("K_p")] == pytest.approx(0.0, abs=1e-9)
