@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from towtank.identification import Learner, LogLearning, learn_recordings
-from towtank.identification.offline.first_look import mirrored
 from towtank.recording import ColumnMapping, Recording, read_csv
 from towtank.validation import validate
 from towtank.vehicle import Vehicle, load_vehicle
@@ -139,20 +138,21 @@ def pool(data: Path) -> Learned:
 
 def boat(data: Path) -> Learned:
     """The surface craft with two thrusters."""
-    return Learned(load_vehicle("blueboat"), data / "blueboat_2024", BOAT_MAP, "log_{}.csv")
+    return Learned(load_vehicle("blueboat_2024"), data / "blueboat_2024", BOAT_MAP, "log_{}.csv")
 
 
 def wrongly_wired(vehicle: Vehicle) -> Vehicle:
     """The surface craft as its makers draw it: the thruster called left to port."""
-    other = mirrored(vehicle, [5])
-    if other is None:
-        raise ValueError(f"{vehicle.name}: its yaw moment cannot be mirrored")
-    return other
+    other_side = [
+        each.model_copy(update={"position": (each.position[0], -each.position[1], each.position[2])})
+        for each in vehicle.thrusters
+    ]
+    return vehicle.model_copy(update={"thrusters": tuple(other_side)})
 
 
 def sea(data: Path) -> tuple[Vehicle, Sequence[Recording]]:
     """The BlueROV2 with a DVL at sea, under feedback in a current: vehicle, and the two halves of the run."""
-    vehicle = load_vehicle("bluerov2_heavy")
+    vehicle = load_vehicle("bluerov2_heavy_as_published")
     rows = []
     for k, thruster in enumerate(vehicle.thrusters, 1):
         turned = "scale = -1.0, offset = 3000.0" if k in _SEA_BACKWARDS else "scale = 1.0"

@@ -65,8 +65,8 @@ CASES = (
     Case("heavy", "bluerov2_heavy", ("all-telegraph", "--duration", "30", "--sensors", "mocap", "--seed", "4")),
     Case("pool-yaw", "bluerov_2016", real="bluerov_pool_2016/yaw_3_*.csv", mapping=POOL_MAP),
     Case("pool-all", "bluerov_2016", real="bluerov_pool_2016/all_3_*.csv", mapping=POOL_MAP),
-    Case("sea", "bluerov2_heavy", real="bluerov2_dvl_sea_2026/run_20hz.csv", mapping=_SEA, window="0,100"),
-    Case("boat", "blueboat", real="blueboat_2024/log_222.csv", mapping=BOAT_MAP),
+    Case("sea", "bluerov2_heavy_as_published", real="bluerov2_dvl_sea_2026/run_20hz.csv", mapping=_SEA, window="0,100"),
+    Case("boat", "blueboat_2024", real="blueboat_2024/log_222.csv", mapping=BOAT_MAP),
 )
 
 

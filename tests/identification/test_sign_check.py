@@ -7,14 +7,14 @@ import pytest
 
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import samples_of
-from towtank.identification.offline.first_look import mirrored, reversals
+from towtank.identification.offline.wiring import Wiring, rewired, wiring_of
 from towtank.recording import Recording
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate
-from towtank.vehicle import Thruster, Vehicle, configuration_matrix, load_vehicle
+from towtank.vehicle import Thruster, Vehicle, configuration_matrix
 
 from .runs import TRUTH, box, unknown, waves
 
-SWAY, YAW = 1, 5
+SWAY = 1
 
 
 def craft() -> Vehicle:
@@ -35,27 +35,36 @@ def spins(seconds: float, seed: int = 0) -> Recording:
     return simulate(craft(), commands=commands, dt=0.01, sensors=Mocap(), disturbance=force, seed=seed)
 
 
-def test_thrusters_on_the_wrong_side_are_found_and_those_on_the_right_side_left_alone() -> None:
+def inertia(vehicle: Vehicle) -> np.ndarray:
+    return np.diag(vehicle.mass_matrix)
+
+
+@pytest.mark.parametrize("wiring", [Wiring((0,)), Wiring((1,)), Wiring((0, 1)), Wiring((), (0, 1))], ids=str)
+def test_what_is_turned_or_swapped_is_found_as_it_is(wiring: Wiring) -> None:
     vehicle, run = craft(), spins(40.0)
-    swapped = mirrored(vehicle, [YAW])
-    assert swapped is not None
-    assert reversals([samples_of(run, vehicle)]) == ()
-    found = reversals([samples_of(run, swapped)])
-    assert [each.axis for each in found] == [YAW]
-    assert found[0].reversed_share > 0.6
-    assert found[0].share < 0.1
-    assert "the commanded yaw moment acts with the opposite sign" in found[0].text
+    assert not wiring_of([samples_of(run, vehicle)], inertia(vehicle))
+    supposed = rewired(vehicle, wiring)
+    found = wiring_of([samples_of(run, supposed)], 1.3 * inertia(vehicle))
+    assert found.matrix(configuration_matrix(supposed)) == pytest.approx(configuration_matrix(vehicle), abs=1e-9)
+    assert [t.name for t in supposed.thrusters] == [t.name for t in vehicle.thrusters]
+
+
+def test_it_is_told_by_number_and_name() -> None:
+    assert Wiring((0,)).said(craft()) == "thruster 1 (left) pushes the other way than the file says"
+    said = Wiring((0, 1), (0, 1)).said(craft())
+    assert said == (
+        "the outputs of thrusters 1 (left) and 2 (right) are swapped, and thrusters 1 (left) and 2 (right) push the "
+        "other way than the file says"
+    )
 
 
 def test_learning_goes_on_with_the_thrusters_where_they_are() -> None:
     vehicle, run = craft(), spins(40.0)
-    swapped = mirrored(vehicle, [YAW])
-    assert swapped is not None
-    learning = learn_recordings(swapped, [run], free=("N_rdot", "N_rr"), delay=0.0)
+    swapped = rewired(vehicle, Wiring((), (0, 1)))
+    learning = learn_recordings(swapped, [run], free=("N_rdot", "N_rr", "X_uu"), delay=0.0)
     [finding] = learning.findings
-    assert finding.what == "yaw"
-    assert "yaw moment acts with the opposite sign" in finding.text
-    assert not any("opposite sign" in text for text in learning.warnings)
+    assert finding.what == "thrusters"
+    assert finding.text.startswith("the outputs of thrusters 1 (left) and 2 (right) are swapped")
     assert configuration_matrix(learning.model) == pytest.approx(configuration_matrix(vehicle), abs=1e-9)
     assert 1.5 - learning.estimate["N_rdot"].value == pytest.approx(2.3, rel=0.05)
 
@@ -72,9 +81,9 @@ def test_every_axis_of_a_recorded_wrench(axis: int) -> None:
     # at one frequency alone a righting moment and a reversed sign look alike
     wrench = waves(4000, 0.01, (axis, amplitude, 0.7), (axis, 0.8 * amplitude, 3.1), (axis, amplitude, 1.7))
     samples = samples_of(simulate(box(), wrench=wrench, sensors=Mocap()), box())
-    assert reversals([samples]) == ()
+    assert not wiring_of([samples], inertia(box()))
     samples.input_force[:, axis] *= -1.0
-    assert [each.axis for each in reversals([samples])] == [axis]
+    assert wiring_of([samples], inertia(box())) == Wiring((axis,))
 
 
 def test_a_wrench_of_the_wrong_sign_is_reported_with_what_to_do() -> None:
@@ -85,21 +94,8 @@ def test_a_wrench_of_the_wrong_sign_is_reported_with_what_to_do() -> None:
     assert "mapping" in learning.findings[0].text
 
 
-def test_mirroring_turns_round_one_axis_and_no_other() -> None:
-    vehicle = load_vehicle("vlbv300")
-    other = mirrored(vehicle, [YAW])
-    if other is not None:
-        expected = configuration_matrix(vehicle)
-        expected[YAW] *= -1.0
-        assert configuration_matrix(other) == pytest.approx(expected, abs=1e-9)
-    boat = load_vehicle("blueboat")
-    turned = mirrored(boat, [YAW])
-    assert turned is not None
-    assert [t.position[1] for t in turned.thrusters] == [-t.position[1] for t in boat.thrusters]
-
-
 def test_short_and_empty_recordings_say_nothing() -> None:
-    assert reversals([samples_of(spins(0.5), craft())]) == ()
-    assert reversals([]) == ()
+    assert not wiring_of([samples_of(spins(0.5), craft())], inertia(craft()))
+    assert not wiring_of([], inertia(craft()))
     still = simulate(box(), wrench=np.zeros((500, 6)), sensors=Mocap())
-    assert reversals([samples_of(still, box())]) == ()
+    assert not wiring_of([samples_of(still, box())], inertia(box()))

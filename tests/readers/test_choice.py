@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from towtank.readers.ardupilot.frame import frame_of
 from towtank.readers.ardupilot.thruster_outputs import command_source, thruster_outputs
 from towtank.readers.ardupilot.water_pressure import Pressure, depth_sources
 from towtank.readers.common.sources import Source, choose
@@ -65,6 +66,18 @@ def test_throttles_of_a_surface_craft() -> None:
     found = thruster_outputs({"SERVO3_FUNCTION": 74.0, "SERVO1_FUNCTION": 73.0, "SERVO5_FUNCTION": np.nan}, OUTPUTS)
     assert found.outputs == {1: 1, 2: 3}
     assert "left throttle" in found.note
+
+
+def test_a_reversed_throttle_is_mirrored_so_that_more_is_ahead() -> None:
+    parameters = {"SERVO1_FUNCTION": 74.0, "SERVO3_FUNCTION": 73.0, "SERVO1_REVERSED": 1.0, "SERVO3_REVERSED": 0.0}
+    found = thruster_outputs(parameters, OUTPUTS)
+    assert (found.outputs, found.mirrored) == ({1: 3, 2: 1}, {2})
+    assert "right with pulses mirrored about 1500" in found.note
+
+
+def test_the_frame_is_known_by_its_number() -> None:
+    assert frame_of({"FRAME_CONFIG": 2.0}) == {"ardusub_frame": "VECTORED_6DOF"}
+    assert frame_of({"FRAME_CONFIG": 7.0}) == frame_of({}) == frame_of({"FRAME_CONFIG": np.nan}) == {}
 
 
 def test_outputs_that_move_where_nothing_is_known() -> None:

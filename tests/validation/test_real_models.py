@@ -88,8 +88,8 @@ def test_boat_is_learned_in_the_plane(boat_logs: Learned) -> None:
 
 
 @pytest.mark.parametrize("half", BOAT_HALVES, ids="+".join)
-def test_the_reversed_yaw_moment_of_the_boat_is_found(boat_logs: Learned, half: tuple[str, ...]) -> None:
+def test_the_swapped_outputs_of_the_boat_are_found(boat_logs: Learned, half: tuple[str, ...]) -> None:
     vehicle = wrongly_wired(boat_logs.vehicle)
     learning = learn_recordings(vehicle, [boat_logs.read(name) for name in half], method="paper")
-    assert any("the commanded yaw moment acts with the opposite sign" in each.text for each in learning.findings)
+    assert any("the outputs of thrusters 1 (left) and 2 (right) are swapped" in each.text for each in learning.findings)
     assert learning.model.thrusters[0].position == pytest.approx(boat_logs.vehicle.thrusters[0].position)

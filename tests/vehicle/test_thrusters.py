@@ -73,13 +73,13 @@ def test_bluerov_2016_has_the_published_map():
 
 
 def test_bluerov2_heavy_moves_the_way_it_should():
-    vehicle = load_vehicle("bluerov2_heavy")
-    T = configuration_matrix(vehicle)
+    T = configuration_matrix(load_vehicle("bluerov2_heavy_as_published"))
     ahead = T @ [1, 1, -1, -1, 0, 0, 0, 0]
     assert ahead[0] == pytest.approx(2 * np.sqrt(2))
     np.testing.assert_allclose(ahead[[1, 2, 5]], 0.0, atol=1e-3)  # the printed angles have three digits
     up = T @ [0, 0, 0, 0, 1, 1, 1, 1]
     np.testing.assert_allclose(up, [0, 0, -4, 0, 0, 0], atol=3e-3)
+    np.testing.assert_array_equal(configuration_matrix(load_vehicle("bluerov2_heavy")), -T)
 
 
 def test_axes_that_only_follow_others_are_left_out(vlbv300):

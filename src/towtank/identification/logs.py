@@ -8,23 +8,29 @@ from dataclasses import replace
 from pathlib import PurePath
 from typing import TypedDict, Unpack
 
+import numpy as np
+
 from towtank.errors import InputError, nearest
 from towtank.identification.data.samples import Samples, prepared, samples_of
 from towtank.identification.least_squares.batch import Progress, learn_paper
+from towtank.identification.model.prior import prior_of
 from towtank.identification.model.terms import AXES
-from towtank.identification.offline.first_look import driven_axes, mirrored, reversals
-from towtank.identification.offline.joint import LearningRequest, learn_joint, likelier_reversed
+from towtank.identification.offline.first_look import driven_axes
+from towtank.identification.offline.joint import LearningRequest, learn_joint
+from towtank.identification.offline.wiring import rewired, wiring_of
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.identification.posterior.plausibility import implausible
 from towtank.identification.posterior.thrusters import with_gains_of, with_scale
+from towtank.identification.posterior.wording import reversed_force
 from towtank.methods import METHODS
 from towtank.recording import Recording
 from towtank.recording.consistency import Finding, inconsistencies
 from towtank.recording.standard import WRENCH
-from towtank.vehicle import Vehicle, configuration_matrix
+from towtank.vehicle import Vehicle
 from towtank.vehicle.names import ROWS
+from towtank.vehicle.thrusters.ardusub import by_frame
 
-__all__ = ["findings_before", "learn_recordings"]
+__all__ = ["as_wired", "findings_before", "learn_recordings"]
 
 
 class LearningOptions(TypedDict, total=False):
@@ -48,8 +54,8 @@ def learn_recordings(
 ) -> LogLearning:
     """Learn a vehicle's coefficients from one or several recordings.
 
-    Where a commanded force acts with the opposite sign beyond doubt, thrusters are taken to be on the other side, and
-    the findings say so; the model that is learned has them there.
+    Where recordings have thrusters the other way round, or outputs swapped, beyond doubt, the findings say so, and the
+    model that is learned has them so. No thruster is moved.
 
     Args:
         method: "joint": the Kalman filter over motion, disturbance and all unknowns, from the prior; free runs with the
@@ -77,6 +83,7 @@ def learn_recordings(
     if method != "joint" and request.current:
         raise InputError(f"current: method {method} knows none; use method joint")
     recordings = [prepared(recording, vehicle) for recording in recordings]
+    vehicle, of_frame = _in_frame(vehicle, recordings)
     vehicle, of_gains = (vehicle, ()) if request.prior is None else with_gains_of(vehicle, request.prior)
     free = request.free
     try:
@@ -84,11 +91,8 @@ def learn_recordings(
     except InputError:
         samples = ()  # learning says it, and says more
     found, driven = _findings_of(recordings, samples), driven_axes(samples)
-    request = replace(request, vehicle=vehicle, recordings=recordings, samples=samples)
-    vehicle, of_signs = _right_way_round(request)
-    if of_signs and all(each.commands for each in samples):
-        samples = tuple(replace(each, B=configuration_matrix(vehicle)) for each in samples)
-    request = replace(request, vehicle=vehicle, recordings=recordings, samples=samples)
+    request, of_wiring = as_wired(replace(request, vehicle=vehicle, recordings=recordings, samples=samples))
+    vehicle = request.vehicle
     if method == "paper":
         delay, longest = request.delay, request.longest_delay
         learning = learn_paper(vehicle, recordings, free=free, delay=delay, longest_delay=longest, progress=progress)
@@ -96,7 +100,7 @@ def learn_recordings(
     else:
         learning = learn_joint(request, progress)
     learning = replace(learning, driven=driven, warnings=(*of_gains, *learning.warnings))
-    return _with_findings(learning, (*of_signs, *found))
+    return _with_findings(learning, (*of_frame, *of_wiring, *found))
 
 
 def findings_before(vehicle: Vehicle | None, recording: Recording) -> tuple[Finding, ...]:
@@ -108,11 +112,12 @@ def findings_before(vehicle: Vehicle | None, recording: Recording) -> tuple[Find
     if vehicle is None:
         return inconsistencies(recording)
     recording = prepared(recording, vehicle)
+    vehicle, of_frame = _in_frame(vehicle, [recording])
     samples: tuple[Samples, ...] = ()
     with contextlib.suppress(InputError):  # no motion, or no inputs
         samples = (samples_of(recording, vehicle),)
-    _, of_signs = _right_way_round(LearningRequest(vehicle, [recording], samples))
-    return (*of_signs, *_findings_of([recording], samples))
+    _, of_wiring = as_wired(LearningRequest(vehicle, [recording], samples))
+    return (*of_frame, *of_wiring, *_findings_of([recording], samples))
 
 
 def _findings_of(recordings: Sequence[Recording], samples: Sequence[Samples]) -> tuple[Finding, ...]:
@@ -137,22 +142,32 @@ def _with_findings(learning: LogLearning, before: Sequence[Finding]) -> LogLearn
     return replace(learning, findings=(*grave, *(each for each in found if each.allowed_for)), warnings=warnings)
 
 
-def _right_way_round(request: LearningRequest) -> tuple[Vehicle, tuple[Finding, ...]]:
-    """Return the vehicle with its thrusters where the recordings have them, and findings where that is elsewhere.
+def _in_frame(vehicle: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicle, tuple[Finding, ...]]:
+    """Return the vehicle with its thrusters as the frame has them that the recordings' autopilot was set to."""
+    frames = {frame for recording in recordings if (frame := recording.attributes.get("ardusub_frame"))}
+    if len(frames) != 1:
+        return vehicle, ()
+    vehicle, said = by_frame(vehicle, frames.pop())
+    return vehicle, (Finding("thrusters", said),) if said else ()
 
-    What a look at correlations suspects must be far likelier for a model of the motion, too. Where `free` says what to
-    learn, axes of which nothing is learned are left alone.
+
+def as_wired(request: LearningRequest) -> tuple[LearningRequest, tuple[Finding, ...]]:
+    """Return the question with its thrusters wired as the recordings have them, and what differs from the file.
+
+    Where `free` says what to learn, axes of which nothing is learned are left alone.
     """
     vehicle, samples, free = request.vehicle, request.samples, request.free
-    found = [each for each in reversals(samples) if free is None or any(name[0] == ROWS[each.axis] for name in free)]
-    if not found or not likelier_reversed(request, [each.axis for each in found]):
-        return vehicle, ()
-    if all(each.commands for each in samples):
-        other = mirrored(vehicle, [reversal.axis for reversal in found])
-        if other is not None:
-            done = "learning takes the thrusters to be on the other side; check their positions, directions and order"
-            return other, tuple(Finding(AXES[each.axis].name, f"{each.text}; {done}") for each in found)
-        done = "check the thrusters' positions, directions and order in the vehicle's file"
-    else:
+    axes = [k for k in range(6) if free is None or any(name[0] == ROWS[k] for name in free)]
+    if not samples:
+        return request, ()
+    base = prior_of(vehicle, commands=samples[0].commands, beside=request.prior).vehicle_values
+    wiring = wiring_of(samples, np.diag(vehicle.with_coefficients(base).mass_matrix), axes)
+    if not wiring:
+        return request, ()
+    if not samples[0].commands:
         done = "check its sign in the mapping (scale = -1.0 turns a column round)"
-    return vehicle, tuple(Finding(AXES[each.axis].name, f"{each.text}; {done}") for each in found)
+        return request, tuple(Finding(AXES[k].name, f"{reversed_force(k)}; {done}") for k in wiring.turned)
+    other = rewired(vehicle, wiring)
+    rebound = tuple(samples_of(each, other) for each in request.recordings)
+    found = Finding("thrusters", f"{wiring.said(vehicle)}; learning takes them so")
+    return replace(request, vehicle=other, samples=rebound), (found,)

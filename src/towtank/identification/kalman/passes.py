@@ -70,7 +70,6 @@ __all__ = [
     "inputs_of",
     "joint_fit",
     "latencies_of",
-    "log_likelihood",
     "narrowed_to",
     "next_recording",
     "one_pass",
@@ -369,18 +368,6 @@ def joint_fit(
         fit = _settled(found, fit.theta, fit.levels, lambda share: progress(0.5 + 0.5 * share))
     progress(1.0)
     return fit
-
-
-def log_likelihood(problem: JointProblem) -> float:
-    """Return the log likelihood of stretches of the samples under the prior: that of the first pass.
-
-    Of recordings that contradict themselves, later passes differ by hundreds with what each of them rejects.
-    """
-    few = problem.over(spread(problem.samples))
-    most = most_disturbed(few.samples, np.array(few.vehicle.parameters))
-    levels = replace(few.rough, disturbance=np.minimum(few.rough.disturbance, most))
-    state, _, _ = one_pass(few, few.prior.mean, levels)
-    return float(np.nan_to_num(state.clock[0].log_likelihood, nan=-np.inf))
 
 
 def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem, JointFit]:

@@ -25,7 +25,6 @@ from towtank.identification.kalman.passes import (
     JointProblem,
     further_unknowns,
     joint_fit,
-    log_likelihood,
     narrowed_to,
     settings_for,
 )
@@ -39,9 +38,8 @@ from towtank.identification.posterior.thrusters import learned_gains, scale_rema
 from towtank.recording import Grid, Recording, align
 from towtank.vehicle import FORWARD_SPEED, Vehicle
 
-__all__ = ["LearningRequest", "joint_problem", "learn_joint", "likelier_reversed"]
+__all__ = ["LearningRequest", "joint_problem", "learn_joint"]
 
-_FAR_LIKELIER = 20.0  # of the log likelihood
 _CURRENT = slice(18, 21)  # of the filter's errors
 _WORTH_SAYING = 0.02  # m/s, and so many deviations of a current
 Progress = Callable[[str, float], None]
@@ -103,22 +101,6 @@ def joint_problem(request: LearningRequest) -> JointProblem:
     settings = settings_for(samples, filter_settings())
     noise = np.median([noise_of_rows(each.t, each.values) for each in samples], axis=0)
     return JointProblem(samples, base, prior, settings, np.asarray(noise), request.delay or 0.0)
-
-
-def likelier_reversed(request: LearningRequest, axes: Sequence[int]) -> bool:
-    """Return whether recordings are far likelier with the commanded forces along `axes` turned round.
-
-    Both are learned from the prior. An autopilot that damps an axis commands against its motion all the time: a
-    correlation takes that for a reversed thruster, and a model of the motion does not.
-    """
-    found = []
-    for sign in (1.0, -1.0):
-        turned = np.ones(6)
-        turned[list(axes)] = sign
-        samples = tuple(replace(each, B=turned[:, None] * each.B) for each in request.samples)
-        problem = joint_problem(replace(request, samples=samples, free=None))
-        found.append(log_likelihood(problem))
-    return found[1] > found[0] + _FAR_LIKELIER
 
 
 def _learned(

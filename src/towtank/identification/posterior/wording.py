@@ -192,9 +192,6 @@ def unreachable(names: Sequence[str]) -> str:
     )
 
 
-def reversed_force(axis: int, reversed_share: float, share: float) -> str:
-    """A commanded force that acts the wrong way round; shares of the speed's square that it explains either way."""
-    return (
-        f"the {_wrench(axis)} acts with the opposite sign: reversed, it explains "
-        f"{100.0 * reversed_share:.0f} % of {AXES[axis].velocity}, as it is {100.0 * share:.0f} %"
-    )
+def reversed_force(axis: int) -> str:
+    """A recorded force that acts the wrong way round."""
+    return f"the {_wrench(axis)} acts with the opposite sign"

@@ -55,7 +55,12 @@ def _by_function(
     found: dict[int, int], parameters: Mapping[str, float], unknown: Sequence[int], *, throttles: bool
 ) -> ThrusterOutputs:
     if throttles:
-        return ThrusterOutputs(found, note="cmd_1 is the left throttle, cmd_2 the right one")
+        reversed_ = frozenset(n for n, output in found.items() if parameters.get(f"SERVO{output}_REVERSED") == 1.0)
+        note = "cmd_1 is the left throttle, cmd_2 the right one"
+        if reversed_:
+            sides = " and ".join(("left", "right")[n - 1] for n in sorted(reversed_))
+            note += f"; {sides} with pulses mirrored about 1500 (SERVOn_REVERSED), so that more is ahead"
+        return ThrusterOutputs(found, reversed_, note)
     directions = {n: parameters.get(f"MOT_{n}_DIRECTION") for n in found}
     mirrored = frozenset(n for n, direction in directions.items() if direction is not None and direction < 0)
     notes = []

@@ -9,6 +9,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
+from towtank.readers.ardupilot.frame import frame_of
 from towtank.readers.common.sources import Quantity, Source, choose
 from towtank.readers.common.tables import Table, Tables
 from towtank.recording.channel import Channel
@@ -62,9 +63,8 @@ def recording_of(tables: Tables, sources: Sequence[Source], *, reasons: Mapping[
         notes += [f"{source.table}: {note}" for note in piece.notes]
         notes += [source.note] if source.note else []
     contents = contents_of(tables, used, {**(reasons or {}), **why})
-    return Recording(
-        channels, tables.source, tuple(dict.fromkeys(notes)), dict(tables.attributes), repairs, contents=contents
-    )
+    attributes = {**tables.attributes, **frame_of(tables.parameters)}
+    return Recording(channels, tables.source, tuple(dict.fromkeys(notes)), attributes, repairs, contents=contents)
 
 
 def _grouped(reasons: Iterable[tuple[Source, str]]) -> dict[str, str]:

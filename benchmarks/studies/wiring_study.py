@@ -1,0 +1,192 @@
+"""Thrusters that push the other way than the file says, and outputs that are swapped: how often a log shows them.
+
+    python benchmarks/studies/wiring_study.py [--runs 200] [--only VECTORED,SIMPLEROV_3] [--output wiring.json]
+
+Each of ArduSub's frames, flown for 30 s by a pilot who pushes sticks while the autopilot holds roll and pitch where he
+wants them; in the log are gyro and accelerometer (25 Hz), attitude, depth and commands (10 Hz), nothing else. Every
+thruster turned by itself and every two outputs swapped must be found as they are (two wirings that make the same wrench
+are one); in `--runs` right logs nothing may be found.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from report import checks_table, show
+from rich.table import Table
+from runner import arguments, over, write_json
+from summary import Check
+
+import towtank as tt
+from towtank.identification.data.samples import prepared, samples_of
+from towtank.identification.logs import as_wired
+from towtank.identification.offline.joint import LearningRequest
+from towtank.identification.offline.wiring import Wiring, rewired
+from towtank.recording import Channel, Recording
+from towtank.recording.standard import standard_of
+from towtank.vehicle import Thruster, Vehicle, configuration_matrix
+from towtank.vehicle.thrusters.ardusub import FRAMES, Frame
+
+DURATION, DT = 30.0, 0.02  # s
+_ARMS = (0.15, 0.11, 0.2)  # m: ahead and beside of horizontal thrusters, beside of vertical ones
+_LEAN = 1.0  # rad of roll or pitch asked for by full stick
+_STIFFNESS, _DAMPING = (0.1, 0.1), (0.04, 0.04, 0.05)  # of full thrust for 1 rad, and for 1 rad/s
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a run came to: whether the wiring is taken as it is, and what was said."""
+
+    frame: str
+    kind: str
+    right: bool
+    said: str
+
+
+def vehicle_of(frame: Frame) -> Vehicle:
+    """A BlueROV2 Heavy's body with thrusters of which each does what the frame's table says of its motor."""
+    base = tt.load_vehicle("bluerov2_heavy")
+    curve = base.thrusters[0].curve
+    thrusters = []
+    for k, (X, Y, Z, K, M, N) in enumerate(frame.wrench.T):
+        along = np.array([X, Y, Z]) / np.linalg.norm([X, Y, Z])
+        if Z:
+            place = (-np.sign(M * Z) * _ARMS[0], np.sign(K * Z) * _ARMS[2], 0.0)
+        else:
+            place = (N * np.sign(Y) * _ARMS[0], -N * np.sign(X) * _ARMS[1], -0.05 * np.sign(K * Y))
+        direction = tuple(float(x) for x in along)
+        where = tuple(float(x) for x in place)
+        thrusters.append(
+            Thruster(name=f"m{k + 1}", position=where, direction=direction, curve=curve, time_constant=0.05)
+        )
+    return base.model_copy(update={"thrusters": tuple(thrusters)})
+
+
+def flown(truth: Vehicle, frame: Frame, seed: int) -> Recording:
+    """A log of 30 s under ArduSub's mixer, with sticks held for 0.7 to 3 s, half of them at rest."""
+    rng = np.random.default_rng(seed)
+    n = round(DURATION / DT)
+    drives = np.abs(frame.wrench).sum(axis=1) > 0.0
+    drives[3] &= frame.name not in ("BLUEROV1",)
+    sticks = np.zeros((n, 6))
+    for axis in np.flatnonzero(drives):
+        k = 0
+        while k < n:
+            held = round(rng.uniform(0.7, 3.0) / DT)
+            if rng.random() < 0.5:
+                sticks[k : k + held, axis] = rng.choice((-1.0, 1.0)) * rng.uniform(0.2, 0.6)
+            k += held
+    eta, nu = np.array([0.0, 0.0, 3.0, 0.0, 0.0, rng.uniform(-3.0, 3.0)]), np.zeros(6)
+    thrust, force = np.zeros(len(truth.thrusters)), np.zeros(6)
+    level = np.array([0.5, 0.5, 0.5, 0.05, 0.05, 0.05])
+    rows = {name: np.empty((n, 6)) for name in ("eta", "nu", "nu_dot")}
+    pulses = np.empty((n, len(truth.thrusters)))
+    signs = frame.wrench.T
+    keep = np.exp(-DT / 2.0)
+    for k in range(n):
+        asked = sticks[k].copy()
+        asked[3:5] = np.array(_STIFFNESS) * (_LEAN * asked[3:5] - eta[3:5])
+        asked[3:] -= np.array(_DAMPING) * nu[3:]
+        asked[~drives] = 0.0
+        pulses[k] = 1500.0 + 400.0 * np.clip(signs @ asked, -1.0, 1.0)
+        thrust += DT / 0.1 * (pulses[k] - 1500.0 - thrust)
+        force = keep * force + np.sqrt(1.0 - keep**2) * level * rng.standard_normal(6)
+        tau = tt.thruster_wrench(truth, 1500.0 + thrust) + force
+        rows["eta"][k], rows["nu"][k] = eta, nu
+        half = nu + 0.5 * DT * tt.forward_dynamics(truth, eta, nu, tau)
+        rows["nu_dot"][k] = tt.forward_dynamics(truth, eta, half, tau)
+        nu = nu + DT * rows["nu_dot"][k]
+        eta = eta + DT * _eta_dot(eta, nu)
+    return _logged(rows, pulses, rng)
+
+
+def _eta_dot(eta: np.ndarray, nu: np.ndarray) -> np.ndarray:
+    from towtank.core.attitude import euler_rates_matrix, rotation_from_euler
+
+    angles = np.linalg.solve(euler_rates_matrix(eta[3], eta[4]), nu[3:])
+    return np.concatenate([rotation_from_euler(*eta[3:]) @ nu[:3], angles])
+
+
+def _logged(rows: dict[str, np.ndarray], pulses: np.ndarray, rng: np.random.Generator) -> Recording:
+    t = DT * np.arange(len(pulses))
+    fast, slow = slice(0, None, 2), slice(0, None, 5)
+    phi, theta = rows["eta"][:, 3], rows["eta"][:, 4]
+    gravity = 9.81 * np.column_stack([-np.sin(theta), np.cos(theta) * np.sin(phi), np.cos(theta) * np.cos(phi)])
+    turning = np.cross(rows["nu"][:, 3:], rows["nu"][:, :3])
+    force = rows["nu_dot"][:, :3] + turning - gravity
+    channels = []
+    for j, name in enumerate("pqr"):
+        noisy = rows["nu"][fast, 3 + j] + 0.005 * rng.standard_normal(t[fast].size)
+        channels.append(_channel(name, t[fast], noisy))
+    for j, name in enumerate(("ax", "ay", "az")):
+        channels.append(_channel(name, t[fast], force[fast, j] + 0.1 * rng.standard_normal(t[fast].size)))
+    for name, values, noise in (
+        ("phi", phi, 0.005),
+        ("theta", theta, 0.005),
+        ("psi", np.angle(np.exp(1j * rows["eta"][:, 5])), 0.01),
+        ("z", rows["eta"][:, 2], 0.01),
+    ):
+        channels.append(_channel(name, t[slow], values[slow] + noise * rng.standard_normal(t[slow].size)))
+    channels += [_channel(f"cmd_m{k + 1}", t[slow], pulses[slow, k]) for k in range(pulses.shape[1])]
+    return Recording({each.name: each for each in channels})
+
+
+def _channel(name: str, t: np.ndarray, values: np.ndarray) -> Channel:
+    return Channel(name, t, values, *standard_of(name)[:2])
+
+
+def case(name: str, wiring: Wiring, seed: int) -> Found:
+    """Fly a frame, and look with a file whose wiring differs."""
+    frame = next(each for each in FRAMES.values() if each.name == name)
+    truth = vehicle_of(frame)
+    supposed = rewired(truth, wiring)
+    run = prepared(flown(truth, frame, seed), supposed)
+    request, findings = as_wired(LearningRequest(supposed, [run], [samples_of(run, supposed)]))
+    right = np.allclose(configuration_matrix(request.vehicle), configuration_matrix(truth), atol=1e-9)
+    kind = "swapped" if wiring.swapped else "turned" if wiring.turned else "right"
+    return Found(name, kind, right, "; ".join(finding.text for finding in findings))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the study; 0 where everything that must hold holds."""
+    options = arguments(__doc__ or "", 200, argv)
+    only = options.only.split(",") if options.only else [frame.name for frame in FRAMES.values()]
+    cases: list[tuple[str, Wiring, int]] = []
+    for k, frame in enumerate(each for each in FRAMES.values() if each.name in only):
+        n, B = len(frame.motors), configuration_matrix(vehicle_of(frame))
+        wrong = [Wiring((i,)) for i in range(n)]
+        wrong += [
+            Wiring((), pair) for pair in combinations(range(n), 2) if not np.allclose(B[:, pair[0]], B[:, pair[1]])
+        ]
+        right = -(-options.runs // len(only))
+        for j, wiring in enumerate([*wrong, *([Wiring()] * right)]):
+            cases.append((frame.name, wiring, options.seed + 1000 * k + j))
+    found = over("wirings", case, cases, options.workers)
+    table = Table(title="wirings found as they are, 30 s each", title_justify="left")
+    for name in ("frame", "turned", "swapped", "right"):
+        table.add_column(name)
+    for frame_name in only:
+        own = [each for each in found if each.frame == frame_name]
+        cells = []
+        for kind in ("turned", "swapped", "right"):
+            some = [each.right for each in own if each.kind == kind]
+            cells.append(f"{sum(some)} of {len(some)}")
+        table.add_row(frame_name, *cells)
+    wrong_ones = [each.right for each in found if each.kind != "right"]
+    checks = [
+        Check("share of wrong wirings found", float(np.mean(wrong_ones)), low=0.99),
+        Check("right logs with a find", float(sum(not each.right for each in found if each.kind == "right")), high=0.0),
+    ]
+    show(table)
+    show(checks_table("must hold", checks))
+    rows = [{"frame": each.frame, "kind": each.kind, "right": each.right, "said": each.said} for each in found]
+    write_json(options.output, {"study": "wiring", "runs": rows, "checks": [each.document() for each in checks]})
+    return 0 if all(check.met for check in checks) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

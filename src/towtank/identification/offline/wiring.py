@@ -1,0 +1,471 @@
+"""Which way each thruster pushes, and which output drives which, as recordings show it.
+
+A vehicle's file says where thrusters are and which way a positive command pushes. Outputs may be swapped, propellers
+turn the other way, parameters of an autopilot be missing from a log. Every axis tells of all thrusters at once: its
+speed is what inertia, damping and, in roll and pitch, a righting moment make of their forces,
+
+    v' = -v / T - w^2 x + g sum_k B_ik F_k(t - d),   x' = v,
+
+over windows with a start and a mean of their own, for a bank of time constants T, frequencies w and delays d. Looked at
+is the speed; where it is not measured, specific force (v') or depth (x).
+Fitted without any knowledge of the vehicle, gains b_k of each thruster come out, with an information matrix A by the
+independent samples of what is left. A vehicle whose thrusters are wired B' = B P S (signs S, outputs swapped by P) has
+
+    b_k = g B'_ik (1 + e_k) + g max_k |B_ik| f_k,
+
+g one over the inertia within what is supposed of it, e of 0.2 and f of 0.1 what models do not know of a thruster and of
+other axes. The likelihood of a wiring is that of all axes together; an axis that no wiring explains (an autopilot's
+feedback can turn any motion round) is held against none for more than 40 nats.
+
+Everything is made white by an autoregression of what is left, so that a slow disturbance, and an autopilot that answers
+it, count for no more than they tell. Wiring is called wrong where another one is far likelier. Thrusters are turned or
+their outputs swapped; none is moved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import expm
+
+from towtank.core.arrays import Array
+from towtank.core.attitude import euler_rates_matrix, rotation_from_euler
+from towtank.identification.data.samples import Samples
+from towtank.vehicle import Vehicle
+
+__all__ = ["Wiring", "rewired", "wiring_of"]
+
+STEP = 0.1  # s
+_WINDOW, _SHORTEST, _MOST = 20.0, 5.0, 60  # s, s; windows used, spread evenly
+_TIMES = (0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8)  # s
+_SWINGS, _DAMPED = (0.5, 1.0, 2.0, 4.0, 8.0), (0.2, 0.8, 3.2)  # rad/s, and s, of what is righted
+_DELAYS = ((0, 0.0), (1, 0.0), (2, 0.0), (4, 0.0), (0, 0.1), (0, 0.2), (1, 0.1), (1, 0.3))  # steps, and lags [s]
+_LATEST = 4  # steps
+_GAIN = 0.5  # deviation of the logarithm of g
+_GAINS = np.linspace(-1.25, 1.25, 7)
+_ALONE = 1e-6  # of the largest eigenvalue: below it inputs cannot be told apart
+_KEPT = 24  # time constants, frequencies and delays that are looked at closely
+_WHITENED, _MEMORY = 1, 4  # times, and steps that it looks back
+_LAGS = 20  # steps over which what is left may still be alike
+_GAIN_ERROR, _COUPLING = 0.2, 0.1  # of a thruster's own force, and of the largest one's on the axis
+_NONSENSE = 40.0  # nats that it costs an axis to follow no wiring
+# nats that a turned thruster costs, a swap, and the logarithm of how many swaps there are
+_TURN, _SWAP, _CHOICE = 2.0, 4.0, 4.0
+_SURE = 18.0  # nats by which another wiring must be likelier than the file's
+_CLOSE = 0.5  # s over which a speed is interpolated
+_LEVEL = 0.05  # cosine of pitch above which Euler angles give rates
+_MANY = 12  # thrusters, above which not every set of signs is tried
+_GRAVITY = 9.81
+_SPEED, _PLACE, _FORCE = range(3)  # what is looked at of an axis: v, x, v'
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """How recordings have the thrusters, against the vehicle's file.
+
+    Attributes:
+        turned: thrusters (0 ..) that push the other way. swapped: two whose outputs are exchanged, or none.
+    """
+
+    turned: tuple[int, ...] = ()
+    swapped: tuple[int, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.turned or self.swapped)
+
+    def said(self, vehicle: Vehicle) -> str:
+        """It in plain words, for the vehicle as its file has it."""
+        words = []
+        if self.swapped:
+            words.append(f"the outputs of thrusters {_named(self.swapped, vehicle)} are swapped")
+        if self.turned:
+            many = "thrusters" if len(self.turned) > 1 else "thruster"
+            push = "push" if len(self.turned) > 1 else "pushes"
+            words.append(f"{many} {_named(self.turned, vehicle)} {push} the other way than the file says")
+        return ", and ".join(words)
+
+    def matrix(self, B: Array) -> Array:
+        """Return the wrench (6, n) of each thruster's force, as wired."""
+        out = B.copy()
+        if self.swapped:
+            a, b = self.swapped
+            out[:, [a, b]] = out[:, [b, a]]
+        out[:, list(self.turned)] *= -1.0
+        return out
+
+
+def _named(which: Sequence[int], vehicle: Vehicle) -> str:
+    names = [f"{k + 1} ({vehicle.thrusters[k].name})" for k in which]
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def rewired(vehicle: Vehicle, wiring: Wiring) -> Vehicle:
+    """Return the vehicle with these outputs swapped and then these outputs' thrusters turned round; none is moved.
+
+    A swapped pair changes places in the file: the first output then drives the second thruster.
+    """
+    thrusters = list(vehicle.thrusters)
+    if wiring.swapped:
+        a, b = wiring.swapped
+        thrusters[a], thrusters[b] = (
+            thrusters[b].model_copy(update={"name": thrusters[a].name}),
+            thrusters[a].model_copy(update={"name": thrusters[b].name}),
+        )
+    for k in wiring.turned:
+        turned = tuple(-x + 0.0 for x in thrusters[k].direction)
+        thrusters[k] = thrusters[k].model_copy(update={"direction": turned})
+    return vehicle.model_copy(update={"thrusters": tuple(thrusters)})
+
+
+def wiring_of(samples: Sequence[Samples], inertia: Array, axes: Sequence[int] = range(6)) -> Wiring:
+    """Return how recordings have the inputs wired; nothing turned or swapped where they do not speak for it.
+
+    Args:
+        samples: with the same inputs. inertia: what is supposed of the total inertia (6,) of each axis.
+        axes: those to look at.
+    """
+    if not samples:
+        return Wiring()
+    B = samples[0].B
+    evidence = [found for axis in axes for found in _evidence(samples, axis)]
+    if not evidence:
+        return Wiring()
+    tried = _signs(B.shape[1])
+    likelihood = _likelihood(evidence, tried, B, inertia)
+    if samples[0].commands:
+        swaps = _swaps(tried[int(np.argmax(likelihood - _price(tried, B.shape[1])))], B)
+        tried, likelihood = tried + swaps, np.append(likelihood, _likelihood(evidence, swaps, B, inertia))
+    judged = likelihood - _price(tried, B.shape[1])
+    best = int(np.argmax(judged))
+    return tried[best] if judged[best] > judged[0] + _SURE else Wiring()
+
+
+def _signs(n: int) -> list[Wiring]:
+    """Return the ways to turn n thrusters, none turned first."""
+    sizes = range(n + 1) if n <= _MANY else (0, 1, 2, n)
+    return [Wiring(turned) for size in sizes for turned in combinations(range(n), size)]
+
+
+def _swaps(first: Wiring, B: Array) -> list[Wiring]:
+    """Return two outputs swapped, with none, some or the likeliest thrusters turned."""
+    n = B.shape[1]
+    few = [turned for size in range(3) for turned in combinations(range(n), size)]
+    near = {tuple(sorted(set(first.turned) ^ set(turned))) for turned in few}
+    return [
+        Wiring(turned, pair)
+        for pair in combinations(range(n), 2)
+        for turned in sorted({*few, *near})
+        if not np.allclose(B[:, pair[0]], B[:, pair[1]])
+    ]
+
+
+def _price(tried: Sequence[Wiring], n: int) -> Array:
+    """Return what each way (h,) of wiring n inputs costs before any data [nats]; a swap more where many are."""
+    swap = _SWAP + _CHOICE * np.log(max(n * (n - 1) / 2.0, 1.0))
+    return np.array([_TURN * len(each.turned) + swap * bool(each.swapped) for each in tried])
+
+
+class _Evidence(NamedTuple):
+    """Of an axis, for the likeliest time constants, frequencies and delays (k): what any inputs whatever make of it.
+
+    gains: (k, n) of each input. information: (k, n, n) of them. misfit: (k,), half the square of what they leave, in
+    deviations. worth: nats by which they explain the motion.
+    """
+
+    axis: int
+    gains: Array
+    information: Array
+    misfit: Array
+    worth: float
+
+
+def _likelihood(evidence: Sequence[_Evidence], tried: Sequence[Wiring], B: Array, inertia: Array) -> Array:
+    """Return the log likelihood of each way (h,)."""
+    out = np.zeros(len(tried))
+    signs = np.ones((len(tried), B.shape[1]))
+    groups: dict[tuple[int, ...], list[int]] = {}
+    for h, each in enumerate(tried):
+        groups.setdefault(each.swapped, []).append(h)
+        signs[h, list(each.turned)] = -1.0
+    for found in evidence:
+        for swapped, which in groups.items():
+            beta = Wiring((), swapped).matrix(B)[found.axis] / inertia[found.axis]
+            out[which] += _of_axis(found, beta, signs[which])
+    return out
+
+
+def _of_axis(found: _Evidence, beta: Array, signs: Array) -> Array:
+    """Return the log likelihood (h,) of an axis where its inputs should do beta (n,), but for signs."""
+    size = np.abs(beta).max()
+    if not size > 0.0:
+        return np.zeros(len(signs))
+    gains, A, misfit = found.gains, found.information, found.misfit
+    several = []
+    for gain in _GAINS:
+        g = np.exp(gain)
+        spread = (g * _GAIN_ERROR * beta) ** 2 + (g * _COUPLING * size) ** 2
+        weight, constant = _weight(A, spread)
+        own = np.einsum("ki,kij,kj->k", gains, weight, gains)
+        cross = (weight @ gains[:, :, None])[:, :, 0] * (g * beta)
+        square = weight * (g * beta)[:, None] * (g * beta)
+        apart = own[:, None] - 2.0 * cross @ signs.T + ((signs @ square) * signs).sum(axis=2)
+        several.append((constant - misfit)[:, None] - 0.5 * apart - 0.5 * (gain / _GAIN) ** 2)
+    follows = np.max(several, axis=(0, 1))
+    weight, constant = _weight(A, np.full(beta.size, (2.0 * size) ** 2))
+    own = np.einsum("ki,kij,kj->k", gains, weight, gains)
+    nonsense = float(np.max(constant - misfit - 0.5 * own)) - _NONSENSE
+    return np.asarray(np.logaddexp(follows, nonsense))
+
+
+def _weight(A: Array, spread: Array) -> tuple[Array, Array]:
+    """Return (A^-1 + P)^-1 (k, n, n) and -ln |I + A P| / 2 (k,) for P = diag(spread); A (k, n, n) may be singular."""
+    with_it = np.eye(spread.size) + A * spread
+    return np.asarray(np.linalg.solve(with_it, A)), np.asarray(-0.5 * np.linalg.slogdet(with_it)[1])
+
+
+def _evidence(samples: Sequence[Samples], axis: int) -> list[_Evidence]:
+    """Return what tells most of an axis: its speed, else specific force or depth; or nothing."""
+    for kinds in ((_SPEED,), (_FORCE, _PLACE)):
+        found = [each for kind in kinds if (each := _of_kind(samples, axis, kind)) is not None]
+        if found:
+            return [max(found, key=lambda each: each.worth)]
+    return []
+
+
+def _of_kind(samples: Sequence[Samples], axis: int, kind: int) -> _Evidence | None:
+    motions: list[Array] = []
+    forces: list[Array] = []
+    duration = sum(each.duration for each in samples)
+    span = round(min(_WINDOW, max(_SHORTEST, 0.25 * duration)) / STEP)
+    for each in samples:
+        motion, force = _series(each, axis, kind)
+        for first in range(_LATEST, motion.size - span + 1, span):
+            known = np.isfinite(motion[first : first + span]).all()
+            if known and np.isfinite(force[first - _LATEST : first + span]).all():
+                motions.append(motion[first : first + span])
+                forces.append(force[first - _LATEST : first + span])
+    if len(motions) < 2:
+        return None
+    some = np.unique(np.linspace(0, len(motions) - 1, _MOST).astype(np.int64))
+    return _fitted(np.array(motions)[some], np.array(forces)[some], axis, kind)
+
+
+def _fitted(motion: Array, force: Array, axis: int, kind: int) -> _Evidence:
+    """Return what motion (w, m) tells of the gains of each force (w, d + m, n), start and mean taken out.
+
+    What is left of a first fit is an autoregression, by which everything is made white before the second.
+    """
+    m = motion.shape[1]
+    bank = [(time, 0.0) for time in _TIMES]
+    if axis in (3, 4):
+        bank += [(time, swing) for time in _DAMPED for swing in _SWINGS]
+    responses = [_response(time, swing, m, kind) for time, swing in bank]
+    late = {delay: force[:, _LATEST - delay : _LATEST - delay + m] for delay, _ in _DELAYS}
+    spectra = {delay: np.fft.rfft(each, 2 * m, axis=1) for delay, each in late.items()}
+    made, free = [], []
+    for kernel, basis in responses:
+        for delay, lag in _DELAYS:
+            lagged = np.fft.rfft(_lagged(kernel, lag), 2 * m)[None, :, None]
+            made.append(np.fft.irfft(spectra[delay] * lagged, 2 * m, axis=1)[:, :m])
+            free.append(basis)
+    memory = np.zeros(0)
+    for _ in range(_WHITENED):
+        fits = [_least_squares(motion, y, basis, memory) for y, basis in zip(made, free, strict=True)]
+        best = min(fits, key=lambda fit: fit.share)
+        memory = _autoregression(best.motion - best.made)
+    fits = sorted(
+        (_least_squares(motion, y, basis, memory) for y, basis in zip(made, free, strict=True)),
+        key=lambda fit: fit.share,
+    )
+    best, kept = fits[0], fits[:_KEPT]
+    samples = motion.shape[0] * _independent(best.left)
+    noise = max(best.square, 1e-300) / samples
+    return _Evidence(
+        axis,
+        gains=np.array([fit.gains for fit in kept]),
+        information=np.array([fit.products for fit in kept]) / noise,
+        misfit=0.5 * np.array([fit.square for fit in kept]) / noise,
+        worth=-0.5 * samples * float(np.log(max(best.share, 1e-9))),
+    )
+
+
+def _lagged(kernel: Array, lag: float) -> Array:
+    """Return what a step of force leaves (m,) where it comes through a first-order lag [s]."""
+    if not lag:
+        return kernel
+    share = (1.0 - np.exp(-STEP / lag)) * np.exp(-STEP / lag * np.arange(kernel.size))
+    return np.asarray(np.convolve(kernel, share)[: kernel.size])
+
+
+class _Fit(NamedTuple):
+    """Gains (n,) that make a motion of what each force makes, the products (n, n), what is left (w, m) and its square.
+
+    share: of the motion's square that is left. motion, made: before they were made white.
+    """
+
+    gains: Array
+    products: Array
+    left: Array
+    square: float
+    share: float
+    motion: Array
+    made: Array
+
+
+def _least_squares(motion: Array, y: Array, free: Array, memory: Array) -> _Fit:
+    """Return what makes motion (w, m) of y (w, m, n) and of what a start and a mean do (m, k)."""
+    basis = np.linalg.qr(_white(free.T, memory).T)[0]
+    v, white = _white(motion, memory), np.moveaxis(_white(np.moveaxis(y, 1, 2), memory), 2, 1)
+    v = v - (v @ basis) @ basis.T
+    white = white - basis @ (basis.T @ white)
+    S = np.einsum("wmi,wmj->ij", white, white)
+    gains = np.linalg.lstsq(S, np.einsum("wmi,wm->i", white, v), rcond=_ALONE)[0]
+    left = v - white @ gains
+    square = float((left**2).sum())
+    share = square / max(float((v**2).sum()), 1e-300)
+    whole = np.linalg.qr(free)[0]
+    open_motion, made = motion - (motion @ whole) @ whole.T, y @ gains
+    return _Fit(gains, S, left, square, share, open_motion, made - (made @ whole) @ whole.T)
+
+
+def _white(x: Array, memory: Array) -> Array:
+    """Return x (..., m) less what its past lets expect of it (..., m - p)."""
+    p, m = memory.size, x.shape[-1]
+    out = x[..., p:].copy()
+    for k, share in enumerate(memory, 1):
+        out -= share * x[..., p - k : m - k]
+    return out
+
+
+def _autoregression(left: Array) -> Array:
+    """Return the coefficients (p,) of an autoregression of what is left (w, m)."""
+    m = left.shape[1]
+    alike = np.array([float((left[:, k:] * left[:, : m - k]).sum()) for k in range(_MEMORY + 1)])
+    if not alike[0] > 0.0:
+        return np.zeros(0)
+    table = alike[np.abs(np.subtract.outer(np.arange(_MEMORY), np.arange(_MEMORY)))]
+    return np.asarray(np.linalg.solve(table + 1e-3 * alike[0] * np.eye(_MEMORY), alike[1:]))
+
+
+def _independent(left: Array) -> float:
+    """Return how many independent samples there are in a window of what is left (w, m)."""
+    m = left.shape[1]
+    power = float((left**2).sum())
+    if not power > 0.0:
+        return 1.0
+    alike = [float((left[:, lag:] * left[:, :-lag]).sum()) / power for lag in range(1, min(_LAGS, m - 1))]
+    upto = next((k for k, rho in enumerate(alike) if rho < 0.05), len(alike))
+    return float(m / (1.0 + 2.0 * sum(alike[:upto])))
+
+
+def _response(time: float, swing: float, m: int, kind: int) -> tuple[Array, Array]:
+    """Return what a step of force leaves over the next m instants (m,), and what a start and a mean do (m, k)."""
+    whole = expm(STEP * np.array([[-1.0 / time, -(swing**2), 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+    A, b = whole[:2, :2], whole[:2, 2]
+    powers = np.empty((m + 1, 2, 2))
+    powers[0] = np.eye(2)
+    for k in range(m):
+        powers[k + 1] = A @ powers[k]
+    pushed = np.concatenate([np.zeros((1, 2)), powers[:m] @ b])  # speed and place after a step
+    starts = powers[:, :, : 2 if swing else 1]  # of a speed of 1, and of a place of 1 where it is righted
+    ones = np.ones(m)
+    if kind == _FORCE:
+        rate = np.diff(pushed[:, 0]) / STEP
+        return rate, np.column_stack([ones, np.diff(starts[:, 0], axis=0) / STEP])
+    row = 1 if kind == _PLACE else 0
+    more = [ones, STEP * np.arange(m)] if kind == _PLACE else [ones]
+    return pushed[:m, row], np.column_stack([*more, starts[:m, row]])
+
+
+def _series(samples: Samples, axis: int, kind: int) -> tuple[Array, Array]:
+    """Return the motion (m,) at regular instants, NaN where unknown, and mean forces (m, n) from each to the next."""
+    nothing = np.zeros(0), np.zeros((0, samples.B.shape[1]))
+    if len(samples) < 2 or samples.input_t.size == 0:
+        return nothing
+    t, motion = _measured(samples, axis, kind)
+    grid = samples.t[0] + STEP * np.arange(int(samples.duration / STEP))
+    if t.size < 2 or grid.size < 2:
+        return nothing
+    at_once = kind != _FORCE
+    v = np.interp(grid, t, motion, left=np.nan, right=np.nan) if at_once else _means(grid, t, motion)
+    after = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
+    v[t[after] - t[after - 1] > _CLOSE] = np.nan
+    return v, _held(grid, samples.input_t, samples.input_force)
+
+
+def _means(grid: Array, t: Array, values: Array) -> Array:
+    """Return the means (m,) of values between samples, from each instant to the next."""
+    edges = np.append(grid, grid[-1] + STEP)
+    whole = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (values[1:] + values[:-1]))])
+    return np.asarray(np.diff(np.interp(edges, t, whole, left=np.nan, right=np.nan)) / STEP)
+
+
+def _held(grid: Array, t: Array, force: Array) -> Array:
+    """Return the means (m, n) of forces (k, n), each held until the next, from each instant to the next."""
+    edges = np.append(grid, grid[-1] + STEP)
+    done = np.concatenate([np.zeros((1, force.shape[1])), np.cumsum(np.diff(t)[:, None] * force[:-1], axis=0)])
+    last = np.clip(np.searchsorted(t, edges, "right") - 1, 0, t.size - 1)
+    integral = done[last] + force[last] * (edges - t[last])[:, None]
+    out = np.diff(integral, axis=0) / STEP
+    out[grid < t[0]] = np.nan
+    return np.asarray(out)
+
+
+def _measured(samples: Samples, axis: int, kind: int) -> tuple[Array, Array]:
+    """Return times and what is measured of an axis: its speed, by a sensor or the pose, its place or its v'."""
+    if kind == _SPEED:
+        return _speed(samples, axis)
+    values = samples.values
+    if kind == _PLACE and axis == 2:
+        known = np.isfinite(values[:, 2])
+        return samples.t[known], values[known, 2]
+    if kind == _FORCE and axis < 3:
+        return _acceleration(samples, axis)
+    return np.zeros(0), np.zeros(0)
+
+
+def _acceleration(samples: Samples, axis: int) -> tuple[Array, Array]:
+    """Return times and specific force along an axis less that of gravity, where the attitude is known [m/s^2]."""
+    values = samples.values
+    known = np.isfinite(values[:, 12 + axis])
+    t, force = samples.t[known], values[known, 12 + axis]
+    level = np.flatnonzero(np.isfinite(values[:, 3:5]).all(axis=1))
+    if level.size < 2:
+        return t, force
+    phi, theta = (np.interp(t, samples.t[level], values[level, j]) for j in (3, 4))
+    down = (-np.sin(theta), np.cos(theta) * np.sin(phi), np.cos(theta) * np.cos(phi))[axis]
+    return t, force + _GRAVITY * down
+
+
+def _speed(samples: Samples, axis: int) -> tuple[Array, Array]:
+    """Return times and speeds, measured or from the pose."""
+    values = samples.values
+    known = np.isfinite(values[:, 6 + axis])
+    if known.any():
+        return samples.t[known], values[known, 6 + axis]
+    needed = slice(0, 6) if axis < 3 else slice(3, 6)
+    posed = np.flatnonzero(np.isfinite(values[:, needed]).all(axis=1))
+    t = samples.t[posed]
+    if t.size < 2:
+        return np.zeros(0), np.zeros(0)
+    apart = max(1, round(STEP / max(float(np.median(np.diff(t))), 1e-6)))
+    t, pose = t[::apart], values[posed[::apart], :6]
+    if t.size < 3:
+        return np.zeros(0), np.zeros(0)
+    pose = np.column_stack([pose[:, :3], np.unwrap(pose[:, 3:], axis=0)])
+    rate = (pose[2:] - pose[:-2]) / (t[2:] - t[:-2])[:, None]
+    out = np.empty(len(rate))
+    for k, (angles, rates) in enumerate(zip(pose[1:-1, 3:], rate, strict=True)):
+        if axis < 3:
+            known = np.isfinite(rates[:3]).all()
+            out[k] = float((rotation_from_euler(*angles).T @ rates[:3])[axis]) if known else np.nan
+        elif abs(np.cos(angles[1])) > _LEVEL:
+            out[k] = float(np.linalg.solve(euler_rates_matrix(angles[0], angles[1]), rates[3:])[axis - 3])
+        else:
+            out[k] = np.nan
+    fine = np.isfinite(out)
+    return t[1:-1][fine], out[fine]
