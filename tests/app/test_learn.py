@@ -277,9 +277,9 @@ def test_what_cannot_be_right_comes_first(contradictory: Path) -> None:
     words = ["learn", contradictory, "--vehicle", "vlbv300", "--method", "paper", "--free", "N_rdot,N_rr"]
     found = document(*words, "--delay", 0)
     assert found["verdict"].startswith(
-        "Something cannot be right: the commanded yaw moment acts with the opposite sign"
+        "Something cannot be right: thrusters 1 (aft_port), 2 (aft_stbd), 3 (fwd_port) and 4 (fwd_stbd) push the other"
     )
-    assert [each["what"] for each in found["findings"]] == ["yaw", "r"]
+    assert [each["what"] for each in found["findings"]] == ["thrusters", "r"]
     assert "r is -1 times what the attitude does" in found["findings"][1]["text"]
     assert all(each.keys() == {"what", "text"} for each in found["findings"])
     assert not any(each["text"] in found["warnings"] for each in found["findings"])
@@ -305,7 +305,7 @@ def test_inspect_says_it_before_learning(contradictory: Path, workshop: Path) ->
     found = document("inspect", contradictory)["findings"]
     assert [each["what"] for each in found] == ["r"]
     found = document("inspect", contradictory, "--vehicle", "vlbv300")["findings"]
-    assert [each["what"] for each in found] == ["yaw", "r"]
+    assert [each["what"] for each in found] == ["thrusters", "r"]
     out = command("inspect", contradictory).out
     assert out.index("What cannot be right") < out.index("Channel")
     assert "cannot be right" not in command("inspect", workshop / "yaw.csv").out

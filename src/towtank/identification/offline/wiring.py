@@ -54,7 +54,7 @@ _LAGS = 20  # steps over which what is left may still be alike
 _GAIN_ERROR, _COUPLING = 0.2, 0.1  # of a thruster's own force, and of the largest one's on the axis
 _NONSENSE = 40.0  # nats that it costs an axis to follow no wiring
 # nats that a turned thruster costs, a swap, and the logarithm of how many swaps there are
-_TURN, _SWAP, _CHOICE = 2.0, 4.0, 4.0
+_TURN, _SWAP, _CHOICE = 0.5, 4.0, 4.0
 _SURE = 18.0  # nats by which another wiring must be likelier than the file's
 _CLOSE = 0.5  # s over which a speed is interpolated
 _LEVEL = 0.05  # cosine of pitch above which Euler angles give rates
