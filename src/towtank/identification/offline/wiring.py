@@ -15,7 +15,7 @@ independent samples of what is left. A vehicle whose thrusters are wired B' = B 
 
 g one over the inertia within what is supposed of it, e of 0.2 and f of 0.1 what models do not know of a thruster and of
 other axes. The likelihood of a wiring is that of all axes together; an axis that no wiring explains (an autopilot's
-feedback can turn any motion round) is held against none for more than 40 nats.
+feedback can turn any motion round) is held against none for more than 40 nats (12 in roll and pitch).
 
 Everything is made white by an autoregression of what is left, so that a slow disturbance, and an autopilot that answers
 it, count for no more than they tell. Wiring is called wrong where another one is far likelier. Thrusters are turned or
@@ -52,10 +52,11 @@ _KEPT = 24  # time constants, frequencies and delays that are looked at closely
 _WHITENED, _MEMORY = 1, 4  # times, and steps that it looks back
 _LAGS = 20  # steps over which what is left may still be alike
 _GAIN_ERROR, _COUPLING = 0.2, 0.1  # of a thruster's own force, and of the largest one's on the axis
-_NONSENSE = 40.0  # nats that it costs an axis to follow no wiring
+_NONSENSE, _HELD = 40.0, 12.0  # nats that it costs an axis to follow no wiring; roll and pitch, that autopilots hold
 # nats that a turned thruster costs, a swap, and the logarithm of how many swaps there are
 _TURN, _SWAP, _CHOICE = 0.5, 4.0, 4.0
 _SURE = 18.0  # nats by which another wiring must be likelier than the file's
+_MOST_TOLD = 1e8  # of information to what is supposed
 _CLOSE = 0.5  # s over which a speed is interpolated
 _LEVEL = 0.05  # cosine of pitch above which Euler angles give rates
 _MANY = 12  # thrusters, above which not every set of signs is tried
@@ -128,7 +129,7 @@ def wiring_of(samples: Sequence[Samples], inertia: Array, axes: Sequence[int] = 
         samples: with the same inputs. inertia: what is supposed of the total inertia (6,) of each axis.
         axes: those to look at.
     """
-    if not samples:
+    if not samples or not (np.isfinite(inertia).all() and (inertia > 0.0).all()):
         return Wiring()
     B = samples[0].B
     evidence = [found for axis in axes for found in _evidence(samples, axis)]
@@ -181,6 +182,7 @@ class _Evidence(NamedTuple):
     information: Array
     misfit: Array
     worth: float
+    nonsense: float = _NONSENSE
 
 
 def _likelihood(evidence: Sequence[_Evidence], tried: Sequence[Wiring], B: Array, inertia: Array) -> Array:
@@ -217,12 +219,14 @@ def _of_axis(found: _Evidence, beta: Array, signs: Array) -> Array:
     follows = np.max(several, axis=(0, 1))
     weight, constant = _weight(A, np.full(beta.size, (2.0 * size) ** 2))
     own = np.einsum("ki,kij,kj->k", gains, weight, gains)
-    nonsense = float(np.max(constant - misfit - 0.5 * own)) - _NONSENSE
+    nonsense = float(np.max(constant - misfit - 0.5 * own)) - found.nonsense
     return np.asarray(np.logaddexp(follows, nonsense))
 
 
 def _weight(A: Array, spread: Array) -> tuple[Array, Array]:
     """Return (A^-1 + P)^-1 (k, n, n) and -ln |I + A P| / 2 (k,) for P = diag(spread); A (k, n, n) may be singular."""
+    told = np.einsum("kii->ki", A * spread).max(axis=1)
+    A = A * np.minimum(1.0, _MOST_TOLD / np.maximum(told, 1.0))[:, None, None]  # numbers end where sensors do not
     with_it = np.eye(spread.size) + A * spread
     return np.asarray(np.linalg.solve(with_it, A)), np.asarray(-0.5 * np.linalg.slogdet(with_it)[1])
 
@@ -232,7 +236,8 @@ def _evidence(samples: Sequence[Samples], axis: int) -> list[_Evidence]:
     for kinds in ((_SPEED,), (_FORCE, _PLACE)):
         found = [each for kind in kinds if (each := _of_kind(samples, axis, kind)) is not None]
         if found:
-            return [max(found, key=lambda each: each.worth)]
+            held = axis in (3, 4) and samples[0].commands
+            return [max(found, key=lambda each: each.worth)._replace(nonsense=_HELD if held else _NONSENSE)]
     return []
 
 
