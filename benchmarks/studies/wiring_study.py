@@ -25,14 +25,16 @@ import towtank as tt
 from towtank.identification.data.samples import prepared, samples_of
 from towtank.identification.logs import as_wired
 from towtank.identification.offline.joint import LearningRequest
-from towtank.identification.offline.wiring import Wiring, rewired
 from towtank.recording import Channel, Recording
 from towtank.recording.standard import standard_of
 from towtank.vehicle import Thruster, Vehicle, configuration_matrix
 from towtank.vehicle.thrusters.ardusub import FRAMES, Frame
+from towtank.vehicle.thrusters.wiring import Wiring, rewired
 
 DURATION, DT = 30.0, 0.02  # s
 _ARMS = (0.15, 0.11, 0.2)  # m: ahead and beside of horizontal thrusters, beside of vertical ones
+_RIGHTED = (0.0, 0.0, -0.03)  # m, centre of buoyancy: nobody drives a vehicle that tumbles when it goes ahead
+_STICK, _TURNING = 0.5, 0.2  # of full thrust: 30 degrees of lean and 1.5 rad/s at most
 _LEAN = 1.0  # rad of roll or pitch asked for by full stick
 _STIFFNESS, _DAMPING = (0.1, 0.1), (0.04, 0.04, 0.05)  # of full thrust for 1 rad, and for 1 rad/s
 
@@ -63,7 +65,8 @@ def vehicle_of(frame: Frame) -> Vehicle:
         thrusters.append(
             Thruster(name=f"m{k + 1}", position=where, direction=direction, curve=curve, time_constant=0.05)
         )
-    return base.model_copy(update={"thrusters": tuple(thrusters)})
+    righted = base.buoyancy.model_copy(update={"centre": _RIGHTED})
+    return base.model_copy(update={"thrusters": tuple(thrusters), "buoyancy": righted})
 
 
 def flown(truth: Vehicle, frame: Frame, seed: int) -> Recording:
@@ -78,7 +81,8 @@ def flown(truth: Vehicle, frame: Frame, seed: int) -> Recording:
         while k < n:
             held = round(rng.uniform(0.7, 3.0) / DT)
             if rng.random() < 0.5:
-                sticks[k : k + held, axis] = rng.choice((-1.0, 1.0)) * rng.uniform(0.2, 0.6)
+                most = _TURNING if axis == 5 else _STICK
+                sticks[k : k + held, axis] = rng.choice((-1.0, 1.0)) * most * rng.uniform(0.3, 1.0)
             k += held
     eta, nu = np.array([0.0, 0.0, 3.0, 0.0, 0.0, rng.uniform(-3.0, 3.0)]), np.zeros(6)
     thrust, force = np.zeros(len(truth.thrusters)), np.zeros(6)

@@ -7,14 +7,15 @@ import pytest
 
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import samples_of
-from towtank.identification.offline.wiring import Wiring, rewired, wiring_of
+from towtank.identification.offline.wiring import wiring_of
 from towtank.recording import Recording
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate
 from towtank.vehicle import Thruster, Vehicle, configuration_matrix
+from towtank.vehicle.thrusters.wiring import Wiring, rewired
 
 from .runs import TRUTH, box, unknown, waves
 
-SWAY = 1
+SURGE, SWAY = 0, 1
 
 
 def craft() -> Vehicle:
@@ -84,6 +85,18 @@ def test_every_axis_of_a_recorded_wrench(axis: int) -> None:
     assert not wiring_of([samples], inertia(box()))
     samples.input_force[:, axis] *= -1.0
     assert wiring_of([samples], inertia(box())) == Wiring((axis,))
+
+
+def test_depth_tells_of_surge_where_the_vehicle_pitches() -> None:
+    body = box(buoyancy={"centre": (0.0, 0.0, -0.05)})
+    wrench = waves(9000, 0.01, (SURGE, 9.0, 0.7), (SURGE, 8.0, 2.1), (SURGE, 6.0, 0.3), square=True)
+    wrench += waves(9000, 0.01, (2, 6.0, 1.3), (4, 3.0, 0.1))
+    run = simulate(body, wrench=wrench, sensors=Mocap())
+    assert 0.5 < np.abs(run["theta"].values).max() < 1.0
+    samples = samples_of(Recording({name: run[name] for name in ("z", "phi", "theta", *"XYZKMN")}), body)
+    assert not wiring_of([samples], inertia(body), [2])
+    samples.input_force[:, [SURGE, 2]] *= -1.0
+    assert wiring_of([samples], inertia(body), [2]) == Wiring((SURGE, 2))
 
 
 def test_a_wrench_of_the_wrong_sign_is_reported_with_what_to_do() -> None:

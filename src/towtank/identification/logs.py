@@ -17,7 +17,7 @@ from towtank.identification.model.prior import prior_of
 from towtank.identification.model.terms import AXES
 from towtank.identification.offline.first_look import driven_axes
 from towtank.identification.offline.joint import LearningRequest, learn_joint
-from towtank.identification.offline.wiring import rewired, wiring_of
+from towtank.identification.offline.wiring import wiring_of
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.identification.posterior.plausibility import implausible
 from towtank.identification.posterior.thrusters import with_gains_of, with_scale
@@ -29,6 +29,7 @@ from towtank.recording.standard import WRENCH
 from towtank.vehicle import Vehicle
 from towtank.vehicle.names import ROWS
 from towtank.vehicle.thrusters.ardusub import by_frame
+from towtank.vehicle.thrusters.wiring import rewired
 
 __all__ = ["as_wired", "findings_before", "learn_recordings"]
 

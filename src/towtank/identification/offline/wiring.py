@@ -2,30 +2,31 @@
 
 A vehicle's file says where thrusters are and which way a positive command pushes. Outputs may be swapped, propellers
 turn the other way, parameters of an autopilot be missing from a log. Every axis tells of all thrusters at once: its
-speed is what inertia, damping and, in roll and pitch, a righting moment make of their forces,
+speed is what inertia, damping and, in roll and pitch, a righting moment make of their forces (body frame, FRD),
 
     v' = -v / T - w^2 x + g sum_k B_ik F_k(t - d),   x' = v,
 
 over windows with a start and a mean of their own, for a bank of time constants T, frequencies w and delays d. Looked at
-is the speed; where it is not measured, specific force (v') or depth (x).
+is the speed; where it is not measured, specific force or depth. These show the speeds of all three axes, as rates and
+attitude turn them: a_i = v_i' + (omega x v)_i, and z' the third row of R(phi, theta) times v.
 Fitted without any knowledge of the vehicle, gains b_k of each thruster come out, with an information matrix A by the
 independent samples of what is left. A vehicle whose thrusters are wired B' = B P S (signs S, outputs swapped by P) has
 
     b_k = g B'_ik (1 + e_k) + g max_k |B_ik| f_k,
 
 g one over the inertia within what is supposed of it, e of 0.2 and f of 0.1 what models do not know of a thruster and of
-other axes. The likelihood of a wiring is that of all axes together; an axis that no wiring explains (an autopilot's
-feedback can turn any motion round) is held against none for more than 40 nats (12 in roll and pitch).
+other axes; of the motion itself a linear response leaves 0.3 of what it explains. The likelihood of a wiring is that of
+all axes together; an axis that no wiring explains (an autopilot's feedback can turn any motion round) is held against
+none for more than 40 nats (12 in roll and pitch), and one that forces hardly explain is left out.
 
 Everything is made white by an autoregression of what is left, so that a slow disturbance, and an autopilot that answers
-it, count for no more than they tell. Wiring is called wrong where another one is far likelier. Thrusters are turned or
-their outputs swapped; none is moved.
+it, count for no more than they tell. Wiring is called wrong where another one is far likelier, the more so the more are
+tried. Thrusters are turned or their outputs swapped; none is moved.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations
 from typing import NamedTuple
 
@@ -33,11 +34,11 @@ import numpy as np
 from scipy.linalg import expm
 
 from towtank.core.arrays import Array
-from towtank.core.attitude import euler_rates_matrix, rotation_from_euler
+from towtank.core.attitude import rotation_from_euler
 from towtank.identification.data.samples import Samples
-from towtank.vehicle import Vehicle
+from towtank.vehicle.thrusters.wiring import Wiring
 
-__all__ = ["Wiring", "rewired", "wiring_of"]
+__all__ = ["wiring_of"]
 
 STEP = 0.1  # s
 _WINDOW, _SHORTEST, _MOST = 20.0, 5.0, 60  # s, s; windows used, spread evenly
@@ -49,77 +50,20 @@ _GAIN = 0.5  # deviation of the logarithm of g
 _GAINS = np.linspace(-1.25, 1.25, 7)
 _ALONE = 1e-6  # of the largest eigenvalue: below it inputs cannot be told apart
 _KEPT = 24  # time constants, frequencies and delays that are looked at closely
-_WHITENED, _MEMORY = 1, 4  # times, and steps that it looks back
+_MEMORY = 4  # steps that an autoregression looks back
+_ROUGH = 0.3  # of what forces make, that a linear response leaves
 _LAGS = 20  # steps over which what is left may still be alike
 _GAIN_ERROR, _COUPLING = 0.2, 0.1  # of a thruster's own force, and of the largest one's on the axis
 _NONSENSE, _HELD = 40.0, 12.0  # nats that it costs an axis to follow no wiring; roll and pitch, that autopilots hold
 # nats that a turned thruster costs, a swap, and the logarithm of how many swaps there are
 _TURN, _SWAP, _CHOICE = 0.5, 4.0, 4.0
-_SURE = 18.0  # nats by which another wiring must be likelier than the file's
+_SURE = 10.0  # nats, besides the logarithm of how many are tried, by which a wiring must be likelier than the file's
 _MOST_TOLD = 1e8  # of information to what is supposed
 _CLOSE = 0.5  # s over which a speed is interpolated
 _LEVEL = 0.05  # cosine of pitch above which Euler angles give rates
 _MANY = 12  # thrusters, above which not every set of signs is tried
 _GRAVITY = 9.81
 _SPEED, _PLACE, _FORCE = range(3)  # what is looked at of an axis: v, x, v'
-
-
-@dataclass(frozen=True)
-class Wiring:
-    """How recordings have the thrusters, against the vehicle's file.
-
-    Attributes:
-        turned: thrusters (0 ..) that push the other way. swapped: two whose outputs are exchanged, or none.
-    """
-
-    turned: tuple[int, ...] = ()
-    swapped: tuple[int, ...] = ()
-
-    def __bool__(self) -> bool:
-        return bool(self.turned or self.swapped)
-
-    def said(self, vehicle: Vehicle) -> str:
-        """It in plain words, for the vehicle as its file has it."""
-        words = []
-        if self.swapped:
-            words.append(f"the outputs of thrusters {_named(self.swapped, vehicle)} are swapped")
-        if self.turned:
-            many = "thrusters" if len(self.turned) > 1 else "thruster"
-            push = "push" if len(self.turned) > 1 else "pushes"
-            words.append(f"{many} {_named(self.turned, vehicle)} {push} the other way than the file says")
-        return ", and ".join(words)
-
-    def matrix(self, B: Array) -> Array:
-        """Return the wrench (6, n) of each thruster's force, as wired."""
-        out = B.copy()
-        if self.swapped:
-            a, b = self.swapped
-            out[:, [a, b]] = out[:, [b, a]]
-        out[:, list(self.turned)] *= -1.0
-        return out
-
-
-def _named(which: Sequence[int], vehicle: Vehicle) -> str:
-    names = [f"{k + 1} ({vehicle.thrusters[k].name})" for k in which]
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def rewired(vehicle: Vehicle, wiring: Wiring) -> Vehicle:
-    """Return the vehicle with these outputs swapped and then these outputs' thrusters turned round; none is moved.
-
-    A swapped pair changes places in the file: the first output then drives the second thruster.
-    """
-    thrusters = list(vehicle.thrusters)
-    if wiring.swapped:
-        a, b = wiring.swapped
-        thrusters[a], thrusters[b] = (
-            thrusters[b].model_copy(update={"name": thrusters[a].name}),
-            thrusters[a].model_copy(update={"name": thrusters[b].name}),
-        )
-    for k in wiring.turned:
-        turned = tuple(-x + 0.0 for x in thrusters[k].direction)
-        thrusters[k] = thrusters[k].model_copy(update={"direction": turned})
-    return vehicle.model_copy(update={"thrusters": tuple(thrusters)})
 
 
 def wiring_of(samples: Sequence[Samples], inertia: Array, axes: Sequence[int] = range(6)) -> Wiring:
@@ -142,7 +86,7 @@ def wiring_of(samples: Sequence[Samples], inertia: Array, axes: Sequence[int] = 
         tried, likelihood = tried + swaps, np.append(likelihood, _likelihood(evidence, swaps, B, inertia))
     judged = likelihood - _price(tried, B.shape[1])
     best = int(np.argmax(judged))
-    return tried[best] if judged[best] > judged[0] + _SURE else Wiring()
+    return tried[best] if judged[best] > judged[0] + _SURE + np.log(len(tried)) else Wiring()
 
 
 def _signs(n: int) -> list[Wiring]:
@@ -177,7 +121,7 @@ class _Evidence(NamedTuple):
     deviations. worth: nats by which they explain the motion.
     """
 
-    axis: int
+    axes: tuple[int, ...]
     gains: Array
     information: Array
     misfit: Array
@@ -195,29 +139,31 @@ def _likelihood(evidence: Sequence[_Evidence], tried: Sequence[Wiring], B: Array
         signs[h, list(each.turned)] = -1.0
     for found in evidence:
         for swapped, which in groups.items():
-            beta = Wiring((), swapped).matrix(B)[found.axis] / inertia[found.axis]
-            out[which] += _of_axis(found, beta, signs[which])
+            axes = list(found.axes)
+            out[which] += _of_axes(found, Wiring((), swapped).matrix(B)[axes] / inertia[axes, None], signs[which])
     return out
 
 
-def _of_axis(found: _Evidence, beta: Array, signs: Array) -> Array:
-    """Return the log likelihood (h,) of an axis where its inputs should do beta (n,), but for signs."""
-    size = np.abs(beta).max()
-    if not size > 0.0:
+def _of_axes(found: _Evidence, beta: Array, signs: Array) -> Array:
+    """Return the log likelihood (h,) of what axes say whose inputs should do beta (R, n), but for signs (h, n)."""
+    size = np.abs(beta).max(axis=1, keepdims=True)
+    if not size.max() > 0.0:
         return np.zeros(len(signs))
     gains, A, misfit = found.gains, found.information, found.misfit
+    signs = np.tile(signs, len(beta))
     several = []
     for gain in _GAINS:
         g = np.exp(gain)
-        spread = (g * _GAIN_ERROR * beta) ** 2 + (g * _COUPLING * size) ** 2
+        spread = ((g * _GAIN_ERROR * beta) ** 2 + (g * _COUPLING * size) ** 2).ravel()
+        does = g * beta.ravel()
         weight, constant = _weight(A, spread)
         own = np.einsum("ki,kij,kj->k", gains, weight, gains)
-        cross = (weight @ gains[:, :, None])[:, :, 0] * (g * beta)
-        square = weight * (g * beta)[:, None] * (g * beta)
+        cross = (weight @ gains[:, :, None])[:, :, 0] * does
+        square = weight * does[:, None] * does
         apart = own[:, None] - 2.0 * cross @ signs.T + ((signs @ square) * signs).sum(axis=2)
         several.append((constant - misfit)[:, None] - 0.5 * apart - 0.5 * (gain / _GAIN) ** 2)
     follows = np.max(several, axis=(0, 1))
-    weight, constant = _weight(A, np.full(beta.size, (2.0 * size) ** 2))
+    weight, constant = _weight(A, np.broadcast_to((2.0 * size) ** 2, beta.shape).ravel())
     own = np.einsum("ki,kij,kj->k", gains, weight, gains)
     nonsense = float(np.max(constant - misfit - 0.5 * own)) - found.nonsense
     return np.asarray(np.logaddexp(follows, nonsense))
@@ -235,6 +181,7 @@ def _evidence(samples: Sequence[Samples], axis: int) -> list[_Evidence]:
     """Return what tells most of an axis: its speed, else specific force or depth; or nothing."""
     for kinds in ((_SPEED,), (_FORCE, _PLACE)):
         found = [each for kind in kinds if (each := _of_kind(samples, axis, kind)) is not None]
+        found = [each for each in found if each.worth > each.gains.shape[1]]  # more than numbers of any kind explain
         if found:
             held = axis in (3, 4) and samples[0].commands
             return [max(found, key=lambda each: each.worth)._replace(nonsense=_HELD if held else _NONSENSE)]
@@ -242,60 +189,78 @@ def _evidence(samples: Sequence[Samples], axis: int) -> list[_Evidence]:
 
 
 def _of_kind(samples: Sequence[Samples], axis: int, kind: int) -> _Evidence | None:
-    motions: list[Array] = []
-    forces: list[Array] = []
+    windows: list[_Series] = []
     duration = sum(each.duration for each in samples)
     span = round(min(_WINDOW, max(_SHORTEST, 0.25 * duration)) / STEP)
     for each in samples:
-        motion, force = _series(each, axis, kind)
-        for first in range(_LATEST, motion.size - span + 1, span):
-            known = np.isfinite(motion[first : first + span]).all()
-            if known and np.isfinite(force[first - _LATEST : first + span]).all():
-                motions.append(motion[first : first + span])
-                forces.append(force[first - _LATEST : first + span])
-    if len(motions) < 2:
+        whole = _series(each, axis, kind)
+        for first in range(_LATEST, whole.motion.size - span + 1, span):
+            rows = slice(first, first + span)
+            part = _Series(whole.motion[rows], whole.force[first - _LATEST : first + span], whole.turn[rows])
+            if all(np.isfinite(values).all() for values in part):
+                windows.append(part)
+    if len(windows) < 2:
         return None
-    some = np.unique(np.linspace(0, len(motions) - 1, _MOST).astype(np.int64))
-    return _fitted(np.array(motions)[some], np.array(forces)[some], axis, kind)
+    some = np.unique(np.linspace(0, len(windows) - 1, _MOST).astype(np.int64))
+    return _fitted(_Series(*(np.array(each)[some] for each in zip(*windows, strict=True))), axis, kind)
 
 
-def _fitted(motion: Array, force: Array, axis: int, kind: int) -> _Evidence:
+def _fitted(series: _Series, axis: int, kind: int) -> _Evidence:
     """Return what motion (w, m) tells of the gains of each force (w, d + m, n), start and mean taken out.
 
     What is left of a first fit is an autoregression, by which everything is made white before the second.
     """
+    motion, force, turn = series
     m = motion.shape[1]
     bank = [(time, 0.0) for time in _TIMES]
     if axis in (3, 4):
         bank += [(time, swing) for time in _DAMPED for swing in _SWINGS]
-    responses = [_response(time, swing, m, kind) for time, swing in bank]
     late = {delay: force[:, _LATEST - delay : _LATEST - delay + m] for delay, _ in _DELAYS}
-    spectra = {delay: np.fft.rfft(each, 2 * m, axis=1) for delay, each in late.items()}
+    spectra = {delay: np.fft.rfft(each, 2 * m + 2, axis=1) for delay, each in late.items()}
     made, free = [], []
-    for kernel, basis in responses:
+    for time, swing in bank:
+        pushed, starts = _response(time, swing, m)
+        basis = _seen(np.broadcast_to(starts, (motion.shape[0], *starts.shape)), turn, axis, kind)
+        basis = np.concatenate([basis, np.ones((*motion.shape, 1))], axis=2)
+        if kind == _PLACE:
+            basis = np.concatenate([basis, np.broadcast_to(np.arange(m)[None, :, None], (*motion.shape, 1))], axis=2)
         for delay, lag in _DELAYS:
-            lagged = np.fft.rfft(_lagged(kernel, lag), 2 * m)[None, :, None]
-            made.append(np.fft.irfft(spectra[delay] * lagged, 2 * m, axis=1)[:, :m])
+            lagged = np.fft.rfft(_lagged(pushed, lag), 2 * m + 2)[None, :, None]
+            speeds = np.fft.irfft(spectra[delay] * lagged, 2 * m + 2, axis=1)[:, : m + 1]
+            made.append(_seen(speeds, turn, axis, kind))
             free.append(basis)
-    memory = np.zeros(0)
-    for _ in range(_WHITENED):
-        fits = [_least_squares(motion, y, basis, memory) for y, basis in zip(made, free, strict=True)]
-        best = min(fits, key=lambda fit: fit.share)
-        memory = _autoregression(best.motion - best.made)
-    fits = sorted(
-        (_least_squares(motion, y, basis, memory) for y, basis in zip(made, free, strict=True)),
-        key=lambda fit: fit.share,
-    )
-    best, kept = fits[0], fits[:_KEPT]
-    samples = motion.shape[0] * _independent(best.left)
-    noise = max(best.square, 1e-300) / samples
+    fits = [_least_squares(motion, y, basis, np.zeros(0)) for y, basis in zip(made, free, strict=True)]
+    best = min(range(len(fits)), key=lambda k: fits[k].share)
+    memory = _autoregression(_without(motion - made[best] @ fits[best].gains, np.linalg.qr(free[best])[0]))
+    fits = [_least_squares(motion, y, basis, memory) for y, basis in zip(made, free, strict=True)]
+    kept = sorted(fits, key=lambda fit: fit.share)[:_KEPT]
+    used = (made[0].shape[2] + motion.shape[0] * free[0].shape[2]) / motion.size
+    samples = motion.shape[0] * _independent(kept[0].left) * max(1.0 - used, 0.1)
+    explained = float(kept[0].gains @ kept[0].products @ kept[0].gains)
+    noise = max(kept[0].square + _ROUGH**2 * explained, 1e-300) / samples
     return _Evidence(
-        axis,
+        (0, 1, 2) if turn.size else (axis,),
         gains=np.array([fit.gains for fit in kept]),
         information=np.array([fit.products for fit in kept]) / noise,
         misfit=0.5 * np.array([fit.square for fit in kept]) / noise,
-        worth=-0.5 * samples * float(np.log(max(best.share, 1e-9))),
+        worth=-0.5 * samples * float(np.log(max(kept[0].share, 1e-9))),
     )
+
+
+def _seen(speeds: Array, turn: Array, axis: int, kind: int) -> Array:
+    """Return what is seen (w, m, R n) of body speeds (w, m + 1, n) along each axis.
+
+    Specific force along an axis is v' + (omega x v), and depth the integral of the speed down, of all three axes.
+    """
+    if kind == _SPEED:
+        return speeds[:, :-1]
+    middle = 0.5 * (speeds[:, 1:] + speeds[:, :-1])
+    rows = [turn[..., j, None] * middle for j in range(3)]
+    if kind == _FORCE:
+        rows[axis] = np.broadcast_to(np.diff(speeds, axis=1) / STEP, rows[axis].shape)
+        return np.concatenate(rows, axis=2)
+    gone = STEP * np.concatenate(rows, axis=2)
+    return np.asarray(np.cumsum(gone, axis=1) - gone)
 
 
 def _lagged(kernel: Array, lag: float) -> Array:
@@ -309,7 +274,7 @@ def _lagged(kernel: Array, lag: float) -> Array:
 class _Fit(NamedTuple):
     """Gains (n,) that make a motion of what each force makes, the products (n, n), what is left (w, m) and its square.
 
-    share: of the motion's square that is left. motion, made: before they were made white.
+    share: of the motion's square that is left.
     """
 
     gains: Array
@@ -317,32 +282,31 @@ class _Fit(NamedTuple):
     left: Array
     square: float
     share: float
-    motion: Array
-    made: Array
 
 
 def _least_squares(motion: Array, y: Array, free: Array, memory: Array) -> _Fit:
-    """Return what makes motion (w, m) of y (w, m, n) and of what a start and a mean do (m, k)."""
-    basis = np.linalg.qr(_white(free.T, memory).T)[0]
-    v, white = _white(motion, memory), np.moveaxis(_white(np.moveaxis(y, 1, 2), memory), 2, 1)
-    v = v - (v @ basis) @ basis.T
-    white = white - basis @ (basis.T @ white)
+    """Return what makes motion (w, m) of y (w, m, n) and of what a start and a mean do (w, m, k)."""
+    basis = np.linalg.qr(_white(free, memory))[0]
+    v, white = _without(_white(motion, memory), basis), _white(y, memory)
+    white = white - basis @ (basis.transpose(0, 2, 1) @ white)
     S = np.einsum("wmi,wmj->ij", white, white)
     gains = np.linalg.lstsq(S, np.einsum("wmi,wm->i", white, v), rcond=_ALONE)[0]
     left = v - white @ gains
     square = float((left**2).sum())
-    share = square / max(float((v**2).sum()), 1e-300)
-    whole = np.linalg.qr(free)[0]
-    open_motion, made = motion - (motion @ whole) @ whole.T, y @ gains
-    return _Fit(gains, S, left, square, share, open_motion, made - (made @ whole) @ whole.T)
+    return _Fit(gains, S, left, square, square / max(float((v**2).sum()), 1e-300))
+
+
+def _without(x: Array, basis: Array) -> Array:
+    """Return x (w, m) less what an orthonormal basis (w, m, k) can make of it."""
+    return np.asarray(x - np.einsum("wmk,wk->wm", basis, np.einsum("wmk,wm->wk", basis, x)))
 
 
 def _white(x: Array, memory: Array) -> Array:
-    """Return x (..., m) less what its past lets expect of it (..., m - p)."""
-    p, m = memory.size, x.shape[-1]
-    out = x[..., p:].copy()
+    """Return x (w, m, ...) less what its past lets expect of it (w, m - p, ...)."""
+    p, m = memory.size, x.shape[1]
+    out = x[:, p:].copy()
     for k, share in enumerate(memory, 1):
-        out -= share * x[..., p - k : m - k]
+        out -= share * x[:, p - k : m - k]
     return out
 
 
@@ -367,28 +331,31 @@ def _independent(left: Array) -> float:
     return float(m / (1.0 + 2.0 * sum(alike[:upto])))
 
 
-def _response(time: float, swing: float, m: int, kind: int) -> tuple[Array, Array]:
-    """Return what a step of force leaves over the next m instants (m,), and what a start and a mean do (m, k)."""
+def _response(time: float, swing: float, m: int) -> tuple[Array, Array]:
+    """Return the speed at m + 1 instants after a step of force (m + 1,), and after a start (m + 1, k)."""
     whole = expm(STEP * np.array([[-1.0 / time, -(swing**2), 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
     A, b = whole[:2, :2], whole[:2, 2]
     powers = np.empty((m + 1, 2, 2))
     powers[0] = np.eye(2)
     for k in range(m):
         powers[k + 1] = A @ powers[k]
-    pushed = np.concatenate([np.zeros((1, 2)), powers[:m] @ b])  # speed and place after a step
-    starts = powers[:, :, : 2 if swing else 1]  # of a speed of 1, and of a place of 1 where it is righted
-    ones = np.ones(m)
-    if kind == _FORCE:
-        rate = np.diff(pushed[:, 0]) / STEP
-        return rate, np.column_stack([ones, np.diff(starts[:, 0], axis=0) / STEP])
-    row = 1 if kind == _PLACE else 0
-    more = [ones, STEP * np.arange(m)] if kind == _PLACE else [ones]
-    return pushed[:m, row], np.column_stack([*more, starts[:m, row]])
+    pushed = np.concatenate([np.zeros((1, 2)), powers[:m] @ b])
+    return pushed[:, 0], powers[:, 0, : 2 if swing else 1]  # a start of speed 1, and of place 1 where it is righted
 
 
-def _series(samples: Samples, axis: int, kind: int) -> tuple[Array, Array]:
-    """Return the motion (m,) at regular instants, NaN where unknown, and mean forces (m, n) from each to the next."""
-    nothing = np.zeros(0), np.zeros((0, samples.B.shape[1]))
+class _Series(NamedTuple):
+    """At regular instants: motion (m,), NaN where unknown, mean forces (m, n) from each to the next, and turn (m, 3).
+
+    turn: what of the speed along each axis is seen, by the attitude or its rates; (m, 0) where only one axis is.
+    """
+
+    motion: Array
+    force: Array
+    turn: Array
+
+
+def _series(samples: Samples, axis: int, kind: int) -> _Series:
+    nothing = _Series(np.zeros(0), np.zeros((0, samples.B.shape[1])), np.zeros((0, 3)))
     if len(samples) < 2 or samples.input_t.size == 0:
         return nothing
     t, motion = _measured(samples, axis, kind)
@@ -399,7 +366,24 @@ def _series(samples: Samples, axis: int, kind: int) -> tuple[Array, Array]:
     v = np.interp(grid, t, motion, left=np.nan, right=np.nan) if at_once else _means(grid, t, motion)
     after = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
     v[t[after] - t[after - 1] > _CLOSE] = np.nan
-    return v, _held(grid, samples.input_t, samples.input_force)
+    return _Series(v, _held(grid, samples.input_t, samples.input_force), _turn(samples, grid + 0.5 * STEP, axis, kind))
+
+
+def _turn(samples: Samples, t: Array, axis: int, kind: int) -> Array:
+    """Return what (m, 3) of the speed along each axis is seen; as if level and not turning where that is unknown."""
+    if kind == _SPEED:
+        return np.zeros((t.size, 0))
+    if kind == _PLACE:
+        phi, theta = (_between(samples, t, j) for j in (3, 4))
+        return np.column_stack([-np.sin(theta), np.cos(theta) * np.sin(phi), np.cos(theta) * np.cos(phi)])
+    p, q, r = (_between(samples, t, j) for j in (9, 10, 11))
+    zero = np.zeros(t.size)
+    return np.column_stack([(zero, -r, q), (r, zero, -p), (-q, p, zero)][axis])
+
+
+def _between(samples: Samples, t: Array, column: int) -> Array:
+    known = np.isfinite(samples.values[:, column])
+    return np.interp(t, samples.t[known], samples.values[known, column]) if known.any() else np.zeros(t.size)
 
 
 def _means(grid: Array, t: Array, values: Array) -> Array:
@@ -463,14 +447,13 @@ def _speed(samples: Samples, axis: int) -> tuple[Array, Array]:
         return np.zeros(0), np.zeros(0)
     pose = np.column_stack([pose[:, :3], np.unwrap(pose[:, 3:], axis=0)])
     rate = (pose[2:] - pose[:-2]) / (t[2:] - t[:-2])[:, None]
-    out = np.empty(len(rate))
-    for k, (angles, rates) in enumerate(zip(pose[1:-1, 3:], rate, strict=True)):
-        if axis < 3:
-            known = np.isfinite(rates[:3]).all()
-            out[k] = float((rotation_from_euler(*angles).T @ rates[:3])[axis]) if known else np.nan
-        elif abs(np.cos(angles[1])) > _LEVEL:
-            out[k] = float(np.linalg.solve(euler_rates_matrix(angles[0], angles[1]), rates[3:])[axis - 3])
-        else:
-            out[k] = np.nan
-    fine = np.isfinite(out)
-    return t[1:-1][fine], out[fine]
+    R = np.array([rotation_from_euler(*angles) for angles in pose[1:-1, 3:]])
+    (phi, theta, _), (roll, pitch, yaw) = pose[1:-1, 3:].T, rate[:, 3:].T
+    speed = (
+        *np.einsum("nji,nj->in", R, rate[:, :3]),
+        roll - yaw * np.sin(theta),
+        pitch * np.cos(phi) + yaw * np.cos(theta) * np.sin(phi),
+        yaw * np.cos(theta) * np.cos(phi) - pitch * np.sin(phi),
+    )[axis]
+    fine = np.isfinite(speed) & (np.abs(np.cos(theta)) > _LEVEL)
+    return t[1:-1][fine], speed[fine]

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
+from towtank.digits import joined
 from towtank.vehicle.thrusters.wrench import configuration_matrix
 from towtank.vehicle.vehicle import Vehicle
 
@@ -133,8 +134,7 @@ def _es(which: NDArray[np.intp]) -> str:
 
 
 def _numbers(which: NDArray[np.intp]) -> str:
-    numbers = [str(k + 1) for k in which]
-    return numbers[0] if len(numbers) == 1 else f"{', '.join(numbers[:-1])} and {numbers[-1]}"
+    return joined([str(k + 1) for k in which])
 
 
 def _likeness(table: Array, B: Array) -> Array:
