@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -277,7 +278,8 @@ def test_what_cannot_be_right_comes_first(contradictory: Path) -> None:
     words = ["learn", contradictory, "--vehicle", "vlbv300", "--method", "paper", "--free", "N_rdot,N_rr"]
     found = document(*words, "--delay", 0)
     assert found["verdict"].startswith(
-        "Something cannot be right: thrusters 1 (aft_port), 2 (aft_stbd), 3 (fwd_port) and 4 (fwd_stbd) push the other"
+        "Not usable as it is. Something cannot be right: thrusters 1 (aft_port), 2 (aft_stbd), 3 (fwd_port) and 4 "
+        "(fwd_stbd) push the other"
     )
     assert [each["what"] for each in found["findings"]] == ["thrusters", "r"]
     assert "r is -1 times what the attitude does" in found["findings"][1]["text"]
@@ -292,11 +294,33 @@ def test_what_cannot_be_right_comes_first(contradictory: Path) -> None:
     assert html.index('<section id="findings">') < html.index('<section id="coefficients">')
 
 
+def test_where_nothing_was_learned_no_model_is_written(workshop: Path, tmp_path: Path) -> None:
+    run = tt.read(workshop / "yaw.csv").window(0.0, 0.5)
+    run.write(tmp_path / "short.csv")
+    words = ["learn", tmp_path / "short.csv", "--vehicle", "vlbv300", "--free", "K_pdot", "-o", tmp_path / "m.toml"]
+    ran = command(*words, "--json")
+    assert ran.code == 1
+    assert json.loads(ran.out)["verdict"].startswith("Not usable")
+    assert "m.toml is not written: nothing was learned (--allow-empty" in ran.err
+    assert not (tmp_path / "m.toml").exists()
+    assert command(*words, "--allow-empty").code == 0
+    assert tt.load_vehicle(tmp_path / "m.toml").name == "vlbv300"
+
+
+def test_the_verdict_begins_with_what_the_model_can_be_used_for(workshop: Path) -> None:
+    found = document("learn", workshop / "yaw.csv", "--vehicle", "vlbv300", "--delay", 0)
+    assert found["verdict"].startswith("Usable for prediction")
+    assert found["usable"]["axes"]["yaw"]["usable"]
+    assert found["usable"]["grade"] == "good"
+
+
 def test_the_verdict_of_a_sound_log_says_which_axes_are_known(workshop: Path) -> None:
     words = ["learn", workshop / "yaw.csv", "--vehicle", "vlbv300", "--method", "paper", "--free", "N_rdot,N_rr"]
     found = document(*words, "--delay", 0)
     assert found["findings"] == []
-    assert found["verdict"].startswith("Yaw: inertia to ")
+    told = "Usable for prediction over whole runs (yaw), judged on the logs that it was learned from. Yaw: inertia to "
+    assert found["verdict"].startswith(told)
+    assert "Next" not in found["verdict"]  # nothing but yaw was asked for
     assert "surge, sway, heave, roll and pitch were not driven" in found["verdict"]
     assert "cannot be right" not in command(*words, "--delay", 0).out
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -48,6 +49,20 @@ def test_errors_in_the_document(workshop: Path) -> None:
     assert 0.0 <= surge["command"]["p"] <= 1.0
     assert len(surge["command"]["lag_s"]) == len(surge["command"]["correlation"])
     assert found["residuals"]["r"]["command"] is None
+
+
+def test_scripts_can_require_a_fit(workshop: Path, wrong: Path) -> None:
+    truth = ("validate", workshop / "truth.toml", workshop / "surge.csv", "--json")
+    good = command(*truth, "--require", 60)
+    assert good.code == 0
+    told = json.loads(good.out)
+    assert (told["required"], told["met"]) == (60.0, True)
+    assert told["verdict"].startswith("Usable for prediction")
+    bad = command("validate", wrong, workshop / "surge.csv", "--require", 99, "--json")
+    assert bad.code == 1
+    assert json.loads(bad.out)["met"] is False
+    assert "--require 99: found a fit of" in bad.err
+    assert refused(*truth, "--require", 101).startswith("towtank: --require: found 101")
 
 
 def test_a_fault_is_told_in_words(workshop: Path, wrong: Path, monkeypatch: pytest.MonkeyPatch) -> None:

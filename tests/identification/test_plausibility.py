@@ -137,13 +137,13 @@ def verdict(learned: LogLearning, fit: dict[str, float | None] | None = None, *f
 
 def test_the_verdict_begins_with_what_cannot_be_right() -> None:
     wrong, late = Finding("p", "p is upside down"), Finding("u", "u arrives late", allowed_for=True)
-    assert verdict(learning(), None, wrong, late) == "Something cannot be right: p is upside down."
+    assert verdict(learning(), None, wrong, late) == "Not usable as it is. Something cannot be right: p is upside down."
     assert verdict(learning(), None, wrong, wrong, late).endswith("p is upside down (and 1 more below).")
     assert "cannot be right" not in verdict(learning(), None, late)
 
 
 def test_the_verdict_says_why_nothing_was_identified() -> None:
-    assert verdict(learning(known=0.9)).startswith("Nothing could be identified: the data leave 90 %")
+    assert verdict(learning(known=0.9)).startswith("Not usable. Nothing could be identified: the data leave 90 %")
 
 
 def only(learned: LogLearning, letters: str) -> LogLearning:

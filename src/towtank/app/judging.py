@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from towtank.app.terminal.output import Output, Progress
     from towtank.identification import LogLearning
     from towtank.recording import Recording
-    from towtank.validation import Validation
+    from towtank.report.verdict import Verdict
+    from towtank.validation import Usability, Validation
     from towtank.validation.cross_validation import Learn
     from towtank.vehicle import Vehicle
 
@@ -25,12 +26,28 @@ _SPARK = 16  # characters
 
 @dataclass(frozen=True)
 class Judged:
-    """What was found: scores, how to print it, its part of the document, and what a report says of it."""
+    """What was found: scores, how to print it, its part of the document, what a report says of it, and its use."""
 
     found: Validation
     show: Callable[[Output], None]
     document: dict[str, Any]
     reported: Mapping[str, Any] = field(default_factory=dict)
+    use: Usability | None = None
+
+    def verdict(self, name: str) -> Verdict:
+        """Return what the model of this name can be used for."""
+        from towtank.report.verdict import validate_verdict
+
+        errors = self.reported.get("residuals", {})
+        return validate_verdict(name, self.found.fit, [one.verdict.kind for one in errors.values()], self.use)
+
+    def lacking(self, least: float) -> tuple[str, ...]:
+        """Return in words what does not reach a fit [%]: of the axes that were driven, else of all that is measured."""
+        fit = {} if self.use is None else {each.channel: each.fit for each in self.use.axes}
+        fit = fit or {name: value for name, value in self.found.fit.items() if value is not None}
+        if not fit:
+            return ("nothing was measured to judge by",)
+        return tuple(f"found a fit of {value:.1f} % for {name}" for name, value in fit.items() if not value >= least)
 
 
 def alone(vehicle: Vehicle, recordings: Sequence[Recording], options: dict[str, Any], progress: Progress) -> Judged:
@@ -42,13 +59,27 @@ def alone(vehicle: Vehicle, recordings: Sequence[Recording], options: dict[str, 
 
     found = judge(vehicle, recordings, progress=progress, **options)
     errors = residuals(found.predictions, progress=progress)
+    use = _use(vehicle, recordings, options, progress)
 
     def show(output: Output) -> None:
         output.line()
         show_fits(found.fit, found.rmse, output, _sparks(found, ascii_only=output.ascii))
         show_residuals(errors, output)
 
-    return Judged(found, show, {"residuals": residual_document(errors)}, {"residuals": errors})
+    return Judged(found, show, {"residuals": residual_document(errors)}, {"residuals": errors}, use)
+
+
+def _use(
+    vehicle: Vehicle, recordings: Sequence[Recording], options: Mapping[str, Any], progress: Progress
+) -> Usability:
+    """Return for how long the model predicts the recordings, whatever the restarts asked for."""
+    from towtank.recording import align, bind_thrusters
+    from towtank.validation import usability
+
+    window, names = options["window"], [thruster.name for thruster in vehicle.thrusters]
+    parts = recordings if window is None else [recording.window(*window) for recording in recordings]
+    grids = [align(bind_thrusters(part, names)) for part in parts]
+    return usability(vehicle, grids, horizon=options["horizon"], delay=options["delay"], progress=progress)
 
 
 def _sparks(found: Validation, *, ascii_only: bool) -> dict[str, str]:
@@ -79,7 +110,8 @@ def against_others(
     errors = residuals(first.predictions, progress=progress)
     document = {"residuals": residual_document(errors), "comparison": comparison_document(found)}
     reported = {"residuals": errors, "comparison": found}
-    return Judged(first, lambda output: show_comparison(found, output), document, reported)
+    use = _use(next(iter(vehicles.values())), recordings, options, progress)
+    return Judged(first, lambda output: show_comparison(found, output), document, reported, use)
 
 
 def by_folds(
@@ -118,6 +150,7 @@ def write_validate_report(
         name=name,
         model=model,
         judged=judged.found,
+        use=judged.use,
         origin=origin_of(logs, commands),
         **judged.reported,
         **further,

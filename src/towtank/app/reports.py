@@ -16,7 +16,7 @@ from towtank.identification.offline.convergence import convergence
 from towtank.recording import Recording
 from towtank.report import LearnFacts
 from towtank.report.learn_page import report_html
-from towtank.validation import Validation, residuals
+from towtank.validation import Usability, Validation, residuals
 from towtank.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -75,13 +75,14 @@ def learn_facts(
     scores: Validation | None,
     recordings: Sequence[Recording],
     *,
+    use: Usability | None = None,
     warnings: Sequence[str] = (),
     prior: str | None = None,
 ) -> LearnFacts:
     """Return what a report of a learning is made of.
 
     Args:
-        scores: of the model's prediction of the logs, None where it could not be made.
+        scores, use: of the model's prediction of the logs, None where it could not be made.
         recordings: as they were learned from. prior: what was known beforehand, as it was named.
     """
     predictions = () if scores is None else scores.predictions
@@ -108,6 +109,7 @@ def learn_facts(
         noise=noise_document(learning.levels, learning.grids),
         disturbance=disturbance_document(learning.levels, learning.sources),
         convergence=convergence(learning, recordings),
+        use=use,
         findings=learning.findings,
         driven=learning.driven,
         warnings=warnings,

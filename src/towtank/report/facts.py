@@ -11,7 +11,7 @@ from towtank.identification.offline.convergence import Convergence
 from towtank.recording import Recording
 from towtank.recording.consistency import Finding
 from towtank.recording.event import Event
-from towtank.validation import Comparison, CrossValidation, Prediction, Residual, Validation
+from towtank.validation import Comparison, CrossValidation, Prediction, Residual, Usability, Validation
 from towtank.vehicle import Vehicle
 
 __all__ = ["LearnFacts", "LogFile", "Origin", "ValidateFacts"]
@@ -57,7 +57,8 @@ class LearnFacts:
             until when [s] it had been which one, where it became another.
         events: what happened; epoch: Unix time [s] at which their time is 0, NaN where that is not known.
         title: of the page; the vehicle's name by default. verdict: the first sentence; found from the facts by default.
-        findings: what cannot be right, gravest first. driven: axes (6,) that the inputs drove, () where not known.
+        use: for how long it predicts the logs. findings: what cannot be right, gravest first.
+        driven: axes (6,) that the inputs drove, () where not known.
         warnings: in plain words.
     """
 
@@ -91,6 +92,7 @@ class LearnFacts:
     epoch: float = math.nan
     title: str = ""
     verdict: str = ""
+    use: Usability | None = None
     findings: Sequence[Finding] = ()
     driven: Sequence[bool] = ()
     warnings: Sequence[str] = ()
@@ -108,7 +110,8 @@ class ValidateFacts:
     Attributes:
         name: of the model as it was given. model: the vehicle. judged: its scores and predictions.
         horizon, delay: [s] as asked for, None where not. residuals: errors per channel.
-        comparison: with other models. folds: cross-validation; `judged` is then of its windows.
+        use: for how long it predicts. comparison: with other models.
+        folds: cross-validation; `judged` is then of its windows.
     """
 
     name: str
@@ -117,6 +120,7 @@ class ValidateFacts:
     horizon: float | None = None
     delay: float | None = None
     residuals: Mapping[str, Residual] = field(default_factory=dict)
+    use: Usability | None = None
     comparison: Comparison | None = None
     folds: CrossValidation | None = None
     recordings: Sequence[Recording] = ()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from towtank.digits import short
-from towtank.report.elements import bullets, fit_number, number, section
+from towtank.report.elements import bullets, number, section
 from towtank.report.facts import LearnFacts
 from towtank.report.page import page
 from towtank.report.sections.coefficients import coefficient_section, held_section
@@ -14,11 +14,11 @@ from towtank.report.sections.events import event_section
 from towtank.report.sections.identifiability import identifiability_section
 from towtank.report.sections.logs import log_section
 from towtank.report.sections.origin import footer, origin_section
-from towtank.report.sections.prediction import prediction_section
+from towtank.report.sections.prediction import fit_tiles, prediction_section
 from towtank.report.sections.residuals import residual_section
 from towtank.report.sections.thrusters import input_section
 from towtank.report.sections.vehicle import vehicle_section
-from towtank.report.verdict import NAMES, learn_verdict
+from towtank.report.verdict import learn_verdict
 
 __all__ = ["report_html"]
 
@@ -47,7 +47,7 @@ def report_html(facts: LearnFacts) -> str:
         section("how", "How it was learned", bullets(facts.remarks)),
         origin_section(facts.origin),
     ]
-    verdict = learn_verdict(facts.estimate, facts.fit, facts.predicted, facts.findings, facts.driven)
+    verdict = learn_verdict(facts.estimate, facts.fit, facts.predicted, facts.findings, facts.driven, facts.use)
     verdict = replace(verdict, text=facts.verdict) if facts.verdict else verdict
     return page(
         "What was learned", facts.title or facts.vehicle.name, verdict, _sums(facts), sections, footer(facts.origin)
@@ -56,7 +56,6 @@ def report_html(facts: LearnFacts) -> str:
 
 def _sums(facts: LearnFacts) -> list[tuple[str, str]]:
     estimate = facts.estimate
-    best = max(((v, name) for name, v in facts.fit.items() if v is not None), default=None)
     identified = sum(estimate.identified)
     delay = "" if facts.delay != facts.delay else f"{number(facts.delay, f'{1e3 * facts.delay:.1f}', key='delay_s')} ms"
     return [
@@ -64,6 +63,6 @@ def _sums(facts: LearnFacts) -> list[tuple[str, str]]:
         ("Learned from", f"{number(estimate.duration, short(estimate.duration, 5), key='duration_s')} s"),
         ("Samples", number(estimate.samples, f"{estimate.samples}", key="samples")),
         ("Delay", delay),
-        (f"Fit, {NAMES[best[1]]}" if best else "", f"{fit_number(best[0], f'fit/{best[1]}')} %" if best else ""),
+        *fit_tiles(facts.fit, facts.use),
         ("Method", METHODS.get(facts.method, facts.method)),
     ]

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from towtank.digits import short
-from towtank.report.elements import bullets, fit_number, number, paragraph, section
+from towtank.report.elements import bullets, number, paragraph, section
 from towtank.report.facts import ValidateFacts
 from towtank.report.page import page
 from towtank.report.sections.comparison import comparison_section, fold_section
 from towtank.report.sections.logs import log_section
 from towtank.report.sections.origin import footer, origin_section
-from towtank.report.sections.prediction import error_section, fit_table, prediction_figures
+from towtank.report.sections.prediction import error_section, fit_table, fit_tiles, prediction_figures
 from towtank.report.sections.residuals import residual_section
 from towtank.report.sections.vehicle import vehicle_section
-from towtank.report.verdict import NAMES, validate_verdict
+from towtank.report.verdict import validate_verdict
 
 __all__ = ["validate_html"]
 
@@ -40,7 +40,7 @@ def validate_html(facts: ValidateFacts) -> str:
         origin_section(facts.origin),
     ]
     kinds = [one.verdict.kind for one in facts.residuals.values()]
-    verdict = validate_verdict(facts.name, judged.fit, kinds)
+    verdict = validate_verdict(facts.name, judged.fit, kinds, facts.use)
     return page("How well a model predicts", facts.model.name, verdict, _sums(facts), sections, footer(facts.origin))
 
 
@@ -59,15 +59,7 @@ def _how(facts: ValidateFacts) -> str:
 
 def _sums(facts: ValidateFacts) -> list[tuple[str, str]]:
     judged = facts.judged
-    fits = {name: value for name, value in judged.fit.items() if value is not None}
     start, end = judged.window
     window = f"{number(start, short(start, 5), key='window/0')} to {number(end, short(end, 5), key='window/1')} s"
     restart = "none" if facts.horizon is None else f"every {number(facts.horizon, key='horizon_s')} s"
-    out = [("Window", window), ("Restarts", restart)]
-    if fits:
-        best, worst = max(fits, key=lambda name: fits[name]), min(fits, key=lambda name: fits[name])
-        out.append((f"Best fit ({NAMES[best]})", f"{fit_number(fits[best], f'fit/{best}')} %"))
-        if worst != best:
-            unit = "" if fits[worst] <= -999.0 else " %"
-            out.append((f"Least fit ({NAMES[worst]})", f"{fit_number(fits[worst], f'fit/{worst}')}{unit}"))
-    return out
+    return [("Window", window), ("Restarts", restart), *fit_tiles(judged.fit, facts.use)]

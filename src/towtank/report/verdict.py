@@ -12,12 +12,15 @@ from towtank.digits import joined
 from towtank.identification.model.terms import AXES, Axis
 from towtank.identification.posterior.estimate import Estimate, Learned
 from towtank.recording.consistency import Finding
+from towtank.validation import AxisUse, Usability
 from towtank.vehicle.names import COLUMNS, ROWS
 
-__all__ = ["NAMES", "Verdict", "learn_verdict", "state_of", "validate_verdict"]
+__all__ = ["NAMES", "Verdict", "learn_verdict", "state_of", "usable_text", "validate_verdict"]
 
 _SURE, _FAIR = 0.1, 0.5  # relative deviations: known, roughly known
 _GOOD, _USABLE = 80.0, 50.0  # fits [%]
+MENDED = "thrusters"  # what is found of them is mended before anything is learned
+_GRADES = ("poor", "fair", "good")
 _SPEEDS = np.geomspace(0.05, 2.0, 24)  # m/s, rad/s: at which drag is looked at
 _ALIKE = 3.0  # ratio up to which the larger of two relative deviations stands for both
 _MERGED = ("stands for both", "cannot be told apart", "are correlated", "stands in proportion", "known only together")
@@ -62,22 +65,27 @@ def learn_verdict(
     predicted: str,
     findings: Sequence[Finding] = (),
     driven: Sequence[bool] = (),
+    use: Usability | None = None,
 ) -> Verdict:
-    """Return what an engineer wants to know first: what cannot be right; else why nothing could be identified; else
-    which axes are known, how well, and how well the model predicts.
+    """Return what an engineer wants to know first: what the model can be used for; then what cannot be right, or why
+    nothing could be identified, or which axes are known, and how well.
 
     Args:
         predicted: what the fit is of, in words. findings: gravest first. driven: axes (6,), () where not known.
+        use: for how long it predicts; where omitted, the fit is told instead.
     """
     grave = [each for each in findings if not each.allowed_for]
     if grave:
         more = len(grave) - 1
         rest = f" (and {more} more below)" if more else ""
-        return Verdict("poor", f"Something cannot be right: {grave[0].text}{rest}.")
+        said = f"Something cannot be right: {grave[0].text}{rest}."
+        if use is None or not use.good or any(each.what != MENDED for each in grave):
+            return Verdict("poor", f"Not usable as it is. {said}")
+        return Verdict("fair", f"{usable_text(use).text}, judged on {predicted}, with thrusters as they seem. {said}")
     learned = [each for each in estimate.coefficients if each.identified]
     if not learned:
         why = next((reason for reason in estimate.reasons if reason), "no motion was seen")
-        return Verdict("poor", f"Nothing could be identified: {why}.")
+        return Verdict("poor", f"Not usable. Nothing could be identified: {why}.")
     known = [_known(estimate, axis) for axis in AXES]
     text = "; ".join(_groups(known, driven))
     axes = [axis for axis, each in zip(AXES, known, strict=True) if each.inertia or each.drag]
@@ -85,6 +93,10 @@ def learn_verdict(
         text = f"No inertia and no drag is known, only {joined([each.name for each in learned])}"
     share = [state_of(each)[0] == "known" for each in learned]
     grade = "good" if 2 * sum(share) >= len(share) else "fair"
+    if use is not None:
+        able = usable_text(use)
+        told = f"{able.text}, judged on {predicted}. {text[0].upper()}{text[1:]}.{_next(use, known, estimate)}"
+        return Verdict(min(grade, able.grade, key=_GRADES.index), told)
     moving = {axis.velocity for axis in axes}
     fits = {name: value for name, value in fit.items() if value is not None and name in moving}
     if fits:
@@ -94,6 +106,57 @@ def learn_verdict(
         text += f"; the model predicts {names} of {predicted} with a fit of {spread}"
         grade = "fair" if worst < _USABLE and grade == "good" else grade
     return Verdict(grade, f"{text[0].upper()}{text[1:]}.")
+
+
+def usable_text(use: Usability) -> Verdict:
+    """Return what a model can be used for, without a full stop: up to how many seconds, for which axes, and why not.
+
+    >>> surge, yaw = AxisUse("surge", "u", 30.0, 71.0), AxisUse("yaw", "r", 0.0, -12.0)
+    >>> usable_text(Usability((surge, yaw), (), (), 90.0)).text
+    'Usable for surge, up to 30 s; not for yaw, predicted worse than by its mean'
+    """
+    if not use.axes:
+        why = "no axis that was driven was measured" if use.unmeasured else "no axis was driven"
+        return Verdict("poor", f"Not usable for prediction: {why}")
+    if not use.good:
+        return Verdict("poor", f"Not usable for prediction: {_failures(use.poor)}")
+    if not use.poor:
+        axes = joined([each.axis for each in use.good])
+        return Verdict("good", f"Usable for prediction {_until(use.good)} ({axes})")
+    axes = joined([each.axis for each in use.good])
+    return Verdict("fair", f"Usable for {axes}, {_until(use.good)}; not for {_failures(use.poor)}")
+
+
+def _until(good: Sequence[AxisUse]) -> str:
+    least, most = min(each.seconds for each in good), max(each.seconds for each in good)
+    if least == np.inf:
+        return "over whole runs"
+    later = [each.axis for each in good if each.seconds > least]
+    rest = f" ({joined(later)} {'longer' if most < np.inf else 'over whole runs'})" if later and most == np.inf else ""
+    return f"up to {least:g} s{rest}"
+
+
+def _failures(poor: Sequence[AxisUse]) -> str:
+    """Return axes with why their predictions are of no use, those of which the same is said together."""
+    said: dict[str, list[str]] = {}
+    for each in poor:
+        said.setdefault(_why(each), []).append(each.axis)
+    return "; ".join(f"{joined(axes)}, {why}" for why, axes in said.items())
+
+
+def _why(each: AxisUse) -> str:
+    if each.held:
+        return "no nearer after 1 s than the last measured value"
+    return "predicted worse than by its mean" if each.fit < 0.0 else "of which less than half is explained after 1 s"
+
+
+def _next(use: Usability, known: Sequence[_Known], estimate: Estimate) -> str:
+    """Return what to drive next, as a sentence; nothing where all axes that can be driven are known."""
+    poor = {each.axis for each in use.poor} | {each.axis for each in known if not (each.inertia and each.drag)}
+    open_ = {*use.undriven, *(each.axis for each in use.axes)}
+    asked = {name[0] for name in estimate.names}
+    wanted = [axis.name for axis in AXES if axis.name in poor & open_ and ROWS[axis.index] in asked]
+    return f" Next: drive {joined(wanted)}, each by itself, up and down in steps." if wanted else ""
 
 
 class _Known(NamedTuple):
@@ -155,24 +218,38 @@ def _range(shares: Sequence[float]) -> str:
     return f"{high} %" if max(shares) < _ALIKE * min(shares) or low == high else f"{low} .. {high} %"
 
 
-def validate_verdict(name: str, fit: Mapping[str, float | None], errors: Sequence[str]) -> Verdict:
-    """Return how well a model predicts. errors: kinds of what the errors are, per channel."""
+def validate_verdict(
+    name: str, fit: Mapping[str, float | None], errors: Sequence[str], use: Usability | None = None
+) -> Verdict:
+    """Return what a model can be used for and how well it predicts.
+
+    Args:
+        errors: kinds of what the errors are, per channel. use: for how long it predicts; not told where omitted.
+    """
     fits = {channel: value for channel, value in fit.items() if value is not None}
+    if use is not None and use.axes:
+        fits = {each.channel: each.fit for each in use.axes}  # what stands still is no measure of a model
     if not fits:
-        return Verdict("poor", f"{name} could not be judged: no motion was measured.")
+        return Verdict("poor", f"Not usable: {name} could not be judged, for no motion was measured.")
     good = [channel for channel, value in fits.items() if value >= _GOOD]
     poor = [channel for channel, value in fits.items() if value < _USABLE]
     best, worst = max(fits, key=lambda c: fits[c]), min(fits, key=lambda c: fits[c])
-    text = f"{name} predicts {NAMES[best]} best (fit {_fit(fits[best])})"
+    text = f"{name} predicts {NAMES[best]}{' best' if worst != best else ''} ({_fit(fits[best])})"
     if worst != best:
         text += f" and {NAMES[worst]} least well ({_fit(fits[worst])})"
-    text += f"; {len(good)} of {len(fits)} channels reach a fit of {_GOOD:.0f} %"
+    if len(fits) > 1:
+        text += f"; {len(good)} of {len(fits)} reach a fit of {_GOOD:.0f} %"
     lacking = sum(kind == "follows the command" for kind in errors)
     if lacking:
         text += f". The errors of {lacking} follow the command: there the model lacks something"
     grade = "good" if len(good) == len(fits) and not lacking else "poor" if len(poor) == len(fits) else "fair"
+    if use is not None:
+        able = usable_text(use)
+        return Verdict(able.grade, f"{able.text}. {text}.")
     return Verdict(grade, f"{text}.")
 
 
 def _fit(value: float) -> str:
-    return "diverges" if value <= -999.0 else f"{value:.0f} %"
+    if value < 0.0:
+        return "diverges" if value <= -999.0 else "worse than its mean"
+    return f"fit {value:.0f} %"

@@ -5,9 +5,11 @@ from towtank.validation.cross_validation import CrossValidation, Fold, FoldedCoe
 from towtank.validation.prediction import CHANNELS, Prediction, predict
 from towtank.validation.residuals import Residual, residuals
 from towtank.validation.scores import Validation, fit_percent, score, validate
+from towtank.validation.usability import AxisUse, Usability, usability
 
 __all__ = [
     "CHANNELS",
+    "AxisUse",
     "ChannelComparison",
     "Comparison",
     "Contest",
@@ -16,6 +18,7 @@ __all__ = [
     "FoldedCoefficient",
     "Prediction",
     "Residual",
+    "Usability",
     "Validation",
     "compare",
     "cross_validate",
@@ -23,5 +26,6 @@ __all__ = [
     "predict",
     "residuals",
     "score",
+    "usability",
     "validate",
 ]

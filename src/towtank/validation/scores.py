@@ -13,7 +13,7 @@ from towtank.recording import Recording, align, bind_thrusters
 from towtank.validation.prediction import CHANNELS, Prediction, predict
 from towtank.vehicle import Vehicle
 
-__all__ = ["CHANNELS", "Validation", "fit_percent", "score", "validate"]
+__all__ = ["CHANNELS", "Validation", "fit_percent", "score", "started", "validate"]
 
 _WORST = -999.0
 _RESTING = 1e-12  # a channel that varies less than this, relatively, is still: its spread is rounding
@@ -95,9 +95,9 @@ def score(predictions: Sequence[Prediction], *, horizon: float | None = None) ->
         if not pairs:
             fit[name] = rmse[name] = None
             continue
-        started = [np.isfinite(y) & _started(owner) for (y, _), owner in _with(pairs, predictions, name)]
-        y = np.concatenate([pair[0][mask] for pair, mask in zip(pairs, started, strict=True)])
-        yhat = np.concatenate([pair[1][mask] for pair, mask in zip(pairs, started, strict=True)])
+        rows = [np.isfinite(y) & started(owner) for (y, _), owner in _with(pairs, predictions, name)]
+        y = np.concatenate([pair[0][mask] for pair, mask in zip(pairs, rows, strict=True)])
+        yhat = np.concatenate([pair[1][mask] for pair, mask in zip(pairs, rows, strict=True)])
         fit[name] = fit_percent(y, yhat)
         with np.errstate(over="ignore", invalid="ignore"):
             error = float(np.sqrt(np.mean((y - yhat) ** 2))) if y.size else float("nan")
@@ -114,6 +114,6 @@ def _with(
     return list(zip(pairs, owners, strict=True))
 
 
-def _started(prediction: Prediction) -> Array:
+def started(prediction: Prediction) -> Array:
     """Rows from the first instant on at which state and inputs were known; nothing is predicted before."""
     return np.asarray(prediction.t >= prediction.restarts[0])

@@ -26,7 +26,7 @@ from towtank.methods import METHODS
 if TYPE_CHECKING:
     from towtank.identification import LogLearning
     from towtank.recording import Grid
-    from towtank.validation import Validation
+    from towtank.validation import Usability, Validation
     from towtank.vehicle import Vehicle
 
 __all__ = ["learn", "names_of"]
@@ -89,6 +89,9 @@ def learn(
             "ground are measured.",
         ),
     ] = False,
+    allow_empty: Annotated[
+        bool, typer.Option("--allow-empty", help="Write the model even where nothing was learned; else exit code 1.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Learn a model from one or several logs.
@@ -138,10 +141,11 @@ def learn(
         if report is None:
             recordings = []  # room for the prediction
         progress("predicting", 0.9)
-        scores, unfit = _fit(model, learning.grids)
+        scores, use, unfit = _fit(model, learning.grids)
         fit, rmse = ({}, {}) if scores is None else (scores.fit, scores.rmse)
         warnings += unfit
-        if model_file is not None:
+        empty = not any(learning.estimate.identified)
+        if model_file is not None and (allow_empty or not empty):
             save_vehicle(model, model_file)
         judge = f"towtank validate {model_file or 'MODEL.toml'} ANOTHER_LOG" + (f" --map {mapping}" if mapping else "")
         if report is not None:
@@ -158,28 +162,32 @@ def learn(
                 "-o": model_file,
             }
             commands = [command_text("learn", logs, again), judge]
-            facts = learn_facts(learning, model, scores, recordings, warnings=warnings, prior=prior)
+            facts = learn_facts(learning, model, scores, recordings, use=use, warnings=warnings, prior=prior)
             write_learn_report(report, facts, logs, commands)
-    show_learning(learning, fit, logs, warnings, output, asked=method, prior=prior)
+    show_learning(learning, fit, use, logs, warnings, output, asked=method, prior=prior)
     output.line()
-    if model_file is not None:
+    if model_file is not None and empty and not allow_empty:
+        output.warn(f"{model_file} is not written: nothing was learned (--allow-empty writes it all the same)")
+    elif model_file is not None:
         output.line(f"model written to {model_file}")
     if report is not None:
         output.line(f"report written to {report}")
     output.line(f"Next: {judge}" if model_file else f"Next: the same with -o MODEL.toml, then {judge}", "dim")
     output.document(
-        {"vehicle": known.name, "logs": logs, "prior": prior, **learn_document(learning, fit, warnings, rmse)}
+        {"vehicle": known.name, "logs": logs, "prior": prior, **learn_document(learning, fit, use, warnings, rmse)}
     )
+    if model_file is not None and empty and not allow_empty:
+        raise typer.Exit(1)
 
 
-def _fit(model: Vehicle, grids: Sequence[Grid]) -> tuple[Validation | None, list[str]]:
-    """Return how the model predicts the logs; where they do not allow a prediction, a warning instead."""
-    from towtank.validation import predict, score
+def _fit(model: Vehicle, grids: Sequence[Grid]) -> tuple[Validation | None, Usability | None, list[str]]:
+    """Return how well and how long the model predicts the logs; where they do not allow that, a warning instead."""
+    from towtank.validation import predict, score, usability
 
     try:
-        return score([predict(model, grid) for grid in grids]), []
+        return score([predict(model, grid) for grid in grids]), usability(model, grids), []
     except InputError as error:
-        return None, [f"no fit: {error}"]
+        return None, None, [f"no fit: {error}"]
 
 
 def _known_method(method: str, prior: str | None) -> None:

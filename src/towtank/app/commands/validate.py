@@ -59,6 +59,14 @@ def validate(
     ] = None,
     mapping: Map = None,
     report: Report = None,
+    require: Annotated[
+        float | None,
+        typer.Option(
+            "--require",
+            metavar="PCT",
+            help="Exit with code 1 unless every axis that was driven and measured is predicted with this fit at least.",
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Predict logs from their commands alone and compare with what was measured.
@@ -71,16 +79,20 @@ def validate(
       towtank validate learned.toml surge.csv --horizon 10
       towtank validate learned.toml surge.csv --against vlbv300
       towtank validate learned.toml surge.csv --folds 5
+      towtank validate learned.toml surge.csv --require 60 && cp learned.toml fleet/
     """
     positive_option("--horizon", horizon)
     positive_option("--delay", delay, zero=True)
     stretch = Window.parse(window)
+    if require is not None and not require <= 100.0:
+        raise InputError(f"--require: found {require:g}, expected a fit in percent, 100 at most")
     models = _models(model, against or [])
     _folds_alone(folds, method, against)
     report_place(report)
 
     from towtank.app.files import read_logs, read_vehicle
     from towtank.app.judging import against_others, alone, by_folds, learn_by, write_validate_report
+    from towtank.app.tables.fits import usable_document
     from towtank.app.terminal.output import Output
     from towtank.digits import short
 
@@ -96,7 +108,8 @@ def validate(
             judged = against_others(vehicles, recordings, {"window": common, **options}, progress)
         else:
             judged = alone(vehicles[model], recordings, {"window": common, **options}, progress)
-        found = judged.found
+        found, verdict = judged.found, judged.verdict(model)
+        lacking = () if require is None else judged.lacking(require)
         if report is not None:
             progress("report", 0.95)
             again = {
@@ -112,6 +125,8 @@ def validate(
             write_validate_report(
                 report, model, vehicles[model], judged, logs, [command_text("validate", [model, *logs], again)], facts
             )
+    output.line(verdict.text, "bold")
+    output.line()
     output.line(f"{model} on {', '.join(log.name for log in logs)}", "bold")
     restart = "" if horizon is None else f", set back to the measured state every {short(horizon)} s"
     late = "" if delay is None else f", delay {1e3 * delay:.4g} ms"
@@ -122,8 +137,12 @@ def validate(
         output.line(f"report written to {report}")
     output.document(
         {
+            "verdict": verdict.text,
+            "usable": usable_document(judged.use),
             "model": model,
             "logs": logs,
+            "required": require,
+            "met": None if require is None else not lacking,
             "fit": found.fit,
             "rmse": found.rmse,
             "window": found.window,
@@ -133,6 +152,9 @@ def validate(
             "warnings": output.warnings,
         }
     )
+    if lacking:
+        output.warn(f"--require {short(require)}: {'; '.join(lacking)}")
+        raise typer.Exit(1)
 
 
 def _models(model: str, against: Sequence[str]) -> list[str]:

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from typing import Any
 
 from towtank.app.terminal.output import Output
 from towtank.digits import percent, short
 from towtank.recording import STANDARD
 from towtank.recording.standard import VELOCITIES
+from towtank.report.verdict import usable_text
+from towtank.validation import Usability
 
-__all__ = ["show_fits", "show_own_fits"]
+__all__ = ["show_fits", "show_own_fits", "usable_document"]
 
 _POSITIONS = ("x", "y", "z")
+_BAR = 20  # characters
+WORSE = "worse than the mean"
 
 
 def show_fits(
@@ -32,7 +38,7 @@ def show_fits(
     columns = ("Channel", ">Fit %", "") if rmse is None else ("Channel", ">Fit %", "", ">RMS error", "Unit")
     table = output.table(*columns, *(() if errors is None else ("Error over time",)))
     for name, value in measured.items():
-        row = [name, percent(value), f"{output.bar(value / 100.0):<20}"]
+        row = [name, percent(value), output.bar(value / 100.0).ljust(_BAR) if value >= 0.0 else WORSE]
         if rmse is not None:
             row += [short(rmse.get(name), 3), STANDARD[name].unit]
         if errors is not None:
@@ -51,3 +57,24 @@ def show_own_fits(fit: Mapping[str, float | None], output: Output) -> None:
     if any((fit.get(name) or 0.0) < 0.0 for name in _POSITIONS):
         output.line("Positions add up every push of the water, whatever the model:", "dim")
         output.line("towtank validate --horizon 10 sets the prediction back to what was measured every 10 s.", "dim")
+
+
+def usable_document(use: Usability | None) -> dict[str, Any] | None:
+    """Return for how long a model predicts, for a JSON document; `seconds` is null for whole recordings."""
+    if use is None:
+        return None
+    return {
+        "grade": usable_text(use).grade,
+        "text": usable_text(use).text,
+        "axes": {
+            each.axis: {
+                "channel": each.channel,
+                "usable": each.seconds > 0.0,
+                "seconds": None if math.isinf(each.seconds) else each.seconds,
+                "fit": each.fit,
+            }
+            for each in use.axes
+        },
+        "undriven": use.undriven,
+        "unmeasured": use.unmeasured,
+    }

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from towtank.app.tables.fits import show_own_fits
+from towtank.app.tables.fits import show_own_fits, usable_document
 from towtank.app.terminal.output import Output
 from towtank.digits import measured, short
 from towtank.identification import Estimate
@@ -22,6 +22,7 @@ from towtank.recording import STANDARD, Grid
 from towtank.recording.consistency import Finding
 from towtank.recording.standard import MEASURED
 from towtank.report.verdict import learn_verdict
+from towtank.validation import Usability
 from towtank.vehicle import COEFFICIENTS
 
 __all__ = [
@@ -123,6 +124,7 @@ def _measured(grids: Sequence[Grid]) -> NDArray[np.bool_]:
 def show_learning(
     learning: LogLearning,
     fit: Mapping[str, float | None],
+    use: Usability | None,
     logs: Sequence[Path],
     warnings: Sequence[str],
     output: Output,
@@ -133,11 +135,11 @@ def show_learning(
     """Print what was learned.
 
     Args:
-        asked: the method asked for. prior: what was known beforehand, as it was named.
+        use: for how long the model predicts. asked: the method asked for. prior: what was known beforehand, as named.
     """
     estimate = learning.estimate
     names = ", ".join(log.name for log in logs)
-    output.line(_verdict(learning, fit), "bold")
+    output.line(_verdict(learning, fit, use), "bold")
     output.line()
     output.line(f"{learning.vehicle.name} from {names}", "bold")
     known = "" if prior is None else f", prior {prior}"
@@ -166,10 +168,10 @@ def show_learning(
             output.item(text)
 
 
-def _verdict(learning: LogLearning, fit: Mapping[str, float | None]) -> str:
+def _verdict(learning: LogLearning, fit: Mapping[str, float | None], use: Usability | None) -> str:
     """Return what is to be known first."""
     predicted = "the logs that it was learned from"
-    return learn_verdict(learning.estimate, fit, predicted, learning.findings, learning.driven).text
+    return learn_verdict(learning.estimate, fit, predicted, learning.findings, learning.driven, use).text
 
 
 def show_findings(findings: Sequence[Finding], output: Output) -> None:
@@ -288,13 +290,15 @@ def _before(learning: LogLearning, name: str) -> float | None:
 def learn_document(
     learning: LogLearning,
     fit: Mapping[str, float | None],
+    use: Usability | None,
     warnings: Sequence[str],
     rmse: Mapping[str, float | None] | None = None,
 ) -> dict[str, Any]:
     """Return the part of the JSON document that learning fills."""
     estimate = learning.estimate
     return {
-        "verdict": _verdict(learning, fit),
+        "verdict": _verdict(learning, fit, use),
+        "usable": usable_document(use),
         "findings": findings_document(learning.findings),
         "method": learning.method,
         "remarks": learning.remarks,

@@ -22,7 +22,7 @@ from towtank.identification.least_squares.batch import DelayCost, scan_delay
 from towtank.recording import Grid
 from towtank.recording.frames.rotations import conjugate, rotate
 
-__all__ = ["DRIVEN", "driven_axes", "first_look"]
+__all__ = ["DRIVEN", "driven_axes", "driven_by", "first_look"]
 
 DERIVED_CORNER = 12.0  # 1/s, of the low-pass that a derived speed needs
 _CUT = 7.0  # times the median deviation from the running mean
@@ -222,7 +222,12 @@ class _Group:
 
 def driven_axes(samples: Sequence[Samples], share: float = 0.02) -> tuple[bool, ...]:
     """Return whether the inputs drive each axis (6,): by a share of the largest force or moment at least."""
-    forces = np.array([_force_size(samples, i) for i in range(6)]) / np.array([1.0] * 3 + [_LENGTH] * 3)
+    return driven_by(np.array([_force_size(samples, i) for i in range(6)]), share)
+
+
+def driven_by(sizes: Array, share: float = 0.02) -> tuple[bool, ...]:
+    """Return whether forces and moments (6,) of these sizes drive each axis: by a share of the largest at least."""
+    forces = sizes / np.array([1.0] * 3 + [_LENGTH] * 3)
     return tuple(bool(force > 0.0 and force >= share * forces.max()) for force in forces)
 
 

@@ -15,9 +15,9 @@ from towtank.recording.standard import STANDARD
 from towtank.report.chart import Chart, Line, chart_svg
 from towtank.report.elements import Cell, cell, figure, fit_number, grid, number, paragraph, section, table, unit_text
 from towtank.report.verdict import NAMES
-from towtank.validation import CHANNELS, Prediction
+from towtank.validation import CHANNELS, Prediction, Usability
 
-__all__ = ["error_section", "fit_table", "growth", "prediction_figures", "prediction_section"]
+__all__ = ["error_section", "fit_table", "fit_tiles", "growth", "prediction_figures", "prediction_section"]
 
 _MOST = 6  # logs that are drawn
 _LEAVES = 0.4  # of the span of what was measured, that a prediction is shown beyond it
@@ -26,6 +26,8 @@ _LEGEND = (
     '<div class="legend"><span><i class="measured"></i>measured</span>'
     '<span><i class="predicted"></i>predicted from the commands alone</span></div>'
 )
+_WORSE = '<small class="worse">worse than the mean</small>'
+_ANGLES = ("phi", "theta", "psi")
 _MOST_RESTARTS = 4  # logs that are drawn
 _COLUMNS = 180
 _SLOTS = 40  # of the time since a restart
@@ -66,13 +68,32 @@ def fit_table(fit: Mapping[str, float | None], rmse: Mapping[str, float | None],
             [
                 cell(f"{name}<small>{NAMES[name]}</small>", "name"),
                 cell(fit_number(value, f"{key}fit/{name}"), "n"),
-                cell(f'<span class="bar"><i style="width:{share:.0f}%"></i></span>'),
+                cell(f'<span class="bar"><i style="width:{share:.0f}%"></i></span>' if value >= 0.0 else _WORSE, "t"),
                 *([cell(number(error, short(error, 3), key=f"{key}rmse/{name}"), "n")] if rmse else []),
                 cell(unit_text(STANDARD[name].unit), "u"),
             ]
         )
     heads = ["Channel", ">Fit %", ""] + ([">RMS error"] if rmse else []) + ["Unit"]
     return table(heads, rows, style="tight")
+
+
+def fit_tiles(fit: Mapping[str, float | None], use: Usability | None) -> list[tuple[str, str]]:
+    """Return how long predictions hold, and the best fit never without the worst: of the axes that were driven."""
+    fits = {name: value for name, value in fit.items() if value is not None}
+    out = []
+    if use is not None and use.axes:
+        fits = {each.channel: each.fit for each in use.axes}
+        seconds = use.seconds if not use.poor else 0.0
+        held = (
+            "whole runs" if seconds == math.inf else f"{seconds:g} s" if seconds else f"{len(use.good)} of {len(fits)}"
+        )
+        out.append(("Usable up to" if seconds else "Usable axes", held))
+    if fits:
+        best, worst = max(fits, key=lambda name: fits[name]), min(fits, key=lambda name: fits[name])
+        for word, name in (("Best fit", best), ("Least fit", worst))[: 1 + (worst != best)]:
+            unit = "" if fits[name] <= -999.0 else " %"
+            out.append((f"{word} ({NAMES[name]})", f"{fit_number(fits[name], f'fit/{name}')}{unit}"))
+    return out
 
 
 def prediction_figures(predictions: Sequence[Prediction], fit: Mapping[str, float | None], *, most: int = _MOST) -> str:
@@ -94,6 +115,8 @@ def _figure(prediction: Prediction, name: str, fit: Mapping[str, float | None], 
     if name not in prediction.channels:
         return ""
     measured, predicted = prediction.channels[name]
+    if name in _ANGLES:
+        measured, predicted = unwrapped(measured, predicted)
     scale, unit = scale_and_unit(name)
     known = scale * measured[np.isfinite(measured)]
     if not known.size:
@@ -118,6 +141,20 @@ def _figure(prediction: Prediction, name: str, fit: Mapping[str, float | None], 
     )
     title = f"{name} <small>{NAMES[name]}, {unit_text(unit)}</small>"
     return figure(chart_svg(chart), title, right=right)
+
+
+def unwrapped(measured: Array, predicted: Array) -> tuple[Array, Array]:
+    """Return two courses of an angle (n,) [rad] without jumps of a turn, beside each other at first."""
+    out = []
+    for angle in (measured, predicted):
+        known = np.isfinite(angle)
+        course = angle.copy()
+        course[known] = np.unwrap(angle[known])
+        out.append(course)
+    both = np.flatnonzero(np.isfinite(out[0]) & np.isfinite(out[1]))
+    if both.size:
+        out[1] -= 2.0 * np.pi * np.round((out[1][both[0]] - out[0][both[0]]) / (2.0 * np.pi))
+    return out[0], out[1]
 
 
 def _range(known: Array, predicted: Array) -> tuple[float, float]:

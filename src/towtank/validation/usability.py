@@ -1,0 +1,222 @@
+"""For how long a model predicts each axis well enough to be used.
+
+A prediction is set back to what was measured every h seconds, for longer and longer h. It is of use up to the longest h
+until which it always explains half of the motion (a fit of 50 % or more) and is nearer to it than the last measured
+value, held: short predictions of anything slow are near, whatever the model.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.core.attitude import rotation_from_euler
+from towtank.errors import InputError
+from towtank.identification.model.terms import AXES
+from towtank.identification.offline.first_look import driven_by
+from towtank.recording import Grid
+from towtank.recording.frames.rotations import rotate
+from towtank.validation.prediction import Prediction, predict
+from towtank.validation.scores import score, started
+from towtank.vehicle import Vehicle, configuration_matrix
+
+__all__ = ["HORIZONS", "AxisUse", "Usability", "usability"]
+
+HORIZONS = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0)  # s
+LEAST = 50.0  # fit [%]
+_POSES = ("x", "y", "z", "phi", "theta", "psi")
+_AROUND = 0.2  # s before and after, over which a speed is told by the pose
+_LONGEST = 1.0  # s, a gap in the pose over which no speed is told
+_RESTARTS = 3  # a recording is as long as so many of the longest horizon, at least
+
+
+@dataclass(frozen=True)
+class AxisUse:
+    """What a prediction of an axis is good for.
+
+    Attributes:
+        axis: "surge". channel: by which it was judged, its speed, told by the pose where it is not measured.
+        seconds: up to which a prediction is of use; 0 for none, inf for whole recordings.
+        fit: [%] of the prediction, never set back or as often as was asked.
+        held: at the shortest horizon that failed, the last measured value is nearer than the prediction.
+    """
+
+    axis: str
+    channel: str
+    seconds: float
+    fit: float
+    held: bool = False
+
+
+@dataclass(frozen=True)
+class Usability:
+    """For how long a model predicts each axis that was driven and measured.
+
+    Attributes:
+        axes: in their order. undriven: axes that the thrusters could drive, and hardly did. unmeasured: driven, but
+            nothing shows them.
+        duration: of the longest recording [s].
+    """
+
+    axes: tuple[AxisUse, ...]
+    undriven: tuple[str, ...]
+    unmeasured: tuple[str, ...]
+    duration: float
+
+    @property
+    def good(self) -> tuple[AxisUse, ...]:
+        """The axes whose prediction is of use."""
+        return tuple(each for each in self.axes if each.seconds > 0.0)
+
+    @property
+    def poor(self) -> tuple[AxisUse, ...]:
+        """The axes whose prediction is of none."""
+        return tuple(each for each in self.axes if not each.seconds > 0.0)
+
+    @property
+    def seconds(self) -> float:
+        """Up to which every axis that is predicted at all is of use [s]; 0 where none is."""
+        return min((each.seconds for each in self.good), default=0.0)
+
+
+def usability(
+    model: Vehicle,
+    grids: Sequence[Grid],
+    *,
+    horizon: float | None = None,
+    delay: float | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> Usability:
+    """Return for how long a model predicts recordings, axis by axis.
+
+    Args:
+        horizon: of the predictions whose fit is told [s]; never set back where omitted.
+        delay: from input to force [s]; the model's where omitted.
+        progress: called with a text and the share done, 0 .. 1.
+
+    Raises:
+        InputError: no recording, or one that cannot be predicted.
+    """
+    if not grids:
+        raise InputError("no recording given, expected at least one")
+    duration = max(float(grid.t[-1] - grid.t[0]) for grid in grids)
+    horizons = [each for each in HORIZONS if _RESTARTS * each <= duration]
+    free = [_with_speeds(predict(model, grid, delay=delay)) for grid in grids]
+    driven = driven_by(np.array([_spread(free, axis.index) for axis in AXES]))
+    fits = whole = score(free).fit
+    if horizon is not None:
+        fits = score([_with_speeds(predict(model, grid, horizon=horizon, delay=delay)) for grid in grids]).fit
+    moved = {axis.name: axis.velocity for axis in AXES if driven[axis.index]}
+    judged = {name: channel for name, channel in moved.items() if fits.get(channel) is not None}
+    open_ = dict(judged)
+    seconds = dict.fromkeys(open_, 0.0)
+    held = dict.fromkeys(open_, False)
+    for k, each in enumerate(horizons):
+        if progress is not None:
+            progress("how long predictions hold", k / (len(horizons) + 1))
+        if not open_:
+            break
+        made = [_with_speeds(predict(model, grid, horizon=each, delay=delay)) for grid in grids]
+        some = score(made).fit
+        for name, channel in tuple(open_.items()):
+            beaten = _held_is_nearer(made, channel)
+            if beaten or not (some[channel] or 0.0) >= LEAST:
+                held[name] = beaten
+                del open_[name]
+            else:
+                seconds[name] = each
+    for name, channel in open_.items():
+        if (whole[channel] or 0.0) >= LEAST:
+            seconds[name] = math.inf
+    uses = tuple(
+        AxisUse(name, channel, seconds[name], float(fits[channel] or 0.0), held[name])
+        for name, channel in judged.items()
+    )
+    able = driven_by(np.abs(configuration_matrix(model)).max(axis=1)) if model.thrusters else (True,) * 6
+    undriven = tuple(axis.name for axis in AXES if able[axis.index] and not driven[axis.index])
+    return Usability(uses, undriven, tuple(name for name in moved if name not in judged), duration)
+
+
+def _with_speeds(prediction: Prediction) -> Prediction:
+    """Return the prediction with speeds by differences of the pose, where none are measured.
+
+    Of a depth alone that is the speed downwards. Angles that are never measured are taken for 0.
+    """
+    channels, t = prediction.channels, prediction.t
+    n, states = len(t), prediction.states
+    value, rate = np.zeros((6, n)), np.full((6, n), np.nan)
+    for j, name in enumerate(_POSES):
+        if name in channels:
+            value[j], rate[j] = _course(t, channels[name][0], angle=j > 2)
+    turning = np.where(np.isfinite(rate[3:]).any(axis=1, keepdims=True), rate[3:], 0.0)
+    (phi, theta), (roll, pitch, yaw) = value[3:5], turning
+    derived = {
+        "p": (roll - yaw * np.sin(theta), states[:, 10]),
+        "q": (pitch * np.cos(phi) + yaw * np.cos(theta) * np.sin(phi), states[:, 11]),
+        "r": (yaw * np.cos(theta) * np.cos(phi) - pitch * np.sin(phi), states[:, 12]),
+        "w": (rate[2], rotate(states[:, 3:7], states[:, 7:10])[:, 2]),
+    }
+    sources = {"p": "phi", "q": "theta", "r": "psi", "w": "z"}
+    if {"x", "y", "psi"} <= channels.keys():
+        R = np.array([rotation_from_euler(*angles) for angles in value[3:].T])
+        moving = np.where(np.isfinite(rate[:3]).any(axis=1, keepdims=True), rate[:3], 0.0)
+        body = np.einsum("nji,jn->in", R, moving)
+        derived |= {name: (body[j], states[:, 7 + j]) for j, name in enumerate("uvw")}
+        sources |= {"u": "x", "v": "x"}
+    more = {}
+    for name, (y, yhat) in derived.items():
+        source = sources[name]
+        if name not in channels and source in channels:
+            y = np.where(np.isfinite(channels[source][0]), y, np.nan)
+            if np.isfinite(y).any():
+                more[name] = (y, yhat)
+    return replace(prediction, channels={**channels, **more})
+
+
+def _course(t: Array, y: Array, *, angle: bool) -> tuple[Array, Array]:
+    """Return a channel (n,) between its samples, and its rate by differences, NaN where that is not known."""
+    rows = np.flatnonzero(np.isfinite(y))
+    known = np.unwrap(y[rows]) if angle else y[rows]
+    value, rate = np.interp(t, t[rows], known), np.full(t.size, np.nan)
+    if rows.size < 3:
+        return value, rate
+    k = max(1, round(_AROUND / max(float(np.median(np.diff(t[rows]))), 1e-6)))
+    if rows.size > 2 * k:
+        apart = t[rows[2 * k :]] - t[rows[: -2 * k]]
+        found = np.where(apart > _LONGEST, np.nan, (known[2 * k :] - known[: -2 * k]) / apart)
+        rate[rows[k] : rows[-k - 1] + 1] = np.interp(t[rows[k] : rows[-k - 1] + 1], t[rows[k:-k]], found)
+    return value, rate
+
+
+def _spread(predictions: Sequence[Prediction], axis: int) -> float:
+    return max((float(np.nanstd(each.wrench[:, axis])) for each in predictions if len(each.wrench)), default=0.0)
+
+
+def _held_is_nearer(predictions: Sequence[Prediction], channel: str) -> bool:
+    """Whether the last value measured before each restart is nearer to what follows than what was predicted."""
+    ours = theirs = 0.0
+    for each in predictions:
+        if channel not in each.channels:
+            continue
+        y, yhat = each.channels[channel]
+        known = np.isfinite(y) & started(each) & np.isfinite(yhat)
+        known &= each.t > each.restarts[0]
+        held = _held(each.t, y, np.array(each.restarts))
+        known &= np.isfinite(held)
+        ours += float(np.square(y[known] - yhat[known]).sum())
+        theirs += float(np.square(y[known] - held[known]).sum())
+    return ours > theirs
+
+
+def _held(t: Array, y: Array, restarts: Array) -> Array:
+    """Return the value last measured before the restart that each row follows (n,); NaN before the first."""
+    rows = np.searchsorted(t, restarts)
+    seen = np.where(np.isfinite(y), np.arange(len(y)), -1)
+    before = np.maximum.accumulate(seen)[np.minimum(rows, len(y) - 1)]
+    values = np.where(before >= 0, y[np.maximum(before, 0)], np.nan)
+    which = np.searchsorted(restarts, t, side="left") - 1  # the row of a restart ends the stretch before it
+    return np.where(which >= 0, values[np.maximum(which, 0)], np.nan)
