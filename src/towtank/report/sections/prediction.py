@@ -80,9 +80,11 @@ def fit_table(fit: Mapping[str, float | None], rmse: Mapping[str, float | None],
 def fit_tiles(fit: Mapping[str, float | None], use: Usability | None) -> list[tuple[str, str]]:
     """Return how long predictions hold, and the best fit never without the worst: of the axes that were driven."""
     fits = {name: value for name, value in fit.items() if value is not None}
+    keys = {name: f"fit/{name}" for name in fits}
     out = []
     if use is not None and use.axes:
         fits = {each.channel: each.fit for each in use.axes}
+        keys = {each.channel: f"usable/axes/{each.axis}/fit" for each in use.axes}
         seconds = use.seconds if not use.poor else 0.0
         held = (
             "whole runs" if seconds == math.inf else f"{seconds:g} s" if seconds else f"{len(use.good)} of {len(fits)}"
@@ -92,7 +94,7 @@ def fit_tiles(fit: Mapping[str, float | None], use: Usability | None) -> list[tu
         best, worst = max(fits, key=lambda name: fits[name]), min(fits, key=lambda name: fits[name])
         for word, name in (("Best fit", best), ("Least fit", worst))[: 1 + (worst != best)]:
             unit = "" if fits[name] <= -999.0 else " %"
-            out.append((f"{word} ({NAMES[name]})", f"{fit_number(fits[name], f'fit/{name}')}{unit}"))
+            out.append((f"{word} ({NAMES[name]})", f"{fit_number(fits[name], keys[name])}{unit}"))
     return out
 
 
