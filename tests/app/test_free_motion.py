@@ -9,7 +9,7 @@ import pytest
 
 import towtank as tt
 from towtank.app.commands.arguments import LogPlace, Window, log_places
-from towtank.app.files import LogParts
+from towtank.app.files import LogParts, parts_of
 from towtank.app.tables.free_motion import left_out_lines, rate_warnings
 from towtank.errors import InputError
 from towtank.recording import Channel, Content, Recording
@@ -111,6 +111,21 @@ def test_windows_of_one_log_and_of_all(workshop: Path) -> None:
     folds = document("validate", workshop / "learned.toml", f"{yaw}@0,12@14,26", "--folds", 2)["cross_validation"]
     assert {each["log"] for fold in folds["folds"] for each in fold["windows"]} == {str(yaw)}
     assert document("inspect", f"{yaw}@5,20")["start_s"] == pytest.approx(5.0)
+
+
+def test_a_stretch_without_motion_is_no_part(workshop: Path) -> None:
+    """The recorder lost all sensors but the commands while the vehicle was armed for a second time."""
+    run = tt.read(workshop / "yaw.csv")
+    motion = [
+        Channel(name, channel.t[channel.t < 12.0], channel.values[channel.t < 12.0], channel.unit, channel.frame)
+        for name, channel in run.channels.items()
+        if not name.startswith("cmd_")
+    ]
+    states = Channel("armed", [0.0, 12.0, 15.0, 28.0], [1.0, 0.0, 1.0, 0.0], "1")
+    lost = run.replace([*motion, states])
+    [found] = parts_of([LogPlace(Path("dive"))], [lost], None, keep_all=False)
+    assert [(part.start, round(part.end)) for part in found.parts] == [(0.0, 12)]
+    assert [each.kind for each in found.left_out] == ["disarmed", "no motion", "disarmed"]
 
 
 def test_windows_that_overlap_are_one(workshop: Path) -> None:

@@ -109,17 +109,31 @@ def parts_of(
 
 
 def _parts(log: LogPlace, recording: Recording, vehicle: Vehicle | None, keep_all: bool) -> LogParts:
-    from towtank.recording.free_motion import FreeMotion, free_motion
+    from towtank.recording.free_motion import FreeMotion, LeftOut, free_motion
     from towtank.recording.repairs import Repairs
 
     whole = recording.start, recording.end
     windows = _windows(log, recording)
     found = FreeMotion(windows, ()) if keep_all else free_motion(recording, vehicle, windows)
-    parts = [recording if stretch == whole else recording.window(*stretch) for stretch in found.kept]
+    kept = [each for each in found.kept if each in windows or _moves(recording, each)]
+    still = [LeftOut(*each, "no motion", "no motion recorded") for each in found.kept if each not in kept]
+    parts = [recording if each == whole else recording.window(*each) for each in kept]
     parts[1:] = [replace(part, repairs=Repairs(), notes=_own_notes(part, recording)) for part in parts[1:]]
     span = windows[0][0], windows[-1][1]
     asked = recording if span == whole else recording.window(*span)
-    return LogParts(log.path, asked, tuple(parts), found.left_out)
+    return LogParts(
+        log.path, asked, tuple(parts), tuple(sorted((*found.left_out, *still), key=lambda each: each.start))
+    )
+
+
+def _moves(recording: Recording, stretch: tuple[float, float]) -> bool:
+    """Whether enough of the motion is measured in a stretch (start, end) [s]."""
+    from towtank.recording.columns import MINIMUM_SAMPLES
+    from towtank.recording.standard import MEASURED, QUATERNION, WORLD_VELOCITY
+
+    motion = [recording[name].measured.t for name in (*MEASURED, *QUATERNION, *WORLD_VELOCITY) if name in recording]
+    inside = (((t >= stretch[0]) & (t <= stretch[1])).sum() for t in motion)
+    return any(samples >= MINIMUM_SAMPLES for samples in inside)
 
 
 def _windows(log: LogPlace, recording: Recording) -> tuple[tuple[float, float], ...]:

@@ -23,7 +23,7 @@ kind (a table without states, without depth from pressure) the rule cuts nothing
 | _FEWEST | 20 | - | commands from which one can tell that they come steadily |
 | _UNCOMMANDED | 0.5 | s | motion before the first command, or after the last one, is worth a cut from here on |
 | _AFTER | 3 | - | and so many usual intervals after the last one: the next ones are not merely late |
-| _SHORTEST | 3.0 | s | what is left between two cuts teaches less than the state that it starts from costs |
+| _SHORTEST | 5.0 | s | what is left between two cuts teaches less than the state that it starts from costs |
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ DEPTH_BELOW_SURFACE = ("depth", "below the water's surface, by pressure")  # att
 _SURFACE, _UNDER, _DIVES, _VERTICAL, _BRIEF, _HOLDS = 0.10, 0.15, 0.5, 0.3, 1.0, 2.0
 _OVER, _LIES, _UPRIGHT, _MOUNTED = 120.0, 5.0, 0.3, 0.5
 _SILENCE, _INTERVALS, _STEADY, _FEWEST, _UNCOMMANDED, _AFTER = 2.0, 10.0, 2.0, 20, 0.5, 3.0
-_SHORTEST = 3.0
+_SHORTEST = 5.0
 _SMOOTHED = 1.0  # s, over which a specific force is averaged where it tells which way is down
 _CUT_MODES = {
     "SURFACE": "autopilot in mode SURFACE, which comes up by itself, as after a leak",
@@ -62,7 +62,8 @@ class LeftOut:
     """A stretch that does not count.
 
     Attributes:
-        start, end: [s]. kind: "disarmed", "mode", "no commands", "surface", "bottom", "upside down", "too short".
+        start, end: [s]. kind: "disarmed", "mode", "no commands", "surface", "bottom", "upside down",
+            "too short", "no motion".
         reason: in words.
     """
 
