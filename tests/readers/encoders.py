@@ -98,11 +98,13 @@ def dive_bin(
     flags: int = 0b10000000101101111,
     start: float = 100.0,
     beyond: bool = False,
+    said: Sequence[tuple[float, str, Sequence[float]]] = (),
 ) -> DataFlashWriter:
     """Return a short dive: IMU at 50 Hz, the rest at 10 Hz; every channel is a function of time that tests know.
 
     p = 0.1 t, ax = 1 + t, az = -9.8, roll = 1 + t deg, depth = 2 + 0.1 t m, u = 0.2 t, v = -0.1, w = 0.05 m/s,
-    output n = 1500 + 10 n + 5 t us, supply = 16 - 0.1 t V; t counts from `start` s after boot.
+    output n = 1500 + 10 n + 5 t us, supply = 16 - 0.1 t V; t counts from `start` s after boot. `said` is what else is
+    said when: time, ARM, EV or MODE, its fields but the time.
     """
     log = DataFlashWriter()
     log.define("FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds")
@@ -118,6 +120,10 @@ def dive_bin(
     log.define("XKF1", "QBccCffffff", "TimeUS,C,Roll,Pitch,Yaw,VN,VE,VD,PN,PE,PD")
     log.define("XKF4", "QBIb", "TimeUS,C,SS,PI")
     log.define("MSG", "QZ", "TimeUS,Message")
+    log.define("ARM", "QBIBB", "TimeUS,ArmState,ArmChecks,Forced,Method")
+    log.define("EV", "QB", "TimeUS,Id")
+    log.define("MODE", "QMBB", "TimeUS,Mode,ModeNum,Rsn")
+    waiting = sorted(said, key=lambda each: each[0])
     log.add("FMTU", start * 1e6, log.number("BAT"), "s#vA", "F---")
     log.add("MSG", start * 1e6, "ArduSub V4.5.0, a test")
     for name, value in (parameters or {}).items():
@@ -125,6 +131,9 @@ def dive_bin(
     for k in range(round(seconds * 50)):
         t = k / 50.0
         us = round((start + t) * 1e6)
+        while waiting and waiting[0][0] <= t + 1e-9:
+            at, name, values = waiting.pop(0)
+            log.add(name, round((start + at) * 1e6), *values)
         log.add("IMU", us, 0, 0.1 * t, 0.0, -0.1 * t, 1.0 + t, 0.0, -9.8)
         log.add("IMU", us, 1, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0)
         if k % 5:

@@ -82,7 +82,7 @@ def dive(n: int = 200) -> list[tuple[str, float, Any]]:
 
 def test_mavlink_of_a_vehicle_that_runs_blueos(tmp_path: Path) -> None:
     run = read(write(tmp_path / "a.mcap", dive()))
-    assert run.names == ("phi", "theta", "psi", "p", "q", "r", "cmd_1", "cmd_2")
+    assert run.names == ("phi", "theta", "psi", "p", "q", "r", "cmd_1", "cmd_2", "armed", "mode")
     assert np.allclose(run["phi"].values, 0.01 * np.arange(200))
     assert len(run["theta"]) == 199
     assert np.allclose(run["r"].values, 0.1 * np.arange(200))

@@ -11,6 +11,7 @@ import pytest
 from towtank.identification import LogLearning, learn_paper
 from towtank.readers import read
 from towtank.recording import ColumnMapping, Recording
+from towtank.recording.free_motion import free_motion
 from towtank.vehicle import load_vehicle
 
 BAG = ColumnMapping.model_validate(
@@ -150,7 +151,17 @@ def test_the_pools_bags_hold_what_its_tables_hold(pool: Pool, name: str) -> None
         command = bag[f"cmd_{k}"]
         held = command.values[np.searchsorted(command.t, csv[f"cmd_{k}"].t + start + 1e-9, "right") - 1]
         assert np.mean(held == csv[f"cmd_{k}"].values) > 0.995
-    assert any("the last command came" in note for note in bag.notes) or name not in RUNS
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_only_from_the_first_command_to_the_last_counts(pool: Pool, name: str) -> None:
+    """What the tables of the same runs were cut to by hand."""
+    [bag] = find(pool.folder, f"orig_bags/{name}_*.bag")
+    whole, (_, table) = read(bag, BAG), pool.both(name)
+    [(start, end)] = free_motion(whole, pool.vehicle).kept
+    first = float(whole["cmd_1"].t[0])
+    assert start == pytest.approx(first if first - whole["p"].t[0] > 0.5 else whole.start)
+    assert end == pytest.approx(first + table.end, abs=0.4)
 
 
 @pytest.mark.parametrize("name", RUNS)

@@ -53,7 +53,7 @@ def test_the_sea_logs_dvl_is_equal(sea: Recording, data: Path) -> None:
 
 def test_the_sea_logs_contents(sea: Recording) -> None:
     used = {content.name: content.used for content in sea.contents if content.used}
-    assert set(used) == {"VISO", "IMU[0]", "BAT[0]", "BARO[1]", "ATT", "RCOU"}
+    assert set(used) == {"VISO", "IMU[0]", "BAT[0]", "BARO[1]", "ATT", "RCOU", "MODE"}
     assert sum(content.count for content in sea.contents) == 82_929 - 172  # FMT and FMTU are the log's dictionary
     assert not sea.repairs
 

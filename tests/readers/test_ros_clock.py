@@ -7,8 +7,6 @@ import pytest
 
 from towtank.readers.common.tables import Table
 from towtank.readers.ros.clock import reconciled
-from towtank.readers.ros.tables import with_command_end
-from towtank.recording import Recording
 
 N = 2000
 TRUE = 0.02 * np.arange(N)
@@ -86,12 +84,3 @@ def test_stamps_of_no_use(stamp: np.ndarray, why: str) -> None:
 def test_a_few_messages_keep_their_times() -> None:
     few = Table("/few", np.array([1.0, 2.0]), {}, stamp=np.array([-100.0, -99.0]))
     assert reconciled([few]).tables[0] is few
-
-
-def test_commands_that_fall_silent_are_told() -> None:
-    t = np.arange(0.0, 30.0, 0.01)
-    motion = Recording.from_table(t, {"r": np.sin(t)})
-    for end, silent in ((20.0, True), (29.0, False)):
-        commands = Recording.from_table(np.arange(1.0, end, 0.2), {"cmd_1": np.zeros(len(np.arange(1.0, end, 0.2)))})
-        run = with_command_end(motion.replace(commands.channels))
-        assert any("cut with --window 1.00,19.80" in note for note in run.notes) is silent

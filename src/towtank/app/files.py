@@ -1,21 +1,39 @@
-"""The files that commands read: vehicles with their warnings, logs with their mapping and window."""
+"""The files that commands read: vehicles with their warnings, logs with their mapping, their windows, what counts."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from towtank.app.commands.arguments import Window
+from towtank.app.commands.arguments import LogPlace
 from towtank.app.terminal.output import Output, Progress
 from towtank.errors import InputError
 
 if TYPE_CHECKING:
     from towtank.recording import Recording
+    from towtank.recording.free_motion import LeftOut
     from towtank.vehicle import Vehicle
 
-__all__ = ["cut", "read_configurations", "read_logs", "read_prior", "read_vehicle"]
+__all__ = ["LogParts", "counted", "parts_of", "read_configurations", "read_logs", "read_prior", "read_vehicle"]
+
+
+@dataclass(frozen=True)
+class LogParts:
+    """A log and what of it counts.
+
+    Attributes:
+        log: the file. recording: it, from the first window to the last that is asked for.
+        parts: stretches that count, in order of time; the recording itself where all of it does.
+        left_out: stretches within the windows asked for that do not.
+    """
+
+    log: Path
+    recording: Recording
+    parts: tuple[Recording, ...]
+    left_out: tuple[LeftOut, ...]
 
 
 def read_vehicle(name_or_file: str, output: Output, *, silent: bool = False) -> Vehicle:
@@ -78,8 +96,72 @@ def read_logs(logs: Sequence[Path], mapping: Path | None, progress: Progress) ->
     return recordings
 
 
-def cut(recordings: Sequence[Recording], window: Window | None) -> list[Recording]:
-    """Return the recordings, each cut to the window."""
-    if window is None:
-        return list(recordings)
-    return [recording.window(*window.within(recording)) for recording in recordings]
+def parts_of(
+    logs: Sequence[LogPlace], recordings: Sequence[Recording], vehicle: Vehicle | None, *, keep_all: bool
+) -> list[LogParts]:
+    """Return what counts of each log: the vehicle moving freely in water, within the windows asked for.
+
+    Args:
+        vehicle: that made them; at the surface counts for one that is not made to dive.
+        keep_all: leave nothing out but what lies outside of the windows.
+    """
+    return [_parts(log, recording, vehicle, keep_all) for log, recording in zip(logs, recordings, strict=True)]
+
+
+def _parts(log: LogPlace, recording: Recording, vehicle: Vehicle | None, keep_all: bool) -> LogParts:
+    from towtank.recording.free_motion import FreeMotion, LeftOut, free_motion
+    from towtank.recording.repairs import Repairs
+
+    whole = recording.start, recording.end
+    windows = _windows(log, recording)
+    found = FreeMotion(windows, ()) if keep_all else free_motion(recording, vehicle, windows)
+    kept = [each for each in found.kept if each in windows or _moves(recording, each)]
+    still = [LeftOut(*each, "no motion", "no motion recorded") for each in found.kept if each not in kept]
+    parts = [recording if each == whole else recording.window(*each) for each in kept]
+    parts[1:] = [replace(part, repairs=Repairs(), notes=_own_notes(part, recording)) for part in parts[1:]]
+    span = windows[0][0], windows[-1][1]
+    asked = recording if span == whole else recording.window(*span)
+    return LogParts(
+        log.path, asked, tuple(parts), tuple(sorted((*found.left_out, *still), key=lambda each: each.start))
+    )
+
+
+def _moves(recording: Recording, stretch: tuple[float, float]) -> bool:
+    """Whether enough of the motion is measured in a stretch (start, end) [s]."""
+    from towtank.recording.columns import MINIMUM_SAMPLES
+    from towtank.recording.standard import MEASURED, QUATERNION, WORLD_VELOCITY
+
+    motion = [recording[name].measured.t for name in (*MEASURED, *QUATERNION, *WORLD_VELOCITY) if name in recording]
+    inside = (((t >= stretch[0]) & (t <= stretch[1])).sum() for t in motion)
+    return any(samples >= MINIMUM_SAMPLES for samples in inside)
+
+
+def _windows(log: LogPlace, recording: Recording) -> tuple[tuple[float, float], ...]:
+    """Return the windows of a log [s] in order, those that overlap as one. Raises InputError for an empty one."""
+    windows = [window.within(recording) for window in log.windows]
+    for window in windows:
+        recording.window(*window)
+    out: list[tuple[float, float]] = []
+    for start, end in sorted(windows or [(recording.start, recording.end)]):
+        first, last = max(start, recording.start), min(end, recording.end)
+        if out and first < out[-1][1]:
+            out[-1] = out[-1][0], max(last, out[-1][1])
+        else:
+            out.append((first, last))
+    return tuple(out)
+
+
+def _own_notes(part: Recording, whole: Recording) -> tuple[str, ...]:
+    """Return the notes of a part that the whole does not bear: those are said of the first one."""
+    return tuple(note for note in part.notes if note not in whole.notes)
+
+
+def counted(logs: Sequence[LogParts]) -> list[Recording]:
+    """Return all parts that count. Raises InputError where nothing does."""
+    parts = [part for log in logs for part in log.parts]
+    if not parts:
+        reasons = [
+            f"{each.log}: nothing of it counts ({'; '.join(cut.text for cut in each.left_out)})" for each in logs
+        ]
+        raise InputError(f"{'; '.join(reasons)}; --keep-all takes it all the same")
+    return parts

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from towtank.app.files import LogParts
+from towtank.app.tables.free_motion import left_out_document, rate_warnings
 from towtank.app.tables.learning import delay_deviation, disturbance_document, findings_document
 from towtank.app.tables.repairs import contents_document, learning_warnings
 from towtank.app.terminal.output import Progress
@@ -15,7 +17,12 @@ from towtank.identification.least_squares.chain import uses_commands
 from towtank.identification.logs import findings_before
 from towtank.identification.model.terms import AXES
 from towtank.identification.offline.first_look import DRIVEN, first_look
-from towtank.identification.offline.forecast import PredictedAccuracy, best_excited, predicted_accuracies
+from towtank.identification.offline.forecast import (
+    MOST_ROWS,
+    PredictedAccuracy,
+    best_excited,
+    predicted_accuracies,
+)
 from towtank.recording import Grid, Recording, align, bind_thrusters
 from towtank.recording.consistency import Finding
 from towtank.recording.facts import ChannelFacts, channel_facts
@@ -25,6 +32,8 @@ from towtank.recording.standard import MEASURED, QUATERNION, WORLD_VELOCITY
 from towtank.vehicle import Vehicle
 
 __all__ = ["AxisVerdict", "Inspection", "inspect_recording"]
+
+_FEWEST_ROWS = 600  # of one part among many
 
 
 @dataclass(frozen=True)
@@ -51,14 +60,15 @@ class Inspection:
     """Everything about one log.
 
     Attributes:
-        grid: None where no motion is recorded. noise: of each motion channel. delay_from: "vehicle", "correlation" or
-            None. levels: of noise and disturbance, as the joint filter finds them; None without a vehicle. windows:
-            stretches [s] that this was read from. findings: what in it cannot be right, gravest first.
+        parts: of the log, what counts. grids: of these, none where no motion is recorded.
+        noise: of each motion channel. delay_from: "vehicle", "correlation" or None.
+        levels: of noise and disturbance, as the joint filter finds them; None without a vehicle.
+        windows: stretches [s] that this was read from. whole: these are all that counts.
+        findings: what in it cannot be right, gravest first.
     """
 
-    log: str
-    recording: Recording
-    grid: Grid | None
+    parts: LogParts
+    grids: Sequence[Grid]
     channels: list[ChannelFacts]
     noise: Mapping[str, NoiseLevel]
     delay: float | None
@@ -68,7 +78,23 @@ class Inspection:
     warnings: list[str]
     levels: NoiseLevels | None = None
     windows: tuple[tuple[float, float], ...] = ()
+    whole: bool = True
     findings: tuple[Finding, ...] = ()
+
+    @property
+    def log(self) -> str:
+        """The file."""
+        return str(self.parts.log)
+
+    @property
+    def recording(self) -> Recording:
+        """All of the log that was asked for."""
+        return self.parts.recording
+
+    @property
+    def grid(self) -> Grid | None:
+        """The longest stretch that counts; None where no motion is recorded."""
+        return max(self.grids, key=len, default=None)
 
     @property
     def sources(self) -> Sources:
@@ -79,8 +105,8 @@ class Inspection:
 
     @property
     def repairs(self) -> Repairs:
-        """What was mended in reading and in putting on a grid."""
-        return self.recording.repairs if self.grid is None else self.grid.repairs
+        """What was mended in reading and in putting on grids."""
+        return sum((grid.repairs for grid in self.grids), Repairs()) if self.grids else self.recording.repairs
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document."""
@@ -103,35 +129,46 @@ class Inspection:
             "axes": {name: asdict(verdict) for name, verdict in self.axes.items()},
             "disturbance": disturbance_document(self.levels, [] if self.grid is None else [self.sources]),
             "excitation": _excitation(self),
+            **left_out_document([self.parts]),
             "warnings": self.warnings,
         }
 
 
-def inspect_recording(log: str, recording: Recording, vehicle: Vehicle | None, progress: Progress) -> Inspection:
-    """Inspect a recording, with the vehicle that made it or without.
+def inspect_recording(log: LogParts, vehicle: Vehicle | None, progress: Progress) -> Inspection:
+    """Inspect a log, with the vehicle that made it or without: its channels, and what can be learned from what counts.
 
     Raises:
         InputError: fewer than 4 samples, or thrusters that the vehicle lacks.
     """
-    found = _inspected(log, recording, vehicle, progress)
-    return found if found.levels is not None else replace(found, findings=findings_before(vehicle, recording))
+    found = _inspected(log, vehicle, progress)
+    found = replace(found, warnings=[*rate_warnings([log]), *found.warnings])
+    if found.levels is not None:
+        return found
+    if not log.parts:
+        return replace(found, findings=findings_before(None, log.recording))
+    return replace(found, findings=findings_before(vehicle, max(log.parts, key=lambda part: part.duration)))
 
 
-def _inspected(log: str, recording: Recording, vehicle: Vehicle | None, progress: Progress) -> Inspection:
+def _inspected(log: LogParts, vehicle: Vehicle | None, progress: Progress) -> Inspection:
+    recording = log.recording
     facts, noise = channel_facts(recording), noise_levels(recording)
     if recording.contents and not any(name in (*MEASURED, *QUATERNION, *WORLD_VELOCITY) for name in recording):
         reason = "no motion recorded: neither pose nor velocity, rates or specific force"
         axes = {axis.name: _no(axis.velocity, "absent", reason) for axis in AXES}
-        return Inspection(log, recording, None, facts, noise, None, None, None, axes, [])
+        return Inspection(log, (), facts, noise, None, None, None, axes, [])
+    parts = list(log.parts) or [recording]
     if vehicle is not None:
-        recording = bind_thrusters(recording, [thruster.name for thruster in vehicle.thrusters])
-    grid = align(recording)
+        parts = [bind_thrusters(part, [thruster.name for thruster in vehicle.thrusters]) for part in parts]
+    grids = [align(part) for part in parts]
+    grid = max(grids, key=len)
     sources = Sources.of(grid.pose, grid.velocity, grid.acceleration)
     commanded = grid.command_t.size > 0 if vehicle is None else uses_commands(vehicle, grid)
+    reason = "" if log.parts else "nothing of the log counts (--keep-all takes it all the same)"
     if not commanded and not grid.wrench_t.size:
         reason = "no inputs recorded: neither thruster commands (cmd_...) nor a wrench (X Y Z K M N)"
+    if reason:
         axes = {axis.name: _no(axis.velocity, kind, reason) for axis, kind in _axes(sources)}
-        return Inspection(log, recording, grid, facts, noise, None, None, None, axes, [])
+        return Inspection(log, grids, facts, noise, None, None, None, axes, [])
     if vehicle is None:
         look = first_look(grid)
         axes = {
@@ -139,18 +176,32 @@ def _inspected(log: str, recording: Recording, vehicle: Vehicle | None, progress
             for (axis, kind), share in zip(_axes(sources), look.explained, strict=True)
         }
         origin = None if look.delay is None else "correlation"
-        return Inspection(log, recording, grid, facts, noise, look.delay, look.delay_std, origin, axes, [])
-    windows = best_excited(grid, vehicle)
-    parts = [recording] if len(windows) == 1 else [recording.window(*window) for window in windows]
-    learning = learn_recordings(vehicle, parts, progress=progress, free_runs=False)
+        return Inspection(log, grids, facts, noise, look.delay, look.delay_std, origin, axes, [])
+    windows, stretches = _best(parts, grids, vehicle)
+    learning = learn_recordings(vehicle, stretches, progress=progress, free_runs=False)
     axes = {axis.name: _by_learning(axis, kind, learning) for axis, kind in _axes(sources)}
-    warnings, std = learning_warnings(learning, parts, repairs=False), delay_deviation(learning)
+    warnings, std = learning_warnings(learning, stretches, repairs=False), delay_deviation(learning)
     return Inspection(
-        *(log, recording, grid, facts, noise, learning.delay, std, "vehicle", axes, warnings),
+        *(log, grids, facts, noise, learning.delay, std, "vehicle", axes, warnings),
         levels=learning.levels,
         windows=windows,
+        whole=len(windows) == len(parts),
         findings=learning.findings,
     )
+
+
+def _best(
+    parts: Sequence[Recording], grids: Sequence[Grid], vehicle: Vehicle
+) -> tuple[tuple[tuple[float, float], ...], list[Recording]]:
+    """Return where most happens in parts, as windows [s] and as recordings: all of them where they are not long."""
+    total = sum(map(len, grids))
+    windows: list[tuple[float, float]] = []
+    stretches: list[Recording] = []
+    for part, grid in zip(parts, grids, strict=True):
+        own = best_excited(grid, vehicle, max(_FEWEST_ROWS, MOST_ROWS * len(grid) // total))
+        windows += own
+        stretches += [part] if len(own) == 1 else [part.window(*window) for window in own]
+    return tuple(windows), stretches
 
 
 def _excitation(found: Inspection) -> dict[str, Any]:
@@ -158,7 +209,7 @@ def _excitation(found: Inspection) -> dict[str, Any]:
     known = {name: asdict(each) for verdict in found.axes.values() for name, each in verdict.prospects.items()}
     if not known:
         return {}
-    return {"windows": found.windows, "whole": len(found.windows) == 1, "coefficients": known}
+    return {"windows": found.windows, "whole": found.whole, "coefficients": known}
 
 
 def _axes(sources: Sources) -> list[tuple[Any, str]]:

@@ -76,9 +76,8 @@ def _use(
     from towtank.recording import align, bind_thrusters
     from towtank.validation import usability
 
-    window, names = options["window"], [thruster.name for thruster in vehicle.thrusters]
-    parts = recordings if window is None else [recording.window(*window) for recording in recordings]
-    grids = [align(bind_thrusters(part, names)) for part in parts]
+    names = [thruster.name for thruster in vehicle.thrusters]
+    grids = [align(bind_thrusters(recording, names)) for recording in recordings]
     return usability(vehicle, grids, horizon=options["horizon"], delay=options["delay"], progress=progress)
 
 

@@ -78,12 +78,14 @@ def learn_facts(
     use: Usability | None = None,
     warnings: Sequence[str] = (),
     prior: str | None = None,
+    left_out: Sequence[str] = (),
 ) -> LearnFacts:
     """Return what a report of a learning is made of.
 
     Args:
         scores, use: of the model's prediction of the logs, None where it could not be made.
         recordings: as they were learned from. prior: what was known beforehand, as it was named.
+        left_out: what of the logs does not count, a line each.
     """
     predictions = () if scores is None else scores.predictions
     return LearnFacts(
@@ -106,6 +108,7 @@ def learn_facts(
         predictions=predictions,
         residuals=residuals(predictions),
         recordings=recordings,
+        left_out=left_out,
         noise=noise_document(learning.levels, learning.grids),
         disturbance=disturbance_document(learning.levels, learning.sources),
         convergence=convergence(learning, recordings),

@@ -38,7 +38,7 @@ from pydantic import (
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
 from towtank.recording.recording import Recording
-from towtank.recording.standard import COMMAND_PREFIX, EULER, QUATERNION, STANDARD, is_command, is_standard
+from towtank.recording.standard import COMMAND_PREFIX, EULER, QUATERNION, STANDARD, STATES, is_command, is_standard
 
 __all__ = ["Column", "ColumnMapping", "Marker", "bind_thrusters", "load_mapping"]
 
@@ -61,8 +61,8 @@ def _not_zero(value: float) -> float:
 
 
 def _channel_name(name: str) -> str:
-    if name != "t" and not is_standard(name):
-        known = ["t", *STANDARD]
+    if name != "t" and not is_standard(name) and name not in STATES:
+        known = ["t", *STANDARD, *STATES]
         raise ValueError(f'unknown channel "{name}"{nearest(name, known)}; known: {", ".join(known)}, cmd_<thruster>')
     return name
 

@@ -17,12 +17,14 @@ __all__ = [
     "RATES",
     "RELATIVE_VELOCITY",
     "STANDARD",
+    "STATES",
     "VELOCITIES",
     "WORLD_VELOCITY",
     "WRENCH",
     "Standard",
     "is_command",
     "is_held",
+    "is_input",
     "is_standard",
     "standard_of",
 ]
@@ -87,6 +89,13 @@ STANDARD: dict[str, Standard] = {
 }
 
 
+# What an autopilot says of itself: no measurement, but it tells what of the rest counts (`free_motion`).
+STATES: dict[str, Standard] = {
+    "armed": Standard("1", "", "1 while the autopilot lets the thrusters turn, 0 while it does not"),
+    "mode": Standard("1", "", 'number of the autopilot\'s mode; the attribute "modes" has the names'),
+    "bottomed": Standard("1", "", "1 while the autopilot takes the vehicle to stand on the bottom"),
+}
+
 _COMMAND = Standard("command", "", "command of a thruster, in the unit of its curve")
 
 
@@ -95,9 +104,14 @@ def is_command(name: str) -> bool:
     return name.startswith(COMMAND_PREFIX) and len(name) > len(COMMAND_PREFIX)
 
 
-def is_held(name: str) -> bool:
-    """True for the inputs of a vehicle (commands and wrench): each value holds until the next one comes."""
+def is_input(name: str) -> bool:
+    """True for the inputs of a vehicle: commands and wrench."""
     return name in WRENCH or is_command(name)
+
+
+def is_held(name: str) -> bool:
+    """True for the inputs of a vehicle and the states of its autopilot: each value holds until the next one comes."""
+    return is_input(name) or name in STATES
 
 
 def is_standard(name: str) -> bool:

@@ -52,7 +52,8 @@ class LearnFacts:
         supposed: of coefficients before any data, value and deviation. latency: of sensors likewise [s].
         fit, rmse: of the free-running prediction, per channel. predictions: one per log.
         predicted: which logs these are, in words. residuals: errors of the predictions, per channel.
-        recordings: what was learned from, or its recent part. noise, disturbance: name -> {"std", "unit"}.
+        recordings: what was learned from, or its recent part. left_out: what of the logs does not count.
+        noise, disturbance: name -> {"std", "unit"}.
         convergence: how the coefficients settled. truth: the vehicle that was simulated, where one was; truth_before:
             until when [s] it had been which one, where it became another.
         events: what happened; epoch: Unix time [s] at which their time is 0, NaN where that is not known.
@@ -83,6 +84,7 @@ class LearnFacts:
     predicted: str = "the logs that it was learned from"
     residuals: Mapping[str, Residual] = field(default_factory=dict)
     recordings: Sequence[Recording] = ()
+    left_out: Sequence[str] = ()
     noise: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     disturbance: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     convergence: Convergence | None = None
@@ -111,7 +113,7 @@ class ValidateFacts:
         name: of the model as it was given. model: the vehicle. judged: its scores and predictions.
         horizon, delay: [s] as asked for, None where not. residuals: errors per channel.
         use: for how long it predicts. comparison: with other models.
-        folds: cross-validation; `judged` is then of its windows.
+        folds: cross-validation; `judged` is then of its windows. left_out: what of the logs does not count.
     """
 
     name: str
@@ -124,5 +126,6 @@ class ValidateFacts:
     comparison: Comparison | None = None
     folds: CrossValidation | None = None
     recordings: Sequence[Recording] = ()
+    left_out: Sequence[str] = ()
     warnings: Sequence[str] = ()
     origin: Origin = Origin()

@@ -42,7 +42,7 @@ def report_html(facts: LearnFacts) -> str:
         convergence_section(facts),
         identifiability_section(facts.estimate),
         input_section(facts),
-        log_section(facts.recordings, facts.noise, facts.disturbance),
+        log_section(facts.recordings, facts.noise, facts.disturbance, facts.left_out),
         vehicle_section(facts.vehicle),
         section("how", "How it was learned", bullets(facts.remarks)),
         origin_section(facts.origin),

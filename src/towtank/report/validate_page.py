@@ -35,7 +35,7 @@ def validate_html(facts: ValidateFacts) -> str:
         fold_section(facts.folds),
         error_section(judged.predictions, facts.horizon),
         residual_section(facts.residuals, "residuals"),
-        log_section(facts.recordings, {}, {}),
+        log_section(facts.recordings, {}, {}, facts.left_out),
         vehicle_section(facts.model),
         origin_section(facts.origin),
     ]

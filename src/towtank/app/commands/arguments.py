@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,12 +21,15 @@ if TYPE_CHECKING:
 __all__ = [
     "LOG_KINDS",
     "Json",
+    "KeepAll",
     "Log",
+    "LogPlace",
     "Map",
     "Report",
     "Window",
-    "WindowText",
+    "WindowTexts",
     "command_text",
+    "log_places",
     "numbers",
     "output_place",
     "positive_option",
@@ -33,6 +37,7 @@ __all__ = [
 ]
 
 LOG_KINDS = ", ".join(SUFFIXES)
+_STRETCH = re.compile(r"[-+.\deE ]*,[-+.\deE ]*")
 Log = Annotated[Path, typer.Argument(metavar="LOG", help=f"Log file ({LOG_KINDS}) or the folder of a ROS 2 bag.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else on standard output.")]
 Map = Annotated[
@@ -43,13 +48,21 @@ Map = Annotated[
         help="TOML file that says which column of the log is which channel, or which TABLE.field.",
     ),
 ]
-WindowText = Annotated[
-    str | None,
+WindowTexts = Annotated[
+    list[str] | None,
     typer.Option(
         "--window",
         metavar="START,END",
         help="Use this stretch of time only, in seconds of the log's own clock; either may be left out (10, or ,60), "
-        "and a negative one counts from the end.",
+        "and a negative one counts from the end. May be repeated. Of one log alone: dive.BIN@12,178@200,260.",
+    ),
+]
+KeepAll = Annotated[
+    bool,
+    typer.Option(
+        "--keep-all",
+        help="Use all of it: also where the vehicle is disarmed, at the surface or out of the water, upside down, in a "
+        "mode of its own, or without commands, all of which is left out otherwise.",
     ),
 ]
 Report = Annotated[
@@ -70,16 +83,16 @@ class Window:
     end: float | None
 
     @classmethod
-    def parse(cls, text: str | None) -> Window | None:
-        """Read `START,END`. Raises InputError."""
+    def parse(cls, text: str | None, option: str = "--window") -> Window | None:
+        """Read `START,END`, which the option or argument gave. Raises InputError."""
         if text is None:
             return None
         parts = text.split(",")
         if len(parts) != 2 or not text.strip(" ,"):
-            raise InputError(f'--window: found "{text}", expected START,END in seconds, as 10,60 or 10,')
-        start, end = (_number("--window", part) if part.strip() else None for part in parts)
+            raise InputError(f'{option}: found "{text}", expected START,END in seconds, as 10,60 or 10,')
+        start, end = (_number(option, part) if part.strip() else None for part in parts)
         if start is not None and end is not None and (start < 0.0) == (end < 0.0) and not end > start:
-            raise InputError(f'--window: found "{text}", expected an end after the start')
+            raise InputError(f'{option}: found "{text}", expected an end after the start')
         return cls(start, end)
 
     def within(self, recording: Recording) -> tuple[float, float]:
@@ -91,6 +104,42 @@ class Window:
     def _own(edge: float | None, recording: Recording) -> float | None:
         from_end = edge is not None and edge < 0.0 and recording.start >= 0.0
         return recording.end + edge if from_end and edge is not None else edge
+
+
+@dataclass(frozen=True)
+class LogPlace:
+    """A log as it was named: its file, and the windows of it that are wanted, none where all of it is."""
+
+    path: Path
+    windows: tuple[Window, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of the file."""
+        return self.path.name
+
+
+def log_places(logs: Sequence[Path], windows: Sequence[str] | None) -> list[LogPlace]:
+    """Return the logs that are named as FILE or FILE@START,END@START,END; with windows of its own a log has no others.
+
+    A file whose own name bears an @ is that file.
+
+    Args:
+        windows: texts of --window, for the logs that name none. Raises InputError.
+    """
+    common = tuple(window for text in windows or () if (window := Window.parse(text)) is not None)
+    return [_log_place(log, common) for log in logs]
+
+
+def _log_place(log: Path, common: tuple[Window, ...]) -> LogPlace:
+    whole, texts = str(log), list[str]()
+    while "@" in whole and not Path(whole).exists():
+        whole, _, text = whole.rpartition("@")
+        texts.insert(0, text)
+    if not Path(whole).exists() and not all(_STRETCH.fullmatch(text) for text in texts):
+        return LogPlace(log, common)  # a name with an @, of a file that is missing
+    own = [Window.parse(text, f"{log}: after the @") for text in texts]
+    return LogPlace(Path(whole), tuple(each for each in own if each is not None) or common)
 
 
 def numbers(option: str, text: str | None, count: int, expected: str) -> tuple[float, ...] | None:

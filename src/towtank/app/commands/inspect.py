@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from towtank.app.commands.arguments import Json, Log, Map, Window, WindowText
+from towtank.app.commands.arguments import Json, KeepAll, Log, Map, WindowTexts, log_places
 
 __all__ = ["inspect"]
 
@@ -18,28 +18,33 @@ def inspect(
         str | None,
         typer.Option("--vehicle", metavar="VEHICLE", help="Catalog name or vehicle file, for verdicts by coefficient."),
     ] = None,
-    window: WindowText = None,
+    window: WindowTexts = None,
+    keep_all: KeepAll = False,
     json: Json = False,
 ) -> None:
     """Show what is in a log: its messages and channels, clock trouble, command delay, which axes can be identified.
+
+    That, from what shows the vehicle moving freely in water; what does not is listed with the reason.
 
     \b
     Example:
       towtank inspect surge.csv --vehicle vlbv300
     """
-    from towtank.app.files import cut, read_logs, read_vehicle
+    from towtank.app.files import parts_of, read_logs, read_vehicle
     from towtank.app.terminal.output import Output
 
-    stretch = Window.parse(window)
+    places = log_places([log], window)
+    [place] = places
     output = Output(json=json)
     with output.progress("inspecting") as progress:
-        [recording] = cut(read_logs([log], mapping, progress), stretch)
+        read = read_logs([place.path], mapping, progress)
         known = None if vehicle is None else read_vehicle(vehicle, output)
         from towtank.app.inspection import (
             inspect_recording,  # a second of libraries: a file that is none is refused first
         )
 
-        found = inspect_recording(str(log), recording, known, progress)
+        [parts] = parts_of(places, read, known, keep_all=keep_all)
+        found = inspect_recording(parts, known, progress)
     from towtank.app.tables.inspection import show_inspection
 
     show_inspection(found, output)

@@ -11,11 +11,12 @@ import typer
 from towtank.app.commands.arguments import (
     LOG_KINDS,
     Json,
+    KeepAll,
     Map,
     Report,
-    Window,
-    WindowText,
+    WindowTexts,
     command_text,
+    log_places,
     output_place,
     positive_option,
     report_place,
@@ -33,7 +34,9 @@ __all__ = ["learn", "names_of"]
 
 
 def learn(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG", help=f"Log files ({LOG_KINDS}).")],
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG", help=f"Log files ({LOG_KINDS}); of one alone LOG@START,END.")
+    ],
     vehicle: Annotated[
         str,
         typer.Option(
@@ -61,7 +64,8 @@ def learn(
             help="Learn only these, as X_udot,X_uu, and the delay; all others are fixed at what is supposed of them.",
         ),
     ] = None,
-    window: WindowText = None,
+    window: WindowTexts = None,
+    keep_all: KeepAll = False,
     mapping: Map = None,
     model_file: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="MODEL.toml", help="Vehicle file to write.")
@@ -98,23 +102,27 @@ def learn(
 
     Every plausible coefficient is learned, from what is supposed of it (towtank vehicle prior). Each comes with its
     standard deviation and the interval that holds it in 95 of 100 cases; what these logs hardly tell, with the reason.
+    Only water counts: disarmed, on deck, at the surface or without commands is left out, and said.
 
     \b
     Examples:
       towtank learn surge.csv --vehicle vlbv300 --report learned.html
       towtank learn surge.csv --vehicle mine.toml -o both.toml
+      towtank learn surge.csv@2,12@15,28 --vehicle vlbv300
     """
     _known_method(method, prior)
     if current and method != "joint":
         raise InputError(f"--current: method {method} knows none; use joint, or leave it out")
-    stretch = Window.parse(window)
+    named, places = logs, log_places(logs, window)
+    logs = [place.path for place in places]
     output_place("--output", model_file, (".toml",))
     report_place(report)
     positive_option("--delay", delay, zero=True)
     wanted = names_of(free)
 
-    from towtank.app.files import cut, read_logs, read_prior, read_vehicle
+    from towtank.app.files import counted, parts_of, read_logs, read_prior, read_vehicle
     from towtank.app.reports import learn_facts, write_learn_report
+    from towtank.app.tables.free_motion import left_out_document, left_out_lines, rate_warnings, show_left_out
     from towtank.app.tables.learning import learn_document, show_learning
     from towtank.app.tables.repairs import learning_warnings
     from towtank.app.terminal.output import Output
@@ -125,7 +133,8 @@ def learn(
     with output.progress("learning") as progress:
         known = read_vehicle(vehicle, output)
         beforehand = None if prior is None else read_prior(prior, output)
-        recordings = cut(read_logs(logs, mapping, progress), stretch)
+        parts = parts_of(places, read_logs(logs, mapping, progress), known, keep_all=keep_all)
+        recordings = counted(parts)
         learning = learn_recordings(
             known,
             recordings,
@@ -137,7 +146,7 @@ def learn(
             progress=lambda text, share: progress(text, 0.9 * share),
         )
         model = _with_provenance(learning, logs, prior)
-        warnings = [*output.warnings, *learning_warnings(learning, recordings)]
+        warnings = [*output.warnings, *rate_warnings(parts), *learning_warnings(learning, recordings)]
         if report is None:
             recordings = []  # room for the prediction
         progress("predicting", 0.9)
@@ -155,16 +164,21 @@ def learn(
                 "--method": None if method == "joint" else method,
                 "--free": free,
                 "--window": window,
+                "--keep-all": keep_all,
                 "--map": mapping,
                 "--delay": delay,
                 "--prior": prior,
                 "--current": current,
                 "-o": model_file,
             }
-            commands = [command_text("learn", logs, again), judge]
-            facts = learn_facts(learning, model, scores, recordings, use=use, warnings=warnings, prior=prior)
+            commands = [command_text("learn", named, again), judge]
+            left_out = left_out_lines(parts)
+            facts = learn_facts(
+                learning, model, scores, recordings, use=use, warnings=warnings, prior=prior, left_out=left_out
+            )
             write_learn_report(report, facts, logs, commands)
     show_learning(learning, fit, use, logs, warnings, output, asked=method, prior=prior)
+    show_left_out(parts, output)
     output.line()
     if model_file is not None and empty and not allow_empty:
         output.warn(f"{model_file} is not written: nothing was learned (--allow-empty writes it all the same)")
@@ -174,7 +188,13 @@ def learn(
         output.line(f"report written to {report}")
     output.line(f"Next: {judge}" if model_file else f"Next: the same with -o MODEL.toml, then {judge}", "dim")
     output.document(
-        {"vehicle": known.name, "logs": logs, "prior": prior, **learn_document(learning, fit, use, warnings, rmse)}
+        {
+            "vehicle": known.name,
+            "logs": logs,
+            "prior": prior,
+            **left_out_document(parts),
+            **learn_document(learning, fit, use, warnings, rmse),
+        }
     )
     if model_file is not None and empty and not allow_empty:
         raise typer.Exit(1)

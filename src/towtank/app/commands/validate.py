@@ -4,25 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from towtank.app.commands.arguments import (
     LOG_KINDS,
     Json,
+    KeepAll,
     Map,
     Report,
-    Window,
-    WindowText,
+    WindowTexts,
     command_text,
+    log_places,
     positive_option,
     report_place,
 )
 from towtank.errors import InputError
-
-if TYPE_CHECKING:
-    from towtank.recording import Recording
 
 __all__ = ["validate"]
 
@@ -32,7 +30,8 @@ def validate(
     logs: Annotated[
         list[Path], typer.Argument(metavar="LOG", help=f"Log files that the model was not learned from ({LOG_KINDS}).")
     ],
-    window: WindowText = None,
+    window: WindowTexts = None,
+    keep_all: KeepAll = False,
     horizon: Annotated[
         float | None,
         typer.Option("--horizon", metavar="S", help="Restart the prediction from the measured state every S seconds."),
@@ -83,37 +82,44 @@ def validate(
     """
     positive_option("--horizon", horizon)
     positive_option("--delay", delay, zero=True)
-    stretch = Window.parse(window)
+    named, places = logs, log_places(logs, window)
+    logs = [place.path for place in places]
     if require is not None and not require <= 100.0:
         raise InputError(f"--require: found {require:g}, expected a fit in percent, 100 at most")
     models = _models(model, against or [])
     _folds_alone(folds, method, against)
     report_place(report)
 
-    from towtank.app.files import read_logs, read_vehicle
+    from towtank.app.files import counted, parts_of, read_logs, read_vehicle
     from towtank.app.judging import against_others, alone, by_folds, learn_by, write_validate_report
     from towtank.app.tables.fits import usable_document
+    from towtank.app.tables.free_motion import left_out_document, left_out_lines, rate_warnings, show_left_out
     from towtank.app.terminal.output import Output
     from towtank.digits import short
 
     output = Output(json=json)
     with output.progress("predicting") as progress:
-        recordings, common = _windowed(read_logs(logs, mapping, progress), stretch)
+        read = read_logs(logs, mapping, progress)
         vehicles = {name: read_vehicle(name, output) for name in models}
+        parts = parts_of(places, read, vehicles[model], keep_all=keep_all)
+        recordings = counted(parts)
+        for text in rate_warnings(parts):
+            output.warn(text)
         options = {"horizon": horizon, "delay": delay}
         if folds is not None:
-            recordings = recordings if common is None else [recording.window(*common) for recording in recordings]
-            judged = by_folds(vehicles[model], recordings, folds, learn_by(method, delay), logs, options, progress)
+            of_parts = [each.log for each in parts for _ in each.parts]
+            judged = by_folds(vehicles[model], recordings, folds, learn_by(method, delay), of_parts, options, progress)
         elif len(vehicles) > 1:
-            judged = against_others(vehicles, recordings, {"window": common, **options}, progress)
+            judged = against_others(vehicles, recordings, options, progress)
         else:
-            judged = alone(vehicles[model], recordings, {"window": common, **options}, progress)
+            judged = alone(vehicles[model], recordings, options, progress)
         found, verdict = judged.found, judged.verdict(model)
         lacking = () if require is None else judged.lacking(require)
         if report is not None:
             progress("report", 0.95)
             again = {
                 "--window": window,
+                "--keep-all": keep_all,
                 "--horizon": horizon,
                 "--delay": delay,
                 "--against": against,
@@ -121,9 +127,15 @@ def validate(
                 "--method": method,
                 "--map": mapping,
             }
-            facts = {"horizon": horizon, "delay": delay, "warnings": tuple(output.warnings), "recordings": recordings}
+            facts = {
+                "horizon": horizon,
+                "delay": delay,
+                "warnings": tuple(output.warnings),
+                "recordings": recordings,
+                "left_out": left_out_lines(parts),
+            }
             write_validate_report(
-                report, model, vehicles[model], judged, logs, [command_text("validate", [model, *logs], again)], facts
+                report, model, vehicles[model], judged, logs, [command_text("validate", [model, *named], again)], facts
             )
     output.line(verdict.text, "bold")
     output.line()
@@ -132,6 +144,7 @@ def validate(
     late = "" if delay is None else f", delay {1e3 * delay:.4g} ms"
     output.line(f"{short(found.window[0])} to {short(found.window[1])} s{restart}{late}")
     judged.show(output)
+    show_left_out(parts, output)
     if report is not None:
         output.line()
         output.line(f"report written to {report}")
@@ -148,6 +161,7 @@ def validate(
             "window": found.window,
             "horizon_s": horizon,
             "delay_s": delay,
+            **left_out_document(parts),
             **judged.document,
             "warnings": output.warnings,
         }
@@ -176,15 +190,3 @@ def _folds_alone(folds: int | None, method: str | None, against: Sequence[str] |
         raise InputError(f"--folds: found {folds}, expected 2 windows or more")
     if against:
         raise InputError("--folds: cannot be combined with --against; run validate once for each model")
-
-
-def _windowed(
-    recordings: Sequence[Recording], window: Window | None
-) -> tuple[Sequence[Recording], tuple[float, float] | None]:
-    """Return the recordings and the window common to all; cut already where each has its own."""
-    if window is None:
-        return recordings, None
-    stretches = [window.within(recording) for recording in recordings]
-    if len(set(stretches)) == 1:
-        return recordings, stretches[0]
-    return [recording.window(*stretch) for recording, stretch in zip(recordings, stretches, strict=True)], None

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from towtank.app.inspection import AxisVerdict, Inspection
+from towtank.app.tables.free_motion import show_left_out
 from towtank.app.tables.learning import disturbance_cells, show_findings
 from towtank.app.tables.repairs import show_contents
 from towtank.app.terminal.output import Output
@@ -28,6 +29,7 @@ def show_inspection(found: Inspection, output: Output) -> None:
     show_findings(found.findings, output)
     _show_channels(found.channels, found.noise, output)
     show_contents(recording, output)
+    show_left_out([found.parts], output)
     lines = (*found.repairs.lines, *recording.notes)
     output.heading("Clock and samples")
     for line in lines or ("nothing to repair",):
@@ -150,9 +152,9 @@ def _show_forecast(found: Inspection, output: Output) -> None:
         shown.update(verdict.prospects)
         if lines:
             output.item(", ".join([lines[0], *(line.replace(" will be known to", " to") for line in lines[1:])]))
-    if len(found.windows) > 1:
+    if not found.whole:
         stretches = ", ".join(f"{start:.0f} .. {end:.0f}" for start, end in found.windows)
-        output.line(f"Told from where most happens, {stretches} s; the whole log tells more.", "dim")
+        output.line(f"Told from where most happens, {stretches} s; all that counts tells more.", "dim")
 
 
 def _verdict(verdict: AxisVerdict) -> str:

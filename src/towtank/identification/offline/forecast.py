@@ -17,9 +17,9 @@ from towtank.identification.posterior.wording import phrase, role, will_be_known
 from towtank.recording import Grid
 from towtank.vehicle import Vehicle, configuration_matrix, index, unit
 
-__all__ = ["PredictedAccuracy", "best_excited", "predicted_accuracies"]
+__all__ = ["MOST_ROWS", "PredictedAccuracy", "best_excited", "predicted_accuracies"]
 
-_MOST_ROWS = 9_000  # of a recording that are used,
+MOST_ROWS = 9_000  # of a recording that are used,
 _STRETCHES = 6  # cut into so many where there are more
 _MAY_BE_NOTHING = 25.0  # %, above which a term that may as well be 0 is given in its own unit
 
@@ -50,7 +50,7 @@ def _accuracy(vehicle: Vehicle, known: Learned, names: list[str]) -> PredictedAc
     return PredictedAccuracy(percent, known.std, unit(known.name), text)
 
 
-def best_excited(grid: Grid, vehicle: Vehicle, rows: int = _MOST_ROWS) -> tuple[tuple[float, float], ...]:
+def best_excited(grid: Grid, vehicle: Vehicle, rows: int = MOST_ROWS) -> tuple[tuple[float, float], ...]:
     """Return the stretches (start, end) [s], of so many rows in all, in which the thrusters do the most on each axis;
     one that spans the grid where it has no more rows than that.
     """

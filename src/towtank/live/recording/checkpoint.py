@@ -31,7 +31,7 @@ from towtank.live.pipeline.instants import Row, rows_of
 from towtank.readers import read
 from towtank.recording import Recording, bind_thrusters
 from towtank.recording.grids.grid import held_at
-from towtank.recording.standard import is_held
+from towtank.recording.standard import is_input
 from towtank.vehicle import Vehicle
 
 __all__ = ["Checkpoint", "Earlier", "earlier"]
@@ -211,7 +211,7 @@ def earlier(path: Path, vehicle: Vehicle, checkpoint: Checkpoint, **settings: An
     inputs = {
         channel.name: float(held_at(channel.t, channel.values[:, None], at)[0, 0])
         for channel in (each.measured for each in recording.channels.values())
-        if is_held(channel.name) and len(channel)
+        if is_input(channel.name) and len(channel)
     }
     return Earlier(epoch, learner, since, {name: x for name, x in inputs.items() if math.isfinite(x)}, recording)
 

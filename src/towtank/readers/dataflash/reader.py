@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from towtank.readers.ardupilot.dvl import at_the_origin
+from towtank.readers.ardupilot.states import dataflash_states, with_states
 from towtank.readers.common.interpretation import recording_of
 from towtank.readers.common.mapped_tables import mapped_recording
 from towtank.readers.common.tables import Tables
@@ -27,9 +28,10 @@ def decode(path: Path) -> Tables:
 
 
 def read(path: Path, mapping: AnyMapping) -> Recording:
-    """Return the recording of a log; with a mapping, of what it names."""
+    """Return the recording of a log; with a mapping, of what it names. The autopilot's states are always in it."""
     tables = decode(path)
+    states = dataflash_states(tables)
     if mapping is not None:
-        return mapped_recording(tables, mapping)
+        return with_states(mapped_recording(tables, mapping), *states)
     recording = recording_of(tables, dataflash_sources(tables), reasons=dataflash_reasons(tables))
-    return at_the_origin(recording, tables.parameters, (DVL,))
+    return at_the_origin(with_states(recording, *states), tables.parameters, (DVL,))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array
 from towtank.readers.ardupilot.aiding import Aiding, Evidence, aided, aiding_of
 from towtank.readers.ardupilot.dvl import at_the_origin, displacement_source
+from towtank.readers.ardupilot.states import heartbeat_states, with_states
 from towtank.readers.ardupilot.thruster_outputs import command_sources
 from towtank.readers.ardupilot.water_pressure import Pressure, depth_sources
 from towtank.readers.common.interpretation import Reading, in_order, recording_of, sources_of_table, times_of
@@ -32,6 +33,7 @@ __all__ = [
     "pulses_of",
     "sources_of_messages",
     "with_autopilot",
+    "with_autopilot_states",
 ]
 
 _MILLI, _CENTI = 1e-3, 1e-2
@@ -114,7 +116,15 @@ def mavlink_recording(tables: Tables, senders: Mapping[str, Sender]) -> Recordin
         elif message_of(name) in _REASONS:
             reasons[name] = _REASONS[message_of(name)]
     recording = recording_of(known, mavlink_sources(known, senders, autopilot), reasons=reasons)
-    return at_the_origin(recording, known.parameters, (DVL,))
+    return at_the_origin(with_autopilot_states(recording, known, senders), known.parameters, (DVL,))
+
+
+def with_autopilot_states(recording: Recording, tables: Tables, senders: Mapping[str, Sender]) -> Recording:
+    """Return a recording of these tables with what the autopilot's heartbeats tell of it."""
+    autopilot = autopilot_of(tables.tables, senders)
+    beats = (table for name, table in tables.tables.items() if senders.get(name) == autopilot.sender)
+    table = next((each for each in beats if message_of(each.name) == "HEARTBEAT" and len(each)), None)
+    return with_states(recording, *(({}, {}) if table is None else heartbeat_states(table)))
 
 
 def mavlink_sources(tables: Tables, senders: Mapping[str, Sender], autopilot: Autopilot) -> list[Source]:

@@ -23,7 +23,7 @@ from towtank.readers.common.mapped_tables import mapped_recording
 from towtank.readers.common.tables import Table, Tables
 from towtank.readers.mavlink.autopilot import with_autopilot
 from towtank.readers.mavlink.format import MessageLayout, checksum, layouts
-from towtank.readers.mavlink.meaning import mavlink_recording
+from towtank.readers.mavlink.meaning import mavlink_recording, with_autopilot_states
 from towtank.readers.mavlink.senders import Sender, named_tables
 from towtank.readers.mavlink.tables import tables_by_instance
 from towtank.readers.registry import AnyMapping
@@ -177,10 +177,11 @@ def decode(data: bytes, source: str) -> tuple[Tables, dict[str, Sender]]:
 
 
 def read(path: Path, mapping: AnyMapping) -> Recording:
-    """Return the recording of a log; with a mapping, of what it names."""
+    """Return the recording of a log; with a mapping, of what it names. The autopilot's states are always in it."""
     tables, senders = decode(path.read_bytes(), str(path))
     if mapping is not None:
-        return mapped_recording(with_autopilot(tables, senders), mapping)
+        known = with_autopilot(tables, senders)
+        return with_autopilot_states(mapped_recording(known, mapping), known, senders)
     return mavlink_recording(tables, senders)
 
 

@@ -13,7 +13,7 @@ from towtank.readers.common.mapped_tables import mapped_recording
 from towtank.readers.common.raw_messages import Topic
 from towtank.readers.common.tables import Table, Tables
 from towtank.readers.mavlink.autopilot import with_autopilot
-from towtank.readers.mavlink.meaning import mavlink_recording
+from towtank.readers.mavlink.meaning import mavlink_recording, with_autopilot_states
 from towtank.readers.mcap.json import is_mavlink, json_table, mavlink_tables
 from towtank.readers.mcap.own import own_recording, own_tables
 from towtank.readers.mcap.scan import Heading, McapContent, scan_mcap
@@ -72,7 +72,9 @@ def _foreign(source: str, content: McapContent, mapping: ColumnMapping | None) -
     )
     if mapping is None:
         return _beside(mavlink_recording(known, senders), known, [*plain, *rest], origin)
-    return mapped_recording(_all(with_autopilot(known, senders), [*plain, *rest], origin), mapping)
+    known = with_autopilot(known, senders)
+    mapped = mapped_recording(_all(known, [*plain, *rest], origin), mapping)
+    return with_autopilot_states(mapped, known, senders)
 
 
 def _with_json(log: RosLog, topics: Sequence[Topic], origin: int) -> RosLog:

@@ -32,7 +32,7 @@ _STEPS = 20_000  # fields of one message that are walked
 _LAYOUTS = 500  # layouts of one topic
 _DEEPEST = 32
 _MISFITS = 200  # messages of one topic that are looked at in vain
-_TEXTS = "frame_id"  # the texts that matter
+_TEXTS = ("frame_id", "mode")  # the texts that matter
 
 
 @dataclass(frozen=True)

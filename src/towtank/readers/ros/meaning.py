@@ -60,7 +60,6 @@ LISTED = {
     "sensor_msgs/msg/NavSatFix": "satellites are not seen under water",
     "sensor_msgs/msg/MagneticField": "a heading takes more than a compass: attitude is taken where a message tells it",
     "mavros_msgs/msg/VfrHud": "a pilot's display: its sources are taken instead",
-    "mavros_msgs/msg/State": "mode of the autopilot, no measurement",
     "tf2_msgs/msg/TFMessage": "transforms between frames: frames are taken by their names",
 }
 

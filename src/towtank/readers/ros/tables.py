@@ -1,4 +1,4 @@
-"""Topics of ROS messages as tables, and from them a recording; commands that end before the motion are noted."""
+"""Topics of ROS messages as tables, and from them a recording."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.readers.ardupilot.states import mavros_states, with_states
 from towtank.readers.common.interpretation import recording_of
 from towtank.readers.common.mapped_tables import mapped_recording
 from towtank.readers.common.raw_messages import Integers, Topic
@@ -22,7 +23,6 @@ from towtank.readers.ros.types import numbers_of, types_of
 from towtank.recording.mapping import ColumnMapping
 from towtank.recording.recording import Recording
 from towtank.recording.repairs import Repairs
-from towtank.recording.standard import is_held
 
 __all__ = [
     "RosLog",
@@ -32,29 +32,11 @@ __all__ = [
     "ros_recording",
     "ros_tables",
     "table_of",
-    "with_command_end",
 ]
 
-_PAUSE, _INTERVALS = 2.0, 10.0  # s, and usual intervals of commands, that are silence
+_STATE = "mavros_msgs/msg/State"
 _STAMPS = ("header.stamp", "stamp")
 _CLOCK = "recorder"
-
-
-def with_command_end(recording: Recording) -> Recording:
-    """Return the recording with a note where its inputs end well before its motion does."""
-    inputs = [channel.t for name, channel in recording.channels.items() if is_held(name) and len(channel) > 1]
-    motion = [channel.t[-1] for name, channel in recording.channels.items() if not is_held(name) and len(channel)]
-    if not inputs or not motion:
-        return recording
-    end, first = max(float(t[-1]) for t in inputs), min(float(t[0]) for t in inputs)
-    usual = max(float(np.median(np.diff(t))) for t in inputs)
-    silence = max(map(float, motion)) - end
-    if silence <= max(_PAUSE, _INTERVALS * usual):
-        return recording
-    return recording.with_notes(
-        f"the last command came {silence:.1f} s before the motion ends and counts until then; if the vehicle was "
-        f"switched off or caught, cut with --window {max(first, recording.start):.2f},{end:.2f}"
-    )
 
 
 @dataclass(frozen=True)
@@ -67,6 +49,8 @@ class RosLog:
 
 def is_wanted(name: str, kind: str, mapping: ColumnMapping | None) -> bool:
     """Whether a topic is worth decoding: its type means something, or the mapping names it."""
+    if kind == _STATE:
+        return True
     if mapping is None:
         return has_meaning(name, kind) or is_static(name, kind)
     return any(column.source.startswith(f"{name}.") for column in mapping.channels().values())
@@ -98,12 +82,18 @@ def ros_tables(source: str, topics: Sequence[Topic], repairs: Repairs, origin: i
 def ros_recording(log: RosLog, mapping: ColumnMapping | None) -> Recording:
     """Return the recording of the tables: by the mapping, else by what the messages mean."""
     if mapping is not None:
-        return with_command_end(mapped_recording(log.tables, mapping))
+        return _with_states(mapped_recording(log.tables, mapping), log.tables)
     tables, notes, static = at_base_link(log.tables.tables)
     sources = [source for table in tables.values() if len(table) for source in meaning_of(table)]
     sources += thruster_sources(tables)
     whole = replace(log.tables, tables=tables, notes=(*log.tables.notes, *notes))
-    return with_command_end(recording_of(whole, judged(sources, tables), reasons={**log.reasons, **static}))
+    return _with_states(recording_of(whole, judged(sources, tables), reasons={**log.reasons, **static}), whole)
+
+
+def _with_states(recording: Recording, tables: Tables) -> Recording:
+    """Return the recording with what the autopilot says of itself, the first that says so."""
+    table = next((each for each in tables.tables.values() if each.kind == _STATE and "armed" in each), None)
+    return recording if table is None else with_states(recording, *mavros_states(table))
 
 
 def table_of(topic: Topic, origin: int) -> tuple[Table, str, int]:

@@ -23,9 +23,11 @@ def log_section(
     recordings: Sequence[Recording],
     noise: Mapping[str, Mapping[str, object]],
     disturbance: Mapping[str, Mapping[str, object]],
+    left_out: Sequence[str] = (),
 ) -> str:
-    """Return what the logs hold and how good it is."""
-    parts = [_log(recording) for recording in recordings[:_MOST]]
+    """Return what the logs hold and how good it is; first what of them does not count."""
+    parts = ["<h3>What counts</h3>", bullets(left_out)] if left_out else []
+    parts += [_log(recording) for recording in recordings[:_MOST]]
     if len(recordings) > _MOST:
         parts.append(paragraph(f"{len(recordings) - _MOST} further logs are left out here.", "note"))
     return section("log", "The log and its quality", *parts, _levels(noise, disturbance))
