@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -22,12 +21,6 @@ from towtank.app.commands.arguments import (
 )
 from towtank.errors import InputError, nearest
 from towtank.methods import METHODS
-
-if TYPE_CHECKING:
-    from towtank.identification import LogLearning
-    from towtank.recording import Grid
-    from towtank.validation import Validation
-    from towtank.vehicle import Vehicle
 
 __all__ = ["learn", "names_of"]
 
@@ -111,12 +104,11 @@ def learn(
     wanted = names_of(free)
 
     from towtank.app.files import cut, read_logs, read_prior, read_vehicle
-    from towtank.app.reports import learn_facts, write_learn_report
-    from towtank.app.tables.learning import learn_document, show_learning
+    from towtank.app.results import LearnedModel
+    from towtank.app.tables.learning import show_learning
     from towtank.app.tables.repairs import learning_warnings
     from towtank.app.terminal.output import Output
     from towtank.identification.logs import learn_recordings
-    from towtank.vehicle import save_vehicle
 
     output = Output(json=json)
     with output.progress("learning") as progress:
@@ -133,16 +125,13 @@ def learn(
             current=current,
             progress=lambda text, share: progress(text, 0.9 * share),
         )
-        model = _with_provenance(learning, logs, prior)
         warnings = [*output.warnings, *learning_warnings(learning, recordings)]
         if report is None:
             recordings = []  # room for the prediction
         progress("predicting", 0.9)
-        scores, unfit = _fit(model, learning.grids)
-        fit, rmse = ({}, {}) if scores is None else (scores.fit, scores.rmse)
-        warnings += unfit
+        learned = LearnedModel.of(learning, list(map(str, logs)), recordings, warnings, prior)
         if model_file is not None:
-            save_vehicle(model, model_file)
+            learned.save(model_file)
         judge = f"towtank validate {model_file or 'MODEL.toml'} ANOTHER_LOG" + (f" --map {mapping}" if mapping else "")
         if report is not None:
             progress("report", 0.95)
@@ -157,29 +146,15 @@ def learn(
                 "--current": current,
                 "-o": model_file,
             }
-            commands = [command_text("learn", logs, again), judge]
-            facts = learn_facts(learning, model, scores, recordings, warnings=warnings, prior=prior)
-            write_learn_report(report, facts, logs, commands)
-    show_learning(learning, fit, logs, warnings, output, asked=method, prior=prior)
+            learned.report(report, [command_text("learn", logs, again), judge])
+    show_learning(learning, learned.fit, logs, learned.warnings, output, asked=method, prior=prior)
     output.line()
     if model_file is not None:
         output.line(f"model written to {model_file}")
     if report is not None:
         output.line(f"report written to {report}")
     output.line(f"Next: {judge}" if model_file else f"Next: the same with -o MODEL.toml, then {judge}", "dim")
-    output.document(
-        {"vehicle": known.name, "logs": logs, "prior": prior, **learn_document(learning, fit, warnings, rmse)}
-    )
-
-
-def _fit(model: Vehicle, grids: Sequence[Grid]) -> tuple[Validation | None, list[str]]:
-    """Return how the model predicts the logs; where they do not allow a prediction, a warning instead."""
-    from towtank.validation import predict, score
-
-    try:
-        return score([predict(model, grid) for grid in grids]), []
-    except InputError as error:
-        return None, [f"no fit: {error}"]
+    output.document(learned.document())
 
 
 def _known_method(method: str, prior: str | None) -> None:
@@ -199,15 +174,3 @@ def names_of(text: str | None) -> tuple[str, ...] | None:
     if not names:
         raise InputError(f'--free: found "{text}", expected names of coefficients, as X_udot,X_uu')
     return names
-
-
-def _with_provenance(learning: LogLearning, logs: list[Path], prior: str | None) -> Vehicle:
-    """Return the model with the names of the logs it was learned from."""
-    from towtank.vehicle import Provenance
-
-    names = ", ".join(log.name for log in logs)
-    how = f"method {learning.method}, delay {1e3 * learning.delay:.3g} ms"
-    beside = "" if prior is None else f", prior {Path(prior).name}"
-    note = f"learned from {names} ({learning.estimate.duration:.5g} s), {how}{beside}"
-    kept = learning.model.provenance
-    return learning.model.model_copy(update={"provenance": Provenance(source=kept.source, notes=(*kept.notes, note))})

@@ -23,6 +23,7 @@ from towtank.outputs import write_atomically
 from towtank.recording.columns import recording_of_columns
 from towtank.recording.mapping import ColumnMapping
 from towtank.recording.recording import Recording
+from towtank.recording.tables.dataframes import on_all_times
 
 __all__ = ["read_csv", "to_table", "write_csv"]
 
@@ -183,19 +184,9 @@ def _to_numpy(column: pa.ChunkedArray) -> Array:
 
 def to_table(recording: Recording) -> pa.Table:
     """Return the Arrow table of a recording: `t`, then the channels, null where not measured."""
-    stamps = {id(channel.t): channel.t for channel in recording.channels.values()}
-    times = np.unique(np.concatenate(list(stamps.values()))) if len(stamps) > 1 else next(iter(stamps.values()))
-    rows = {key: None if t.size == times.size else np.searchsorted(times, t) for key, t in stamps.items()}
-    columns = [pa.array(times)]
-    for channel in recording.channels.values():
-        place = rows[id(channel.t)]
-        if place is None:
-            values = channel.values
-        else:
-            values = np.full(times.size, np.nan)
-            values[place] = channel.values
-        columns.append(pa.array(values, from_pandas=True))
-    return pa.Table.from_arrays(columns, names=["t", *recording.names])
+    times, channels = on_all_times(recording)
+    columns = [pa.array(times), *(pa.array(values, from_pandas=True) for values in channels.values())]
+    return pa.Table.from_arrays(columns, names=["t", *channels])
 
 
 def write_csv(recording: Recording, path: str | os.PathLike[str]) -> None:

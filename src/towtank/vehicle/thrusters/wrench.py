@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
+from towtank.vehicle.files import AnyVehicle, vehicle_of
 from towtank.vehicle.motion import last_axis
 from towtank.vehicle.thrusters import curves
 from towtank.vehicle.vehicle import Vehicle
@@ -47,12 +48,16 @@ def thruster_forces(vehicle: Vehicle, commands: ArrayLike, voltage: ArrayLike | 
     return out
 
 
-def thruster_wrench(vehicle: Vehicle, commands: ArrayLike, voltage: ArrayLike | None = None) -> Array:
+def thruster_wrench(vehicle: AnyVehicle, commands: ArrayLike, voltage: ArrayLike | None = None) -> Array:
     """Return the wrench [X Y Z K M N] (..., 6) [N, N m] of thruster commands (..., n) at steady state, body FRD.
+
+    Args:
+        vehicle: or its name in the catalog, or the path of its file. commands, voltage: as of `thruster_forces`.
 
     Raises:
         InputError: as `thruster_forces`.
     """
+    vehicle = vehicle_of(vehicle)
     return np.asarray(thruster_forces(vehicle, commands, voltage) @ configuration_matrix(vehicle).T)
 
 
