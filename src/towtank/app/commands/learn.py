@@ -19,6 +19,7 @@ from towtank.app.commands.arguments import (
     positive_option,
     report_place,
 )
+from towtank.app.terminal.completion import methods, vehicles
 from towtank.errors import InputError, nearest
 from towtank.methods import METHODS
 
@@ -32,6 +33,7 @@ def learn(
         typer.Option(
             "--vehicle",
             metavar="VEHICLE",
+            autocompletion=vehicles,
             help="Catalog name or file: body, thrusters, and what is supposed of coefficients. From a file that was "
             "learned, learning goes on.",
         ),
@@ -41,6 +43,7 @@ def learn(
         typer.Option(
             "--method",
             metavar="METHOD",
+            autocompletion=methods,
             help='"joint": one Kalman filter over motion, disturbance and all that is unknown, from what is supposed '
             'before; free runs speak where they predict better. "output-error": free runs in any case. "paper": least '
             "squares on filtered regressors, one axis after the other.",
@@ -71,6 +74,7 @@ def learn(
         typer.Option(
             "--prior",
             metavar="VEHICLE",
+            autocompletion=vehicles,
             help="What is known beforehand: a vehicle that was learned, with a std on coefficients, or with [prior].",
         ),
     ] = None,

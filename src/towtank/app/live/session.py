@@ -100,7 +100,7 @@ def run_live(options: LiveOptions, output: Output) -> None:
     output.say("making ready: compiling what is not compiled yet (up to a minute the first time)")
     with output.progress("making ready") as progress:
         warm_up(vehicle, fresh(), progress)
-        if options.page is not None:
+        if options.page is not None or options.foxglove is not None:
             from towtank.dashboard.prediction import warm_up as warm_page_up
 
             warm_page_up(vehicle)
@@ -174,10 +174,11 @@ def _foxglove(
     """Return a server for Foxglove, listening already; nothing where none is asked for."""
     if options.foxglove is None:
         return contextlib.nullcontext()
-    from towtank.live.foxglove import FoxgloveServer
+    from towtank.dashboard.prediction import FreeRuns
+    from towtank.live.foxglove import LAYOUT, FoxgloveServer
 
-    server = FoxgloveServer(session, vehicle, epoch, options.foxglove)
-    output.say(f"foxglove: ws://{server.open()}")
+    server = FoxgloveServer(session, vehicle, epoch, options.foxglove, FreeRuns(vehicle))
+    output.say(f"foxglove: ws://{server.open()}; a layout to import: {LAYOUT}")
     return contextlib.closing(server)
 
 

@@ -15,10 +15,10 @@ from towtank.readers.recognition import HEAD, is_dataflash_text
 from towtank.readers.registry import AnyMapping
 from towtank.recording.recording import Recording
 
-__all__ = ["decode", "read"]
+__all__ = ["read", "tables_of"]
 
 
-def decode(path: Path) -> Tables:
+def tables_of(path: Path) -> Tables:
     """Return the tables of a log, binary or text."""
     data = path.read_bytes()
     if is_dataflash_text(data[:HEAD]):
@@ -28,7 +28,7 @@ def decode(path: Path) -> Tables:
 
 def read(path: Path, mapping: AnyMapping) -> Recording:
     """Return the recording of a log; with a mapping, of what it names."""
-    tables = decode(path)
+    tables = tables_of(path)
     if mapping is not None:
         return mapped_recording(tables, mapping)
     recording = recording_of(tables, dataflash_sources(tables), reasons=dataflash_reasons(tables))

@@ -30,7 +30,7 @@ from towtank.readers.registry import AnyMapping
 from towtank.recording.recording import Recording
 from towtank.recording.repairs import Repairs
 
-__all__ = ["Group", "decode", "read", "scan_tlog"]
+__all__ = ["Group", "decode", "read", "scan_tlog", "tables_of"]
 
 _STAMP = 8
 _MAVLINK_1, _MAVLINK_2 = 0xFE, 0xFD
@@ -178,10 +178,14 @@ def decode(data: bytes, source: str) -> tuple[Tables, dict[str, Sender]]:
 
 def read(path: Path, mapping: AnyMapping) -> Recording:
     """Return the recording of a log; with a mapping, of what it names."""
-    tables, senders = decode(path.read_bytes(), str(path))
     if mapping is not None:
-        return mapped_recording(with_autopilot(tables, senders), mapping)
-    return mavlink_recording(tables, senders)
+        return mapped_recording(tables_of(path), mapping)
+    return mavlink_recording(*decode(path.read_bytes(), str(path)))
+
+
+def tables_of(path: Path) -> Tables:
+    """Return all tables of a log, as a mapping finds them."""
+    return with_autopilot(*decode(path.read_bytes(), str(path)))
 
 
 def _repairs(packets: Packets, stray: int, known: dict[int, MessageLayout]) -> Repairs:

@@ -25,7 +25,7 @@ from towtank.recording.mapping import ColumnMapping
 from towtank.recording.recording import Recording
 from towtank.recording.tables.dataframes import on_all_times
 
-__all__ = ["read_csv", "to_table", "write_csv"]
+__all__ = ["read_columns", "read_csv", "to_table", "write_csv"]
 
 _NUMBER = re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|inf(?:inity)?|nan)?", re.IGNORECASE | re.ASCII)
 _MISSING = ("", "NaN", "nan", "NAN", "-nan", "-NaN")
@@ -130,6 +130,31 @@ def read_csv(path: str | os.PathLike[str], mapping: ColumnMapping | str | os.Pat
     path = Path(path)
     names = _read_header(path)
     return recording_of_columns(path, names, lambda needed: _read_numbers(path, names, needed), mapping)
+
+
+def read_columns(path: Path) -> dict[str, Array]:
+    """Return every column (n,) that holds numbers, by its name in the first line; others, and doubles, are left out.
+
+    Raises:
+        InputError: the file is no CSV, or a line has more or fewer cells than the first.
+    """
+    names = _read_header(path)
+    keys = [f"c{i}" for i in range(len(names))]
+    try:
+        table = arrow_csv.read_csv(
+            path,
+            read_options=arrow_csv.ReadOptions(column_names=keys, skip_rows=1, block_size=1 << 23),
+            convert_options=arrow_csv.ConvertOptions(null_values=list(_MISSING), strings_can_be_null=True),
+        )
+    except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+        read_slowly(path, names, [])  # says where
+        raise InputError(f"{path}: cannot be read as CSV ({error})") from error
+    found: dict[str, Array] = {}
+    for name, key in zip(names, keys, strict=True):
+        kind = table.schema.field(key).type
+        if name and names.count(name) == 1 and (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
+            found[name] = _to_numpy(table.column(key).cast(pa.float64(), safe=False))
+    return found
 
 
 def _read_header(path: Path) -> tuple[str, ...]:
