@@ -193,9 +193,15 @@ def test_a_viewer_sees_what_the_session_knows(
     predicted = [json.loads(data) for _, data in viewer.messages["/towtank/prediction"]]
     times = np.array([each["t"] for each in predicted])
     assert (np.diff(times) > 0.0).all()
-    truth = np.array([each["measured"]["u"] for each in predicted])
-    away = np.array([each["predicted"]["u"] for each in predicted]) - truth
-    assert np.sqrt(np.mean(away**2)) < 0.5 * np.std(truth)
+    measured, found = (
+        np.array([each[kind]["u"] for each in predicted], dtype=float) for kind in ("measured", "predicted")
+    )
+    known = np.isfinite(measured)
+    slope = np.gradient(run["x"].values, run["x"].t)  # it keeps its heading
+    smooth = np.convolve(slope, np.full(20, 0.05), mode="same")
+    assert np.std(measured[known] - np.interp(times, run["x"].t, smooth)[known]) < 0.3 * np.std(smooth)
+    assert known.mean() > 0.9
+    assert np.sqrt(np.nanmean((found - measured) ** 2)) < 0.5 * np.nanstd(measured)
 
 
 def fields(schema: dict[str, Any], path: list[str]) -> dict[str, Any]:

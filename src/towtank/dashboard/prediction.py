@@ -76,7 +76,7 @@ class FreeRuns:
         self._vehicle, self._motion, self._told = vehicle, Motion(vehicle), -math.inf
 
     def __call__(self, came: Sequence[tuple[float, Mapping[str, Any]]], learnt: Learnt) -> list[tuple[float, Any, Any]]:
-        """Return times [s] and velocities (6,), measured and predicted; nothing where there is too little to start from.
+        """Return times [s] and velocities (6,), measured and predicted; none where too little has come to start from.
 
         Args:
             came: instants since the last call, with the learner's arguments. learnt: where learning stands.

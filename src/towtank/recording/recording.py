@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from towtank.core.arrays import Array
-from towtank.errors import InputError
+from towtank.errors import InputError, nearest
 from towtank.recording.channel import Channel, read_only, standard_channel
 from towtank.recording.repairs import Content, Repairs
 from towtank.recording.standard import is_held
@@ -82,7 +82,10 @@ class Recording:
         return cls(channels, source=source, notes=tuple(remarks))
 
     def __getitem__(self, name: str) -> Channel:
-        return self.channels[name]
+        try:
+            return self.channels[name]
+        except KeyError:
+            raise KeyError(f'no channel "{name}"{nearest(name, self.channels)}; there are {" ".join(self)}') from None
 
     def __contains__(self, name: object) -> bool:
         return name in self.channels

@@ -36,6 +36,10 @@ class Validation:
     horizon: float | None
     predictions: tuple[Prediction, ...]
 
+    def __repr__(self) -> str:
+        fits = ", ".join(f"{name} {value:.1f}" for name, value in self.fit.items() if value is not None)
+        return f"<Validation of {len(self.predictions)} predictions: fit {fits or 'unknown'} %>"
+
 
 def fit_percent(measured: Array, predicted: Array) -> float:
     """Return 100 (1 - |y - yhat| / |y - mean y|) over the samples where y is finite; -999 where it diverged."""
