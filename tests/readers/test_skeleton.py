@@ -146,6 +146,23 @@ def test_messages_are_named_by_table_and_field(tmp_path: Path) -> None:
     assert np.allclose(again["u"], np.sin(t))
 
 
+def test_elements_of_an_array_of_thrusters_are_commands() -> None:
+    found = [suggestion(f"data[{k}]", "/rovio/thrusters", "std_msgs/msg/Float32MultiArray") for k in range(3)]
+    assert [each and (each.quantity, each.channel) for each in found] == [("thruster", str(k)) for k in range(3)]
+
+
+def test_every_usual_channel_is_asked_for(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t,b\n0,1\n1,2\n2,3\n3,5\n")
+    text = mapping_skeleton(tmp_path / "a.csv").text
+    asked = ["x", "y", "z", "phi", "theta", "psi", "u", "v", "w", "p", "q", "r", "ax", "ay", "az"]
+    filled = text
+    for name in asked:
+        assert f'\n# {name} = ""' in text, name
+        filled = filled.replace(f'# {name} = ""', f'{name} = "b"')
+    (tmp_path / "map.toml").write_text(filled)
+    assert set(read(tmp_path / "a.csv", tmp_path / "map.toml")) == set(asked)
+
+
 def test_files_without_numbers_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "words.csv"
     path.write_text("a,b\nx,y\nz,w\n")

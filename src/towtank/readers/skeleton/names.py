@@ -108,7 +108,8 @@ _RULES = (
           "bat batt battery supply bus", "voltage voltage voltage voltage voltage"),
 )  # fmt: skip
 _THRUSTER = re.compile(
-    r"(?P<family>(?:.*_)?(?:pwm|cmd|command|thr|thruster|motor|mot|esc|servo|output|out|throttle|rcou_c|rco2_c|rco3_c)_?)"
+    r"(?P<family>(?:.*_)?(?:pwm|cmd|command|thr|thruster|motor|mot|esc|servo|output|out|throttle|rcou_c|rco2_c|rco3_c)"
+    r"s?(?:_(?:data|values?|commands?|inputs?))*_?)"
     r"(?P<axis>\d+|left|right|port|starboard|stbd)(?:_?(?:raw|pwm|cmd|out))?$"
 )
 _SIDES = {"left": "1", "port": "1", "right": "2", "starboard": "2", "stbd": "2"}

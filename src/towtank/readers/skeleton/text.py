@@ -12,7 +12,7 @@ import numpy as np
 from towtank.digits import short
 from towtank.readers.skeleton.columns import FoundColumn, FoundTable, found_tables
 from towtank.readers.skeleton.names import Suggestion, suggestion
-from towtank.recording.standard import STANDARD, is_command
+from towtank.recording.standard import QUATERNION, STANDARD, is_command
 
 __all__ = ["Skeleton", "mapping_skeleton"]
 
@@ -20,6 +20,7 @@ _DEGREE, _G = 0.017453292519943295, 9.80665
 _UPRIGHT, _TURNS = 1.65, 25.0  # rad: a pitch, and a roll or heading over several turns, beyond it is in degrees
 _FAST = 25.0  # rad/s: a rate beyond it is in degrees or thousandths
 _OTHERS = 2  # further candidates of a channel that are shown
+_FEW = 12  # fields of a message that are listed with their ranges
 _COLUMN = 44  # where comments begin
 _WIDTH = 110
 _GROUPS = (
@@ -216,7 +217,7 @@ def _channel_lines(ranked: dict[str, list[_Candidate]], chosen: dict[str, _Candi
         out += ["", f"# {title}{unit}"]
         instead = names == _GROUPS[3][1] and {"u", "v"} <= chosen.keys()  # one velocity over ground is enough
         for name in names:
-            if name not in ranked and (names in _USUAL and not name.startswith("q")):
+            if name not in ranked and names in _USUAL and name not in QUATERNION:
                 out.append(f'# {name} = ""')
             found = ranked.get(name, [])
             for k, each in enumerate([*found[:1], *(other for other in found[1 : 1 + _OTHERS] if not other.still)]):
@@ -277,14 +278,16 @@ def _rest_lines(tables: Sequence[FoundTable], named: set[str]) -> list[str]:
     """Return all that is not named, table by table, as comments."""
     out = []
     for table in tables:
-        rest = [column for column in table.columns if column.source not in named]
+        rest = [each for each in table.columns if each.source not in named and not each.path.startswith("layout.")]
         if not rest:
             continue
         rate = f", {short(table.rate, 3)} Hz" if table.rate else ""
         if not table.name:
             out += [f"#   {_text(column.source):{_COLUMN - 4}}  {column.range}" for column in rest]
         else:
-            out += _wrapped(f"#   {table.name}{rate}: ", [column.path for column in rest])
+            ranges = len(rest) <= _FEW
+            words = [f"{column.path} ({column.range})," if ranges else column.path for column in rest]
+            out += _wrapped(f"#   {table.name}{rate}: ", words)
     return ["", "# What else the log holds:", *out] if out else []
 
 
@@ -294,4 +297,4 @@ def _wrapped(begin: str, words: Sequence[str]) -> list[str]:
         if len(lines[-1]) + len(word) > _WIDTH:
             lines.append("#     ")
         lines[-1] += f"{word} "
-    return [line.rstrip() for line in lines]
+    return [line.rstrip(" ,") for line in lines]
