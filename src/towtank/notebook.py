@@ -13,7 +13,8 @@ from towtank.errors import InputError
 __all__ = ["Drawing", "html_table", "library", "spark_svg"]
 
 _WIDTH, _HEIGHT = 160, 26  # pixels
-_CELL = "padding:2px 10px;vertical-align:baseline"
+_CELL = "padding:2px 10px;vertical-align:middle"
+_LONG = 30  # letters, from which a text may be broken into lines
 
 
 class Drawing(str):
@@ -36,22 +37,18 @@ def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], n
         rows: plain text; a `Drawing` is left as it is.
     """
     right = [name.startswith(">") for name in head]
-    cells = [
-        "".join(
-            f'<td style="{_CELL};text-align:{"right" if number else "left"}">'
-            f"{text if isinstance(text, Drawing) else escape(text)}</td>"
-            for text, number in zip(row, right, strict=True)
-        )
-        for row in rows
-    ]
-    names = "".join(
-        f'<th style="{_CELL};text-align:{"right" if number else "left"}">{escape(name.removeprefix(">"))}</th>'
-        for name, number in zip(head, right, strict=True)
-    )
+    cells = ["".join(_cell("td", *each) for each in zip(row, right, strict=True)) for row in rows]
+    names = "".join(_cell("th", *each) for each in zip([name.removeprefix(">") for name in head], right, strict=True))
     said = "".join(f'<div style="opacity:.75">{escape(note)}</div>' for note in notes)
     body = "".join(f"<tr>{row}</tr>" for row in cells)
     table = f"<table><thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>" if cells else ""
     return f"<div><div><b>{escape(title)}</b></div>{table}{said}</div>"
+
+
+def _cell(tag: str, text: str, number: bool) -> str:
+    broken = "" if len(text) > _LONG and not isinstance(text, Drawing) else ";white-space:nowrap"
+    html = text if isinstance(text, Drawing) else escape(text)
+    return f'<{tag} style="{_CELL};text-align:{"right" if number else "left"}{broken}">{html}</{tag}>'
 
 
 def spark_svg(values: Sequence[float], label: str) -> Drawing:
