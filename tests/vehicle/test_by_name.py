@@ -10,8 +10,9 @@ import pytest
 
 import towtank as tt
 from towtank.errors import InputError
+from towtank.simulation import manoeuvre
 from towtank.validation import validate
-from towtank.vehicle import catalog_names, vehicle_of
+from towtank.vehicle import allocate, catalog_names, vehicle_of
 
 
 @pytest.fixture(params=["name", "path", "text"])
@@ -26,6 +27,9 @@ def test_dynamics(named: Any) -> None:
     vehicle, rng = tt.load_vehicle("seamor"), np.random.default_rng(0)
     eta, nu, tau = rng.normal(size=(3, 5, 6))
     commands = rng.normal(size=(5, len(vehicle.thrusters)))
+    assert np.array_equal(allocate(named, tau), allocate(vehicle, tau))
+    plans = [manoeuvre("surge-sine", each, duration=2.0).commands for each in (named, vehicle)]
+    assert np.array_equal(*plans)
     assert np.array_equal(tt.forward_dynamics(named, eta, nu, tau), tt.forward_dynamics(vehicle, eta, nu, tau))
     assert np.array_equal(tt.inverse_dynamics(named, eta, nu, tau), tt.inverse_dynamics(vehicle, eta, nu, tau))
     assert np.array_equal(tt.thruster_wrench(named, commands), tt.thruster_wrench(vehicle, commands))
