@@ -10,8 +10,8 @@ import pytest
 
 from towtank.errors import InputError
 from towtank.readers import read
-from towtank.readers.skeleton.names import suggestion
-from towtank.readers.skeleton.text import mapping_skeleton
+from towtank.readers.common.column_names import suggestion
+from towtank.readers.common.skeleton import mapping_skeleton
 from towtank.recording import Recording, load_mapping
 from towtank.recording.standard import STANDARD
 

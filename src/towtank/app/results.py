@@ -20,7 +20,7 @@ from towtank.notebook import html_table, library
 from towtank.recording import Recording
 from towtank.recording.consistency import Finding
 from towtank.recording.standard import STANDARD
-from towtank.report.notebook import prediction_html
+from towtank.report.sections.prediction import prediction_figures
 from towtank.report.verdict import NAMES, learn_verdict, state_of, validate_verdict
 from towtank.validation import Validation, predict, score
 from towtank.vehicle import Provenance, Vehicle, save_vehicle
@@ -29,6 +29,29 @@ __all__ = ["Judgement", "LearnedModel", "Log"]
 
 Log: TypeAlias = str | os.PathLike[str] | Recording
 _PREDICTED = "the logs that it was learned from"
+_DRAWN = 2  # logs that are drawn
+_STYLE = """<style>
+.towtank { --measured: #9aa5b0; --blue: #2b8fc9; --line: #8886; --faint: #8883; margin-top: 10px; }
+.towtank .grid { display: grid; grid-template-columns: repeat(auto-fit, minmax(300px, 1fr)); gap: 8px 14px; }
+.towtank figure { margin: 0; min-width: 0; }
+.towtank figure svg { display: block; width: 100%; height: auto; }
+.towtank figure svg svg { width: unset; height: unset; }
+.towtank .head { display: flex; justify-content: space-between; gap: 12px; font-size: 13px; }
+.towtank .head small, .towtank .head span, .towtank .legend { font-weight: 400; opacity: .8; }
+.towtank .legend span { margin-right: 18px; font-size: 13px; }
+.towtank .legend i { display: inline-block; width: 22px; border-top: 3px solid; margin-right: 8px; }
+.towtank .legend i { vertical-align: middle; }
+.towtank .legend .measured { border-color: var(--measured); }
+.towtank .legend .predicted { border-color: var(--blue); }
+.towtank .chart text { font-size: 12px; fill: currentColor; opacity: .8; }
+.towtank .tx { text-anchor: middle; }
+.towtank .ty { text-anchor: end; }
+.towtank .chart path { fill: none; }
+.towtank .chart .rule { stroke: var(--faint); }
+.towtank .chart .zero { stroke: var(--line); }
+.towtank .chart .measured { stroke: var(--measured); stroke-width: 2.2; }
+.towtank .chart .predicted { stroke: var(--blue); stroke-width: 1.3; }
+</style>"""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -175,7 +198,7 @@ class LearnedModel:
                 reasons.setdefault(each.reason or "no reason given", []).append(each.name)
         notes = [f"not identified: {', '.join(names)}: {reason}" for reason, names in reasons.items()]
         table = html_table(self.verdict, head, rows, [*notes, *self.warnings])
-        return table + ("" if self.scores is None else prediction_html(self.scores))
+        return table + ("" if self.scores is None else _prediction_html(self.scores))
 
 
 def _row(each: Learned, supposed: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
@@ -278,4 +301,10 @@ class Judgement:
             for name, value in self._known.items()
         ]
         table = html_table(self.verdict, ("Channel", ">Fit %", ">RMS error", "Unit"), rows)
-        return table + prediction_html(self.scores)
+        return table + _prediction_html(self.scores)
+
+
+def _prediction_html(scores: Validation) -> str:
+    """Return the predicted motion beside the measured one, channel by channel, of the first recordings."""
+    figures = prediction_figures(scores.predictions, scores.fit, most=_DRAWN)
+    return f'{_STYLE}<div class="towtank">{figures}</div>' if figures else ""

@@ -86,7 +86,7 @@ def _write_skeleton(log: Path, file: Path | None, unused: list[str], *, json: bo
     output = Output(json=json)
     with output.progress("reading"):
         recognised(log)  # a file that is none is refused before anything slow is imported
-        from towtank.readers.skeleton.text import mapping_skeleton
+        from towtank.readers.common.skeleton import mapping_skeleton
 
         found = mapping_skeleton(log)
         if file is not None:
