@@ -178,7 +178,8 @@ def _foxglove(
     from towtank.live.foxglove import LAYOUT, FoxgloveServer
 
     server = FoxgloveServer(session, vehicle, epoch, options.foxglove, FreeRuns(vehicle))
-    output.say(f"foxglove: ws://{server.open()}; a layout to import: {LAYOUT}")
+    output.say(f"foxglove: ws://{server.open()}")
+    output.say(f"foxglove: a layout to import there: {LAYOUT}")
     return contextlib.closing(server)
 
 
