@@ -21,7 +21,7 @@ from pymavlink import DFReader
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from towtank.readers import read
-from towtank.readers.dataflash.reader import decode as decode_dataflash
+from towtank.readers.dataflash.reader import tables_of as decode_dataflash
 from towtank.readers.mavlink.tlog import decode as decode_tlog
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests" / "readers"))

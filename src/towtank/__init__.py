@@ -12,6 +12,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from towtank.app.tasks import inspect, learn, validate
     from towtank.errors import InputError
     from towtank.identification import Learner, RecursiveLeastSquares
     from towtank.readers import read
@@ -34,13 +35,16 @@ __all__ = [
     "Vehicle",
     "__version__",
     "forward_dynamics",
+    "inspect",
     "inverse_dynamics",
+    "learn",
     "load_vehicle",
     "read",
     "save_vehicle",
     "simulate",
     "simulate_batch",
     "thruster_wrench",
+    "validate",
 ]
 
 __version__ = "0.1.0"
@@ -52,13 +56,16 @@ _HOMES = {
     "RecursiveLeastSquares": "identification",
     "Vehicle": "vehicle",
     "forward_dynamics": "vehicle",
+    "inspect": "app.tasks",
     "inverse_dynamics": "vehicle",
+    "learn": "app.tasks",
     "load_vehicle": "vehicle",
     "read": "readers",
     "save_vehicle": "vehicle",
     "simulate": "simulation",
     "simulate_batch": "simulation",
     "thruster_wrench": "vehicle",
+    "validate": "app.tasks",
 }
 
 

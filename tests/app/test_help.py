@@ -17,6 +17,7 @@ COMMANDS = [
     ["demo"],
     ["vehicle", "list"],
     ["vehicle", "show"],
+    ["vehicle", "copy"],
     ["vehicle", "prior"],
     ["vehicle", "check"],
     ["vehicle", "fit-thruster"],

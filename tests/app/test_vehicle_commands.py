@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from towtank.vehicle import catalog_names, load_vehicle, save_vehicle
+from towtank.vehicle import catalog_names, catalog_text, load_vehicle, save_vehicle
 
 from .commands import command, document, refused
 
@@ -75,6 +75,19 @@ def test_show_tells_of_a_posterior(vehicle: Path) -> None:
         "prior_std": [4.0, 0.05],
         "cholesky": [[1.0], [3.0, 4.0]],
     }
+
+
+def test_a_catalog_vehicle_is_copied_word_by_word(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    assert document("vehicle", "copy", "seamor", "-o", file) == {"vehicle": "seamor", "file": str(file)}
+    assert file.read_text() == catalog_text("seamor")
+    assert command("vehicle", "copy", "seamor", "-o", file).code == 0  # the same once more
+    file.write_text(file.read_text() + "# mine\n")
+    assert "there is such a file already" in refused("vehicle", "copy", "seamor", "-o", file)
+    assert file.read_text().endswith("# mine\n")
+    assert command("vehicle", "copy", "seamor", "-o", file, "--force").code == 0
+    assert file.read_text() == catalog_text("seamor")
+    assert 'did you mean "seamor"?' in refused("vehicle", "copy", "seamr", "-o", file)
 
 
 def test_prior_tells_of_every_unknown(vehicle: Path) -> None:

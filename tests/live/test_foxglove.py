@@ -18,19 +18,23 @@ import pytest
 from mcap.reader import make_reader
 
 from towtank import load_vehicle
+from towtank.dashboard.prediction import FreeRuns
 from towtank.errors import InputError
 from towtank.live import Raw, Sample
-from towtank.live.foxglove import FoxgloveServer
+from towtank.live.foxglove import LAYOUT, FoxgloveServer
 from towtank.live.links.source import SourceState
 from towtank.live.pipeline.instants import rows_of
+from towtank.live.recording import messages
+from towtank.live.recording.recorder import Form
 from towtank.live.session import Session
 from towtank.live.status import Status
 from towtank.live.warm_up import new_learner
 from towtank.readers import read
 from towtank.recording import Recording
 from towtank.recording.mcap.log import McapLog
+from towtank.recording.standard import VELOCITIES
 from towtank.simulation import Mocap, manoeuvre, simulate
-from towtank.vehicle import Vehicle, thruster_wrench
+from towtank.vehicle import COEFFICIENTS, Vehicle, thruster_wrench
 
 from .schemas import faults
 
@@ -129,11 +133,11 @@ class Viewer:
 @pytest.fixture
 def watched(vehicle: Vehicle, run: Recording) -> tuple[Viewer, Status, Session]:
     session = made(vehicle, run, interval=0.05)
-    server = FoxgloveServer(session, vehicle, EPOCH, "127.0.0.1:0")
+    server = FoxgloveServer(session, vehicle, EPOCH, "127.0.0.1:0", FreeRuns(vehicle))
     address = server.open()
     viewer = Viewer(address, "foxglove.sdk.v1")
     end = time.monotonic() + 5.0
-    while len(viewer.channels) < 7 and time.monotonic() < end:
+    while len(viewer.channels) < 8 and time.monotonic() < end:
         time.sleep(0.01)
     session.mark("begun")
     session.open()
@@ -153,7 +157,7 @@ def test_a_viewer_sees_what_the_session_knows(
 ) -> None:
     viewer, status, _ = watched
     schemas = {each["topic"]: each for each in viewer.channels.values()}
-    names = ("pose", "velocity", "wrench", "coefficients", "session", "events")
+    names = ("pose", "velocity", "wrench", "prediction", "coefficients", "session", "events")
     assert set(schemas) == {"/tf", *(f"/towtank/{name}" for name in names)}
     assert schemas["/towtank/pose"]["schemaName"] == "foxglove.PoseInFrame"
     assert schemas["/tf"]["schemaName"] == "foxglove.FrameTransforms"
@@ -186,6 +190,48 @@ def test_a_viewer_sees_what_the_session_knows(
     assert fares["samples"] == status.samples
     assert fares["dropped"] == 0
     assert viewer.messages["/tf"]
+    predicted = [json.loads(data) for _, data in viewer.messages["/towtank/prediction"]]
+    times = np.array([each["t"] for each in predicted])
+    assert (np.diff(times) > 0.0).all()
+    measured, found = (
+        np.array([each[kind]["u"] for each in predicted], dtype=float) for kind in ("measured", "predicted")
+    )
+    known = np.isfinite(measured)
+    slope = np.gradient(run["x"].values, run["x"].t)  # it keeps its heading
+    smooth = np.convolve(slope, np.full(20, 0.05), mode="same")
+    assert np.std(measured[known] - np.interp(times, run["x"].t, smooth)[known]) < 0.3 * np.std(smooth)
+    assert known.mean() > 0.9
+    assert np.sqrt(np.nanmean((found - measured) ** 2)) < 0.5 * np.nanstd(measured)
+
+
+def fields(schema: dict[str, Any], path: list[str]) -> dict[str, Any]:
+    """Return the schema of a field; KeyError where there is none."""
+    for name in path:
+        schema = schema["properties"][name] if name in schema["properties"] else schema["additionalProperties"]
+    return schema
+
+
+def test_the_layout_shows_what_there_is() -> None:
+    forms = {form.topic: form for form in vars(messages).values() if isinstance(form, Form)}
+    schemas = {topic: json.loads(form.schema[2]) for topic, form in forms.items()}
+    layout = json.loads(LAYOUT.read_text())
+    plotted = [path["value"] for each in layout["configById"].values() for path in each.get("paths", ())]
+    for value in plotted:
+        topic, *path = value.split(".")
+        assert "number" in fields(schemas[topic], path)["type"], value
+        if topic == "/towtank/coefficients":
+            assert path[0] in COEFFICIENTS
+    for axis in VELOCITIES:
+        assert {f"/towtank/prediction.measured.{axis}", f"/towtank/prediction.predicted.{axis}"} <= set(plotted)
+    for name in ("X_udot", "X_uu", "N_rdot", "N_rr"):
+        assert {f"/towtank/coefficients.{name}.{part}" for part in ("value", "low", "high")} <= set(plotted)
+
+    def leaves(node: Any) -> list[str]:
+        return [node] if isinstance(node, str) else [*leaves(node["first"]), *leaves(node["second"])]
+
+    [tabs] = [each["tabs"] for name, each in layout["configById"].items() if name.startswith("Tab!")]
+    shown = [name for tab in tabs for name in leaves(tab["layout"])]
+    assert sorted([*shown, layout["layout"]]) == sorted(layout["configById"])
 
 
 def test_a_viewer_that_never_reads_holds_nothing_up(vehicle: Vehicle, run: Recording) -> None:

@@ -25,7 +25,6 @@ _TERMINATED = 143
 app = typer.Typer(
     name="towtank",
     cls=Commands,
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["--help", "-h"]},

@@ -15,9 +15,19 @@ from towtank.errors import InputError
 if TYPE_CHECKING:
     from towtank.recording import Recording
     from towtank.recording.free_motion import LeftOut
+    from towtank.recording.mapping import AnyMapping
     from towtank.vehicle import Vehicle
 
-__all__ = ["LogParts", "counted", "parts_of", "read_configurations", "read_logs", "read_prior", "read_vehicle"]
+__all__ = [
+    "LogParts",
+    "counted",
+    "known_beforehand",
+    "parts_of",
+    "read_configurations",
+    "read_logs",
+    "read_prior",
+    "read_vehicle",
+]
 
 
 @dataclass(frozen=True)
@@ -56,13 +66,17 @@ def read_prior(name_or_file: str, output: Output) -> Vehicle:
 
     It was learned, or has a table [prior], or coefficients that bear deviations.
     """
+    return known_beforehand(read_vehicle(name_or_file, output), f"--prior {name_or_file}")
+
+
+def known_beforehand(vehicle: Vehicle, place: str) -> Vehicle:
+    """Return a vehicle that says what is known beforehand; `place` stands before the InputError where it does not."""
     from towtank.vehicle import COEFFICIENTS
 
-    vehicle = read_vehicle(name_or_file, output)
     known = vehicle.posterior is not None or vehicle.prior
     if not known and not any(vehicle.deviation(name) for name in COEFFICIENTS):
         raise InputError(
-            f"--prior {name_or_file}: no coefficient bears a std, so that nothing is known beforehand; write "
+            f"{place}: no coefficient bears a std, so that nothing is known beforehand; write "
             "X_uu = { value = -40.0, std = 4.0 } in [hydrodynamics] or [prior], or give a model that learn wrote"
         )
     return vehicle
@@ -80,15 +94,15 @@ def read_configurations(folder: Path, output: Output) -> dict[str, Vehicle]:
     return {each.name: each.vehicle for each in found}
 
 
-def read_logs(logs: Sequence[Path], mapping: Path | None, progress: Progress) -> list[Recording]:
+def read_logs(logs: Sequence[Path], mapping: AnyMapping | None, progress: Progress) -> list[Recording]:
     """Return the recordings of some logs, all with one mapping; a velocity in the world is turned into the body."""
     from towtank.readers import read, recognised
 
     for log in logs:  # before anything that is slow to import
         recognised(log)
-    from towtank.recording import load_mapping, with_body_velocity
+    from towtank.recording import mapping_of, with_body_velocity
 
-    columns = None if mapping is None else load_mapping(mapping)
+    columns = None if mapping is None else mapping_of(mapping)
     recordings = []
     for k, log in enumerate(logs):
         progress(f"reading {log.name}", k / len(logs))

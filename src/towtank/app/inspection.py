@@ -11,6 +11,7 @@ from towtank.app.tables.free_motion import left_out_document, rate_warnings
 from towtank.app.tables.learning import delay_deviation, disturbance_document, findings_document
 from towtank.app.tables.repairs import contents_document, learning_warnings
 from towtank.app.terminal.output import Progress
+from towtank.digits import short
 from towtank.identification import LogLearning, learn_recordings
 from towtank.identification.data.samples import NoiseLevels, Sources
 from towtank.identification.least_squares.chain import uses_commands
@@ -23,12 +24,14 @@ from towtank.identification.offline.forecast import (
     best_excited,
     predicted_accuracies,
 )
+from towtank.notebook import html_table
 from towtank.recording import Grid, Recording, align, bind_thrusters
 from towtank.recording.consistency import Finding
 from towtank.recording.facts import ChannelFacts, channel_facts
 from towtank.recording.noise import NoiseLevel, noise_levels
 from towtank.recording.repairs import Repairs
 from towtank.recording.standard import MEASURED, QUATERNION, WORLD_VELOCITY
+from towtank.recording.tables.dataframes import recording_html
 from towtank.vehicle import Vehicle
 
 __all__ = ["AxisVerdict", "Inspection", "inspect_recording"]
@@ -80,6 +83,27 @@ class Inspection:
     windows: tuple[tuple[float, float], ...] = ()
     whole: bool = True
     findings: tuple[Finding, ...] = ()
+
+    def __repr__(self) -> str:
+        axes = [f"{name} {'yes' if verdict.identifiable else 'no'}" for name, verdict in self.axes.items()]
+        return f"<Inspection of {self.log}: {self._in_short}\n can be identified: {', '.join(axes)}>"
+
+    @property
+    def _in_short(self) -> str:
+        many = len(self.findings)
+        wrong = f", {many} finding{'' if many == 1 else 's'}" if many else ""
+        return f"{short(self.recording.duration, 5)} s, {len(self.channels)} channels{wrong}"
+
+    def _repr_html_(self) -> str:
+        """Return the channels and what can be identified as tables, for notebooks."""
+        rows = [
+            (name, verdict.velocity, verdict.source, "yes" if verdict.identifiable else "no", verdict.reason or "")
+            for name, verdict in self.axes.items()
+        ]
+        head = ("Axis", "Speed", "Where it comes from", "Can be identified", "Why not")
+        said = [*(each.text for each in self.findings), *self.warnings]
+        table = html_table(f"{self.log}: {self._in_short}", head, rows, said)
+        return table + recording_html(self.recording)
 
     @property
     def log(self) -> str:

@@ -6,7 +6,9 @@ All that the page computes with is compiled before a session begins.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,11 +16,12 @@ from towtank.core.arrays import Array
 from towtank.dashboard.motion import ACCELERATION, COMMANDS, POSE, VELOCITY, WRENCH, Motion
 from towtank.errors import InputError
 from towtank.identification import Estimate, Learner
+from towtank.live.learning import Learnt
 from towtank.recording import Grid
 from towtank.validation import predict
 from towtank.vehicle import Vehicle
 
-__all__ = ["SECONDS", "FreeRun", "free_run", "warm_up"]
+__all__ = ["SECONDS", "FreeRun", "FreeRuns", "free_run", "warm_up"]
 
 SECONDS = 10.0  # s that the free run lasts
 _RATE = 25.0  # Hz
@@ -60,6 +63,33 @@ def free_run(
     count = np.isfinite(away).sum(axis=0)
     rms = np.sqrt(np.nansum(away**2, axis=0) / np.maximum(count, 1))
     return FreeRun(grid.t, measured, predicted, np.where(count > 0, rms, np.nan))
+
+
+class FreeRuns:
+    """The free run as it goes on: each call returns the instants that it has reached since the last one.
+
+    Args:
+        vehicle: that is learned.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle, self._motion, self._told = vehicle, Motion(vehicle), -math.inf
+
+    def __call__(self, came: Sequence[tuple[float, Mapping[str, Any]]], learnt: Learnt) -> list[tuple[float, Any, Any]]:
+        """Return times [s] and velocities (6,), measured and predicted; none where too little has come to start from.
+
+        Args:
+            came: instants since the last call, with the learner's arguments. learnt: where learning stands.
+        """
+        self._motion.add(came)
+        t, rows = self._motion.last(SECONDS)
+        run = free_run(self._vehicle, learnt.estimate, learnt.delay, t, rows)
+        if run is None:
+            return []
+        until = float(run.t[-1]) - _HALF / _RATE  # to there a velocity can be taken from the pose
+        new = (run.t > self._told) & (run.t <= until)
+        self._told = max(self._told, until)
+        return list(zip(run.t[new].tolist(), run.measured[new], run.predicted[new], strict=True))
 
 
 def _grid(vehicle: Vehicle, t: Array, rows: Array, seconds: float) -> Grid:

@@ -17,7 +17,7 @@ from towtank.identification.posterior.estimate import Estimate
 from towtank.methods import STREAMING_METHODS
 from towtank.recording import Recording
 from towtank.recording.event import Event
-from towtank.vehicle import Vehicle
+from towtank.vehicle import AnyVehicle, Vehicle, vehicle_of
 
 if TYPE_CHECKING:
     from towtank.identification.posterior.assembly import Current
@@ -29,7 +29,7 @@ class Learner:
     """Learns a vehicle's coefficients from its commands and its motion, sample by sample.
 
     Args:
-        vehicle: what is known: rigid body, thrusters, and values for whatever is not learned.
+        vehicle: what is known: rigid body, thrusters, and values for whatever is not learned; or its name or path.
         method: "joint": one Kalman filter over motion, disturbance and all coefficients, see `JointLearner`. "paper":
             filtered regressors, one axis at a time, recursive least squares, see `PaperLearner`.
         settings: of the method.
@@ -49,13 +49,13 @@ class Learner:
     method: str
     keeps_checkpoints = False
 
-    def __new__(cls, vehicle: Vehicle | None = None, method: str = "joint", **settings: Any) -> Learner:
+    def __new__(cls, vehicle: AnyVehicle | None = None, method: str = "joint", **settings: Any) -> Learner:
         """Return a learner of the method asked for; a pickle makes one of its class without arguments."""
         if cls is not Learner:
             return super().__new__(cls)
         return super().__new__(_class_of(method))
 
-    def __init__(self, vehicle: Vehicle, method: str = "joint", **settings: Any) -> None:
+    def __init__(self, vehicle: AnyVehicle, method: str = "joint", **settings: Any) -> None:
         raise NotImplementedError
 
     def update(
@@ -110,7 +110,7 @@ class Learner:
     def from_arrays(
         cls,
         arrays: Mapping[str, Any],
-        vehicle: Vehicle,
+        vehicle: AnyVehicle,
         *,
         prior: Vehicle | None = None,
         background: bool = False,
@@ -130,7 +130,7 @@ class Learner:
     @staticmethod
     def load(
         path: str | os.PathLike[str],
-        vehicle: Vehicle,
+        vehicle: AnyVehicle,
         *,
         prior: Vehicle | None = None,
         background: bool = False,
@@ -148,7 +148,7 @@ class Learner:
         def restored(method: str, arrays: Mapping[str, Any]) -> Learner:
             return _class_of(method).from_arrays(arrays, vehicle, prior=prior, background=background, known=known)
 
-        return read_checkpoint(path, vehicle, restored)
+        return read_checkpoint(path, vehicle_of(vehicle), restored)
 
     # -- what is known by now; a method that has none of something says so by the value named
 

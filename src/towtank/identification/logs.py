@@ -26,7 +26,7 @@ from towtank.methods import METHODS
 from towtank.recording import Recording
 from towtank.recording.consistency import Finding, inconsistencies
 from towtank.recording.standard import WRENCH
-from towtank.vehicle import Vehicle
+from towtank.vehicle import AnyVehicle, Vehicle, vehicle_of
 from towtank.vehicle.names import ROWS
 from towtank.vehicle.thrusters.ardusub import by_frame
 from towtank.vehicle.thrusters.wiring import rewired
@@ -40,17 +40,17 @@ class LearningOptions(TypedDict, total=False):
     free: Collection[str] | None
     delay: float | None
     longest_delay: float
-    prior: Vehicle | None
     current: bool
     free_runs: bool | None
 
 
 def learn_recordings(
-    vehicle: Vehicle,
+    vehicle: AnyVehicle,
     recordings: Sequence[Recording],
     *,
     method: str = "joint",
     progress: Progress | None = None,
+    prior: AnyVehicle | None = None,
     **options: Unpack[LearningOptions],
 ) -> LogLearning:
     """Learn a vehicle's coefficients from one or several recordings.
@@ -59,6 +59,7 @@ def learn_recordings(
     model that is learned has them so. No thruster is moved.
 
     Args:
+        vehicle: or its name in the catalog, or the path of its file; `prior` likewise.
         method: "joint": the Kalman filter over motion, disturbance and all unknowns, from the prior; free runs with the
             same prior speak where they predict better. "output-error": these in any case. "paper": filtered
             regressors, one axis after the other.
@@ -76,7 +77,8 @@ def learn_recordings(
     """
     if method not in METHODS:
         raise InputError(f'method: found "{method}", expected one of {", ".join(METHODS)}{nearest(method, METHODS)}')
-    request = LearningRequest(vehicle, recordings, **options)
+    vehicle, known = vehicle_of(vehicle), None if prior is None else vehicle_of(prior)
+    request = LearningRequest(vehicle, recordings, prior=known, **options)
     if method == "output-error":
         request = replace(request, free_runs=True)
     if method == "paper" and request.prior is not None:

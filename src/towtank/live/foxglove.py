@@ -12,21 +12,25 @@ import json
 import math
 import threading
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from towtank.errors import InputError
+from towtank.live.learning import Learnt
 from towtank.live.recording.messages import (
     COEFFICIENTS,
     POSE,
+    PREDICTION,
     SESSION,
     VELOCITY,
     WORLD,
     WRENCHES,
     coefficients,
     pose,
+    prediction,
     session,
     vector,
 )
@@ -35,13 +39,16 @@ from towtank.live.session import Session
 from towtank.recording.event import EVENT_SCHEMA, EVENT_TOPIC, event_json
 from towtank.vehicle import Vehicle, thruster_wrench
 
-__all__ = ["FoxgloveServer"]
+__all__ = ["LAYOUT", "FoxgloveServer"]
 
 _PERIOD, _SLOW = 0.05, 1.0  # s between two looks at what has come, and between two readings of the session
 _WAITING = 1000  # instants
 _BACKLOG = 1024  # messages that wait for one viewer
 _BODY = "body"  # FRD
 _UP = "world"  # ENU, so that pictures stand upright
+LAYOUT = Path(__file__).with_name("foxglove-layout.json")  # to import in Foxglove
+Instant = tuple[float, Mapping[str, Any]]  # time [s], arguments of the learner
+FreeRuns = Callable[[Sequence[Instant], Learnt], Iterable[tuple[float, Sequence[float], Sequence[float]]]]
 
 
 class FoxgloveServer:
@@ -50,9 +57,14 @@ class FoxgloveServer:
     Args:
         session: before it runs. vehicle: whose thrusters are commanded. epoch: Unix time of t = 0 [s].
         address: HOST:PORT to listen at.
+        free_runs: takes the instants that came and where learning stands; returns times and velocities (6,), measured
+            and predicted, that have not been told yet. None: nothing is predicted.
     """
 
-    def __init__(self, session: Session, vehicle: Vehicle, epoch: float, address: str) -> None:
+    def __init__(
+        self, session: Session, vehicle: Vehicle, epoch: float, address: str, free_runs: FreeRuns | None = None
+    ) -> None:
+        self._free_runs, self._unpredicted = free_runs, deque[Instant](maxlen=_WAITING)
         self._session, self._vehicle, self._epoch = session, vehicle, epoch
         self._host, self._port = _parts(address)
         self._came: deque[tuple[float, Mapping[str, Any]]] = deque(maxlen=_WAITING)
@@ -79,7 +91,7 @@ class FoxgloveServer:
             )
         except Exception as error:  # the SDK's own kinds
             raise InputError(f"--foxglove {self._host}:{self._port}: cannot listen there ({error})") from None
-        for form in (POSE, VELOCITY, WRENCHES, COEFFICIENTS, SESSION, Form(EVENT_TOPIC, EVENT_SCHEMA)):
+        for form in (POSE, VELOCITY, WRENCHES, PREDICTION, COEFFICIENTS, SESSION, Form(EVENT_TOPIC, EVENT_SCHEMA)):
             name, encoding, data = form.schema
             schema = foxglove.Schema(name=name, encoding=encoding, data=data)
             self._channels[form.topic] = foxglove.Channel(
@@ -118,6 +130,7 @@ class FoxgloveServer:
         """Publish every instant that has come, its wrench from the commands where these came."""
         for _ in range(len(self._came)):
             t, arguments = self._came.popleft()
+            self._unpredicted.append((t, arguments))
             values = arguments.get("pose")
             if values is not None:
                 self._put(pose(t, self._epoch, values))
@@ -133,6 +146,10 @@ class FoxgloveServer:
     def _publish_status(self) -> None:
         status = self._session.status()
         self._put(coefficients(status.learnt))
+        if self._free_runs is not None:
+            came = [self._unpredicted.popleft() for _ in range(len(self._unpredicted))]
+            for t, measured, predicted in self._free_runs(came, status.learnt):
+                self._put(prediction(t, measured, predicted))
         self._put(session(status))
         for event in status.events[self._events :]:
             self._put(Message(Form(EVENT_TOPIC, EVENT_SCHEMA), max(event.t, 0.0), event_json(event)))

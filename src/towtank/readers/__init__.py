@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from towtank.errors import InputError
 from towtank.readers.recognition import FOLDER, HEAD, foreign_kind
@@ -17,14 +18,14 @@ if TYPE_CHECKING:
 __all__ = ["READERS", "SUFFIXES", "Reader", "read", "recognised"]
 
 
-def read(path: str | os.PathLike[str], mapping: AnyMapping = None) -> Recording:
+def read(path: str | os.PathLike[str], mapping: AnyMapping | Mapping[str, Any] = None) -> Recording:
     """Read a log: CSV, Parquet, ArduPilot .BIN or .log, MAVLink .tlog, ROS 1 or 2 bag, MCAP, MATLAB .mat.
 
     Args:
         path: the file, or the folder of a ROS 2 bag.
         mapping: which column is which channel, where names, units or frames are its own, or where other messages are
-            wanted than those that are taken by themselves: a `ColumnMapping` or its TOML file. In a log of messages a
-            column is "TABLE.field".
+            wanted than those that are taken by themselves: a `ColumnMapping`, its TOML file, or the tables of that file
+            as a dictionary. In a log of messages a column is "TABLE.field".
 
     Raises:
         InputError: the file is missing, cannot be read, or nothing in it can be used. Nothing else escapes, however
@@ -33,6 +34,11 @@ def read(path: str | os.PathLike[str], mapping: AnyMapping = None) -> Recording:
     path = Path(path)
     reader = recognised(path)
     import numpy as np
+
+    if isinstance(mapping, Mapping):
+        from towtank.recording.mapping import mapping_of
+
+        mapping = mapping_of(mapping)
 
     try:
         with np.errstate(invalid="ignore", over="ignore"):  # a broken file holds any number

@@ -11,7 +11,7 @@ from towtank.recording.frames.world_velocity import with_body_velocity
 from towtank.recording.grids.alignment import align
 from towtank.recording.grids.grid import Grid, held_at, held_mean
 from towtank.recording.grids.timing import find_gaps, gap_limit, median_step, sampling_rate
-from towtank.recording.mapping import Column, ColumnMapping, Marker, bind_thrusters, load_mapping
+from towtank.recording.mapping import Column, ColumnMapping, Marker, bind_thrusters, load_mapping, mapping_of
 from towtank.recording.recording import Recording
 from towtank.recording.repairs import Content, Repairs
 from towtank.recording.standard import STANDARD
@@ -37,6 +37,7 @@ __all__ = [
     "held_at",
     "held_mean",
     "load_mapping",
+    "mapping_of",
     "marker_to_origin",
     "median_step",
     "read_csv",

@@ -42,7 +42,7 @@ def _has_writeable_base(array: Array) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """Samples of one quantity at its own times. Immutable; the arrays are read-only.
+    """Samples of one quantity at its own times. Immutable; the arrays are read-only. NumPy takes it as its values.
 
     Attributes:
         name: standard name ("u", "psi", "cmd_aft_port", ...) or any other one.
@@ -108,6 +108,19 @@ class Channel:
         )
 
     __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        unit = " ".join(text for text in (self.unit, self.frame) if text)
+        told = f", {unit}" if unit else ""
+        if not len(self):
+            return f"<Channel {self.name}: empty{told}>"
+        known = self.values[np.isfinite(self.values)]
+        span = f", {known.min():.4g} .. {known.max():.4g}" if known.size else ", not measured"
+        return f"<Channel {self.name}: {len(self)} samples, {self.t[0]:.6g} .. {self.t[-1]:.6g} s{span}{told}>"
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        """Return the values (n,); the channel's own, read-only array unless another type or a copy is asked for."""
+        return np.array(self.values, dtype=dtype, copy=copy)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Channel, (self.name, self.t, self.values, self.unit, self.frame)

@@ -22,7 +22,7 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn, Self
+from typing import Annotated, Any, Literal, NoReturn, Self, TypeAlias
 
 from pydantic import (
     AfterValidator,
@@ -40,7 +40,7 @@ from towtank.errors import InputError, nearest
 from towtank.recording.recording import Recording
 from towtank.recording.standard import COMMAND_PREFIX, EULER, QUATERNION, STANDARD, STATES, is_command, is_standard
 
-__all__ = ["Column", "ColumnMapping", "Marker", "bind_thrusters", "load_mapping"]
+__all__ = ["AnyMapping", "Column", "ColumnMapping", "Marker", "bind_thrusters", "load_mapping", "mapping_of"]
 
 _KEYS: Mapping[str, tuple[str, ...]] = {
     "": ("thrusters", "body", "world", "rate", "columns", "marker"),
@@ -145,10 +145,28 @@ def load_mapping(path: str | os.PathLike[str]) -> ColumnMapping:
         raise InputError(f"{path}{where}: not valid TOML: {reason}") from error
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as TOML ({error})") from error
+    return _validated(data, str(path))
+
+
+AnyMapping: TypeAlias = ColumnMapping | Mapping[str, Any] | str | os.PathLike[str]  # or its tables, or its file
+
+
+def mapping_of(mapping: AnyMapping) -> ColumnMapping:
+    """Return a mapping as it is given: a record, the tables of its file as a dictionary, or the path of that file.
+
+    Raises:
+        InputError: as `load_mapping`.
+    """
+    if isinstance(mapping, ColumnMapping):
+        return mapping
+    return _validated(mapping, "mapping") if isinstance(mapping, Mapping) else load_mapping(mapping)
+
+
+def _validated(data: Mapping[str, Any], place: str) -> ColumnMapping:
     try:
         return ColumnMapping.model_validate(data)
     except ValidationError as error:
-        raise InputError(f"{path}: {_explain(error.errors()[0], error.error_count())}") from error
+        raise InputError(f"{place}: {_explain(error.errors()[0], error.error_count())}") from error
 
 
 def _explain(error: Any, count: int) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from towtank.core.arrays import Array
-from towtank.errors import InputError
+from towtank.errors import InputError, nearest
 from towtank.recording.channel import Channel, read_only, standard_channel
 from towtank.recording.repairs import Content, Repairs
 from towtank.recording.standard import is_held
@@ -82,7 +82,10 @@ class Recording:
         return cls(channels, source=source, notes=tuple(remarks))
 
     def __getitem__(self, name: str) -> Channel:
-        return self.channels[name]
+        try:
+            return self.channels[name]
+        except KeyError:
+            raise KeyError(f'no channel "{name}"{nearest(name, self.channels)}; there are {" ".join(self)}') from None
 
     def __contains__(self, name: object) -> bool:
         return name in self.channels
@@ -109,6 +112,12 @@ class Recording:
     def __repr__(self) -> str:
         origin = f"{self.source}: " if self.source else ""
         return f"<Recording {origin}{self.duration:.3f} s, {' '.join(self.names)}>"
+
+    def _repr_html_(self) -> str:
+        """Return the channels as a table with rates, ranges and small plots, for notebooks."""
+        from towtank.recording.tables.dataframes import recording_html
+
+        return recording_html(self)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -178,6 +187,28 @@ class Recording:
         lost = [name for name in self.channels if name not in cut]
         notes = (f"no samples within {start:g}..{end:g} s: {', '.join(lost)}",) if lost else ()
         return self.with_channels(cut.values()).with_notes(*notes)
+
+    def to_pandas(self) -> Any:
+        """Return a `pandas.DataFrame`: index `t` [s], a column for each channel, NaN where not measured.
+
+        Units and frames by channel, and the source, stand in its `attrs`.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        from towtank.recording.tables.dataframes import to_pandas
+
+        return to_pandas(self)
+
+    def to_xarray(self) -> Any:
+        """Return an `xarray.Dataset` over `t` [s], NaN where not measured, with units, frames and meanings.
+
+        Raises:
+            InputError: xarray is not installed.
+        """
+        from towtank.recording.tables.dataframes import to_xarray
+
+        return to_xarray(self)
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write as `.csv`, `.parquet` or `.mcap`, by the suffix, whole or not at all; else raise InputError.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -16,9 +17,11 @@ from towtank.errors import InputError
 from towtank.simulation.inputs import finite_array, initial_states, positive
 from towtank.simulation.integration import relative_to_water, simulate_all
 from towtank.simulation.motion import continuous_eulers
-from towtank.vehicle import Vehicle
+from towtank.vehicle import AnyVehicle, Vehicle, vehicle_of
 
 __all__ = ["Batch", "simulate_batch"]
+
+_VEHICLE = (Vehicle, str, os.PathLike)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +43,7 @@ class Batch:
 
 
 def simulate_batch(
-    vehicles: Vehicle | Sequence[Vehicle] | ArrayLike,
+    vehicles: AnyVehicle | Sequence[AnyVehicle] | ArrayLike,
     *,
     wrench: ArrayLike,
     dt: float = 0.01,
@@ -52,7 +55,8 @@ def simulate_batch(
     """Simulate r runs in parallel, each over n steps of dt [s].
 
     Args:
-        vehicles: one vehicle for all runs, r vehicles, or kernel parameters (r, 170) (`Vehicle.parameters`).
+        vehicles: one vehicle for all runs, r vehicles (or names or paths of them), or kernel parameters (r, 170)
+            (`Vehicle.parameters`).
         wrench: held X Y Z K M N [N, N m]: (n, 6) shared, or (r, n, 6). A vehicle's `inflow_loss` takes nothing of it.
         eta0, nu0: start, (6,) shared or (r, 6); default zero.
         current: velocity of the water (3,) [m/s], NED.
@@ -96,15 +100,15 @@ def simulate_batch(
     return Batch(t, eta, nu)
 
 
-def _parameters(vehicles: Vehicle | Sequence[Vehicle] | ArrayLike) -> Array:
+def _parameters(vehicles: AnyVehicle | Sequence[AnyVehicle] | ArrayLike) -> Array:
     """Return kernel parameters (r, 170)."""
-    if isinstance(vehicles, Vehicle):
-        return np.array(vehicles.parameters)[None]
-    if isinstance(vehicles, Sequence) and len(vehicles) and isinstance(vehicles[0], Vehicle):
-        others = [type(v).__name__ for v in vehicles if not isinstance(v, Vehicle)]
+    if isinstance(vehicles, _VEHICLE):
+        return np.array(vehicle_of(vehicles).parameters)[None]
+    if isinstance(vehicles, Sequence) and len(vehicles) and isinstance(vehicles[0], _VEHICLE):
+        others = [type(v).__name__ for v in vehicles if not isinstance(v, _VEHICLE)]
         if others:
             raise InputError(f"vehicles: found {others[0]} among them, expected vehicles only")
-        return np.array([v.parameters for v in vehicles if isinstance(v, Vehicle)])
+        return np.array([vehicle_of(v).parameters for v in vehicles if isinstance(v, _VEHICLE)])
     parameters = finite_array("parameters", vehicles, ("r", N_PARAMETERS))  # type: ignore[arg-type]
     if not len(parameters):
         raise InputError("vehicles: found none, expected at least one")

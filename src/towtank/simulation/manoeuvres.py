@@ -35,7 +35,7 @@ from towtank.recording.standard import COMMAND_PREFIX, WRENCH, is_command
 from towtank.simulation.excitation import AXES, available_rows, fit_to_thrusters, tempo, usual_amplitudes
 from towtank.simulation.inputs import finite_array, positive, step_count, stream
 from towtank.simulation.signals import FORMS, square
-from towtank.vehicle import Vehicle, allocate, configuration_matrix, thruster_wrench
+from towtank.vehicle import AnyVehicle, Vehicle, allocate, configuration_matrix, thruster_wrench, vehicle_of
 
 __all__ = [
     "MANOEUVRES",
@@ -123,7 +123,7 @@ MANOEUVRES: dict[str, BuiltIn] = _registry()
 
 def manoeuvre(
     name: str,
-    vehicle: Vehicle,
+    vehicle: AnyVehicle,
     *,
     duration: float | None = None,
     dt: float = 0.01,
@@ -133,6 +133,7 @@ def manoeuvre(
     """Return the inputs of a built-in manoeuvre for a vehicle.
 
     Args:
+        vehicle: or its name in the catalog, or the path of its file.
         duration: [s], default that of the built-in; rounded to whole steps.
         dt: step [s].
         amplitude: [N] or [N m] of its axis, or six numbers X .. N; commands for the paper's runs. Default:
@@ -148,7 +149,7 @@ def manoeuvre(
     if name not in MANOEUVRES:
         raise InputError(f'unknown manoeuvre "{name}"{nearest(name, MANOEUVRES) or "; see manoeuvre list"}')
     built_in = MANOEUVRES[name]
-    dt = positive("dt", dt)
+    vehicle, dt = vehicle_of(vehicle), positive("dt", dt)
     t = np.arange(step_count(built_in.duration if duration is None else duration, dt), dtype=np.float64) * dt
     if name.startswith("paper-"):
         return _paper_run(name, vehicle, t, dt, amplitude)

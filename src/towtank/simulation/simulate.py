@@ -28,7 +28,7 @@ from towtank.simulation.integration import relative_to_water, simulate_pieces, s
 from towtank.simulation.motion import Motion, continuous_eulers
 from towtank.simulation.sensors.presets import sensors_named
 from towtank.simulation.sensors.sensor import Sensors, channels
-from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
+from towtank.vehicle import AnyVehicle, Vehicle, configuration_matrix, thruster_forces, vehicle_of
 
 __all__ = ["Progress", "simulate"]
 
@@ -111,7 +111,7 @@ def _steps(values: Array, duration: float | None, dt: float, name: str) -> int:
 
 
 def simulate(
-    vehicle: Vehicle,
+    vehicle: AnyVehicle,
     *,
     wrench: ArrayLike | Callable[[Array], Array] | None = None,
     commands: ArrayLike | None = None,
@@ -124,7 +124,7 @@ def simulate(
     sensors: str | Sensors | None = None,
     disturbance: OrnsteinUhlenbeck | None = None,
     delay: float | None = None,
-    changes: Sequence[tuple[float, Vehicle]] = (),
+    changes: Sequence[tuple[float, AnyVehicle]] = (),
     seed: int = 0,
     substeps: int = 1,
     record: Sequence[str] = (),
@@ -137,6 +137,7 @@ def simulate(
     same motion under any sensors.
 
     Args:
+        vehicle: or its name in the catalog, or the path of its file.
         wrench: X Y Z K M N [N, N m], body FRD: held (n, 6), or a function of time, (...) [s] -> (..., 6), taken at the
             start, the middle and the end of each step. Neither wrench nor commands: free motion.
         commands: (n, m) held, one column per thruster: curve with dead band, then delay, then first-order lag. Where
@@ -166,7 +167,7 @@ def simulate(
     Raises:
         InputError: an argument is wrong, or the motion grows beyond all bounds.
     """
-    dt = positive("dt", dt)
+    vehicle, dt = vehicle_of(vehicle), positive("dt", dt)
     if isinstance(substeps, bool) or not isinstance(substeps, int | np.integer) or substeps < 1:
         raise InputError(f"substeps: found {substeps!r}, expected a whole number, 1 or more")
     for extra in record:
@@ -213,14 +214,14 @@ def simulate(
     return Recording({c.name: c for c in found}, source=f"simulation of {vehicle.name}", attributes=attributes)
 
 
-def _steps_of(changes: Sequence[tuple[float, Vehicle]], dt: float) -> list[tuple[int, Vehicle]]:
+def _steps_of(changes: Sequence[tuple[float, AnyVehicle]], dt: float) -> list[tuple[int, Vehicle]]:
     """Return the first step (n >= 1) of each later vehicle."""
     out: list[tuple[int, Vehicle]] = []
     for when, vehicle in changes:
         first = round(when / dt) if np.isfinite(when) else 0
         if first <= (out[-1][0] if out else 0):
             raise InputError(f"changes: found one at {when} s, expected times after 0 that rise by a step or more")
-        out.append((first, vehicle))
+        out.append((first, vehicle_of(vehicle)))
     return out
 
 

@@ -20,7 +20,7 @@ from towtank.validation.error_memory import memory_of
 from towtank.validation.error_series import ErrorSeries, error_series
 from towtank.validation.prediction import CHANNELS
 from towtank.validation.scores import Validation, validate
-from towtank.vehicle import Vehicle
+from towtank.vehicle import AnyVehicle
 
 __all__ = ["ChannelComparison", "Comparison", "Contest", "compare", "difference"]
 
@@ -78,7 +78,7 @@ class Comparison:
 
 
 def compare(
-    models: Mapping[str, Vehicle],
+    models: Mapping[str, AnyVehicle],
     recordings: Sequence[Recording],
     *,
     window: tuple[float, float] | None = None,

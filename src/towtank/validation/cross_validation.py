@@ -27,7 +27,7 @@ from towtank.identification import Estimate, learn_recordings
 from towtank.recording import Recording
 from towtank.validation.prediction import CHANNELS, Prediction
 from towtank.validation.scores import Validation, score, validate
-from towtank.vehicle import Vehicle
+from towtank.vehicle import AnyVehicle, Vehicle, vehicle_of
 
 __all__ = ["CrossValidation", "Fold", "FoldedCoefficient", "Learn", "Learning", "cross_validate", "split"]
 
@@ -167,7 +167,7 @@ class CrossValidation:
 
 
 def cross_validate(
-    vehicle: Vehicle,
+    vehicle: AnyVehicle,
     recordings: Sequence[Recording],
     *,
     windows: int = 5,
@@ -186,7 +186,7 @@ def cross_validate(
     Raises:
         InputError: fewer than 2 windows or too short ones; nothing can be learned or predicted.
     """
-    told = progress or (lambda text, share: None)
+    vehicle, told = vehicle_of(vehicle), progress or (lambda text, share: None)
     splits = split(recordings, windows)
     total = windows + 1
     told("learning on everything", 0.0)

@@ -242,6 +242,9 @@ class Prediction:
     wrench: Array = field(default_factory=lambda: np.zeros((0, 6)))
     states: Array = field(default_factory=lambda: np.zeros((0, 13)))
 
+    def __repr__(self) -> str:
+        return f"<Prediction of {self.source or 'a recording'}: {len(self.t)} instants of {' '.join(self.channels)}>"
+
 
 def predict(vehicle: Vehicle, grid: Grid, *, horizon: float | None = None, delay: float | None = None) -> Prediction:
     """Predict a recording from its commands (or wrenches) alone.

@@ -11,7 +11,7 @@ from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.recording import Recording, align, bind_thrusters
 from towtank.validation.prediction import CHANNELS, Prediction, predict
-from towtank.vehicle import Vehicle
+from towtank.vehicle import AnyVehicle, vehicle_of
 
 __all__ = ["CHANNELS", "Validation", "fit_percent", "score", "started", "validate"]
 
@@ -36,6 +36,10 @@ class Validation:
     horizon: float | None
     predictions: tuple[Prediction, ...]
 
+    def __repr__(self) -> str:
+        fits = ", ".join(f"{name} {value:.1f}" for name, value in self.fit.items() if value is not None)
+        return f"<Validation of {len(self.predictions)} predictions: fit {fits or 'unknown'} %>"
+
 
 def fit_percent(measured: Array, predicted: Array) -> float:
     """Return 100 (1 - |y - yhat| / |y - mean y|) over the samples where y is finite; -999 where it diverged."""
@@ -53,7 +57,7 @@ def fit_percent(measured: Array, predicted: Array) -> float:
 
 
 def validate(
-    model: Vehicle,
+    model: AnyVehicle,
     recordings: Sequence[Recording],
     *,
     window: tuple[float, float] | None = None,
@@ -64,6 +68,7 @@ def validate(
     """Predict recordings with a model, from their commands alone, and compare with what was measured.
 
     Args:
+        model: or its name in the catalog, or the path of its file.
         window: start and end [s] in the recordings' own time; all of them where omitted.
         delay: from input to force [s]; where omitted the model's for commands, none for a recorded wrench.
         horizon: set the prediction back to the measured state every so many seconds; never where omitted.
@@ -74,6 +79,7 @@ def validate(
     """
     if not recordings:
         raise InputError("no recording given, expected at least one")
+    model = vehicle_of(model)
     names = [thruster.name for thruster in model.thrusters]
     predictions = []
     for k, recording in enumerate(recordings):

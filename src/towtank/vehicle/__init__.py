@@ -4,6 +4,7 @@ from towtank.vehicle.checks import doubts, faults
 from towtank.vehicle.configurations import Configuration, Configurations
 from towtank.vehicle.differences import Difference, Differences, differences
 from towtank.vehicle.files import (
+    AnyVehicle,
     VehicleWarning,
     catalog_names,
     catalog_text,
@@ -11,6 +12,7 @@ from towtank.vehicle.files import (
     load_vehicle,
     parse_vehicle,
     save_vehicle,
+    vehicle_of,
     vehicle_text,
 )
 from towtank.vehicle.motion import forward_dynamics, inverse_dynamics
@@ -36,6 +38,7 @@ __all__ = [
     "FORWARD_SPEED",
     "HYDRODYNAMIC",
     "RESTORING",
+    "AnyVehicle",
     "Bench",
     "Buoyancy",
     "Coefficient",
@@ -82,5 +85,6 @@ __all__ = [
     "thruster_forces",
     "thruster_wrench",
     "unit",
+    "vehicle_of",
     "vehicle_text",
 ]

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import tomlkit
@@ -22,7 +22,7 @@ from tomlkit.items import InlineTable, Table
 
 from towtank.errors import InputError, nearest
 from towtank.outputs import write_text
-from towtank.vehicle.base import Record, first_line
+from towtank.vehicle.base import Record, described, first_line
 from towtank.vehicle.checks import faults
 from towtank.vehicle.names import RESTORING
 from towtank.vehicle.posterior import Posterior
@@ -31,6 +31,7 @@ from towtank.vehicle.thrusters.curves import Curve
 from towtank.vehicle.vehicle import Vehicle
 
 __all__ = [
+    "AnyVehicle",
     "VehicleWarning",
     "catalog_names",
     "catalog_text",
@@ -38,9 +39,11 @@ __all__ = [
     "load_vehicle",
     "parse_vehicle",
     "save_vehicle",
+    "vehicle_of",
     "vehicle_text",
 ]
 
+AnyVehicle: TypeAlias = Vehicle | str | os.PathLike[str]  # itself, a name of the catalog, the path of a file
 _WHOLE = 1e15  # numbers that are whole and below this are written so
 _LINE_COLUMN = re.compile(r"^(.*) \(at line (\d+), column (\d+)\)$", re.DOTALL)
 
@@ -81,6 +84,28 @@ def load_vehicle(name_or_path: str | os.PathLike[str]) -> Vehicle:
     return vehicle
 
 
+def vehicle_of(vehicle: AnyVehicle) -> Vehicle:
+    """Return a vehicle as it is given, or by its name in the catalog or the path of its file, as `load_vehicle`.
+
+    The names of the catalog are read once: in a loop they cost nothing.
+
+    Raises:
+        InputError: as `load_vehicle`, or what is given is neither a vehicle nor a name nor a path.
+    """
+    if isinstance(vehicle, Vehicle):
+        return vehicle
+    if isinstance(vehicle, str) and vehicle in catalog_names():
+        return _of_catalog(vehicle)
+    if isinstance(vehicle, str | os.PathLike):
+        return load_vehicle(vehicle)
+    raise InputError(f"vehicle: found {described(vehicle)}, expected a Vehicle, a name of the catalog or a path")
+
+
+@cache
+def _of_catalog(name: str) -> Vehicle:
+    return load_vehicle(name)
+
+
 def _read(name_or_path: str | os.PathLike[str]) -> str:
     path = Path(name_or_path)
     try:
@@ -116,9 +141,9 @@ def parse_vehicle(text: str, place: str) -> Vehicle:
         raise InputError(f"{place}: {first_line(error, data)}") from None
 
 
-def save_vehicle(vehicle: Vehicle, path: str | os.PathLike[str]) -> None:
+def save_vehicle(vehicle: AnyVehicle, path: str | os.PathLike[str]) -> None:
     """Write a vehicle file, whole or not at all; reading it gives an equal vehicle. Raises InputError."""
-    write_text(path, vehicle_text(vehicle))
+    write_text(path, vehicle_text(vehicle_of(vehicle)))
 
 
 def vehicle_text(vehicle: Vehicle) -> str:

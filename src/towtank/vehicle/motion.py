@@ -13,7 +13,7 @@ from towtank.core import dynamics
 from towtank.core.arrays import Array
 from towtank.core.attitude import quaternions_from_eulers
 from towtank.errors import InputError
-from towtank.vehicle.vehicle import Vehicle
+from towtank.vehicle.files import AnyVehicle, vehicle_of
 
 __all__ = ["forward_dynamics", "inverse_dynamics", "last_axis"]
 
@@ -21,10 +21,11 @@ _ETA = "x y z phi theta psi"
 _NU = "u v w p q r"
 
 
-def forward_dynamics(vehicle: Vehicle, eta: ArrayLike, nu: ArrayLike, tau: ArrayLike) -> Array:
+def forward_dynamics(vehicle: AnyVehicle, eta: ArrayLike, nu: ArrayLike, tau: ArrayLike) -> Array:
     """Return the acceleration nu_dot (..., 6) [m/s^2, rad/s^2], body FRD.
 
     Args:
+        vehicle: or its name in the catalog, or the path of its file.
         eta: pose (..., 6) [m, rad], NED position and Euler angles zyx.
         nu: velocity (..., 6) [m/s, rad/s], body FRD, in still water.
         tau: wrench X Y Z K M N (..., 6) [N, N m], body FRD about the origin.
@@ -45,7 +46,7 @@ def forward_dynamics(vehicle: Vehicle, eta: ArrayLike, nu: ArrayLike, tau: Array
     return np.asarray(dynamics.forward_dynamics(_parameters(vehicle), q, velocities, wrenches).reshape(*shape, 6))
 
 
-def inverse_dynamics(vehicle: Vehicle, eta: ArrayLike, nu: ArrayLike, nu_dot: ArrayLike) -> Array:
+def inverse_dynamics(vehicle: AnyVehicle, eta: ArrayLike, nu: ArrayLike, nu_dot: ArrayLike) -> Array:
     """Return the wrench tau (..., 6) [N, N m] that makes the acceleration nu_dot (..., 6); arguments as forward."""
     shape, (poses, velocities, accelerations) = _broadcast_rows(
         {
@@ -58,9 +59,9 @@ def inverse_dynamics(vehicle: Vehicle, eta: ArrayLike, nu: ArrayLike, nu_dot: Ar
     return np.asarray(dynamics.inverse_dynamics(_parameters(vehicle), q, velocities, accelerations).reshape(*shape, 6))
 
 
-def _parameters(vehicle: Vehicle) -> Array:
+def _parameters(vehicle: AnyVehicle) -> Array:
     """Return the kernel vector as one writable row, for which the kernels are already compiled."""
-    return np.array(vehicle.parameters)[None, :]
+    return np.array(vehicle_of(vehicle).parameters)[None, :]
 
 
 def last_axis(values: ArrayLike, count: int, name: str, meaning: str) -> Array:

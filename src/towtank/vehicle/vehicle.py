@@ -15,7 +15,9 @@ from pydantic_core import PydanticCustomError
 
 from towtank.core.arrays import Array
 from towtank.core.inertia import rigid_body_mass
+from towtank.digits import measured, short
 from towtank.errors import InputError, nearest
+from towtank.notebook import html_table
 from towtank.vehicle import matrices
 from towtank.vehicle.base import NonNegative, Record, Share, described, first_line, misplaced, unknown_key
 from towtank.vehicle.checks import doubts, faults
@@ -290,6 +292,30 @@ class Vehicle(Record):
             InputError: neither posterior nor std; or no mass matrix drawn is positive definite.
         """
         return drawn(self, n, seed)
+
+    # -- as it is shown
+
+    def __repr__(self) -> str:
+        return f"<Vehicle {self.name}: {self._in_short}>"
+
+    __str__ = __repr__
+
+    @property
+    def _in_short(self) -> str:
+        many = len(self.thrusters)
+        thrusters = f"{many} thruster{'' if many == 1 else 's'}" if many else "no thrusters"
+        learned = "" if self.posterior is None else f", posterior over {len(self.posterior.names)} unknowns"
+        return f"{short(self.rigid_body.mass)} kg, {len(self.hydrodynamics)} coefficients, {thrusters}{learned}"
+
+    def _repr_html_(self) -> str:
+        """Return the coefficients as a table, for notebooks."""
+        restoring = {name: value for name in RESTORING if (value := getattr(self.restoring, name)) is not None}
+        rows = [
+            (name, *measured(each.value, each.std), each.unit or "", each.source or "")
+            for name, each in {**self.hydrodynamics, **restoring}.items()
+        ]
+        head = ("Coefficient", ">Value", ">± std", "Unit", "Source")
+        return html_table(f"{self.name}: {self._in_short}", head, rows, self.warnings)
 
     # -- equality, copies and pickles know the fields only, not the cached arrays
 

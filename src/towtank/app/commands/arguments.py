@@ -91,8 +91,17 @@ class Window:
         if len(parts) != 2 or not text.strip(" ,"):
             raise InputError(f'{option}: found "{text}", expected START,END in seconds, as 10,60 or 10,')
         start, end = (_number(option, part) if part.strip() else None for part in parts)
+        return cls.of(start, end, f'{option}: found "{text}"')
+
+    @classmethod
+    def of(cls, start: float | None, end: float | None, found: str = "") -> Window:
+        """Return a window; `found` begins the InputError where its end is not after its start, or one is no number."""
+        found = found or f"window: found ({start}, {end})"
+        for edge in (start, end):
+            if edge is not None and not (isinstance(edge, int | float) and math.isfinite(edge)):
+                raise InputError(f"{found}, expected finite numbers of seconds, None where it is open")
         if start is not None and end is not None and (start < 0.0) == (end < 0.0) and not end > start:
-            raise InputError(f'{option}: found "{text}", expected an end after the start')
+            raise InputError(f"{found}, expected an end after the start")
         return cls(start, end)
 
     def within(self, recording: Recording) -> tuple[float, float]:

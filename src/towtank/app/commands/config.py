@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from towtank.app.commands.arguments import Json
+from towtank.app.terminal.completion import vehicles
 from towtank.app.terminal.guard import PlainCommand
 
 __all__ = ["commands"]
@@ -49,7 +50,9 @@ def list_configurations(folder: _Folder = _FOLDER, json: Json = False) -> None:
 
 @commands.command("save", cls=PlainCommand)
 def save(
-    model: Annotated[str, typer.Argument(metavar="MODEL.toml", help="Vehicle file, as learn writes it.")],
+    model: Annotated[
+        str, typer.Argument(metavar="MODEL.toml", autocompletion=vehicles, help="Vehicle file, as learn writes it.")
+    ],
     name: Annotated[str, typer.Option("--name", metavar="NAME", help="What to call it.")],
     note: Annotated[str, typer.Option("--note", metavar="TEXT", help="What to remember.", show_default=False)] = "",
     log: Annotated[

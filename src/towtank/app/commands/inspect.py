@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from towtank.app.commands.arguments import Json, KeepAll, Log, Map, WindowTexts, log_places
+from towtank.app.commands.arguments import Json, KeepAll, Log, Map, WindowTexts, log_places, output_place
+from towtank.app.terminal.completion import vehicles
+from towtank.errors import InputError
 
 __all__ = ["inspect"]
 
@@ -16,10 +19,28 @@ def inspect(
     mapping: Map = None,
     vehicle: Annotated[
         str | None,
-        typer.Option("--vehicle", metavar="VEHICLE", help="Catalog name or vehicle file, for verdicts by coefficient."),
+        typer.Option(
+            "--vehicle",
+            metavar="VEHICLE",
+            autocompletion=vehicles,
+            help="Catalog name or vehicle file, for verdicts by coefficient.",
+        ),
     ] = None,
     window: WindowTexts = None,
     keep_all: KeepAll = False,
+    map_skeleton: Annotated[
+        bool,
+        typer.Option(
+            "--map-skeleton",
+            help="Write a mapping for --map instead: every column or message of the log, and which channel it may be.",
+        ),
+    ] = False,
+    file: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="With --map-skeleton: the mapping file; else it is printed."
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Show what is in a log: its messages and channels, clock trouble, command delay, which axes can be identified.
@@ -27,9 +48,16 @@ def inspect(
     That, from what shows the vehicle moving freely in water; what does not is listed with the reason.
 
     \b
-    Example:
+    Examples:
       towtank inspect surge.csv --vehicle vlbv300
+      towtank inspect surge.csv --map-skeleton -o map.toml
     """
+    if map_skeleton:
+        unused = {"--map": mapping, "--vehicle": vehicle, "--window": window}
+        _write_skeleton(log, file, [name for name, value in unused.items() if value is not None], json=json)
+        return
+    if file is not None:
+        raise InputError(f"--output {file}: only --map-skeleton writes a file; give it too, or leave --output out")
     from towtank.app.files import parts_of, read_logs, read_vehicle
     from towtank.app.terminal.output import Output
 
@@ -49,3 +77,38 @@ def inspect(
 
     show_inspection(found, output)
     output.document({**found.document(), "vehicle": None if known is None else known.name})
+
+
+def _write_skeleton(log: Path, file: Path | None, unused: list[str], *, json: bool) -> None:
+    """Write or print a mapping to fill in. Raises InputError."""
+    if unused:
+        raise InputError(f"--map-skeleton and {unused[0]}: found both; the skeleton is of the log as it stands")
+    output_place("--output", file, (".toml",))
+    from towtank.app.terminal.output import Output
+    from towtank.outputs import write_text
+    from towtank.readers import recognised
+
+    output = Output(json=json)
+    with output.progress("reading"):
+        recognised(log)  # a file that is none is refused before anything slow is imported
+        from towtank.readers.common.skeleton import mapping_skeleton
+
+        found = mapping_skeleton(log)
+        if file is not None:
+            write_text(file, found.text)
+    if file is None:
+        output.verbatim(found.text.rstrip())
+    else:
+        suggested = ", ".join((*found.suggested, *(["thrusters"] if found.thrusters else []))) or "nothing"
+        output.line(f"mapping written to {file}: {len(found.columns)} columns, filled in: {suggested}")
+        output.line(f"Next: check it, then towtank inspect {log} --map {file}", "dim")
+    output.document(
+        {
+            "log": log,
+            "file": file,
+            "mapping": found.text,
+            "suggested": found.suggested,
+            "thrusters": found.thrusters,
+            "columns": found.columns,
+        }
+    )

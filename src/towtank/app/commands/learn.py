@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -21,14 +20,9 @@ from towtank.app.commands.arguments import (
     positive_option,
     report_place,
 )
+from towtank.app.terminal.completion import methods, vehicles
 from towtank.errors import InputError, nearest
 from towtank.methods import METHODS
-
-if TYPE_CHECKING:
-    from towtank.identification import LogLearning
-    from towtank.recording import Grid
-    from towtank.validation import Usability, Validation
-    from towtank.vehicle import Vehicle
 
 __all__ = ["learn", "names_of"]
 
@@ -42,6 +36,7 @@ def learn(
         typer.Option(
             "--vehicle",
             metavar="VEHICLE",
+            autocompletion=vehicles,
             help="Catalog name or file: body, thrusters, and what is supposed of coefficients. From a file that was "
             "learned, learning goes on.",
         ),
@@ -51,6 +46,7 @@ def learn(
         typer.Option(
             "--method",
             metavar="METHOD",
+            autocompletion=methods,
             help='"joint": one Kalman filter over motion, disturbance and all that is unknown, from what is supposed '
             'before; free runs speak where they predict better. "output-error": free runs in any case. "paper": least '
             "squares on filtered regressors, one axis after the other.",
@@ -82,6 +78,7 @@ def learn(
         typer.Option(
             "--prior",
             metavar="VEHICLE",
+            autocompletion=vehicles,
             help="What is known beforehand: a vehicle that was learned, with a std on coefficients, or with [prior].",
         ),
     ] = None,
@@ -121,13 +118,12 @@ def learn(
     wanted = names_of(free)
 
     from towtank.app.files import counted, parts_of, read_logs, read_prior, read_vehicle
-    from towtank.app.reports import learn_facts, write_learn_report
-    from towtank.app.tables.free_motion import left_out_document, left_out_lines, rate_warnings, show_left_out
-    from towtank.app.tables.learning import learn_document, show_learning
+    from towtank.app.results import LearnedModel
+    from towtank.app.tables.free_motion import rate_warnings, show_left_out
+    from towtank.app.tables.learning import show_learning
     from towtank.app.tables.repairs import learning_warnings
     from towtank.app.terminal.output import Output
     from towtank.identification.logs import learn_recordings
-    from towtank.vehicle import save_vehicle
 
     output = Output(json=json)
     with output.progress("learning") as progress:
@@ -145,17 +141,14 @@ def learn(
             current=current,
             progress=lambda text, share: progress(text, 0.9 * share),
         )
-        model = _with_provenance(learning, logs, prior)
         warnings = [*output.warnings, *rate_warnings(parts), *learning_warnings(learning, recordings)]
         if report is None:
             recordings = []  # room for the prediction
         progress("predicting", 0.9)
-        scores, use, unfit = _fit(model, learning.grids)
-        fit, rmse = ({}, {}) if scores is None else (scores.fit, scores.rmse)
-        warnings += unfit
+        learned = LearnedModel.of(learning, parts, recordings, warnings, prior)
         empty = not any(learning.estimate.identified)
         if model_file is not None and (allow_empty or not empty):
-            save_vehicle(model, model_file)
+            learned.save(model_file)
         judge = f"towtank validate {model_file or 'MODEL.toml'} ANOTHER_LOG" + (f" --map {mapping}" if mapping else "")
         if report is not None:
             progress("report", 0.95)
@@ -171,13 +164,8 @@ def learn(
                 "--current": current,
                 "-o": model_file,
             }
-            commands = [command_text("learn", named, again), judge]
-            left_out = left_out_lines(parts)
-            facts = learn_facts(
-                learning, model, scores, recordings, use=use, warnings=warnings, prior=prior, left_out=left_out
-            )
-            write_learn_report(report, facts, logs, commands)
-    show_learning(learning, fit, use, logs, warnings, output, asked=method, prior=prior)
+            learned.report(report, [command_text("learn", named, again), judge])
+    show_learning(learning, learned.fit, learned.use, logs, learned.warnings, output, asked=method, prior=prior)
     show_left_out(parts, output)
     output.line()
     if model_file is not None and empty and not allow_empty:
@@ -187,27 +175,9 @@ def learn(
     if report is not None:
         output.line(f"report written to {report}")
     output.line(f"Next: {judge}" if model_file else f"Next: the same with -o MODEL.toml, then {judge}", "dim")
-    output.document(
-        {
-            "vehicle": known.name,
-            "logs": logs,
-            "prior": prior,
-            **left_out_document(parts),
-            **learn_document(learning, fit, use, warnings, rmse),
-        }
-    )
+    output.document(learned.document())
     if model_file is not None and empty and not allow_empty:
         raise typer.Exit(1)
-
-
-def _fit(model: Vehicle, grids: Sequence[Grid]) -> tuple[Validation | None, Usability | None, list[str]]:
-    """Return how well and how long the model predicts the logs; where they do not allow that, a warning instead."""
-    from towtank.validation import predict, score, usability
-
-    try:
-        return score([predict(model, grid) for grid in grids]), usability(model, grids), []
-    except InputError as error:
-        return None, None, [f"no fit: {error}"]
 
 
 def _known_method(method: str, prior: str | None) -> None:
@@ -227,15 +197,3 @@ def names_of(text: str | None) -> tuple[str, ...] | None:
     if not names:
         raise InputError(f'--free: found "{text}", expected names of coefficients, as X_udot,X_uu')
     return names
-
-
-def _with_provenance(learning: LogLearning, logs: list[Path], prior: str | None) -> Vehicle:
-    """Return the model with the names of the logs it was learned from."""
-    from towtank.vehicle import Provenance
-
-    names = ", ".join(log.name for log in logs)
-    how = f"method {learning.method}, delay {1e3 * learning.delay:.3g} ms"
-    beside = "" if prior is None else f", prior {Path(prior).name}"
-    note = f"learned from {names} ({learning.estimate.duration:.5g} s), {how}{beside}"
-    kept = learning.model.provenance
-    return learning.model.model_copy(update={"provenance": Provenance(source=kept.source, notes=(*kept.notes, note))})

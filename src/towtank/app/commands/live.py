@@ -9,6 +9,7 @@ import typer
 
 from towtank.app.commands.arguments import Json, Map, Report, output_place, positive_option, report_place
 from towtank.app.commands.page_option import FoxgloveOption, PageOption, page_address
+from towtank.app.terminal.completion import streaming_methods, vehicles
 from towtank.errors import InputError, nearest
 from towtank.methods import STREAMING_METHODS
 
@@ -31,6 +32,7 @@ def live(
         typer.Option(
             "--vehicle",
             metavar="VEHICLE",
+            autocompletion=vehicles,
             help="Catalog name or file: body, thrusters, and what is supposed of coefficients. From a file that was "
             "learned, learning goes on.",
         ),
@@ -52,6 +54,7 @@ def live(
         typer.Option(
             "--method",
             metavar="METHOD",
+            autocompletion=streaming_methods,
             help='"joint": one Kalman filter over motion, disturbance and all coefficients. "paper": least squares on '
             "filtered regressors, one axis after the other.",
         ),
@@ -81,6 +84,7 @@ def live(
         typer.Option(
             "--prior",
             metavar="VEHICLE",
+            autocompletion=vehicles,
             help="What is known beforehand: a vehicle that was learned, with a std on coefficients, or with [prior].",
         ),
     ] = None,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from towtank.app.commands.arguments import Json, Map, numbers, output_place, positive_option
+from towtank.app.terminal.completion import manoeuvres, vehicles
 from towtank.app.terminal.guard import PlainCommand
 from towtank.errors import InputError
 
@@ -65,9 +66,16 @@ def _entry(found: BuiltIn) -> dict[str, object]:
 
 
 def simulate(
-    vehicle: Annotated[str, typer.Argument(metavar="VEHICLE", help="Catalog name or vehicle file.")],
+    vehicle: Annotated[
+        str, typer.Argument(metavar="VEHICLE", autocompletion=vehicles, help="Catalog name or vehicle file.")
+    ],
     manoeuvre: Annotated[
-        str, typer.Argument(metavar="MANOEUVRE", help="Built-in name, or a file of commands or wrenches over time.")
+        str,
+        typer.Argument(
+            metavar="MANOEUVRE",
+            autocompletion=manoeuvres,
+            help="Built-in name, or a file of commands or wrenches over time.",
+        ),
     ],
     file: Annotated[
         Path, typer.Option("--output", "-o", metavar="FILE", help="Log to write, .csv, .parquet or .mcap.")

@@ -20,13 +20,19 @@ from towtank.app.commands.arguments import (
     positive_option,
     report_place,
 )
+from towtank.app.terminal.completion import methods, vehicles
 from towtank.errors import InputError
 
 __all__ = ["validate"]
 
 
 def validate(
-    model: Annotated[str, typer.Argument(metavar="MODEL", help="Vehicle file, as learn writes it, or catalog name.")],
+    model: Annotated[
+        str,
+        typer.Argument(
+            metavar="MODEL", autocompletion=vehicles, help="Vehicle file, as learn writes it, or catalog name."
+        ),
+    ],
     logs: Annotated[
         list[Path], typer.Argument(metavar="LOG", help=f"Log files that the model was not learned from ({LOG_KINDS}).")
     ],
@@ -42,7 +48,12 @@ def validate(
     ] = None,
     against: Annotated[
         list[str] | None,
-        typer.Option("--against", metavar="MODEL2", help="Another model to compare with; may be repeated."),
+        typer.Option(
+            "--against",
+            metavar="MODEL2",
+            autocompletion=vehicles,
+            help="Another model to compare with; may be repeated.",
+        ),
     ] = None,
     folds: Annotated[
         int | None,
@@ -54,7 +65,10 @@ def validate(
         ),
     ] = None,
     method: Annotated[
-        str | None, typer.Option("--method", metavar="METHOD", help="With --folds: how to learn, as in learn.")
+        str | None,
+        typer.Option(
+            "--method", metavar="METHOD", autocompletion=methods, help="With --folds: how to learn, as in learn."
+        ),
     ] = None,
     mapping: Map = None,
     report: Report = None,

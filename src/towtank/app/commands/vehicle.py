@@ -8,12 +8,15 @@ from typing import Annotated, Literal
 import typer
 
 from towtank.app.commands.arguments import Json, output_place, positive_option
+from towtank.app.terminal.completion import catalog, vehicles
 from towtank.app.terminal.guard import PlainCommand
 from towtank.errors import InputError
 
 __all__ = ["commands"]
 
-commands = typer.Typer(help="Vehicle files: list, show, check, prior; fit thruster curves.", rich_markup_mode=None)
+commands = typer.Typer(
+    help="Vehicle files: list, show, copy, check, prior; fit thruster curves.", rich_markup_mode=None
+)
 _FIGURES = (".png", ".svg", ".pdf")
 
 
@@ -36,7 +39,9 @@ def list_vehicles(json: Json = False) -> None:
 
 @commands.command("show", cls=PlainCommand)
 def show(
-    vehicle: Annotated[str, typer.Argument(metavar="NAME_OR_FILE", help="Catalog name or vehicle file.")],
+    vehicle: Annotated[
+        str, typer.Argument(metavar="NAME_OR_FILE", autocompletion=vehicles, help="Catalog name or vehicle file.")
+    ],
     json: Json = False,
 ) -> None:
     """Show a vehicle: body, coefficients with their sources, thrusters, what is doubtful.
@@ -55,9 +60,42 @@ def show(
     output.document(vehicle_document(found))
 
 
+@commands.command("copy", cls=PlainCommand)
+def copy(
+    name: Annotated[str, typer.Argument(metavar="NAME", autocompletion=catalog, help="Name in the catalog.")],
+    file: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Vehicle file to write; default NAME.toml, here."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Write over a file that is there and differs.")] = False,
+    json: Json = False,
+) -> None:
+    """Copy a vehicle of the catalog into a file of your own, with every comment and source.
+
+    \b
+    Example:
+      towtank vehicle copy bluerov2_heavy -o my-rov.toml
+    """
+    from towtank.app.terminal.output import Output
+    from towtank.outputs import write_text
+    from towtank.vehicle import catalog_text
+
+    text, place = catalog_text(name), Path(f"{name}.toml") if file is None else file
+    output_place("--output", place, (".toml",))
+    if place.exists() and not force and place.read_bytes() != text.encode():
+        raise InputError(f"{place}: there is such a file already, and it differs; choose another name, or add --force")
+    write_text(place, text)
+    output = Output(json=json)
+    output.line(f"{name} copied to {place}")
+    output.line(f"Next: put in what you know of yours, then towtank vehicle check {place}", "dim")
+    output.document({"vehicle": name, "file": place})
+
+
 @commands.command("prior", cls=PlainCommand)
 def prior(
-    vehicle: Annotated[str, typer.Argument(metavar="NAME_OR_FILE", help="Catalog name or vehicle file.")],
+    vehicle: Annotated[
+        str, typer.Argument(metavar="NAME_OR_FILE", autocompletion=vehicles, help="Catalog name or vehicle file.")
+    ],
     json: Json = False,
 ) -> None:
     """Show what is supposed of a vehicle before any data: what learning begins from.
@@ -82,7 +120,9 @@ def prior(
 
 @commands.command("check", cls=PlainCommand)
 def check(
-    file: Annotated[str, typer.Argument(metavar="FILE", help="Vehicle file (or catalog name).")],
+    file: Annotated[
+        str, typer.Argument(metavar="FILE", autocompletion=vehicles, help="Vehicle file (or catalog name).")
+    ],
     json: Json = False,
 ) -> None:
     """Check a vehicle file: can it be read, is it physical?

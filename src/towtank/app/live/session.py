@@ -100,7 +100,7 @@ def run_live(options: LiveOptions, output: Output) -> None:
     output.say("making ready: compiling what is not compiled yet (up to a minute the first time)")
     with output.progress("making ready") as progress:
         warm_up(vehicle, fresh(), progress)
-        if options.page is not None:
+        if options.page is not None or options.foxglove is not None:
             from towtank.dashboard.prediction import warm_up as warm_page_up
 
             warm_page_up(vehicle)
@@ -174,10 +174,12 @@ def _foxglove(
     """Return a server for Foxglove, listening already; nothing where none is asked for."""
     if options.foxglove is None:
         return contextlib.nullcontext()
-    from towtank.live.foxglove import FoxgloveServer
+    from towtank.dashboard.prediction import FreeRuns
+    from towtank.live.foxglove import LAYOUT, FoxgloveServer
 
-    server = FoxgloveServer(session, vehicle, epoch, options.foxglove)
+    server = FoxgloveServer(session, vehicle, epoch, options.foxglove, FreeRuns(vehicle))
     output.say(f"foxglove: ws://{server.open()}")
+    output.say(f"foxglove: a layout to import there: {LAYOUT}")
     return contextlib.closing(server)
 
 
@@ -185,7 +187,7 @@ def _earlier(options: LiveOptions, vehicle: Vehicle, **settings: Any) -> tuple[C
     """Return the checkpoint beside the recording, and the session that is gone on with, where there are any."""
     if options.record is None:
         return None, None
-    digest = hashlib.sha256(repr(vehicle).encode()).hexdigest()
+    digest = hashlib.sha256(vehicle.model_dump_json().encode()).hexdigest()
     about: dict[str, Any] = {"method": options.method, "free": options.free, "prior": options.prior, "vehicle": digest}
     about["changes"] = options.changes
     checkpoint = Checkpoint(options.record, about)

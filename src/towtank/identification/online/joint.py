@@ -29,7 +29,7 @@ from towtank.identification.posterior.result import estimate_of, model_of, with_
 from towtank.identification.posterior.thrusters import learned_gains
 from towtank.recording import Recording
 from towtank.recording.event import Event
-from towtank.vehicle import Vehicle
+from towtank.vehicle import AnyVehicle, Vehicle, vehicle_of
 
 __all__ = ["JointLearner"]
 
@@ -42,11 +42,11 @@ class JointSettings:
 
     free: Collection[str] | None = None
     delay: float | None = None
-    prior: Vehicle | None = None
+    prior: AnyVehicle | None = None
     background: bool = False
     current: bool = False
     changes: bool = True
-    known: Mapping[str, Vehicle] | None = None
+    known: Mapping[str, AnyVehicle] | None = None
 
     def __post_init__(self) -> None:
         if self.delay is not None and not 0.0 <= self.delay < np.inf:
@@ -78,18 +78,19 @@ class JointLearner(Learner):
 
     keeps_checkpoints = True
 
-    def __init__(self, vehicle: Vehicle, method: str = "joint", **settings: Any) -> None:
+    def __init__(self, vehicle: AnyVehicle, method: str = "joint", **settings: Any) -> None:
         if method != "joint":
             raise InputError(f'method: found "{method}", expected "joint"')
         for name in settings:
             if name not in _SETTINGS:
                 raise InputError(f'settings: found "{name}", expected one of {", ".join(sorted(_SETTINGS))}')
         own = JointSettings(**settings)
-        self.vehicle, self.method, self._settings = vehicle, method, own
-        question = Question(vehicle, None if own.free is None else tuple(own.free), own.delay, own.prior)
-        self._supposed = question.whole(None, commands=bool(vehicle.thrusters))
+        self.vehicle, self.method, self._settings = vehicle_of(vehicle), method, own
+        prior = None if own.prior is None else vehicle_of(own.prior)
+        question = Question(self.vehicle, None if own.free is None else tuple(own.free), own.delay, prior)
+        self._supposed = question.whole(None, commands=bool(self.vehicle.thrusters))
         self._question, self._prior = question, question.prior(self._supposed, None)
-        known = (own.known or {}) if own.changes else None
+        known = {name: vehicle_of(each) for name, each in (own.known or {}).items()} if own.changes else None
         self._stream = JointStream(question, background=own.background, known=known)
         self._estimate: Estimate | None = None
         self._model: Vehicle | None = None
@@ -157,7 +158,7 @@ class JointLearner(Learner):
     def from_arrays(
         cls,
         arrays: Mapping[str, Any],
-        vehicle: Vehicle,
+        vehicle: AnyVehicle,
         *,
         prior: Vehicle | None = None,
         background: bool = False,

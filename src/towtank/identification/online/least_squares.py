@@ -26,7 +26,7 @@ from towtank.identification.least_squares.solution import (
 from towtank.identification.model.terms import AXES, candidates
 from towtank.identification.posterior.estimate import Estimate
 from towtank.recording import Recording, align, bind_thrusters
-from towtank.vehicle import Vehicle, thruster_forces
+from towtank.vehicle import AnyVehicle, Vehicle, thruster_forces, vehicle_of
 
 __all__ = ["PaperLearner"]
 
@@ -59,7 +59,7 @@ class PaperLearner(Learner):
 
     def __init__(
         self,
-        vehicle: Vehicle,
+        vehicle: AnyVehicle,
         method: str = "paper",
         *,
         free: Collection[str] | None = None,
@@ -71,11 +71,11 @@ class PaperLearner(Learner):
             raise InputError(f'method: found "{method}", expected "paper"')
         if inputs not in ("held", "smooth"):
             raise InputError(f'inputs: found "{inputs}", expected "held" or "smooth"')
-        self.vehicle = vehicle
+        self.vehicle = vehicle_of(vehicle)
         self.method = method
         self.settings = Settings(delay=0.0 if delay is None else float(delay), smooth=inputs == "smooth", **tuning)
         self._own_delay = delay is None
-        self.candidates = candidates(vehicle, free)
+        self.candidates = candidates(self.vehicle, free)
         self._chain: PaperChain | None = None
         self._commands: bool | None = None  # inputs are commands; None until the first one
         self._seen: list[NDArray[np.bool_]] | None = None

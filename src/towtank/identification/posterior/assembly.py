@@ -45,7 +45,7 @@ class Mode:
     levels: NoiseLevels
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LogLearning:
     """What was learned from recordings.
 

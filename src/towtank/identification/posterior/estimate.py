@@ -78,6 +78,9 @@ class Estimate:
     duration: float
     samples: int
 
+    def __repr__(self) -> str:
+        return f"<Estimate: {sum(self.identified)} of {len(self.names)} coefficients known, {self.samples} samples>"
+
     def __getitem__(self, name: str) -> Learned:
         if name not in self.names:
             raise InputError(f'no coefficient "{name}" was learned{nearest(name, self.names)}')

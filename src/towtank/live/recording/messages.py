@@ -20,6 +20,7 @@ from towtank.recording.standard import VELOCITIES, WRENCH
 __all__ = [
     "COEFFICIENTS",
     "POSE",
+    "PREDICTION",
     "SESSION",
     "VELOCITY",
     "WORLD",
@@ -27,6 +28,7 @@ __all__ = [
     "Kept",
     "coefficients",
     "pose",
+    "prediction",
     "session",
     "vector",
 ]
@@ -87,6 +89,17 @@ COEFFICIENTS = _form(
 )
 
 
+PREDICTION = _form(
+    "prediction",
+    "towtank.Prediction",
+    _object(
+        t=_T,
+        measured=_object(**{name: _number("FRD") for name in VELOCITIES}),
+        predicted=_object(**{name: _number("FRD, of a free run of the model as learned now") for name in VELOCITIES}),
+    ),
+)
+
+
 SESSION = _form(
     "session",
     "towtank.Session",
@@ -135,6 +148,13 @@ def vector(form: Form, t: float, values: Sequence[float]) -> Message | None:
         return None
     names = VELOCITIES if form is VELOCITY else WRENCH
     return _message(form, t, {"t": t, **dict(zip(names, map(_plain, values), strict=True))})
+
+
+def prediction(t: float, measured: Sequence[float], predicted: Sequence[float]) -> Message:
+    """Return velocities (6,), measured and predicted, body FRD, at time t [s of the session]."""
+    told = {"measured": measured, "predicted": predicted}
+    fields = {key: dict(zip(VELOCITIES, map(_plain, values), strict=True)) for key, values in told.items()}
+    return _message(PREDICTION, t, {"t": t, **fields})
 
 
 def coefficients(learnt: Learnt) -> Message | None:

@@ -16,10 +16,10 @@ from towtank.readers.recognition import HEAD, is_dataflash_text
 from towtank.readers.registry import AnyMapping
 from towtank.recording.recording import Recording
 
-__all__ = ["decode", "read"]
+__all__ = ["read", "tables_of"]
 
 
-def decode(path: Path) -> Tables:
+def tables_of(path: Path) -> Tables:
     """Return the tables of a log, binary or text."""
     data = path.read_bytes()
     if is_dataflash_text(data[:HEAD]):
@@ -29,7 +29,7 @@ def decode(path: Path) -> Tables:
 
 def read(path: Path, mapping: AnyMapping) -> Recording:
     """Return the recording of a log; with a mapping, of what it names. The autopilot's states are always in it."""
-    tables = decode(path)
+    tables = tables_of(path)
     states = dataflash_states(tables)
     if mapping is not None:
         return with_states(mapped_recording(tables, mapping), *states)

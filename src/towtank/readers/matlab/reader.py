@@ -18,6 +18,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
+from towtank.readers.common.tables import Table, Tables
 from towtank.readers.matlab.variables import load_variables
 from towtank.recording.channel import Channel
 from towtank.recording.columns import assemble, in_standard_frames
@@ -27,7 +28,7 @@ from towtank.recording.recording import Recording
 from towtank.recording.repairs import Content, Repairs
 from towtank.recording.standard import is_standard
 
-__all__ = ["read"]
+__all__ = ["read", "tables_of"]
 
 _TIMES = ("t", "time", "Time", "times", "timestamp", "timestamps", "stamp", "tout")
 _DATA = ("values", "Data", "data")
@@ -65,6 +66,13 @@ def read(path: Path, mapping: ColumnMapping | str | os.PathLike[str] | None = No
         known = mapping if isinstance(mapping, ColumnMapping) else load_mapping(mapping)
         return _mapped(path, variables, tables, known, where).with_notes(repairs=lost)
     return _by_name(path, variables, tables).with_notes(repairs=lost)
+
+
+def tables_of(path: Path) -> Tables:
+    """Return the tables of a file; the columns bear whole paths, as a mapping names them."""
+    variables, _ = load_variables(path)
+    found = {each.name: Table(each.name, each.t, each.columns, "MATLAB") for each in _tables(variables)}
+    return Tables(str(path), found)
 
 
 def _by_name(path: Path, variables: Mapping[str, Any], tables: list[_Table]) -> Recording:

@@ -30,7 +30,7 @@ from towtank.readers.registry import AnyMapping
 from towtank.recording.recording import Recording
 from towtank.recording.repairs import Repairs
 
-__all__ = ["Group", "decode", "read", "scan_tlog"]
+__all__ = ["Group", "decode", "read", "scan_tlog", "tables_of"]
 
 _STAMP = 8
 _MAVLINK_1, _MAVLINK_2 = 0xFE, 0xFD
@@ -183,6 +183,11 @@ def read(path: Path, mapping: AnyMapping) -> Recording:
         known = with_autopilot(tables, senders)
         return with_autopilot_states(mapped_recording(known, mapping), known, senders)
     return mavlink_recording(tables, senders)
+
+
+def tables_of(path: Path) -> Tables:
+    """Return all tables of a log, as a mapping finds them."""
+    return with_autopilot(*decode(path.read_bytes(), str(path)))
 
 
 def _repairs(packets: Packets, stray: int, known: dict[int, MessageLayout]) -> Repairs:

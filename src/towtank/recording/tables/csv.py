@@ -23,8 +23,9 @@ from towtank.outputs import write_atomically
 from towtank.recording.columns import recording_of_columns
 from towtank.recording.mapping import ColumnMapping
 from towtank.recording.recording import Recording
+from towtank.recording.tables.dataframes import on_all_times
 
-__all__ = ["read_csv", "to_table", "write_csv"]
+__all__ = ["read_columns", "read_csv", "to_table", "write_csv"]
 
 _NUMBER = re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|inf(?:inity)?|nan)?", re.IGNORECASE | re.ASCII)
 _MISSING = ("", "NaN", "nan", "NAN", "-nan", "-NaN")
@@ -131,6 +132,31 @@ def read_csv(path: str | os.PathLike[str], mapping: ColumnMapping | str | os.Pat
     return recording_of_columns(path, names, lambda needed: _read_numbers(path, names, needed), mapping)
 
 
+def read_columns(path: Path) -> dict[str, Array]:
+    """Return every column (n,) that holds numbers, by its name in the first line; others, and doubles, are left out.
+
+    Raises:
+        InputError: the file is no CSV, or a line has more or fewer cells than the first.
+    """
+    names = _read_header(path)
+    keys = [f"c{i}" for i in range(len(names))]
+    try:
+        table = arrow_csv.read_csv(
+            path,
+            read_options=arrow_csv.ReadOptions(column_names=keys, skip_rows=1, block_size=1 << 23),
+            convert_options=arrow_csv.ConvertOptions(null_values=list(_MISSING), strings_can_be_null=True),
+        )
+    except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+        read_slowly(path, names, [])  # says where
+        raise InputError(f"{path}: cannot be read as CSV ({error})") from error
+    found: dict[str, Array] = {}
+    for name, key in zip(names, keys, strict=True):
+        kind = table.schema.field(key).type
+        if name and names.count(name) == 1 and (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
+            found[name] = _to_numpy(table.column(key).cast(pa.float64(), safe=False))
+    return found
+
+
 def _read_header(path: Path) -> tuple[str, ...]:
     if path.is_dir():
         raise InputError(f"{path}: this is a folder, expected a CSV file")
@@ -183,19 +209,9 @@ def _to_numpy(column: pa.ChunkedArray) -> Array:
 
 def to_table(recording: Recording) -> pa.Table:
     """Return the Arrow table of a recording: `t`, then the channels, null where not measured."""
-    stamps = {id(channel.t): channel.t for channel in recording.channels.values()}
-    times = np.unique(np.concatenate(list(stamps.values()))) if len(stamps) > 1 else next(iter(stamps.values()))
-    rows = {key: None if t.size == times.size else np.searchsorted(times, t) for key, t in stamps.items()}
-    columns = [pa.array(times)]
-    for channel in recording.channels.values():
-        place = rows[id(channel.t)]
-        if place is None:
-            values = channel.values
-        else:
-            values = np.full(times.size, np.nan)
-            values[place] = channel.values
-        columns.append(pa.array(values, from_pandas=True))
-    return pa.Table.from_arrays(columns, names=["t", *recording.names])
+    times, channels = on_all_times(recording)
+    columns = [pa.array(times), *(pa.array(values, from_pandas=True) for values in channels.values())]
+    return pa.Table.from_arrays(columns, names=["t", *channels])
 
 
 def write_csv(recording: Recording, path: str | os.PathLike[str]) -> None:

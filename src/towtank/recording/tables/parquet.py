@@ -23,7 +23,7 @@ from towtank.recording.repairs import Content, Repairs
 from towtank.recording.standard import is_standard, standard_of
 from towtank.recording.tables.csv import to_table
 
-__all__ = ["read_parquet", "write_parquet"]
+__all__ = ["read_columns", "read_parquet", "write_parquet"]
 
 _KEY = b"towtank"
 
@@ -73,6 +73,17 @@ def read_parquet(
         mapping,
         _carried(path, schema, units),
     )
+
+
+def read_columns(path: Path) -> dict[str, Array]:
+    """Return every column (n,) that holds numbers, by its name. Raises InputError where the file cannot be read."""
+    try:
+        schema = arrow_parquet.read_schema(path)
+    except (pa.ArrowInvalid, OSError) as error:
+        raise InputError(f"{path}: not a readable Parquet file ({_first_line(error)})") from error
+    kinds = {field.name: field.type for field in schema}
+    numbers = [name for name, kind in kinds.items() if pa.types.is_floating(kind) or pa.types.is_integer(kind)]
+    return _read_numbers(path, schema, numbers)
 
 
 def _read_numbers(path: Path, schema: pa.Schema, needed: Sequence[str]) -> dict[str, Array]:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
+from towtank.vehicle.files import AnyVehicle, vehicle_of
 from towtank.vehicle.motion import last_axis
 from towtank.vehicle.thrusters import curves
 from towtank.vehicle.vehicle import Vehicle
@@ -21,8 +22,9 @@ _ORDER = (0, 1, 2, 5, 3, 4)  # X Y Z N K M
 _INDEPENDENT = 1e-3
 
 
-def configuration_matrix(vehicle: Vehicle) -> Array:
+def configuration_matrix(vehicle: AnyVehicle) -> Array:
     """Return T (6, n): the wrench [N, N m] per newton of each thruster, body FRD about the origin."""
+    vehicle = vehicle_of(vehicle)
     T = np.empty((6, len(vehicle.thrusters)))
     for k, thruster in enumerate(vehicle.thrusters):
         T[:3, k] = thruster.direction
@@ -30,7 +32,7 @@ def configuration_matrix(vehicle: Vehicle) -> Array:
     return T + 0.0  # no negative zeros
 
 
-def thruster_forces(vehicle: Vehicle, commands: ArrayLike, voltage: ArrayLike | None = None) -> Array:
+def thruster_forces(vehicle: AnyVehicle, commands: ArrayLike, voltage: ArrayLike | None = None) -> Array:
     """Return the force [N] of each thruster at steady state.
 
     Args:
@@ -40,6 +42,7 @@ def thruster_forces(vehicle: Vehicle, commands: ArrayLike, voltage: ArrayLike | 
     Raises:
         InputError: the last axis is not one command per thruster, or the vehicle has no thrusters.
     """
+    vehicle = vehicle_of(vehicle)
     c = last_axis(commands, _count(vehicle), "commands", f"one for each thruster of {vehicle.name}")
     out = np.empty(c.shape if voltage is None else np.broadcast_shapes(c.shape, (*np.shape(voltage), c.shape[-1])))
     for k, thruster in enumerate(vehicle.thrusters):
@@ -47,12 +50,16 @@ def thruster_forces(vehicle: Vehicle, commands: ArrayLike, voltage: ArrayLike | 
     return out
 
 
-def thruster_wrench(vehicle: Vehicle, commands: ArrayLike, voltage: ArrayLike | None = None) -> Array:
+def thruster_wrench(vehicle: AnyVehicle, commands: ArrayLike, voltage: ArrayLike | None = None) -> Array:
     """Return the wrench [X Y Z K M N] (..., 6) [N, N m] of thruster commands (..., n) at steady state, body FRD.
+
+    Args:
+        vehicle: or its name in the catalog, or the path of its file. commands, voltage: as of `thruster_forces`.
 
     Raises:
         InputError: as `thruster_forces`.
     """
+    vehicle = vehicle_of(vehicle)
     return np.asarray(thruster_forces(vehicle, commands, voltage) @ configuration_matrix(vehicle).T)
 
 
@@ -79,7 +86,7 @@ def allocatable_axes(vehicle: Vehicle) -> tuple[int, ...]:
     return tuple(axes)
 
 
-def allocate(vehicle: Vehicle, wrench: ArrayLike, voltage: float | None = None) -> Array:
+def allocate(vehicle: AnyVehicle, wrench: ArrayLike, voltage: float | None = None) -> Array:
     """Return the commands (..., n) that make a wrench (..., 6) with the least thruster forces.
 
     Forces are the pseudo-inverse of the configuration matrix over `allocatable_axes` times the wrench; the other axes
@@ -90,6 +97,7 @@ def allocate(vehicle: Vehicle, wrench: ArrayLike, voltage: float | None = None) 
     Raises:
         InputError: the last axis is not 6, or the vehicle has no thrusters.
     """
+    vehicle = vehicle_of(vehicle)
     n = _count(vehicle)
     tau = last_axis(wrench, 6, "wrench", "X Y Z K M N")
     axes = list(allocatable_axes(vehicle))
