@@ -106,7 +106,7 @@ def learn_facts(
         residuals=residuals(predictions),
         recordings=recordings,
         noise=noise_document(learning.levels, learning.grids),
-        disturbance=disturbance_document(learning.levels, learning.sources),
+        disturbance=disturbance_document(learning.levels, learning.grids),
         convergence=convergence(learning, recordings),
         findings=learning.findings,
         driven=learning.driven,

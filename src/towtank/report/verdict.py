@@ -11,7 +11,9 @@ import numpy as np
 from towtank.digits import joined
 from towtank.identification.model.terms import AXES, Axis
 from towtank.identification.posterior.estimate import Estimate, Learned
+from towtank.recording.axes import judged_by
 from towtank.recording.consistency import Finding
+from towtank.recording.standard import POSE, VELOCITIES
 from towtank.vehicle.names import COLUMNS, ROWS
 
 __all__ = ["NAMES", "Verdict", "learn_verdict", "state_of", "validate_verdict"]
@@ -19,6 +21,8 @@ __all__ = ["NAMES", "Verdict", "learn_verdict", "state_of", "validate_verdict"]
 _SURE, _FAIR = 0.1, 0.5  # relative deviations: known, roughly known
 _GOOD, _USABLE = 80.0, 50.0  # fits [%]
 _SPEEDS = np.geomspace(0.05, 2.0, 24)  # m/s, rad/s: at which drag is looked at
+_DRIFTING = {"x", "y"}  # these add up every push of the water, whatever the model
+_MANY = ("the speeds", "the motion")
 _ALIKE = 3.0  # ratio up to which the larger of two relative deviations stands for both
 _MERGED = ("stands for both", "cannot be told apart", "are correlated", "stands in proportion", "known only together")
 NAMES: Mapping[str, str] = {
@@ -85,12 +89,13 @@ def learn_verdict(
         text = f"No inertia and no drag is known, only {joined([each.name for each in learned])}"
     share = [state_of(each)[0] == "known" for each in learned]
     grade = "good" if 2 * sum(share) >= len(share) else "fair"
-    moving = {axis.velocity for axis in axes}
+    judging = judged_by([name for name, value in fit.items() if value is not None])
+    moving = {name for axis in axes for name in (axis.velocity, POSE[axis.index]) if name in judging} - _DRIFTING
     fits = {name: value for name, value in fit.items() if value is not None and name in moving}
     if fits:
         worst, best = min(fits.values()), max(fits.values())
         spread = f"{best:.0f} %" if len(fits) == 1 else f"{worst:.0f} to {best:.0f} %"
-        names = joined([NAMES[name] for name in fits]) if len(fits) <= 3 else "the speeds"
+        names = joined([NAMES[name] for name in fits]) if len(fits) <= 3 else _MANY[bool(fits.keys() - set(VELOCITIES))]
         text += f"; the model predicts {names} of {predicted} with a fit of {spread}"
         grade = "fair" if worst < _USABLE and grade == "good" else grade
     return Verdict(grade, f"{text[0].upper()}{text[1:]}.")

@@ -116,6 +116,7 @@ def learn(
     from towtank.app.tables.repairs import learning_warnings
     from towtank.app.terminal.output import Output
     from towtank.identification.logs import learn_recordings
+    from towtank.recording.axes import known_by
     from towtank.vehicle import save_vehicle
 
     output = Output(json=json)
@@ -123,6 +124,7 @@ def learn(
         known = read_vehicle(vehicle, output)
         beforehand = None if prior is None else read_prior(prior, output)
         recordings = cut(read_logs(logs, mapping, progress), stretch)
+        told = known_by(*recordings)
         learning = learn_recordings(
             known,
             recordings,
@@ -160,7 +162,7 @@ def learn(
             commands = [command_text("learn", logs, again), judge]
             facts = learn_facts(learning, model, scores, recordings, warnings=warnings, prior=prior)
             write_learn_report(report, facts, logs, commands)
-    show_learning(learning, fit, logs, warnings, output, asked=method, prior=prior)
+    show_learning(learning, fit, logs, warnings, output, asked=method, prior=prior, known=told)
     output.line()
     if model_file is not None:
         output.line(f"model written to {model_file}")
@@ -168,7 +170,7 @@ def learn(
         output.line(f"report written to {report}")
     output.line(f"Next: {judge}" if model_file else f"Next: the same with -o MODEL.toml, then {judge}", "dim")
     output.document(
-        {"vehicle": known.name, "logs": logs, "prior": prior, **learn_document(learning, fit, warnings, rmse)}
+        {"vehicle": known.name, "logs": logs, "prior": prior, **learn_document(learning, fit, warnings, rmse, told)}
     )
 
 

@@ -20,7 +20,7 @@ from towtank.core.arrays import Array
 from towtank.identification.data.samples import Samples, Sources
 from towtank.identification.least_squares.batch import DelayCost, scan_delay
 from towtank.recording import Grid
-from towtank.recording.frames.rotations import conjugate, rotate
+from towtank.recording.frames.pose_rates import velocity_of_pose
 
 __all__ = ["DRIVEN", "driven_axes", "first_look"]
 
@@ -59,20 +59,10 @@ def speeds(grid: Grid) -> Array:
     """Return u v w p q r (n, 6), measured, or else derived from the pose by central differences; NaN if unknown."""
     measured = np.array(grid.velocity)
     absent = ~np.isfinite(measured).any(axis=0)
-    if not absent.any() or not grid.attitude_known.any() or len(grid) < 3:
+    if not absent.any() or len(grid) < 3:
         return measured
-    phi, theta = grid.pose[:, 3], grid.pose[:, 4]
-    rates = np.gradient(grid.pose, grid.dt, axis=0)
-    p, q, r = rates[:, 3], rates[:, 4], rates[:, 5]
-    turning = np.column_stack(
-        [
-            p - r * np.sin(theta),
-            q * np.cos(phi) + r * np.cos(theta) * np.sin(phi),
-            r * np.cos(theta) * np.cos(phi) - q * np.sin(phi),
-        ]
-    )
-    derived = np.hstack([rotate(conjugate(grid.quaternion), rates[:, :3]), turning])
-    for i in np.flatnonzero(absent):
+    derived = velocity_of_pose(grid.pose, np.gradient(grid.pose, grid.dt, axis=0), grid.velocity)
+    for i in np.flatnonzero(absent & np.isfinite(derived).any(axis=0)):
         measured[:, i] = _without_jumps(derived[:, i], grid.dt)
     return measured
 
@@ -106,7 +96,8 @@ def first_look(grid: Grid) -> FirstLook:
     """Return what a grid with inputs (commands, else a wrench) shows."""
     sources = Sources.of(grid.pose, grid.velocity, grid.acceleration)
     nu = speeds(grid)[:_MOST_ROWS]
-    passes = 2 if "derived" in sources.velocity else 0
+    derived = np.isfinite(nu).any(axis=0) & ~np.isfinite(grid.velocity).any(axis=0)
+    passes = 2 if derived.any() else 0
     slow = _Motion(grid, nu, _SLOW, passes)
     at_once = slow.explained(0.0)
     driven = {i for i in range(6) if at_once[i] > DRIVEN}
