@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array
 from towtank.digits import joined, short
 from towtank.recording.consistency.accounts import (
-    FEWEST,
     LEAST_STRETCHES,
     Cells,
     Pair,
@@ -32,6 +31,7 @@ from towtank.recording.consistency.accounts import (
     of_velocity,
     of_wrench,
 )
+from towtank.recording.consistency.tracks import FEWEST
 from towtank.recording.recording import Recording
 
 __all__ = ["Finding", "inconsistencies"]
