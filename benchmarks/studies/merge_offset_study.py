@@ -2,10 +2,10 @@
 
     python benchmarks/studies/merge_offset_study.py [--runs 100] [--seed 0]
 
-A vehicle turns about all axes (sums of random sines, slower than 0.4 Hz) and goes up and down. One file has its gyro or
-its depth, the other its attitude or depth with noise of its own, on a clock that lies anywhere and, where it says so,
-drifts. For each case: the root mean square error, the mean deviation that was told [ms], the share of the 95 % intervals
-that hold the truth, and how many runs were refused.
+A vehicle turns about all axes (sums of random sines, slower than 0.4 Hz) and goes up and down. One file has its gyro
+or its depth, the other its attitude or depth with noise of its own, on a clock that lies anywhere and, where it says
+so, drifts. For each case: the root mean square error, the mean deviation that was told [ms], the share of the 95 %
+intervals that hold the truth, and how many runs were refused.
 """
 
 from __future__ import annotations
@@ -81,7 +81,9 @@ def pair(case: Case, rng: np.random.Generator) -> tuple[Recording, Recording, fl
             np.cos(phi) * rate[:, 1] + np.cos(theta) * np.sin(phi) * rate[:, 2],
             -np.sin(phi) * rate[:, 1] + np.cos(theta) * np.cos(phi) * rate[:, 2],
         )
-        one = {name: column + case.gyro_noise * rng.normal(size=t.size) for name, column in zip("pqr", body, strict=True)}
+        one = {
+            name: column + case.gyro_noise * rng.normal(size=t.size) for name, column in zip("pqr", body, strict=True)
+        }
         angles = x2[:, :3] + case.attitude_noise * rng.normal(size=(t2.size, 3))
         two = dict(zip(("phi", "theta", "psi"), angles.T, strict=True))
     middle = 0.5 * (t[0] + t[-1])

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from towtank.app.commands.arguments import Window
+from towtank.app.commands.arguments import Merged, Window
 from towtank.app.terminal.output import Output, Progress
 from towtank.errors import InputError
 
@@ -62,11 +62,17 @@ def read_configurations(folder: Path, output: Output) -> dict[str, Vehicle]:
     return {each.name: each.vehicle for each in found}
 
 
-def read_logs(logs: Sequence[Path], mapping: Path | None, progress: Progress) -> list[Recording]:
-    """Return the recordings of some logs, all with one mapping; a velocity in the world is turned into the body."""
+def read_logs(
+    logs: Sequence[Path], mapping: Path | None, progress: Progress, merged: Sequence[Merged] = ()
+) -> list[Recording]:
+    """Return the recordings of some logs, all with one mapping; a velocity in the world is turned into the body.
+
+    Args:
+        merged: further files of the run of a single log.
+    """
     from towtank.readers import read, recognised
 
-    for log in logs:  # before anything that is slow to import
+    for log in (*logs, *(each.path for each in merged)):  # before anything that is slow to import
         recognised(log)
     from towtank.recording import load_mapping, with_body_velocity
 
@@ -74,7 +80,11 @@ def read_logs(logs: Sequence[Path], mapping: Path | None, progress: Progress) ->
     recordings = []
     for k, log in enumerate(logs):
         progress(f"reading {log.name}", k / len(logs))
-        recordings.append(with_body_velocity(read(log, columns)))
+        recording = read(log, columns)
+        for each in merged:
+            progress(f"reading {each.path.name}", k / len(logs))
+            recording = recording.merge(read(each.path, each.mapping), each.offset)
+        recordings.append(with_body_velocity(recording))
     return recordings
 
 

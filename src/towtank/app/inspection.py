@@ -21,6 +21,7 @@ from towtank.recording import Grid, Recording, align, bind_thrusters
 from towtank.recording.axes import CHANNELS_OF, Witness, known_by
 from towtank.recording.consistency import Finding
 from towtank.recording.facts import ChannelFacts, channel_facts
+from towtank.recording.merging.merge import merges_of
 from towtank.recording.noise import NoiseLevel, noise_levels
 from towtank.recording.repairs import Repairs
 from towtank.recording.standard import MEASURED, QUATERNION, WORLD_VELOCITY
@@ -103,6 +104,7 @@ class Inspection:
             "repairs": {**asdict(repairs), "lines": repairs.lines},
             "notes": self.recording.notes,
             "attributes": self.recording.attributes,
+            "merged": merges_of(self.recording),
             "contents": contents_document(self.recording),
             "noise": {name: asdict(level) for name, level in self.noise.items()},
             "delay_s": self.delay,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from towtank.app.commands.arguments import LOG_KINDS, Json, Map, output_place
+from towtank.app.commands.arguments import LOG_KINDS, Json, Map, Merge, Merged, MergeMap, output_place
 from towtank.errors import InputError
 
 __all__ = ["convert"]
@@ -19,14 +19,18 @@ def convert(
     ],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="File to write: .csv, .parquet or .mcap.")],
     mapping: Map = None,
+    merge: Merge = None,
+    merge_map: MergeMap = None,
     json: Json = False,
 ) -> None:
     """Write the channels of a log as CSV, Parquet or MCAP: SI units, NED and FRD, each channel at its own times.
 
     \b
-    Example:
+    Examples:
       towtank convert surge.csv surge.parquet
+      towtank convert dive.BIN run.parquet --merge mocap.csv
     """
+    merged = Merged.parse(merge, merge_map, [source])
     from towtank.app.tables.repairs import contents_document
     from towtank.app.terminal.output import Output
     from towtank.digits import short
@@ -40,6 +44,8 @@ def convert(
     with output.progress("converting") as progress:
         progress(f"reading {source.name}", 0.0)
         recording = read(source, mapping)
+        for each in merged:
+            recording = recording.merge(read(each.path, each.mapping), each.offset)
         progress(f"writing {target.name}", 0.5)
         recording.write(target)
     output.line(f"{source} -> {target}", "bold")

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from towtank.app.commands.arguments import Json, Log, Map, Window, WindowText
+from towtank.app.commands.arguments import Json, Log, Map, Merge, Merged, MergeMap, Window, WindowText
 
 __all__ = ["inspect"]
 
@@ -14,6 +14,8 @@ __all__ = ["inspect"]
 def inspect(
     log: Log,
     mapping: Map = None,
+    merge: Merge = None,
+    merge_map: MergeMap = None,
     vehicle: Annotated[
         str | None,
         typer.Option("--vehicle", metavar="VEHICLE", help="Catalog name or vehicle file, for verdicts by coefficient."),
@@ -24,16 +26,17 @@ def inspect(
     """Show what is in a log: its messages and channels, clock trouble, command delay, which axes can be identified.
 
     \b
-    Example:
+    Examples:
       towtank inspect surge.csv --vehicle vlbv300
+      towtank inspect dive.BIN --merge mocap.csv --merge-map mocap.toml
     """
     from towtank.app.files import cut, read_logs, read_vehicle
     from towtank.app.terminal.output import Output
 
-    stretch = Window.parse(window)
+    stretch, merged = Window.parse(window), Merged.parse(merge, merge_map, [log])
     output = Output(json=json)
     with output.progress("inspecting") as progress:
-        [recording] = cut(read_logs([log], mapping, progress), stretch)
+        [recording] = cut(read_logs([log], mapping, progress, merged), stretch)
         known = None if vehicle is None else read_vehicle(vehicle, output)
         from towtank.app.inspection import (
             inspect_recording,  # a second of libraries: a file that is none is refused first

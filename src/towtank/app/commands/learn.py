@@ -12,6 +12,9 @@ from towtank.app.commands.arguments import (
     LOG_KINDS,
     Json,
     Map,
+    Merge,
+    Merged,
+    MergeMap,
     Report,
     Window,
     WindowText,
@@ -63,6 +66,8 @@ def learn(
     ] = None,
     window: WindowText = None,
     mapping: Map = None,
+    merge: Merge = None,
+    merge_map: MergeMap = None,
     model_file: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="MODEL.toml", help="Vehicle file to write.")
     ] = None,
@@ -100,11 +105,12 @@ def learn(
     Examples:
       towtank learn surge.csv --vehicle vlbv300 --report learned.html
       towtank learn surge.csv --vehicle mine.toml -o both.toml
+      towtank learn dive.BIN --vehicle bluerov2_heavy --merge mocap.csv --merge-map mocap.toml
     """
     _known_method(method, prior)
     if current and method != "joint":
         raise InputError(f"--current: method {method} knows none; use joint, or leave it out")
-    stretch = Window.parse(window)
+    stretch, merged = Window.parse(window), Merged.parse(merge, merge_map, logs)
     output_place("--output", model_file, (".toml",))
     report_place(report)
     positive_option("--delay", delay, zero=True)
@@ -117,14 +123,15 @@ def learn(
     from towtank.app.terminal.output import Output
     from towtank.identification.logs import learn_recordings
     from towtank.recording.axes import known_by
+    from towtank.recording.merging.merge import merges_of
     from towtank.vehicle import save_vehicle
 
     output = Output(json=json)
     with output.progress("learning") as progress:
         known = read_vehicle(vehicle, output)
         beforehand = None if prior is None else read_prior(prior, output)
-        recordings = cut(read_logs(logs, mapping, progress), stretch)
-        told = known_by(*recordings)
+        recordings = cut(read_logs(logs, mapping, progress, merged), stretch)
+        told, merges = known_by(*recordings), [each for run in recordings for each in merges_of(run)]
         learning = learn_recordings(
             known,
             recordings,
@@ -154,6 +161,8 @@ def learn(
                 "--free": free,
                 "--window": window,
                 "--map": mapping,
+                "--merge": merge,
+                "--merge-map": merge_map,
                 "--delay": delay,
                 "--prior": prior,
                 "--current": current,
@@ -170,7 +179,10 @@ def learn(
         output.line(f"report written to {report}")
     output.line(f"Next: {judge}" if model_file else f"Next: the same with -o MODEL.toml, then {judge}", "dim")
     output.document(
-        {"vehicle": known.name, "logs": logs, "prior": prior, **learn_document(learning, fit, warnings, rmse, told)}
+        {
+            **{"vehicle": known.name, "logs": logs, "merged": merges, "prior": prior},
+            **learn_document(learning, fit, warnings, rmse, told),
+        }
     )
 
 

@@ -12,6 +12,9 @@ from towtank.app.commands.arguments import (
     LOG_KINDS,
     Json,
     Map,
+    Merge,
+    Merged,
+    MergeMap,
     Report,
     Window,
     WindowText,
@@ -58,6 +61,8 @@ def validate(
         str | None, typer.Option("--method", metavar="METHOD", help="With --folds: how to learn, as in learn.")
     ] = None,
     mapping: Map = None,
+    merge: Merge = None,
+    merge_map: MergeMap = None,
     report: Report = None,
     json: Json = False,
 ) -> None:
@@ -74,7 +79,7 @@ def validate(
     """
     positive_option("--horizon", horizon)
     positive_option("--delay", delay, zero=True)
-    stretch = Window.parse(window)
+    stretch, merged = Window.parse(window), Merged.parse(merge, merge_map, logs)
     models = _models(model, against or [])
     _folds_alone(folds, method, against)
     report_place(report)
@@ -83,10 +88,12 @@ def validate(
     from towtank.app.judging import against_others, alone, by_folds, learn_by, write_validate_report
     from towtank.app.terminal.output import Output
     from towtank.digits import short
+    from towtank.recording.merging.merge import merges_of
 
     output = Output(json=json)
     with output.progress("predicting") as progress:
-        recordings, common = _windowed(read_logs(logs, mapping, progress), stretch)
+        recordings, common = _windowed(read_logs(logs, mapping, progress, merged), stretch)
+        merges = [each for run in recordings for each in merges_of(run)]
         vehicles = {name: read_vehicle(name, output) for name in models}
         options = {"horizon": horizon, "delay": delay}
         if folds is not None:
@@ -107,6 +114,8 @@ def validate(
                 "--folds": folds,
                 "--method": method,
                 "--map": mapping,
+                "--merge": merge,
+                "--merge-map": merge_map,
             }
             facts = {"horizon": horizon, "delay": delay, "warnings": tuple(output.warnings), "recordings": recordings}
             write_validate_report(
@@ -116,6 +125,8 @@ def validate(
     restart = "" if horizon is None else f", set back to the measured state every {short(horizon)} s"
     late = "" if delay is None else f", delay {1e3 * delay:.4g} ms"
     output.line(f"{short(found.window[0])} to {short(found.window[1])} s{restart}{late}")
+    for each in merges:
+        output.line(str(each["text"]))
     judged.show(output)
     if report is not None:
         output.line()
@@ -124,6 +135,7 @@ def validate(
         {
             "model": model,
             "logs": logs,
+            "merged": merges,
             "fit": found.fit,
             "rmse": found.rmse,
             "window": found.window,

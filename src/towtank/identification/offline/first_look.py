@@ -10,7 +10,7 @@ unexplained; the share that the inputs explain says whether the axis was driven 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -96,8 +96,16 @@ def first_look(grid: Grid) -> FirstLook:
     """Return what a grid with inputs (commands, else a wrench) shows."""
     sources = Sources.of(grid.pose, grid.velocity, grid.acceleration)
     nu = speeds(grid)[:_MOST_ROWS]
-    derived = np.isfinite(nu).any(axis=0) & ~np.isfinite(grid.velocity).any(axis=0)
-    passes = 2 if derived.any() else 0
+    partly = np.isfinite(nu).any(axis=0) & (np.array(sources.velocity) == "absent")  # by depth or single angles
+    look = _looked(grid, np.where(partly, np.nan, nu), sources, 2 if "derived" in sources.velocity else 0)
+    if not partly.any():
+        return look
+    more = _looked(grid, nu, sources, 2)
+    shares = tuple(b if part else a for a, b, part in zip(look.explained, more.explained, partly, strict=True))
+    return replace(more if look.delay is None else look, explained=shares)
+
+
+def _looked(grid: Grid, nu: Array, sources: Sources, passes: int) -> FirstLook:
     slow = _Motion(grid, nu, _SLOW, passes)
     at_once = slow.explained(0.0)
     driven = {i for i in range(6) if at_once[i] > DRIVEN}

@@ -82,7 +82,10 @@ def merge(first: Recording, second: Recording, offset: float | None = None) -> R
 
 
 def merges_of(recording: Recording) -> list[dict[str, object]]:
-    """Return how files were merged into a recording: file, offset_s, offset_std_s, drift_ppm, drift_std_ppm, by."""
+    """Return how files were merged into a recording: file, offset_s, offset_std_s, drift_ppm, drift_std_ppm, by, text.
+
+    An offset that was said has no deviation: None.
+    """
     return [json.loads(text) for key, text in recording.attributes.items() if key.startswith(MERGED)]
 
 
@@ -185,6 +188,7 @@ def _attributes(first: Recording, second: Recording, clock: ClockOffset) -> dict
         "drift_ppm": 1e6 * clock.drift,
         "drift_std_ppm": 1e6 * clock.drift_std,
         "by": list(clock.by),
+        "text": clock.text(file_of(first), name),
     }
     key, count = f"{MERGED}{name}", 1
     while key in out:

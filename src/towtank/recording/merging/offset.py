@@ -24,27 +24,25 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array
 from towtank.digits import joined
 from towtank.errors import InputError
-from towtank.recording.consistency.tracks import (
-    Attitude,
-    Track,
-    attitude_track,
-    halfway,
-    pose_track,
-    speed_track,
-    turned_between,
+from towtank.recording.consistency.signals import (
+    SMOOTHED,
+    Signal,
+    body_velocity,
+    depth_rate,
+    measured,
+    memory_of,
+    rates,
+    smooth_means,
 )
-from towtank.recording.frames.rotations import conjugate, rotate
 from towtank.recording.recording import Recording
-from towtank.recording.standard import ACCELERATIONS, EULER, LINEAR_VELOCITY, POSITION, RATES
+from towtank.recording.standard import ACCELERATIONS
 
 __all__ = ["ClockOffset", "clock_offset", "file_of"]
 
 _CELL, _PER_STEP = 0.05, 2  # s, at least; cells in the step of the slowest channel, at most
-_SMOOTH = 9  # cells of the window
 _JUMP = 4.0  # times the 95 % quantile, at most, of a speed: markers that come and go
 _MOVES = {"rates": 0.01, "depth": 0.01, "velocity": 0.01, "specific force": 0.05}  # rad/s, m/s, m/s^2: less is rest
 _OVERLAP = (10.0, 0.25)  # s, and share of the shorter file, that both must cover
-_MEMORY = 10.0  # s of the autocorrelation
 _ALIKE, _RATIO = 0.5, 30.0  # correlation, and log likelihood ratio, of the same motion at least
 _SECOND, _CLEARER = 20.0, 0.2  # by how much the best lag must beat any other one: in all, and for each independent cell
 _LONG = 60.0  # s in common from which on a drift can be told
@@ -134,75 +132,11 @@ def clock_offset(first: Recording, second: Recording) -> ClockOffset:
     )
 
 
-_Means = Callable[[Array], Array]  # edges (n + 1,) [s] -> means over cells (n,)
-
-
-class _Signal(NamedTuple):
-    """One column of motion: the tracks that it comes from, and its means over cells."""
-
-    tracks: tuple[Track, ...]
-    means: _Means
-
-
-def _of_track(track: Track) -> _Signal:
-    return _Signal((track,), lambda edges: np.asarray(np.diff(track.at(edges)) / np.diff(edges)))
-
-
-def _rates(recording: Recording) -> dict[str, _Signal]:
-    attitude = attitude_track(recording)
-    out = {}
-    for j, (rate, angle) in enumerate(zip(RATES, EULER, strict=True)):
-        measured, turned = speed_track(recording, rate), pose_track(recording, angle)
-        if measured is not None:
-            out[rate] = _of_track(measured)
-        elif attitude is not None:
-            out[rate] = _of_attitude(attitude, j)
-        elif turned is not None:
-            out[rate] = _of_track(turned)
-    return out
-
-
-def _of_attitude(attitude: Attitude, column: int) -> _Signal:
-    def means(edges: Array) -> Array:
-        return np.asarray(turned_between(attitude.at(edges))[:, column] / np.diff(edges))
-
-    return _Signal(attitude.tracks, means)
-
-
-def _depth(recording: Recording) -> dict[str, _Signal]:
-    track = pose_track(recording, "z")
-    return {} if track is None else {"z": _of_track(track)}
-
-
-def _velocity(recording: Recording) -> dict[str, _Signal]:
-    out = _measured(recording, LINEAR_VELOCITY)
-    attitude, place = attitude_track(recording), [pose_track(recording, name) for name in POSITION]
-    where = [track for track in place if track is not None]
-    if attitude is None or len(where) < len(POSITION):
-        return out
-    for j, name in enumerate(LINEAR_VELOCITY):
-        out.setdefault(name, _of_place(where, attitude, j))
-    return out
-
-
-def _of_place(where: Sequence[Track], attitude: Attitude, column: int) -> _Signal:
-    def means(edges: Array) -> Array:
-        world = np.stack([np.diff(track.at(edges)) / np.diff(edges) for track in where], axis=-1)
-        return np.asarray(rotate(conjugate(halfway(attitude.at(edges))), world)[:, column])
-
-    return _Signal((*where, *attitude.tracks), means)
-
-
-def _measured(recording: Recording, names: Sequence[str]) -> dict[str, _Signal]:
-    tracks = {name: speed_track(recording, name) for name in names}
-    return {name: _of_track(track) for name, track in tracks.items() if track is not None}
-
-
-_FAMILIES: Mapping[str, Callable[[Recording], dict[str, _Signal]]] = {
-    "rates": _rates,
-    "depth": _depth,
-    "velocity": _velocity,
-    "specific force": lambda recording: _measured(recording, ACCELERATIONS),
+_FAMILIES: Mapping[str, Callable[[Recording], dict[str, Signal]]] = {
+    "rates": rates,
+    "depth": depth_rate,
+    "velocity": body_velocity,
+    "specific force": lambda recording: measured(recording, ACCELERATIONS),
 }
 
 
@@ -212,10 +146,10 @@ class _Signals(NamedTuple):
     start: float
     end: float
     step: float
-    columns: tuple[_Signal, ...]
+    columns: tuple[Signal, ...]
 
     @classmethod
-    def of(cls, signals: Mapping[str, _Signal], names: Sequence[str]) -> _Signals:
+    def of(cls, signals: Mapping[str, Signal], names: Sequence[str]) -> _Signals:
         columns = tuple(signals[name] for name in names)
         tracks = [track for column in columns for track in column.tracks]
         start, end = min(float(track.t[0]) for track in tracks), max(float(track.t[-1]) for track in tracks)
@@ -223,9 +157,7 @@ class _Signals(NamedTuple):
 
     def smooth(self, edges: Array) -> Array:
         """Return the means (n, k) over cells through the window, NaN where one is unknown."""
-        window = np.hanning(_SMOOTH + 2)[1:-1]
-        means = [np.convolve(column.means(edges), window / window.sum(), mode="valid") for column in self.columns]
-        return np.stack(means, axis=-1)
+        return smooth_means(self.columns, edges)
 
 
 def _by(a: _Signals, b: _Signals, names: Sequence[str], moves: float) -> ClockOffset | str:
@@ -278,7 +210,7 @@ def _coarse(a: _Signals, b: _Signals, dt: float, moves: float) -> tuple[float, A
     with np.errstate(divide="ignore", invalid="ignore"):
         rho = crossed(x, y) / np.sqrt(np.maximum(crossed(x**2, my), 1e-12) * np.maximum(crossed(mx, y**2), 1e-12))
     rho = np.where(count >= least, np.clip(rho, -0.9999, 0.9999), 0.0)
-    independent = count / _memory(x, y, dt)
+    independent = count / memory_of(x, y, dt)
     gain = -(independent * np.log1p(-(np.maximum(rho, 0.0) ** 2))).sum(axis=1)
     cells = np.maximum(np.where(count >= least, independent, 0.0).max(axis=1), 1.0)
     best = int(np.argmax(gain))
@@ -292,20 +224,6 @@ def _coarse(a: _Signals, b: _Signals, dt: float, moves: float) -> tuple[float, A
             apart = abs(float(lags[best] - lags[other])) * dt
             return f"ambiguous: a shift by another {apart:.1f} s fits about as well (a periodic motion)"
     return a.start - b.start + float(lags[best]) * dt, rho[best]
-
-
-def _memory(x: Array, y: Array, dt: float) -> Array:
-    """Return in how many cells (k,) the products of two columns are independent (Bartlett)."""
-    lags = min(round(_MEMORY / dt), len(x) - 1, len(y) - 1)
-    total = np.ones(x.shape[1])
-    for k in range(1, lags + 1):
-        total += (
-            2.0
-            * (x[k:] * x[:-k]).sum(axis=0)
-            * (y[k:] * y[:-k]).sum(axis=0)
-            / np.maximum((x**2).sum(axis=0) * (y**2).sum(axis=0), 1e-300)
-        )
-    return np.maximum(total, 1.0)
 
 
 def _outside(gain: Array, best: int) -> NDArray[np.bool_]:
@@ -326,7 +244,7 @@ def _fine(a: _Signals, b: _Signals, dt: float, coarse: float) -> tuple[float, fl
     start, end = max(a.start, b.start + coarse), min(a.end, b.end + coarse)
     edges = np.arange(start, end, dt)
     middle = 0.5 * (start + end) - coarse
-    at = np.convolve(edges, np.full(_SMOOTH + 1, 1.0 / (_SMOOTH + 1)), mode="valid") - coarse - middle
+    at = np.convolve(edges, np.full(SMOOTHED + 1, 1.0 / (SMOOTHED + 1)), mode="valid") - coarse - middle
     drifting = end - start >= _LONG
     x, slope_x = _with_slope(a, edges, dt)
     theta = np.array([coarse, 0.0])
@@ -375,7 +293,7 @@ def _score(x: Array, slope_x: Array, y: Array, slope_y: Array, at: Array, second
     by = np.column_stack([np.ones(at.size), at])
     for k in range(x.shape[1]):
         known = np.isfinite(x[:, k]) & np.isfinite(y[:, k]) & np.isfinite(slope_x[:, k]) & np.isfinite(slope_y[:, k])
-        if known.sum() < 4 * _SMOOTH:
+        if known.sum() < 4 * SMOOTHED:
             continue
         p, q, dp, dq, when = x[known, k], y[known, k], slope_x[known, k], slope_y[known, k], by[known]
         p, q = p - p.mean(), q - q.mean()
