@@ -34,9 +34,11 @@ def read(path: str | os.PathLike[str], mapping: AnyMapping = None) -> Recording:
     reader = recognised(path)
     import numpy as np
 
+    from towtank.recording.consistency.rates import with_rates_in_radians
+
     try:
         with np.errstate(invalid="ignore", over="ignore"):  # a broken file holds any number
-            return reader.read(path, mapping)
+            return with_rates_in_radians(reader.read(path, mapping))
     except (InputError, MemoryError):
         raise
     except OSError as error:
