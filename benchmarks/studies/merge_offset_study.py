@@ -1,6 +1,6 @@
 """How well the offset between two clocks is found, and whether its deviation is honest.
 
-    python benchmarks/studies/merge_offset_study.py [--runs 100] [--seed 0]
+    python benchmarks/studies/merge_offset_study.py [--runs 100] [--seed 0] [--only mrad]
 
 A vehicle turns about all axes (sums of random sines, slower than 0.4 Hz) and goes up and down. One file has its gyro
 or its depth, the other its attitude or depth with noise of its own, on a clock that lies anywhere and, where it says
@@ -96,9 +96,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", default="", help="cases whose name holds this")
     given = parser.parse_args()
     print(f"{'case':42}  rms ms  told ms  in 95 %  refused  drift ppm: rms, told")
-    for case in CASES:
+    for case in (each for each in CASES if given.only in each.name):
         rng = np.random.default_rng(given.seed)
         errors, stds, drifts, refused = [], [], [], 0
         for _ in range(given.runs):

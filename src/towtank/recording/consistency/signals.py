@@ -102,9 +102,9 @@ def measured(recording: Recording, names: Sequence[str]) -> dict[str, Signal]:
     return {name: _of_track(track) for name, track in tracks.items() if track is not None}
 
 
-def smooth_means(signals: Sequence[Signal], edges: Array) -> Array:
-    """Return means (n - SMOOTHED + 1, k) over n cells through a window, NaN where one in it is unknown."""
-    window = np.hanning(SMOOTHED + 2)[1:-1]
+def smooth_means(signals: Sequence[Signal], edges: Array, width: int = SMOOTHED) -> Array:
+    """Return means (n - width + 1, k) over n cells through a window of so many, NaN where one in it is unknown."""
+    window = np.hanning(width + 2)[1:-1]
     means = [np.convolve(signal.means(edges), window / window.sum(), mode="valid") for signal in signals]
     return np.stack(means, axis=-1)
 

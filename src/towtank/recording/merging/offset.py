@@ -40,15 +40,21 @@ from towtank.recording.standard import ACCELERATIONS
 __all__ = ["ClockOffset", "clock_offset", "file_of"]
 
 _CELL, _PER_STEP = 0.05, 2  # s, at least; cells in the step of the slowest channel, at most
-_JUMP = 4.0  # times the 95 % quantile, at most, of a speed: markers that come and go
+_UNEVEN = 1.0787  # times that: cells in no whole ratio to samples, or noise between these would pull at the offset
+_JUMP = 4.0  # times the 99 % quantile, at most, of a speed: markers that come and go; deviations of what is left
 _MOVES = {"rates": 0.01, "depth": 0.01, "velocity": 0.01, "specific force": 0.05}  # rad/s, m/s, m/s^2: less is rest
+_PEAK = 2.0  # times that, what moves does so at times
 _OVERLAP = (10.0, 0.25)  # s, and share of the shorter file, that both must cover
-_ALIKE, _RATIO = 0.5, 30.0  # correlation, and log likelihood ratio, of the same motion at least
+_ALIKE, _RATIO = 0.5, 40.0  # correlation, and log likelihood ratio, of the same motion at least
 _SECOND, _CLEARER = 20.0, 0.2  # by how much the best lag must beat any other one: in all, and for each independent cell
 _LONG = 60.0  # s in common from which on a drift can be told
 _QUARTZ = 1e-4  # deviation of a drift before any data
+_WORTH_SAYING = 1e-6
+_WIDTHS, _PER_WINDOW = (SMOOTHED, 17, 33, 65), 1.0 / 40.0  # cells of a window; at most of those that both cover
+_CLEAR = 0.9  # share of the motion that both have in common, from which no longer window is needed
 _BLOCK, _BLOCKS = 4.0, (8, 48)  # s; blocks at least and at most
 _ROUNDS = 12
+_UNSURE = 0.05  # s, deviation beyond which an offset is of no use, and may be a coincidence
 _ASTRAY = 1.5  # s that the fine offset may lie off the coarse one
 _NAMES = {
     **{"p": "roll rate", "q": "pitch rate", "r": "yaw rate", "z": "depth"},
@@ -88,7 +94,7 @@ class ClockOffset:
             return f"{second} lies {abs(self.offset):g} s {side} {first}, as was said"
         places = 3 if self.std >= 5e-4 else 4
         drift = ""
-        if abs(self.drift) > 2.0 * self.drift_std > 0.0:
+        if abs(self.drift) > max(3.0 * self.drift_std, _WORTH_SAYING):
             pace = "slow" if self.drift > 0.0 else "fast"
             drift = f"; its clock is {1e6 * abs(self.drift):.0f} ± {1e6 * self.drift_std:.0f} ppm {pace}"
         size = f"{abs(self.offset):.{places}f} ± {max(self.std, 10.0**-places):.{places}f} s"
@@ -155,9 +161,9 @@ class _Signals(NamedTuple):
         start, end = min(float(track.t[0]) for track in tracks), max(float(track.t[-1]) for track in tracks)
         return cls(start, end, max(track.step for track in tracks), columns)
 
-    def smooth(self, edges: Array) -> Array:
-        """Return the means (n, k) over cells through the window, NaN where one is unknown."""
-        return smooth_means(self.columns, edges)
+    def smooth(self, edges: Array, width: int = SMOOTHED) -> Array:
+        """Return the means (n, k) over cells through a window of so many, NaN where one is unknown."""
+        return smooth_means(self.columns, edges, width)
 
 
 def _by(a: _Signals, b: _Signals, names: Sequence[str], moves: float) -> ClockOffset | str:
@@ -167,9 +173,11 @@ def _by(a: _Signals, b: _Signals, names: Sequence[str], moves: float) -> ClockOf
     if isinstance(coarse, str):
         return coarse
     offset, correlation = coarse
-    fine = _fine(a, b, dt, offset)
+    fine = _fine(a, b, _UNEVEN * dt, offset)
     if isinstance(fine, str):
         return fine
+    if not fine[1] < _UNSURE:
+        return f"the motion in common tells it to no better than ± {fine[1]:.2g} s"
     order = sorted(range(len(names)), key=lambda k: -correlation[k])
     told = [names[k] for k in order if correlation[k] >= max(_ALIKE, 0.5 * correlation[order[0]])]
     return ClockOffset(*fine, tuple(_NAMES[name] for name in told))
@@ -179,10 +187,16 @@ def _known(x: Array) -> tuple[Array, Array]:
     """Return columns (n, k) without their means and jumps, 0 where unknown, and where they are known, as 0 and 1."""
     if not np.isfinite(x).any(axis=0).all():
         return np.zeros_like(x), np.zeros_like(x)
-    limit = _JUMP * np.nanquantile(np.abs(x), 0.95, axis=0)
+    limit = _JUMP * np.nanquantile(np.abs(x), 0.99, axis=0)
     known = np.isfinite(x)
     centred = x - np.nanmean(x, axis=0)
     return np.where(known, np.clip(centred, -limit, limit), 0.0), known.astype(np.float64)
+
+
+def _liveliest(x: Array, known: Array) -> float:
+    """Return the largest 99 % quantile of the columns' sizes (n, k); 0 where nothing is known."""
+    sizes = (np.abs(column[there > 0.0]) for column, there in zip(x.T, known.T, strict=True))
+    return max((float(np.quantile(size, 0.99)) for size in sizes if size.size), default=0.0)
 
 
 def _coarse(a: _Signals, b: _Signals, dt: float, moves: float) -> tuple[float, Array] | str:
@@ -195,7 +209,7 @@ def _coarse(a: _Signals, b: _Signals, dt: float, moves: float) -> tuple[float, A
     still = [
         f"the {'first' if k == 0 else 'second'} file hardly moves"
         for k, (values, known) in enumerate(((x, mx), (y, my)))
-        if np.sqrt((values**2).sum(axis=0) / np.maximum(known.sum(axis=0), 1.0)).max() < moves
+        if _liveliest(values, known) < _PEAK * moves
     ]
     if still:
         return " and ".join(still)
@@ -214,7 +228,9 @@ def _coarse(a: _Signals, b: _Signals, dt: float, moves: float) -> tuple[float, A
     gain = -(independent * np.log1p(-(np.maximum(rho, 0.0) ** 2))).sum(axis=1)
     cells = np.maximum(np.where(count >= least, independent, 0.0).max(axis=1), 1.0)
     best = int(np.argmax(gain))
-    if gain[best] < _RATIO or rho[best].max() < _ALIKE:
+    if rho[best].max() >= _ALIKE and gain[best] < _RATIO:
+        return "too short or too regular a motion in common"
+    if rho[best].max() < _ALIKE or gain[best] < _RATIO:
         return f"no motion in common (correlation at most {max(rho[best].max(), 0.0):.2f})"
     outside = _outside(gain, best)
     if outside.any():
@@ -244,15 +260,16 @@ def _fine(a: _Signals, b: _Signals, dt: float, coarse: float) -> tuple[float, fl
     start, end = max(a.start, b.start + coarse), min(a.end, b.end + coarse)
     edges = np.arange(start, end, dt)
     middle = 0.5 * (start + end) - coarse
-    at = np.convolve(edges, np.full(SMOOTHED + 1, 1.0 / (SMOOTHED + 1)), mode="valid") - coarse - middle
+    width = _width(a, b, edges, coarse)
+    at = np.convolve(edges, np.full(width + 1, 1.0 / (width + 1)), mode="valid") - coarse - middle
     drifting = end - start >= _LONG
-    x, slope_x = _with_slope(a, edges, dt)
+    x, slope_x = _with_slope(a, edges, width)
     theta = np.array([coarse, 0.0])
     used = slice(0, 2 if drifting else 1)
     information = blocks = np.zeros((2, 2))
     for _ in range(_ROUNDS):
         own = ClockOffset(float(theta[0]), drift=float(theta[1]), middle=middle).own(edges)
-        y, slope_y = _with_slope(b, own, dt)
+        y, slope_y = _with_slope(b, own, width)
         score, information = _score(x, slope_x, y, slope_y, at, end - start)
         blocks = score.T @ score
         if np.linalg.cond(information[used, used]) > 1e14 or information[0, 0] <= 0.0:
@@ -260,7 +277,7 @@ def _fine(a: _Signals, b: _Signals, dt: float, coarse: float) -> tuple[float, fl
         step = np.linalg.solve(information[used, used], score.sum(axis=0)[used])
         theta[used] += step
         if abs(theta[0] - coarse) > _ASTRAY:
-            return "the fit of the offset does not converge"
+            return "no lag at which the same motion is in both"
         if abs(step[0]) < 1e-6:
             break
     inverse = np.linalg.inv(information[used, used])
@@ -274,11 +291,25 @@ def _fine(a: _Signals, b: _Signals, dt: float, coarse: float) -> tuple[float, fl
     return float(theta[0]), float(np.sqrt(cov[0, 0])), float(theta[1]), float(np.sqrt(cov[1, 1])), middle
 
 
-def _with_slope(signals: _Signals, edges: Array, dt: float) -> tuple[Array, Array]:
+def _width(a: _Signals, b: _Signals, edges: Array, offset: float) -> int:
+    """Return the cells of the shortest window in which noise is little beside the motion, else of the best one."""
+    found = []
+    for width in _WIDTHS:
+        if width > max(SMOOTHED, _PER_WINDOW * edges.size):
+            break
+        x, y = _known(a.smooth(edges, width))[0], _known(b.smooth(edges - offset, width))[0]
+        share = float((x * y).sum()) ** 2 / max(float((x**2).sum() * (y**2).sum()), 1e-300)
+        found.append((share, width))
+        if share > _CLEAR:
+            return width
+    return max(found)[1]
+
+
+def _with_slope(signals: _Signals, edges: Array, width: int) -> tuple[Array, Array]:
     """Return columns (n, k) over cells, and their slopes by time."""
-    half = 0.5 * dt
-    later, earlier = signals.smooth(edges + half), signals.smooth(edges - half)
-    return signals.smooth(edges), (later - earlier) / dt
+    dt = float(edges[1] - edges[0])
+    later, earlier = signals.smooth(edges + 0.5 * dt, width), signals.smooth(edges - 0.5 * dt, width)
+    return signals.smooth(edges, width), (later - earlier) / dt
 
 
 def _score(x: Array, slope_x: Array, y: Array, slope_y: Array, at: Array, seconds: float) -> tuple[Array, Array]:
@@ -301,7 +332,7 @@ def _score(x: Array, slope_x: Array, y: Array, slope_y: Array, at: Array, second
         if gain <= 0.0:
             continue
         left = p - gain * q
-        scale = 1.4826 * float(np.median(np.abs(left))) + 1e-12
+        scale = float(np.std(left)) + 1e-12
         left = np.clip(left, -_JUMP * scale, _JUMP * scale)
         weight = gain / float(np.mean(left**2) + 1e-24)
         each = -weight * (left * dq)[:, None] * when  # of t2 = t - offset: q falls by its slope as the offset grows
