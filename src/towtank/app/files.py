@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from towtank.recording import Recording
     from towtank.vehicle import Vehicle
 
-__all__ = ["cut", "read_configurations", "read_logs", "read_prior", "read_vehicle"]
+__all__ = ["cut", "merged_with", "read_configurations", "read_logs", "read_prior", "read_vehicle"]
 
 
 def read_vehicle(name_or_file: str, output: Output, *, silent: bool = False) -> Vehicle:
@@ -81,11 +81,21 @@ def read_logs(
     for k, log in enumerate(logs):
         progress(f"reading {log.name}", k / len(logs))
         recording = read(log, columns)
-        for each in merged:
-            progress(f"reading {each.path.name}", k / len(logs))
-            recording = recording.merge(read(each.path, each.mapping), each.offset)
-        recordings.append(with_body_velocity(recording))
+        recordings.append(with_body_velocity(merged_with(recording, merged)))
     return recordings
+
+
+def merged_with(recording: Recording, merged: Sequence[Merged]) -> Recording:
+    """Return a recording with the channels of further files of its run. Raises InputError."""
+    from towtank.readers import read
+
+    for each in merged:
+        try:
+            other = read(each.path, each.mapping)
+        except InputError as error:
+            raise InputError(str(error).replace("--map ", "--merge-map ")) from None
+        recording = recording.merge(other, each.offset)
+    return recording
 
 
 def cut(recordings: Sequence[Recording], window: Window | None) -> list[Recording]:

@@ -26,11 +26,11 @@ def convert(
     """Write the channels of a log as CSV, Parquet or MCAP: SI units, NED and FRD, each channel at its own times.
 
     \b
-    Examples:
+    Example:
       towtank convert surge.csv surge.parquet
-      towtank convert dive.BIN run.parquet --merge mocap.csv
     """
     merged = Merged.parse(merge, merge_map, [source])
+    from towtank.app.files import merged_with
     from towtank.app.tables.repairs import contents_document
     from towtank.app.terminal.output import Output
     from towtank.digits import short
@@ -43,9 +43,7 @@ def convert(
     output = Output(json=json)
     with output.progress("converting") as progress:
         progress(f"reading {source.name}", 0.0)
-        recording = read(source, mapping)
-        for each in merged:
-            recording = recording.merge(read(each.path, each.mapping), each.offset)
+        recording = merged_with(read(source, mapping), merged)
         progress(f"writing {target.name}", 0.5)
         recording.write(target)
     output.line(f"{source} -> {target}", "bold")

@@ -26,9 +26,8 @@ def inspect(
     """Show what is in a log: its messages and channels, clock trouble, command delay, which axes can be identified.
 
     \b
-    Examples:
+    Example:
       towtank inspect surge.csv --vehicle vlbv300
-      towtank inspect dive.BIN --merge mocap.csv --merge-map mocap.toml
     """
     from towtank.app.files import cut, read_logs, read_vehicle
     from towtank.app.terminal.output import Output

@@ -105,7 +105,6 @@ def learn(
     Examples:
       towtank learn surge.csv --vehicle vlbv300 --report learned.html
       towtank learn surge.csv --vehicle mine.toml -o both.toml
-      towtank learn dive.BIN --vehicle bluerov2_heavy --merge mocap.csv --merge-map mocap.toml
     """
     _known_method(method, prior)
     if current and method != "joint":
