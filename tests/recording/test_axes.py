@@ -7,7 +7,7 @@ import pytest
 
 from towtank.core.attitude import quaternions_from_eulers
 from towtank.recording import Recording, standard_channel
-from towtank.recording.axes import CHANNELS_OF, axes_shown, judged_by, known_by
+from towtank.recording.axes import CHANNELS_OF, axes_shown, judged_by, known_by, known_text
 from towtank.recording.frames.pose_rates import velocity_of_pose
 from towtank.recording.frames.rotations import rotate
 from towtank.recording.standard import MEASURED
@@ -36,6 +36,12 @@ def test_a_barometer_a_compass_and_an_accelerometer_tell_of_motion() -> None:
 def test_what_is_nearest_to_the_speed_comes_first() -> None:
     heave = known_by(run_of(az=100.0, z=10.0, w=8.0))[2]
     assert heave.text == "heave by speed, 8 Hz, and depth, 10 Hz, and acceleration, 100 Hz"
+
+
+def test_what_is_known_in_one_line() -> None:
+    words = known_text(known_by(run_of(z=10.0, r=100.0, p=100.0, q=100.0)))
+    assert words.startswith("heave by depth, 10 Hz; roll by rate, 100 Hz; ")
+    assert words.endswith("; no channel tells of surge and sway")
 
 
 def test_a_quaternion_tells_of_all_three_angles() -> None:

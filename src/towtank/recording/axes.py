@@ -6,15 +6,15 @@ accelerometer what pushes the body. Learning takes each of these as a measuremen
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
-from towtank.digits import short
+from towtank.digits import joined, short
 from towtank.recording.grids.timing import sampling_rate
 from towtank.recording.recording import Recording
 from towtank.recording.standard import EULER, LINEAR_VELOCITY, MEASURED, POSE, QUATERNION, VELOCITIES, WORLD_VELOCITY
 
-__all__ = ["CHANNELS_OF", "AxisKnown", "Witness", "axes_shown", "judged_by", "known_by"]
+__all__ = ["CHANNELS_OF", "AxisKnown", "Witness", "axes_shown", "judged_by", "known_by", "known_text"]
 
 CHANNELS_OF: Mapping[str, Mapping[str, str]] = {  # axis -> channel -> what it is in words, the most direct first
     "surge": {"u": "speed", "u_w": "speed through the water", "x": "position", "ax": "acceleration"},
@@ -70,6 +70,13 @@ def known_by(*recordings: Recording) -> tuple[AxisKnown, ...]:
         AxisKnown(axis, tuple(Witness(name, by, rates[name]) for name, by in channels.items() if name in rates))
         for axis, channels in CHANNELS_OF.items()
     )
+
+
+def known_text(known: Sequence[AxisKnown]) -> str:
+    """Return in words by what axes are known, and of which nothing of their own tells."""
+    told = "; ".join(each.text for each in known if each.witnesses)
+    silent = [each.axis for each in known if not each.witnesses]
+    return "; ".join(part for part in (told, f"no channel tells of {joined(silent)}" if silent else "") if part)
 
 
 def judged_by(measured: Collection[str]) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.intervals import interval, interval_text
 from towtank.recording import STANDARD, Grid
-from towtank.recording.axes import AxisKnown, axes_shown
+from towtank.recording.axes import AxisKnown, axes_shown, known_text
 from towtank.recording.consistency import Finding
 from towtank.recording.standard import MEASURED
 from towtank.report.verdict import learn_verdict
@@ -154,7 +154,7 @@ def show_learning(
     _show_input(learning, output)
     if known:
         output.heading("By which channels each axis is known")
-        output.line("; ".join(each.text for each in known))
+        output.line(known_text(known))
     whose = " as the joint filter sees them" if learning.method == "output-error" else ""
     show_levels(learning.levels, learning.grids, output, whose=whose)
     output.heading("Fit of the free-running prediction on these very logs")
