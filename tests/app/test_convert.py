@@ -95,7 +95,9 @@ def test_inspect_tells_what_the_log_holds(dive: Path, monkeypatch: pytest.Monkey
     text = " ".join(out.split())
     assert "dead reckoning" in text
     assert "1 damaged message (left out)" in text
-    assert "u absent" in text  # the filter's velocity was not taken
+    assert found["axes"]["surge"]["source"] == "absent"  # the filter's velocity was not taken
+    assert [each["by"] for each in found["axes"]["heave"]["known_by"]] == ["depth", "acceleration"]
+    assert "acceleration, 50 Hz" in text
 
 
 def test_a_table_has_no_contents(workshop: Path) -> None:

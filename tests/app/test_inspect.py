@@ -137,6 +137,20 @@ def test_a_speed_that_was_not_measured(tmp_path: Path, workshop: Path) -> None:
     assert axes["yaw"]["source"] == "measured"
 
 
+def test_depth_heading_and_acceleration_are_motion(tmp_path: Path) -> None:
+    whole = tmp_path / "all.csv"
+    command("simulate", "bluerov2_heavy", "all-multisine", "-o", whole, "--duration", 40, "--sensors", "ins")
+    run = tt.read(whole)
+    log = tmp_path / "depth-and-compass.csv"
+    run.without("u", "v", "w", "phi", "theta", "ax", "ay", "az").write(log)
+    axes = document("inspect", log)["axes"]
+    assert axes["heave"]["source"] == "derived"
+    assert axes["heave"]["identifiable"] is True
+    assert axes["heave"]["known_by"] == [{"channel": "z", "by": "depth", "rate_hz": pytest.approx(10.0)}]
+    assert [each["by"] for each in axes["yaw"]["known_by"]] == ["rate", "heading"]
+    assert "depth, 10 Hz" in command("inspect", log).out
+
+
 def test_a_log_without_inputs(tmp_path: Path) -> None:
     log = tmp_path / "drift.csv"
     t = np.arange(200) / 50.0

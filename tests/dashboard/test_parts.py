@@ -104,6 +104,17 @@ def test_the_free_run_of_the_true_model_is_the_measurement() -> None:
     middle = np.isfinite(derived.measured).all(axis=1)
     away = np.sqrt(np.mean((derived.measured[middle] - found.measured[middle]) ** 2, axis=0))
     assert np.all(away[driven] < 0.05 * size[driven]), away / size
+    partly = Motion(vehicle)
+    hidden = [0, 1, 3, 4]  # of the pose: depth and heading are left
+    for _, each in arguments:
+        if "pose" in each:
+            each["pose"] = np.where(np.isin(np.arange(6), hidden), np.nan, each["pose"])
+    partly.add([(t, {k: v for k, v in a.items() if k in ("pose", "commands")}) for t, a in arguments])
+    told = free_run(vehicle, nothing, 0.0, *partly.last(10.0))
+    assert told is not None
+    assert np.isfinite(told.measured).any(axis=0).tolist() == [False, False, True, False, False, True]
+    slope = told.measured[:, 5] - found.measured[:, 5]
+    assert np.sqrt(np.nanmean(slope**2)) < 0.1 * size[5]
 
 
 def test_an_axis_is_known_to_the_worse_of_inertia_and_drag() -> None:

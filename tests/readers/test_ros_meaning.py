@@ -155,8 +155,12 @@ def test_rates_in_degrees_are_recognised_by_the_attitude(tmp_path: Path) -> None
     (tmp_path / "right").mkdir()
     assert "r" in log(tmp_path / "right", "/imu", "sensor_msgs/msg/Imu", said(1.0))
     run = log(tmp_path, "/imu", "sensor_msgs/msg/Imu", said(180.0 / np.pi))
+    np.testing.assert_allclose(np.column_stack([run[name].values for name in "pqr"]), np.column_stack([p, q, r]))
+    assert any("were in degrees per second, not radians: 57." in note for note in run.notes)
+    (tmp_path / "other").mkdir()
+    run = log(tmp_path / "other", "/imu", "sensor_msgs/msg/Imu", said(17.0))
     assert "r" not in run
-    assert line(run, "/imu").reason.startswith("rates: 57 times the rates of its own attitude: degrees per second?")
+    assert "times the rates of its own attitude, neither radians nor degrees" in line(run, "/imu").reason
 
 
 @pytest.mark.parametrize("covariance", [False, True])

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from towtank.app.commands.arguments import LogPlace
+from towtank.app.commands.arguments import LogPlace, Merged
 from towtank.app.terminal.output import Output, Progress
 from towtank.errors import InputError
 
@@ -22,6 +22,7 @@ __all__ = [
     "LogParts",
     "counted",
     "known_beforehand",
+    "merged_with",
     "parts_of",
     "read_configurations",
     "read_logs",
@@ -94,11 +95,17 @@ def read_configurations(folder: Path, output: Output) -> dict[str, Vehicle]:
     return {each.name: each.vehicle for each in found}
 
 
-def read_logs(logs: Sequence[Path], mapping: AnyMapping | None, progress: Progress) -> list[Recording]:
-    """Return the recordings of some logs, all with one mapping; a velocity in the world is turned into the body."""
+def read_logs(
+    logs: Sequence[Path], mapping: AnyMapping | None, progress: Progress, merged: Sequence[Merged] = ()
+) -> list[Recording]:
+    """Return the recordings of some logs, all with one mapping; a velocity in the world is turned into the body.
+
+    Args:
+        merged: further files of the run of a single log.
+    """
     from towtank.readers import read, recognised
 
-    for log in logs:  # before anything that is slow to import
+    for log in (*logs, *(each.path for each in merged)):  # before anything that is slow to import
         recognised(log)
     from towtank.recording import mapping_of, with_body_velocity
 
@@ -106,7 +113,8 @@ def read_logs(logs: Sequence[Path], mapping: AnyMapping | None, progress: Progre
     recordings = []
     for k, log in enumerate(logs):
         progress(f"reading {log.name}", k / len(logs))
-        recordings.append(with_body_velocity(read(log, columns)))
+        recording = read(log, columns)
+        recordings.append(with_body_velocity(merged_with(recording, merged)))
     return recordings
 
 
@@ -179,3 +187,16 @@ def counted(logs: Sequence[LogParts]) -> list[Recording]:
         ]
         raise InputError(f"{'; '.join(reasons)}; --keep-all takes it all the same")
     return parts
+
+
+def merged_with(recording: Recording, merged: Sequence[Merged]) -> Recording:
+    """Return a recording with the channels of further files of its run. Raises InputError."""
+    from towtank.readers import read
+
+    for each in merged:
+        try:
+            other = read(each.path, each.mapping)
+        except InputError as error:
+            raise InputError(str(error).replace("--map ", "--merge-map ")) from None
+        recording = recording.merge(other, each.offset)
+    return recording

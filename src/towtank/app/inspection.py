@@ -11,9 +11,9 @@ from towtank.app.tables.free_motion import left_out_document, rate_warnings
 from towtank.app.tables.learning import delay_deviation, disturbance_document, findings_document
 from towtank.app.tables.repairs import contents_document, learning_warnings
 from towtank.app.terminal.output import Progress
-from towtank.digits import short
+from towtank.digits import joined, short
 from towtank.identification import LogLearning, learn_recordings
-from towtank.identification.data.samples import NoiseLevels, Sources
+from towtank.identification.data.samples import NoiseLevels
 from towtank.identification.least_squares.chain import uses_commands
 from towtank.identification.logs import findings_before
 from towtank.identification.model.terms import AXES
@@ -26,8 +26,10 @@ from towtank.identification.offline.forecast import (
 )
 from towtank.notebook import html_table
 from towtank.recording import Grid, Recording, align, bind_thrusters
+from towtank.recording.axes import CHANNELS_OF, Witness, known_by
 from towtank.recording.consistency import Finding
 from towtank.recording.facts import ChannelFacts, channel_facts
+from towtank.recording.merging.merge import merges_of
 from towtank.recording.noise import NoiseLevel, noise_levels
 from towtank.recording.repairs import Repairs
 from towtank.recording.standard import MEASURED, QUATERNION, WORLD_VELOCITY
@@ -37,25 +39,37 @@ from towtank.vehicle import Vehicle
 __all__ = ["AxisVerdict", "Inspection", "inspect_recording"]
 
 _FEWEST_ROWS = 600  # of one part among many
+_SPEEDS = ("speed", "speed through the water", "rate")  # words of a witness that is the speed itself
 
 
 @dataclass(frozen=True)
 class AxisVerdict:
-    """One axis: where its speed comes from, whether it can be identified, why not.
+    """One axis: by what it is known, whether it can be identified, why not.
 
     Attributes:
-        source: "measured", "derived" (from the pose) or "absent". explained: share of the acceleration that the inputs
-            explain, None where a vehicle was given. coefficients: name -> reason, None where it is identified.
-        prospects: name -> how well a learning will know it.
+        explained: share of the acceleration that the inputs explain, None where a vehicle was given.
+        coefficients: name -> reason, None where it is identified.
+        prospects: name -> how well a learning will know it. known_by: channels that tell of it.
     """
 
     velocity: str
-    source: str
+    known_by: tuple[Witness, ...]
     identifiable: bool
     reason: str | None
     explained: float | None
     coefficients: Mapping[str, str | None]
     prospects: Mapping[str, PredictedAccuracy]
+
+    @property
+    def source(self) -> str:
+        """Where its speed comes from: "measured", "derived" (from the pose) or "absent"."""
+        if any(each.by in _SPEEDS for each in self.known_by):
+            return "measured"
+        return "derived" if any(each.by != "acceleration" for each in self.known_by) else "absent"
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON document."""
+        return {"source": self.source, **asdict(self)}
 
 
 @dataclass(frozen=True)
@@ -121,13 +135,6 @@ class Inspection:
         return max(self.grids, key=len, default=None)
 
     @property
-    def sources(self) -> Sources:
-        """Where speeds and attitude come from."""
-        if self.grid is None:
-            raise ValueError("no motion is recorded")
-        return Sources.of(self.grid.pose, self.grid.velocity, self.grid.acceleration)
-
-    @property
     def repairs(self) -> Repairs:
         """What was mended in reading and in putting on grids."""
         return sum((grid.repairs for grid in self.grids), Repairs()) if self.grids else self.recording.repairs
@@ -145,13 +152,14 @@ class Inspection:
             "repairs": {**asdict(repairs), "lines": repairs.lines},
             "notes": self.recording.notes,
             "attributes": self.recording.attributes,
+            "merged": merges_of(self.recording),
             "contents": contents_document(self.recording),
             "noise": {name: asdict(level) for name, level in self.noise.items()},
             "delay_s": self.delay,
             "delay_std_s": self.delay_std,
             "delay_from": self.delay_from,
-            "axes": {name: asdict(verdict) for name, verdict in self.axes.items()},
-            "disturbance": disturbance_document(self.levels, [] if self.grid is None else [self.sources]),
+            "axes": {name: verdict.document() for name, verdict in self.axes.items()},
+            "disturbance": disturbance_document(self.levels, [] if self.grid is None else [self.grid]),
             "excitation": _excitation(self),
             **left_out_document([self.parts]),
             "warnings": self.warnings,
@@ -178,32 +186,32 @@ def _inspected(log: LogParts, vehicle: Vehicle | None, progress: Progress) -> In
     facts, noise = channel_facts(recording), noise_levels(recording)
     if recording.contents and not any(name in (*MEASURED, *QUATERNION, *WORLD_VELOCITY) for name in recording):
         reason = "no motion recorded: neither pose nor velocity, rates or specific force"
-        axes = {axis.name: _no(axis.velocity, "absent", reason) for axis in AXES}
+        axes = {axis.name: _no(axis.velocity, (), reason) for axis in AXES}
         return Inspection(log, (), facts, noise, None, None, None, axes, [])
     parts = list(log.parts) or [recording]
     if vehicle is not None:
         parts = [bind_thrusters(part, [thruster.name for thruster in vehicle.thrusters]) for part in parts]
     grids = [align(part) for part in parts]
     grid = max(grids, key=len)
-    sources = Sources.of(grid.pose, grid.velocity, grid.acceleration)
+    told = [(axis, each.witnesses) for axis, each in zip(AXES, known_by(*parts), strict=True)]
     commanded = grid.command_t.size > 0 if vehicle is None else uses_commands(vehicle, grid)
     reason = "" if log.parts else "nothing of the log counts (--keep-all takes it all the same)"
     if not commanded and not grid.wrench_t.size:
         reason = "no inputs recorded: neither thruster commands (cmd_...) nor a wrench (X Y Z K M N)"
     if reason:
-        axes = {axis.name: _no(axis.velocity, kind, reason) for axis, kind in _axes(sources)}
+        axes = {axis.name: _no(axis.velocity, witnesses, reason) for axis, witnesses in told}
         return Inspection(log, grids, facts, noise, None, None, None, axes, [])
     if vehicle is None:
         look = first_look(grid)
         axes = {
-            axis.name: _by_explained(axis.velocity, kind, share)
-            for (axis, kind), share in zip(_axes(sources), look.explained, strict=True)
+            axis.name: _by_explained(axis, witnesses, share)
+            for (axis, witnesses), share in zip(told, look.explained, strict=True)
         }
         origin = None if look.delay is None else "correlation"
         return Inspection(log, grids, facts, noise, look.delay, look.delay_std, origin, axes, [])
     windows, stretches = _best(parts, grids, vehicle)
     learning = learn_recordings(vehicle, stretches, progress=progress, free_runs=False)
-    axes = {axis.name: _by_learning(axis, kind, learning) for axis, kind in _axes(sources)}
+    axes = {axis.name: _by_learning(axis, witnesses, learning) for axis, witnesses in told}
     warnings, std = learning_warnings(learning, stretches, repairs=False), delay_deviation(learning)
     return Inspection(
         *(log, grids, facts, noise, learning.delay, std, "vehicle", axes, warnings),
@@ -236,23 +244,28 @@ def _excitation(found: Inspection) -> dict[str, Any]:
     return {"windows": found.windows, "whole": found.whole, "coefficients": known}
 
 
-def _axes(sources: Sources) -> list[tuple[Any, str]]:
-    return list(zip(AXES, sources.velocity, strict=True))
+def _no(velocity: str, told: tuple[Witness, ...], reason: str, explained: float | None = None) -> AxisVerdict:
+    return AxisVerdict(velocity, told, False, reason, explained, {}, {})
 
 
-def _no(velocity: str, source: str, reason: str, explained: float | None = None) -> AxisVerdict:
-    return AxisVerdict(velocity, source, False, reason, explained, {}, {})
-
-
-def _by_explained(velocity: str, source: str, share: float) -> AxisVerdict:
-    if source == "absent" or share != share:  # NaN: nothing to look at
-        return _no(velocity, source, f"{velocity} is not measured and there is no pose to derive it from")
+def _by_explained(axis: Any, told: tuple[Witness, ...], share: float) -> AxisVerdict:
+    if not told:
+        ways = list(dict.fromkeys(CHANNELS_OF[axis.name].values()))
+        return _no(axis.velocity, told, f"not measured: neither {', '.join(ways[:-1])} nor {ways[-1]}")
+    if share != share:  # NaN: nothing to look at
+        return _no(
+            axis.velocity,
+            told,
+            f"its speed is not measured; {joined([each.by for each in told])} tells learning of it: give --vehicle",
+        )
     if share < DRIVEN:
-        return _no(velocity, source, f"hardly follows the inputs: they explain {share:.0%} of its acceleration", share)
-    return AxisVerdict(velocity, source, True, None, share, {}, {})
+        return _no(
+            axis.velocity, told, f"hardly follows the inputs: they explain {share:.0%} of its acceleration", share
+        )
+    return AxisVerdict(axis.velocity, told, True, None, share, {}, {})
 
 
-def _by_learning(axis: Any, source: str, learning: LogLearning) -> AxisVerdict:
+def _by_learning(axis: Any, told: tuple[Witness, ...], learning: LogLearning) -> AxisVerdict:
     estimate, accuracies = learning.estimate, predicted_accuracies(learning)
     names = [name for name in (axis.added_mass, *axis.columns) if name and name in estimate]
     reasons = {name: estimate[name].reason for name in names}
@@ -260,4 +273,4 @@ def _by_learning(axis: Any, source: str, learning: LogLearning) -> AxisVerdict:
     moved = any(name in learned for name in (axis.added_mass, axis.linear, axis.quadratic))
     why = next((reason for name, reason in reasons.items() if reason and name not in learned), None)
     known = {name: accuracies[name] for name in names if name in accuracies}
-    return AxisVerdict(axis.velocity, source, moved, None if moved else why, None, reasons, known)
+    return AxisVerdict(axis.velocity, told, moved, None if moved else why, None, reasons, known)

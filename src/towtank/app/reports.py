@@ -110,7 +110,7 @@ def learn_facts(
         recordings=recordings,
         left_out=left_out,
         noise=noise_document(learning.levels, learning.grids),
-        disturbance=disturbance_document(learning.levels, learning.sources),
+        disturbance=disturbance_document(learning.levels, learning.grids),
         convergence=convergence(learning, recordings),
         use=use,
         findings=learning.findings,

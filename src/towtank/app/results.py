@@ -21,7 +21,9 @@ from towtank.identification import Estimate, Learned, LogLearning
 from towtank.intervals import interval, interval_text
 from towtank.notebook import html_table, library
 from towtank.recording import Recording
+from towtank.recording.axes import AxisKnown, known_by
 from towtank.recording.consistency import Finding
+from towtank.recording.merging.merge import merges_of
 from towtank.recording.standard import STANDARD
 from towtank.report.sections.prediction import prediction_figures
 from towtank.report.verdict import NAMES, learn_verdict, state_of
@@ -155,14 +157,20 @@ class LearnedModel:
         return self.learning.findings
 
     @property
+    def known_by(self) -> tuple[AxisKnown, ...]:
+        """By which channels the motion along each axis is known."""
+        return known_by(*(part for each in self.parts for part in each.parts))
+
+    @property
     def verdict(self) -> str:
         """What is to be known first, in a sentence."""
         return learn_verdict(self.estimate, self.fit, _PREDICTED, self.findings, self.learning.driven, self.use).text
 
     def document(self) -> dict[str, Any]:
         """Return everything as the document that `towtank learn --json` prints."""
-        about = {"vehicle": self.learning.vehicle.name, "logs": list(self.logs), "prior": self.prior}
-        told = learn_document(self.learning, self.fit, self.use, self.warnings, self.rmse)
+        about: dict[str, Any] = {"vehicle": self.learning.vehicle.name, "logs": list(self.logs), "prior": self.prior}
+        about["merged"] = merged_in(self.parts)
+        told = learn_document(self.learning, self.fit, self.use, self.warnings, self.rmse, self.known_by)
         return {**about, **left_out_document(self.parts), **told}
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -224,6 +232,11 @@ def _row(each: Learned, supposed: Mapping[str, tuple[float, float]]) -> tuple[st
     before = estimate_text(*supposed[each.name]) if each.name in supposed else ""
     value, std = measured(each.value, each.std)
     return each.name, value, std, interval_text(each.value, each.std), before, each.unit, state_of(each)[0]
+
+
+def merged_in(parts: Sequence[LogParts]) -> list[dict[str, object]]:
+    """Return how files were merged into the recordings of logs."""
+    return [told for each in parts for told in merges_of(each.recording)]
 
 
 def _files(logs: Sequence[str]) -> list[Path]:
@@ -295,7 +308,7 @@ class Judgement:
         """Return everything as the document that `towtank validate --json` prints."""
         about = {"verdict": self.verdict, "usable": usable_document(self.judged.use), "model": self.name}
         scores = {"logs": list(self.logs), "fit": self.fit, "rmse": self.rmse, "window": self.window}
-        asked = {"horizon_s": self.horizon, "delay_s": self.delay}
+        asked = {"horizon_s": self.horizon, "delay_s": self.delay, "merged": merged_in(self.parts)}
         return {**about, **scores, **asked, **left_out_document(self.parts), **self.judged.document}
 
     def report(self, path: str | os.PathLike[str], commands: Sequence[str] = ()) -> None:

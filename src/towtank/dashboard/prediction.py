@@ -18,6 +18,7 @@ from towtank.errors import InputError
 from towtank.identification import Estimate, Learner
 from towtank.live.learning import Learnt
 from towtank.recording import Grid
+from towtank.recording.frames.pose_rates import velocity_of_pose
 from towtank.validation import predict
 from towtank.vehicle import Vehicle
 
@@ -148,28 +149,9 @@ def _velocity(grid: Grid) -> Array:
     rate = np.full((len(grid), 6), np.nan)
     for j in range(6):
         rate[_HALF:-_HALF, j] = np.convolve(grid.pose[:, j], weights, mode="valid")
-    derived = _body(grid.pose[:, 3:], rate)
+    derived = velocity_of_pose(grid.pose, rate, grid.velocity)
     out[:, missing] = derived[:, missing]
     return out
-
-
-def _body(angles: Array, rate: Array) -> Array:
-    """Return body velocities (n, 6) of rates of x y z and Euler angles (n, 6) at those angles (n, 3)."""
-    phi, theta, psi = angles.T
-    s1, c1, s2, c2, s3, c3 = np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta), np.sin(psi), np.cos(psi)
-    x, y, z, f, g, h = rate.T
-    forward, right = c3 * x + s3 * y, c3 * y - s3 * x  # horizontal, ahead and to the right
-    down = s2 * forward + c2 * z
-    return np.column_stack(
-        [
-            c2 * forward - s2 * z,
-            c1 * right + s1 * down,
-            c1 * down - s1 * right,
-            f - s2 * h,
-            c1 * g + s1 * c2 * h,
-            c1 * c2 * h - s1 * g,
-        ]
-    )
 
 
 def warm_up(vehicle: Vehicle) -> None:

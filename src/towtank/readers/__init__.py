@@ -39,10 +39,11 @@ def read(path: str | os.PathLike[str], mapping: AnyMapping | Mapping[str, Any] =
         from towtank.recording.mapping import mapping_of
 
         mapping = mapping_of(mapping)
+    from towtank.recording.consistency.rates import with_rates_in_radians
 
     try:
         with np.errstate(invalid="ignore", over="ignore"):  # a broken file holds any number
-            return reader.read(path, mapping)
+            return with_rates_in_radians(reader.read(path, mapping))
     except (InputError, MemoryError):
         raise
     except OSError as error:

@@ -210,6 +210,19 @@ class Recording:
 
         return to_xarray(self)
 
+    def merge(self, other: Recording, offset: float | None = None) -> Recording:
+        """The same run with the channels of a second file of it, on this one's clock; see `merging.merge.merge`.
+
+        Args:
+            offset: what to add to the times of `other` [s]; found from the motion that both saw where omitted.
+
+        Raises:
+            InputError: the offset cannot be told, or with it the two have no time in common.
+        """
+        from towtank.recording.merging.merge import merge
+
+        return merge(self, other, offset)
+
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write as `.csv`, `.parquet` or `.mcap`, by the suffix, whole or not at all; else raise InputError.
 

@@ -11,7 +11,9 @@ import numpy as np
 from towtank.digits import joined
 from towtank.identification.model.terms import AXES, Axis
 from towtank.identification.posterior.estimate import Estimate, Learned
+from towtank.recording.axes import judged_by
 from towtank.recording.consistency import Finding
+from towtank.recording.standard import POSE, VELOCITIES
 from towtank.validation import AxisUse, Usability
 from towtank.vehicle.names import COLUMNS, ROWS
 
@@ -22,6 +24,8 @@ _GOOD, _USABLE = 80.0, 50.0  # fits [%]
 MENDED = "thrusters"  # what is found of them is mended before anything is learned
 _GRADES = ("poor", "fair", "good")
 _SPEEDS = np.geomspace(0.05, 2.0, 24)  # m/s, rad/s: at which drag is looked at
+_DRIFTING = {"x", "y"}  # these add up every push of the water, whatever the model
+_MANY = ("the speeds", "the motion")
 _ALIKE = 3.0  # ratio up to which the larger of two relative deviations stands for both
 _MERGED = ("stands for both", "cannot be told apart", "are correlated", "stands in proportion", "known only together")
 NAMES: Mapping[str, str] = {
@@ -97,12 +101,13 @@ def learn_verdict(
         able = usable_text(use)
         told = f"{able.text}, judged on {predicted}. {text[0].upper()}{text[1:]}.{_next(use, known, estimate)}"
         return Verdict(min(grade, able.grade, key=_GRADES.index), told)
-    moving = {axis.velocity for axis in axes}
+    judging = judged_by([name for name, value in fit.items() if value is not None])
+    moving = {name for axis in axes for name in (axis.velocity, POSE[axis.index]) if name in judging} - _DRIFTING
     fits = {name: value for name, value in fit.items() if value is not None and name in moving}
     if fits:
         worst, best = min(fits.values()), max(fits.values())
         spread = f"{best:.0f} %" if len(fits) == 1 else f"{worst:.0f} to {best:.0f} %"
-        names = joined([NAMES[name] for name in fits]) if len(fits) <= 3 else "the speeds"
+        names = joined([NAMES[name] for name in fits]) if len(fits) <= 3 else _MANY[bool(fits.keys() - set(VELOCITIES))]
         text += f"; the model predicts {names} of {predicted} with a fit of {spread}"
         grade = "fair" if worst < _USABLE and grade == "good" else grade
     return Verdict(grade, f"{text[0].upper()}{text[1:]}.")

@@ -25,6 +25,9 @@ __all__ = [
     "Log",
     "LogPlace",
     "Map",
+    "Merge",
+    "MergeMap",
+    "Merged",
     "Report",
     "Window",
     "WindowTexts",
@@ -46,6 +49,23 @@ Map = Annotated[
         "--map",
         metavar="MAPPING",
         help="TOML file that says which column of the log is which channel, or which TABLE.field.",
+    ),
+]
+Merge = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--merge",
+        metavar="FILE[@SECONDS]",
+        help="A second file of the same run, as motion capture beside the autopilot's log; may be repeated. The offset "
+        "of its clock is found from the motion that both saw, or said: mocap.csv@+12.3 adds 12.3 s to its times.",
+    ),
+]
+MergeMap = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--merge-map",
+        metavar="MAPPING",
+        help="As --map, of the files of --merge: one for all of them, or one for each in their order.",
     ),
 ]
 WindowTexts = Annotated[
@@ -149,6 +169,45 @@ def _log_place(log: Path, common: tuple[Window, ...]) -> LogPlace:
         return LogPlace(log, common)  # a name with an @, of a file that is missing
     own = [Window.parse(text, f"{log}: after the @") for text in texts]
     return LogPlace(Path(whole), tuple(each for each in own if each is not None) or common)
+
+
+@dataclass(frozen=True)
+class Merged:
+    """A second file of a run: its place, the offset of its clock [s] (None: found), and its mapping."""
+
+    path: Path
+    offset: float | None = None
+    mapping: Path | None = None
+
+    @classmethod
+    def parse(
+        cls, texts: Sequence[str] | None, mappings: Sequence[Path] | None, logs: Sequence[Path]
+    ) -> tuple[Merged, ...]:
+        """Read the files of --merge with their mappings. Raises InputError."""
+        texts, mappings = list(texts or ()), list(mappings or ())
+        if mappings and not texts:
+            raise InputError(f"--merge-map {mappings[0]}: there is no --merge FILE that it could be of")
+        if len(mappings) > 1 and len(mappings) != len(texts):
+            raise InputError(
+                f"--merge-map: found {len(mappings)} mappings for {len(texts)} files of --merge, expected one for all "
+                "or one for each"
+            )
+        if texts and len(logs) > 1:
+            raise InputError(
+                f"--merge {texts[0]}: found {len(logs)} logs, expected one; make one file of each run first: "
+                f"towtank convert {logs[0]} RUN.parquet --merge {texts[0]}"
+            )
+        each = mappings if len(mappings) > 1 else mappings * len(texts)
+        return tuple(cls._of(text, each[k] if each else None) for k, text in enumerate(texts))
+
+    @classmethod
+    def _of(cls, text: str, mapping: Path | None) -> Merged:
+        name, at, offset = text.rpartition("@")
+        if not at or Path(text).exists():
+            return cls(Path(text), None, mapping)
+        if not name:
+            raise InputError(f'--merge: found "{text}", expected FILE or FILE@SECONDS, as mocap.csv@+12.3')
+        return cls(Path(name), _number(f"--merge {name}@", offset), mapping)
 
 
 def numbers(option: str, text: str | None, count: int, expected: str) -> tuple[float, ...] | None:

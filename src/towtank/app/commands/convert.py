@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from towtank.app.commands.arguments import LOG_KINDS, Json, Map, output_place
+from towtank.app.commands.arguments import LOG_KINDS, Json, Map, Merge, Merged, MergeMap, output_place
 from towtank.errors import InputError
 
 __all__ = ["convert"]
@@ -19,6 +19,8 @@ def convert(
     ],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="File to write: .csv, .parquet or .mcap.")],
     mapping: Map = None,
+    merge: Merge = None,
+    merge_map: MergeMap = None,
     json: Json = False,
 ) -> None:
     """Write the channels of a log as CSV, Parquet or MCAP: SI units, NED and FRD, each channel at its own times.
@@ -27,6 +29,8 @@ def convert(
     Example:
       towtank convert surge.csv surge.parquet
     """
+    merged = Merged.parse(merge, merge_map, [source])
+    from towtank.app.files import merged_with
     from towtank.app.tables.repairs import contents_document
     from towtank.app.terminal.output import Output
     from towtank.digits import short
@@ -39,7 +43,7 @@ def convert(
     output = Output(json=json)
     with output.progress("converting") as progress:
         progress(f"reading {source.name}", 0.0)
-        recording = read(source, mapping)
+        recording = merged_with(read(source, mapping), merged)
         progress(f"writing {target.name}", 0.5)
         recording.write(target)
     output.line(f"{source} -> {target}", "bold")

@@ -7,7 +7,18 @@ from typing import Annotated
 
 import typer
 
-from towtank.app.commands.arguments import Json, KeepAll, Log, Map, WindowTexts, log_places, output_place
+from towtank.app.commands.arguments import (
+    Json,
+    KeepAll,
+    Log,
+    Map,
+    Merge,
+    Merged,
+    MergeMap,
+    WindowTexts,
+    log_places,
+    output_place,
+)
 from towtank.app.terminal.completion import vehicles
 from towtank.errors import InputError
 
@@ -17,6 +28,8 @@ __all__ = ["inspect"]
 def inspect(
     log: Log,
     mapping: Map = None,
+    merge: Merge = None,
+    merge_map: MergeMap = None,
     vehicle: Annotated[
         str | None,
         typer.Option(
@@ -63,9 +76,10 @@ def inspect(
 
     places = log_places([log], window)
     [place] = places
+    merged = Merged.parse(merge, merge_map, [place.path])
     output = Output(json=json)
     with output.progress("inspecting") as progress:
-        read = read_logs([place.path], mapping, progress)
+        read = read_logs([place.path], mapping, progress, merged)
         known = None if vehicle is None else read_vehicle(vehicle, output)
         from towtank.app.inspection import (
             inspect_recording,  # a second of libraries: a file that is none is refused first

@@ -12,6 +12,9 @@ from towtank.app.commands.arguments import (
     Json,
     KeepAll,
     Map,
+    Merge,
+    Merged,
+    MergeMap,
     Report,
     WindowTexts,
     command_text,
@@ -63,6 +66,8 @@ def learn(
     window: WindowTexts = None,
     keep_all: KeepAll = False,
     mapping: Map = None,
+    merge: Merge = None,
+    merge_map: MergeMap = None,
     model_file: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="MODEL.toml", help="Vehicle file to write.")
     ] = None,
@@ -112,6 +117,7 @@ def learn(
         raise InputError(f"--current: method {method} knows none; use joint, or leave it out")
     named, places = logs, log_places(logs, window)
     logs = [place.path for place in places]
+    merged = Merged.parse(merge, merge_map, logs)
     output_place("--output", model_file, (".toml",))
     report_place(report)
     positive_option("--delay", delay, zero=True)
@@ -129,7 +135,7 @@ def learn(
     with output.progress("learning") as progress:
         known = read_vehicle(vehicle, output)
         beforehand = None if prior is None else read_prior(prior, output)
-        parts = parts_of(places, read_logs(logs, mapping, progress), known, keep_all=keep_all)
+        parts = parts_of(places, read_logs(logs, mapping, progress, merged), known, keep_all=keep_all)
         recordings = counted(parts)
         learning = learn_recordings(
             known,
@@ -159,13 +165,20 @@ def learn(
                 "--window": window,
                 "--keep-all": keep_all,
                 "--map": mapping,
+                "--merge": merge,
+                "--merge-map": merge_map,
                 "--delay": delay,
                 "--prior": prior,
                 "--current": current,
                 "-o": model_file,
             }
             learned.report(report, [command_text("learn", named, again), judge])
-    show_learning(learning, learned.fit, learned.use, logs, learned.warnings, output, asked=method, prior=prior)
+    show_learning(
+        *(learning, learned.fit, learned.use, logs, learned.warnings, output),
+        asked=method,
+        prior=prior,
+        known=learned.known_by,
+    )
     show_left_out(parts, output)
     output.line()
     if model_file is not None and empty and not allow_empty:

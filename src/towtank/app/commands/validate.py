@@ -13,6 +13,9 @@ from towtank.app.commands.arguments import (
     Json,
     KeepAll,
     Map,
+    Merge,
+    Merged,
+    MergeMap,
     Report,
     WindowTexts,
     command_text,
@@ -71,6 +74,8 @@ def validate(
         ),
     ] = None,
     mapping: Map = None,
+    merge: Merge = None,
+    merge_map: MergeMap = None,
     report: Report = None,
     require: Annotated[
         float | None,
@@ -98,6 +103,7 @@ def validate(
     positive_option("--delay", delay, zero=True)
     named, places = logs, log_places(logs, window)
     logs = [place.path for place in places]
+    merged = Merged.parse(merge, merge_map, logs)
     if require is not None and not require <= 100.0:
         raise InputError(f"--require: found {require:g}, expected a fit in percent, 100 at most")
     models = _models(model, against or [])
@@ -110,10 +116,12 @@ def validate(
     from towtank.app.tables.free_motion import left_out_document, left_out_lines, rate_warnings, show_left_out
     from towtank.app.terminal.output import Output
     from towtank.digits import short
+    from towtank.recording.merging.merge import merges_of
 
     output = Output(json=json)
     with output.progress("predicting") as progress:
-        read = read_logs(logs, mapping, progress)
+        read = read_logs(logs, mapping, progress, merged)
+        merges = [each for run in read for each in merges_of(run)]
         vehicles = {name: read_vehicle(name, output) for name in models}
         parts = parts_of(places, read, vehicles[model], keep_all=keep_all)
         recordings = counted(parts)
@@ -140,6 +148,8 @@ def validate(
                 "--folds": folds,
                 "--method": method,
                 "--map": mapping,
+                "--merge": merge,
+                "--merge-map": merge_map,
             }
             facts = {
                 "horizon": horizon,
@@ -157,6 +167,8 @@ def validate(
     restart = "" if horizon is None else f", set back to the measured state every {short(horizon)} s"
     late = "" if delay is None else f", delay {1e3 * delay:.4g} ms"
     output.line(f"{short(found.window[0])} to {short(found.window[1])} s{restart}{late}")
+    for each in merges:
+        output.line(str(each["text"]))
     judged.show(output)
     show_left_out(parts, output)
     if report is not None:
@@ -170,6 +182,7 @@ def validate(
             "logs": logs,
             "required": require,
             "met": None if require is None else not lacking,
+            "merged": merges,
             "fit": found.fit,
             "rmse": found.rmse,
             "window": found.window,

@@ -9,7 +9,7 @@ from typing import Any
 from towtank.app.terminal.output import Output
 from towtank.digits import percent, short
 from towtank.recording import STANDARD
-from towtank.recording.standard import VELOCITIES
+from towtank.recording.axes import judged_by
 from towtank.report.verdict import usable_text
 from towtank.validation import Usability
 
@@ -48,13 +48,10 @@ def show_fits(
 
 
 def show_own_fits(fit: Mapping[str, float | None], output: Output) -> None:
-    """Print the fit [%] of the speeds to what was learned from; where none was measured, of the pose."""
-    speeds = {name: fit.get(name) for name in VELOCITIES}
-    if any(value is not None for value in speeds.values()):
-        show_fits(speeds, None, output)
-        return
-    show_fits(fit, None, output)
-    if any((fit.get(name) or 0.0) < 0.0 for name in _POSITIONS):
+    """Print the fit [%] to what was learned from: of each axis its speed, or its pose where no speed is measured."""
+    shown = {name: fit[name] for name in judged_by([name for name, value in fit.items() if value is not None])}
+    show_fits(shown, None, output)
+    if any((shown.get(name) or 0.0) < 0.0 for name in _POSITIONS):
         output.line("Positions add up every push of the water, whatever the model:", "dim")
         output.line("towtank validate --horizon 10 sets the prediction back to what was measured every 10 s.", "dim")
 

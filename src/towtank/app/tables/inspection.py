@@ -119,16 +119,16 @@ def _show_disturbance(found: Inspection, output: Output) -> None:
         return
     output.heading("Disturbance (standard deviation of the force that nothing explains)")
     table = output.table(*(f">{axis.name}" for axis in AXES), "Unit")
-    table.add_row(*disturbance_cells(found.levels, [found.sources]), "N, N m")
+    table.add_row(*disturbance_cells(found.levels, [] if found.grid is None else [found.grid]), "N, N m")
     output.show(table)
 
 
 def _show_axes(found: Inspection, output: Output) -> None:
     output.heading("What can be identified")
-    table = output.table("Axis", "Speed", "Verdict", wrap="Verdict")
+    table = output.table("Axis", "Known by", "Verdict", wrap="Verdict")
     for name, verdict in found.axes.items():
-        speed = f"{verdict.velocity} {verdict.source}"
-        table.add_row(name, speed, _verdict(verdict))
+        told = [each.text for each in verdict.known_by] or ["other axes" if verdict.identifiable else "nothing"]
+        table.add_row(name, "\n".join(told), _verdict(verdict))
     output.show(table)
     reasons: dict[str, list[str]] = {}
     for verdict in found.axes.values():

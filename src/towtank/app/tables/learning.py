@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,12 @@ from towtank.app.tables.fits import show_own_fits, usable_document
 from towtank.app.terminal.output import Output
 from towtank.digits import measured, short
 from towtank.identification import Estimate
-from towtank.identification.data.samples import NoiseLevels, Sources
+from towtank.identification.data.samples import NoiseLevels
 from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.intervals import interval, interval_text
 from towtank.recording import STANDARD, Grid
+from towtank.recording.axes import AxisKnown, axes_shown, known_text
 from towtank.recording.consistency import Finding
 from towtank.recording.standard import MEASURED
 from towtank.report.verdict import learn_verdict
@@ -65,20 +67,18 @@ def noise_document(levels: NoiseLevels | None, grids: Sequence[Grid]) -> dict[st
     }
 
 
-def disturbance_document(levels: NoiseLevels | None, sources: Sequence[Sources]) -> dict[str, Any]:
-    """Return the disturbance force of each axis whose speed is known: its standard deviation and its unit."""
+def disturbance_document(levels: NoiseLevels | None, grids: Sequence[Grid]) -> dict[str, Any]:
+    """Return the disturbance force of each axis whose motion is measured: its standard deviation and its unit."""
     if levels is None:
         return {}
     return {
         axis.wrench: {"std": float(level), "unit": STANDARD[axis.wrench].unit}
-        for axis, level, moving in zip(AXES, levels.disturbance, _moving(sources), strict=True)
+        for axis, level, moving in zip(AXES, levels.disturbance, _moving(grids), strict=True)
         if moving
     }
 
 
-def show_levels(
-    levels: NoiseLevels | None, grids: Sequence[Grid], sources: Sequence[Sources], output: Output, *, whose: str = ""
-) -> None:
+def show_levels(levels: NoiseLevels | None, grids: Sequence[Grid], output: Output, *, whose: str = "") -> None:
     """Print the levels of all axes side by side; nothing where there are none.
 
     Args:
@@ -88,7 +88,7 @@ def show_levels(
         return
     output.heading(f"Noise and disturbance{whose} (standard deviations)")
     table = output.table("", *(f">{axis.name}" for axis in AXES), "Unit")
-    table.add_row("disturbance", *disturbance_cells(levels, sources), "N, N m")
+    table.add_row("disturbance", *disturbance_cells(levels, grids), "N, N m")
     known = _measured(grids)
     for label, columns, unit in _KINDS:
         if known[columns].any():
@@ -100,16 +100,14 @@ def show_levels(
     output.show(table)
 
 
-def disturbance_cells(levels: NoiseLevels, sources: Sequence[Sources]) -> list[str]:
-    """Return the disturbance of each axis as text, "-" where its speed is not known."""
-    return [
-        _brief(level) if moving else "-" for level, moving in zip(levels.disturbance, _moving(sources), strict=True)
-    ]
+def disturbance_cells(levels: NoiseLevels, grids: Sequence[Grid]) -> list[str]:
+    """Return the disturbance of each axis as text, "-" where its motion is not measured."""
+    return [_brief(level) if moving else "-" for level, moving in zip(levels.disturbance, _moving(grids), strict=True)]
 
 
-def _moving(sources: Sequence[Sources]) -> list[bool]:
-    """Return whether the speed of each axis is measured or derived in any recording."""
-    return [any(each.velocity[i] != "absent" for each in sources) for i in range(6)]
+def _moving(grids: Sequence[Grid]) -> tuple[bool, ...]:
+    """Return whether the motion along each axis is measured in any recording, by any channel."""
+    return axes_shown({name for name, known in zip(MEASURED, _measured(grids), strict=True) if known})
 
 
 def _brief(value: float) -> str:
@@ -131,19 +129,21 @@ def show_learning(
     *,
     asked: str,
     prior: str | None = None,
+    known: Sequence[AxisKnown] = (),
 ) -> None:
     """Print what was learned.
 
     Args:
         use: for how long the model predicts. asked: the method asked for. prior: what was known beforehand, as named.
+            known: by what each axis is.
     """
     estimate = learning.estimate
     names = ", ".join(log.name for log in logs)
     output.line(_verdict(learning, fit, use), "bold")
     output.line()
     output.line(f"{learning.vehicle.name} from {names}", "bold")
-    known = "" if prior is None else f", prior {prior}"
-    output.line(f"{short(estimate.duration)} s, {estimate.samples} samples, method {learning.method}{known}")
+    before = "" if prior is None else f", prior {prior}"
+    output.line(f"{short(estimate.duration)} s, {estimate.samples} samples, method {learning.method}{before}")
     show_findings(learning.findings, output)
     _show_coefficients(learning, output)
     if estimate.sums:
@@ -155,8 +155,11 @@ def show_learning(
         output.show(table)
     _show_held(learning, output)
     _show_input(learning, output)
+    if known:
+        output.heading("By which channels each axis is known")
+        output.line(known_text(known))
     whose = " as the joint filter sees them" if learning.method == "output-error" else ""
-    show_levels(learning.levels, learning.grids, learning.sources, output, whose=whose)
+    show_levels(learning.levels, learning.grids, output, whose=whose)
     output.heading("Fit of the free-running prediction on these very logs")
     show_own_fits(fit, output)
     output.heading(f"How it was learned: {_METHODS.get(learning.method, learning.method)}")
@@ -293,8 +296,9 @@ def learn_document(
     use: Usability | None,
     warnings: Sequence[str],
     rmse: Mapping[str, float | None] | None = None,
+    known: Sequence[AxisKnown] = (),
 ) -> dict[str, Any]:
-    """Return the part of the JSON document that learning fills."""
+    """Return the part of the JSON document that learning fills; known: by which channels each axis is."""
     estimate = learning.estimate
     return {
         "verdict": _verdict(learning, fit, use),
@@ -316,8 +320,9 @@ def learn_document(
         "waves": _waves(learning),
         "scale_std": learning.vehicle.scale_std,
         **_narrowed(estimate_document(estimate), learning),
-        "disturbance": disturbance_document(learning.levels, learning.sources),
+        "disturbance": disturbance_document(learning.levels, learning.grids),
         "noise": noise_document(learning.levels, learning.grids),
+        "known_by": {each.axis: [asdict(witness) for witness in each.witnesses] for each in known},
         "fit": {**{name: fit.get(name) for name in _VELOCITIES}, **fit},
         "rmse": dict(rmse or {}),
         "warnings": list(warnings),

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array, kernel
+from towtank.recording.axes import axes_shown
 from towtank.recording.standard import MEASURED
 from towtank.vehicle.matrices import GRAVITY
 
@@ -53,15 +54,12 @@ __all__ = [
 
 
 def shown_axes(measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return of which axes (6,) the motion is shown, by a pose, a speed or an accelerometer.
+    """Return of which axes (6,) the motion is shown, by any channel that tells of it.
 
     Args:
         measured: which columns (18,) are measured.
     """
-    pose, speed, force, water = measured[:6], measured[6:12], measured[12:15], measured[15:18]
-    shown = pose | speed
-    shown[:3] |= force | water
-    return np.asarray(shown, dtype=np.bool_)
+    return np.array(axes_shown({name for name, known in zip(MEASURED, measured, strict=True) if known}))
 
 
 class Sensor(NamedTuple):

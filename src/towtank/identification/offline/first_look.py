@@ -10,7 +10,7 @@ unexplained; the share that the inputs explain says whether the axis was driven 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +20,7 @@ from towtank.core.arrays import Array
 from towtank.identification.data.samples import Samples, Sources
 from towtank.identification.least_squares.batch import DelayCost, scan_delay
 from towtank.recording import Grid
-from towtank.recording.frames.rotations import conjugate, rotate
+from towtank.recording.frames.pose_rates import velocity_of_pose
 
 __all__ = ["DRIVEN", "driven_axes", "driven_by", "first_look"]
 
@@ -59,20 +59,10 @@ def speeds(grid: Grid) -> Array:
     """Return u v w p q r (n, 6), measured, or else derived from the pose by central differences; NaN if unknown."""
     measured = np.array(grid.velocity)
     absent = ~np.isfinite(measured).any(axis=0)
-    if not absent.any() or not grid.attitude_known.any() or len(grid) < 3:
+    if not absent.any() or len(grid) < 3:
         return measured
-    phi, theta = grid.pose[:, 3], grid.pose[:, 4]
-    rates = np.gradient(grid.pose, grid.dt, axis=0)
-    p, q, r = rates[:, 3], rates[:, 4], rates[:, 5]
-    turning = np.column_stack(
-        [
-            p - r * np.sin(theta),
-            q * np.cos(phi) + r * np.cos(theta) * np.sin(phi),
-            r * np.cos(theta) * np.cos(phi) - q * np.sin(phi),
-        ]
-    )
-    derived = np.hstack([rotate(conjugate(grid.quaternion), rates[:, :3]), turning])
-    for i in np.flatnonzero(absent):
+    derived = velocity_of_pose(grid.pose, np.gradient(grid.pose, grid.dt, axis=0), grid.velocity)
+    for i in np.flatnonzero(absent & np.isfinite(derived).any(axis=0)):
         measured[:, i] = _without_jumps(derived[:, i], grid.dt)
     return measured
 
@@ -106,7 +96,16 @@ def first_look(grid: Grid) -> FirstLook:
     """Return what a grid with inputs (commands, else a wrench) shows."""
     sources = Sources.of(grid.pose, grid.velocity, grid.acceleration)
     nu = speeds(grid)[:_MOST_ROWS]
-    passes = 2 if "derived" in sources.velocity else 0
+    partly = np.isfinite(nu).any(axis=0) & (np.array(sources.velocity) == "absent")  # by depth or single angles
+    look = _looked(grid, np.where(partly, np.nan, nu), sources, 2 if "derived" in sources.velocity else 0)
+    if not partly.any():
+        return look
+    more = _looked(grid, nu, sources, 2)
+    shares = tuple(b if part else a for a, b, part in zip(look.explained, more.explained, partly, strict=True))
+    return replace(more if look.delay is None else look, explained=shares)
+
+
+def _looked(grid: Grid, nu: Array, sources: Sources, passes: int) -> FirstLook:
     slow = _Motion(grid, nu, _SLOW, passes)
     at_once = slow.explained(0.0)
     driven = {i for i in range(6) if at_once[i] > DRIVEN}

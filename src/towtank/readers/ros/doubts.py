@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -9,10 +10,12 @@ from dataclasses import replace
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.digits import joined
+from towtank.errors import InputError
 from towtank.readers.common.sources import Source
 from towtank.readers.common.tables import Table
-from towtank.recording.frames.rotations import align_signs, conjugate, multiply
-from towtank.recording.standard import QUATERNION
+from towtank.recording.columns import assemble
+from towtank.recording.consistency.rates import rate_scales
 
 __all__ = ["judged"]
 
@@ -21,7 +24,7 @@ _MOTION = ("position", "depth", "attitude", "velocity", "velocity through the wa
 _SURFACE = -6.0  # m: a depth above the air of the highest lakes; what was read is no absolute pressure
 _UNSURE = 0.5  # m/s: a velocity that says of itself that it is worse is none
 _AIDS = re.compile(r"dvl|vision_pose|vision_speed|odometry/out|mocap|vrpn|qualisys|optitrack|vicon|usbl|optical_flow")
-_DEGREES = (0.008, 0.035)  # about pi / 180: rates in the unit of degrees
+_OTHER_UNIT = math.log(2.5)  # of the logarithm of a rate's scale, from which it is no radians
 
 
 def judged(sources: Sequence[Source], tables: Mapping[str, Table]) -> list[Source]:
@@ -106,36 +109,20 @@ def _checked_by_itself(source: Source, sources: Sequence[Source]) -> Source:
     if force is not None and not force.refused and _median(force.channels["az"]) > 5.0:
         return replace(source, refused="gravity points up in it: its axes are others than its frame says; map it")
     if source.quantity == "rates" and "attitude" in mine and not mine["attitude"].refused:
-        ratio = _rate_ratio(source, mine["attitude"])
-        if ratio is not None and _DEGREES[0] < ratio < _DEGREES[1]:
-            return replace(
-                source,
-                refused=f"{1.0 / ratio:.0f} times the rates of its own attitude: degrees per second? Map it with "
-                "scale = 0.017453292519943295",
-            )
+        return replace(source, refused=_of_no_unit(source, mine["attitude"]))
     return source
 
 
-def _rate_ratio(rates: Source, attitude: Source) -> float | None:
-    """Return the rates of the attitude per rate measured, None where the two have nothing to do with each other."""
-    if any(name not in attitude.channels for name in QUATERNION):
-        return None
-    q: Array = np.column_stack([attitude.channels[name] for name in QUATERNION])
-    measured: Array = np.column_stack(list(rates.channels.values()))
-    known = np.isfinite(q).all(axis=1) & np.isfinite(measured).all(axis=1) & np.isfinite(rates.t)
-    size = np.abs(measured).max(axis=1)
-    known &= size <= 100.0 * _median(size)  # of a damaged message
-    t, q, measured = rates.t[known], q[known], measured[known]
-    if len(t) < 50:
-        return None
-    q = align_signs(q)
-    step = t[2:] - t[:-2]
-    turned = 2.0 * multiply(conjugate(q[:-2]), q[2:])[:, 1:] * np.sign(np.einsum("ij,ij->i", q[:-2], q[2:]))[:, None]
-    good = (step > 0.0) & (step < 1.0)
-    if np.count_nonzero(good) < 50:
-        return None
-    turning, seen = turned[good] / step[good, None], measured[1:-1][good]
-    product = float(np.sum(turning * seen))
-    if product < 0.25 * np.sqrt(float(np.sum(turning**2)) * float(np.sum(seen**2))):
-        return None
-    return product / float(np.sum(seen**2))
+def _of_no_unit(rates: Source, attitude: Source) -> str:
+    """Return why rates are none: another multiple of their own attitude's than a unit's, which is mended later."""
+    try:
+        both = assemble(rates.t, {**rates.channels, **attitude.channels}, place=rates.table, source=rates.table)
+    except InputError:
+        return ""  # reading it says why
+    wrong = [each for each in rate_scales(both) if each.off == 1.0 and abs(math.log(abs(each.scale))) > _OTHER_UNIT]
+    if not wrong:
+        return ""
+    return (
+        f"{joined([each.text for each in wrong])} times the rates of its own attitude, neither radians nor degrees per "
+        'second (57.3 times); map it with its scale: p = { from = "...", scale = ... }'
+    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -10,14 +9,21 @@ from typing import NamedTuple
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.core.attitude import quaternions_from_eulers
-from towtank.recording.frames.rotations import align_signs, conjugate, multiply, rotate
-from towtank.recording.grids.timing import gap_limit, median_step, quaternion_samples
+from towtank.recording.consistency.tracks import (
+    Attitude,
+    Track,
+    attitude_track,
+    halfway,
+    held_track,
+    pose_track,
+    speed_track,
+    turned_between,
+)
+from towtank.recording.frames.rotations import conjugate, rotate
 from towtank.recording.recording import Recording
-from towtank.recording.standard import EULER, LINEAR_VELOCITY, POSITION, QUATERNION, RATES, WRENCH
+from towtank.recording.standard import LINEAR_VELOCITY, POSITION, RATES, WRENCH
 
 __all__ = [
-    "FEWEST",
     "LEAST_STRETCHES",
     "Cells",
     "Pair",
@@ -28,102 +34,15 @@ __all__ = [
     "of_wrench",
 ]
 
-FEWEST, LEAST_STRETCHES = 20, 6  # samples of a channel, known cells of a stretch; stretches
+LEAST_STRETCHES = 6
 _CELL = 0.05  # s, at least
 _PER_STEP = 4  # cells in the step of the slowest channel, at most
 _WINDOW = (9, 6.0)  # cells, and steps of the slowest channel: width of the smoothing, at least
 _LAG = 0.5  # s
 _CORE, _STRETCHES, _PARTS = (60, 600), 32, 12  # cells of a stretch; stretches at most; of a short recording
-_USUAL = 20_000  # samples that tell a channel's step
-_REPEATED = 0.3  # share of samples that are those before, from which they are repeats
 _JUMP = 4.0  # times the 95 % quantile, at most, of a derived speed: markers that come and go
 _MOVES = (0.01, 0.01)  # m/s, rad/s: less is no motion to judge by
 _DRIVEN, _LENGTH = 0.05, 0.3  # of the largest component of a wrench that the commands make; m that makes N m of N
-
-
-class Track:
-    """The integral of a channel (its value, of a pose) at its own times: what cells are made of by differences."""
-
-    def __init__(self, t: Array, integral: Array, *, held: bool = False) -> None:
-        self.t, self.integral, self.held = t, integral, held
-        self.step = 0.0 if held else median_step(t[:_USUAL])
-        self.limit = math.inf if held else gap_limit(t[:_USUAL])
-
-    def at(self, times: Array) -> Array:
-        """Return the integral at times (...), NaN in gaps and beyond the ends."""
-        flat = times.ravel()
-        out = np.interp(flat, self.t, self.integral, left=np.nan, right=np.nan)
-        if not self.held:
-            after = np.clip(np.searchsorted(self.t, flat), 1, self.t.size - 1)
-            out[self.t[after] - self.t[after - 1] > self.limit] = np.nan
-        return np.asarray(out.reshape(times.shape))
-
-
-def _pose_track(recording: Recording, name: str) -> Track | None:
-    known = _fresh(recording, name)
-    if known is None:
-        return None
-    t, x = known
-    return Track(t, np.unwrap(x) if name in EULER else x)
-
-
-def _speed_track(recording: Recording, name: str) -> Track | None:
-    known = _fresh(recording, name)
-    if known is None:
-        return None
-    t, x = known
-    return Track(t, np.append(0.0, np.cumsum(0.5 * (x[1:] + x[:-1]) * np.diff(t))))
-
-
-def _held_track(t: Array, x: Array) -> Track | None:
-    if t.size < FEWEST:
-        return None
-    return Track(t, np.append(0.0, np.cumsum(np.nan_to_num(x[:-1]) * np.diff(t))), held=True)
-
-
-def _fresh(recording: Recording, name: str) -> tuple[Array, Array] | None:
-    """Return the samples of a channel that were measured, without those that only repeat the one before."""
-    if name not in recording:
-        return None
-    channel = recording[name].measured
-    t, x = channel.t, channel.values
-    same = np.diff(x) == 0.0
-    if same.size and same.mean() > _REPEATED:
-        kept = np.append(True, ~same)
-        t, x = t[kept], x[kept]
-    return (t, x) if t.size >= FEWEST else None
-
-
-class _Attitude(NamedTuple):
-    """Tracks of the components of a quaternion, of three angles, or of the heading alone (of what lies level)."""
-
-    tracks: tuple[Track, ...]
-
-    def at(self, times: Array) -> Array:
-        """Return quaternions (..., 4) at times (...), NaN where unknown."""
-        parts = np.stack([track.at(times) for track in self.tracks], axis=-1)
-        if len(self.tracks) == 4:
-            q = parts / np.linalg.norm(parts, axis=-1, keepdims=True)
-        else:
-            angles = np.zeros((times.size, 3))
-            angles[:, 3 - len(self.tracks) :] = np.nan_to_num(parts.reshape(times.size, -1))
-            q = quaternions_from_eulers(angles).reshape(*times.shape, 4)
-        return np.where(np.isfinite(parts).all(axis=-1, keepdims=True), q, np.nan)
-
-
-def _attitude(recording: Recording) -> _Attitude | None:
-    if all(name in recording for name in QUATERNION):
-        t, q = quaternion_samples(recording)
-        if t.size < FEWEST:
-            return None
-        fresh = np.append(True, np.any(np.diff(q, axis=0) != 0.0, axis=1))
-        if fresh.mean() < 1.0 - _REPEATED:
-            t, q = t[fresh], q[fresh]
-        aligned = align_signs(q)
-        return _Attitude(tuple(Track(t, aligned[:, j]) for j in range(4)))
-    tracks = [_pose_track(recording, name) for name in EULER]
-    known = tuple(track for track in tracks if track is not None)
-    return _Attitude(known) if len(known) == len(EULER) else None
 
 
 class Cells(NamedTuple):
@@ -194,11 +113,11 @@ class Pair:
 
 def of_velocity(recording: Recording) -> Pair | None:
     """Return `u v w` beside the derivative of the position; `u v`, of what floats level, where the heading is known."""
-    attitude, heading = _attitude(recording), _pose_track(recording, "psi")
+    attitude, heading = attitude_track(recording), pose_track(recording, "psi")
     axes = 2 if attitude is None else 3
-    attitude = _Attitude((heading,)) if attitude is None and heading is not None else attitude
-    place = [_pose_track(recording, name) for name in POSITION[:axes]]
-    speed = {name: _speed_track(recording, name) for name in LINEAR_VELOCITY[:axes]}
+    attitude = Attitude((heading,)) if attitude is None and heading is not None else attitude
+    place = [pose_track(recording, name) for name in POSITION[:axes]]
+    speed = {name: speed_track(recording, name) for name in LINEAR_VELOCITY[:axes]}
     known = [track for track in speed.values() if track is not None]
     where = [track for track in place if track is not None]
     if attitude is None or not known or len(where) < axes:
@@ -208,7 +127,7 @@ def of_velocity(recording: Recording) -> Pair | None:
         return None
     world = np.zeros((*cells.edges[:, 1:].shape, 3))
     world[..., :axes] = _without_jumps(_means(where, cells))
-    body = rotate(conjugate(_halfway(attitude.at(cells.edges))), world)
+    body = rotate(conjugate(halfway(attitude.at(cells.edges))), world)
     columns = [j for j, track in enumerate(speed.values()) if track is not None]
     others = {}
     if len(columns) == axes:
@@ -232,14 +151,14 @@ def of_depth(recording: Recording) -> Pair | None:
     """Return the vertical part of `u v w` beside the derivative of the depth, where there is no other position."""
     if any(name in recording for name in POSITION[:2]):
         return None
-    attitude, depth = _attitude(recording), _pose_track(recording, "z")
-    speed = [track for track in (_speed_track(recording, name) for name in LINEAR_VELOCITY) if track is not None]
+    attitude, depth = attitude_track(recording), pose_track(recording, "z")
+    speed = [track for track in (speed_track(recording, name) for name in LINEAR_VELOCITY) if track is not None]
     if attitude is None or depth is None or len(speed) < 3:
         return None
     cells = _cells([depth, *speed, *attitude.tracks])
     if cells is None:
         return None
-    down = rotate(_halfway(attitude.at(cells.edges)), _means(speed, cells))[..., 2:]
+    down = rotate(halfway(attitude.at(cells.edges)), _means(speed, cells))[..., 2:]
     own = not np.array_equal(speed[0].t, depth.t)
     name = ("the vertical part of u v w",)
     return Pair(name, "the depth", down, _means([depth], cells), cells, np.array(_MOVES[:1]), {}, own)
@@ -247,19 +166,15 @@ def of_depth(recording: Recording) -> Pair | None:
 
 def of_rates(recording: Recording) -> Pair | None:
     """Return `p q r` beside the derivative of the attitude."""
-    attitude = _attitude(recording)
-    rates = {name: _speed_track(recording, name) for name in RATES}
+    attitude = attitude_track(recording)
+    rates = {name: speed_track(recording, name) for name in RATES}
     known = [track for track in rates.values() if track is not None]
     if attitude is None or not known:
         return None
     cells = _cells([*known, *attitude.tracks])
     if cells is None:
         return None
-    q = attitude.at(cells.edges)
-    turned = multiply(conjugate(q[:, :-1]), q[:, 1:])
-    axis = turned[..., 1:] * np.sign(turned[..., :1])
-    sine = np.minimum(np.linalg.norm(axis, axis=-1, keepdims=True), 1.0)
-    body = axis * 2.0 * np.arcsin(sine) / np.maximum(sine, 1e-12) / cells.dt
+    body = turned_between(attitude.at(cells.edges)) / cells.dt
     columns = [j for j, track in enumerate(rates.values()) if track is not None]
     names = tuple(RATES[j] for j in columns)
     own = not np.array_equal(known[0].t, attitude.tracks[0].t)
@@ -269,8 +184,8 @@ def of_rates(recording: Recording) -> Pair | None:
 
 def of_heading(recording: Recording) -> Pair | None:
     """Return `r` beside the derivative of the heading, where roll and pitch are not known."""
-    heading, rate = _pose_track(recording, "psi"), _speed_track(recording, "r")
-    if heading is None or rate is None or _attitude(recording) is not None:
+    heading, rate = pose_track(recording, "psi"), speed_track(recording, "r")
+    if heading is None or rate is None or attitude_track(recording) is not None:
         return None
     cells = _cells([heading, rate])
     if cells is None:
@@ -282,9 +197,9 @@ def of_heading(recording: Recording) -> Pair | None:
 
 def of_wrench(recording: Recording, t: Array, wrench: Array) -> Pair | None:
     """Return the recorded wrench beside that of the commands."""
-    recorded = {name: _held_track(recording[name].t, recording[name].values) for name in WRENCH if name in recording}
+    recorded = {name: held_track(recording[name].t, recording[name].values) for name in WRENCH if name in recording}
     columns = [j for j, name in enumerate(WRENCH) if recorded.get(name) is not None]
-    made = [_held_track(t, wrench[:, j]) for j in columns]
+    made = [held_track(t, wrench[:, j]) for j in columns]
     known, other = [each for each in recorded.values() if each is not None], [each for each in made if each is not None]
     cells = _cells([*known, *other]) if known and len(other) == len(known) else None
     if cells is None:
@@ -299,13 +214,6 @@ def of_wrench(recording: Recording, t: Array, wrench: Array) -> Pair | None:
 def _means(tracks: Sequence[Track], cells: Cells) -> Array:
     """Return the means (s, n, k) of the tracks over cells."""
     return np.stack([np.diff(track.at(cells.edges), axis=1) for track in tracks], axis=-1) / cells.dt
-
-
-def _halfway(q: Array) -> Array:
-    """Return the attitude in the middle of cells from that at their edges (s, n + 1, 4)."""
-    first, last = q[:, :-1], q[:, 1:]
-    middle = first + last * np.where(np.einsum("...i,...i", first, last) < 0.0, -1.0, 1.0)[..., None]
-    return np.asarray(middle / np.linalg.norm(middle, axis=-1, keepdims=True))
 
 
 def _without_jumps(speed: Array) -> Array:

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array
 from towtank.digits import joined, short
 from towtank.recording.consistency.accounts import (
-    FEWEST,
     LEAST_STRETCHES,
     Cells,
     Pair,
@@ -32,7 +31,10 @@ from towtank.recording.consistency.accounts import (
     of_velocity,
     of_wrench,
 )
+from towtank.recording.consistency.rates import rate_scales
+from towtank.recording.consistency.tracks import FEWEST
 from towtank.recording.recording import Recording
+from towtank.recording.standard import RATES
 
 __all__ = ["Finding", "inconsistencies"]
 
@@ -42,6 +44,8 @@ _FOLLOWS, _UNRELATED = 0.6, 0.2  # share of a speed's square that the other side
 _AGAINST = 0.5  # of what one sign explains, that the other may explain for it to be told
 _GAIN, _FORCE_GAIN = 0.12, 0.2  # that a gain may be off
 _TOLERATED, _STEPS = 0.04, 0.75  # s; of the steps of a table whose rows are filled as values come: what a lag may be
+_SHORT_GAIN, _NO_VEHICLE = 1.5, 4.0 * math.pi  # that a gain may be off, told by single angles; rad/s
+_LEAST_TIME = 20.0  # s
 _DRIFT = 0.05  # s over the recording
 _TURN = math.radians(6.0)
 _WORSE, _BETTER = 3.0, 0.03  # times what another frame leaves, and share, that the body's must leave beyond it
@@ -79,10 +83,12 @@ def inconsistencies(recording: Recording, commanded: tuple[Array, Array] | None 
             recorded wrench with.
     """
     found: list[tuple[int, Finding]] = []
-    for make in (of_velocity, of_depth, of_rates, of_heading):
-        pair = make(recording)
+    pairs = [make(recording) for make in (of_velocity, of_depth, of_rates, of_heading)]
+    for pair in pairs:
         if pair is not None:
             found += _judged(pair)
+    if pairs[2] is None and pairs[3] is None:  # only some of the angles, or none
+        found += _scales(recording)
     pair = None if commanded is None else of_wrench(recording, *commanded)
     if pair is not None:
         found += _judged_wrench(pair)
@@ -230,11 +236,33 @@ def _judged(pair: Pair) -> list[_Ranked]:
     return found
 
 
+def _scales(recording: Recording) -> list[_Ranked]:
+    """Return the findings on signs and units of rates by the little attitude that there is, or by their size alone."""
+    scales = rate_scales(recording) if recording.duration > _LEAST_TIME else []
+    found: list[_Ranked] = []
+    for each in scales:
+        if _SURE * each.std > abs(each.scale - 1.0) or 1.0 / _SHORT_GAIN < each.scale < _SHORT_GAIN:
+            continue
+        _, cure = _cause(each.scale, each.scale, each.scale)
+        found.append((1, Finding(each.name, f"{each.name} is {each.text} times what the attitude does: {cure}")))
+    if not scales:
+        rates = {name: np.abs(recording[name].measured.values) for name in RATES if name in recording}
+        wild = [name for name, x in rates.items() if x.size >= FEWEST and float(np.quantile(x, 0.995)) > _NO_VEHICLE]
+        if wild:
+            largest = max(float(rates[name].max()) for name in wild)
+            text = f"{' '.join(wild)} reach {short(largest, 2)} rad/s, more than any underwater vehicle turns"
+            found.append(
+                (1, Finding(" ".join(wild), f"{text}: degrees, not radians? (scale = 0.0174533 in the mapping)"))
+            )
+    return found
+
+
 def _gains(pair: Pair, names: Sequence[str], compared: _Judged, skipped: Collection[str]) -> list[_Ranked]:
     """Return the findings on signs and scales: columns with the same trouble in one line."""
     reading, sums = compared.reading, compared.sums
     spread = sums.each_left_out(lambda each, rows: np.stack([each.over(rows).low, each.over(rows).high]))
     said: dict[tuple[str, str], list[tuple[str, float]]] = {}
+    told: dict[str, str] = {}
     for k, name in enumerate(names):
         low, high = sorted((float(reading.low[k]), float(reading.high[k])), key=abs)
         gain = math.copysign(math.sqrt(abs(low * high)), low)
@@ -247,6 +275,7 @@ def _gains(pair: Pair, names: Sequence[str], compared: _Judged, skipped: Collect
         if gain > 0.0 and not (large or small):
             continue
         said.setdefault(_cause(gain, low, high), []).append((name, gain))
+        told[name] = f"{short(gain, 4)} ± {margin / _SURE:.1g}"
     found: list[_Ranked] = []
     for (cause, cure), members in said.items():
         which = " ".join(name for name, _ in members)
@@ -256,7 +285,8 @@ def _gains(pair: Pair, names: Sequence[str], compared: _Judged, skipped: Collect
             cure = 'FLU, not FRD (body = "FLU" in the mapping)'
         elif cause == "scale" and members[0][1] < 1.0 and pair.cells.dt * reading.lag > _TOLERATED:
             cure = f"{pair.cells.dt * reading.lag:.2f} s late and smaller: a low-pass filter"
-        found.append((1, Finding(which, f"{which} {verb} {size} times what {pair.source} does: {cure}")))
+        exact = joined([told[name] for name, _ in members])
+        found.append((1, Finding(which, f"{which} {verb} {size} times what {pair.source} does: {cure}; found {exact}")))
     return found
 
 

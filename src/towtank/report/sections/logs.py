@@ -10,6 +10,7 @@ from pathlib import PurePath
 from towtank.digits import short
 from towtank.identification.model.terms import AXES
 from towtank.recording import Recording
+from towtank.recording.axes import known_by, known_text
 from towtank.recording.facts import ChannelFacts, channel_facts
 from towtank.recording.noise import NoiseLevel, noise_levels
 from towtank.report.elements import Cell, bullets, cell, number, paragraph, section, table, unit_text
@@ -52,6 +53,7 @@ def _log(recording: Recording) -> str:
                 ["Channel", "Unit", ">Rate Hz", ">Samples", ">Missing", ">Gaps", ">Noise (std)", ">Least", ">Greatest"],
                 rows,
             ),
+            paragraph(f"Known: {known_text(known_by(recording))}."),
             mended,
         ]
     )

@@ -1,0 +1,1 @@
+"""Two files of one run as one recording."""
