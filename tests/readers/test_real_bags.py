@@ -11,7 +11,7 @@ import pytest
 from towtank.identification import LogLearning, learn_paper
 from towtank.readers import read
 from towtank.recording import ColumnMapping, Recording
-from towtank.recording.free_motion import free_motion
+from towtank.recording.grids.free_motion import free_motion
 from towtank.vehicle import load_vehicle
 
 BAG = ColumnMapping.model_validate(

@@ -9,7 +9,7 @@ import pytest
 
 from towtank.readers import read
 from towtank.recording import ColumnMapping, Recording
-from towtank.recording.free_motion import DEPTH_BELOW_SURFACE, free_motion, mode_names
+from towtank.recording.grids.free_motion import DEPTH_BELOW_SURFACE, free_motion, mode_names
 from towtank.vehicle import load_vehicle
 
 from .encoders import DataFlashWriter, dive_bin, dive_tlog

@@ -13,7 +13,7 @@ from towtank.core.attitude import quaternions_from_eulers
 from towtank.errors import InputError
 from towtank.readers import read
 from towtank.recording import Channel, Recording, load_mapping
-from towtank.recording.free_motion import DEPTH_BELOW_SURFACE, FreeMotion, free_motion, mode_names
+from towtank.recording.grids.free_motion import DEPTH_BELOW_SURFACE, FreeMotion, free_motion, mode_names
 from towtank.simulation import MANOEUVRES, manoeuvre, simulate
 from towtank.vehicle import load_vehicle
 

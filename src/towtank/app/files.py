@@ -14,7 +14,7 @@ from towtank.errors import InputError
 
 if TYPE_CHECKING:
     from towtank.recording import Recording
-    from towtank.recording.free_motion import LeftOut
+    from towtank.recording.grids.free_motion import LeftOut
     from towtank.recording.mapping import AnyMapping
     from towtank.vehicle import Vehicle
 
@@ -131,7 +131,7 @@ def parts_of(
 
 
 def _parts(log: LogPlace, recording: Recording, vehicle: Vehicle | None, keep_all: bool) -> LogParts:
-    from towtank.recording.free_motion import FreeMotion, LeftOut, free_motion
+    from towtank.recording.grids.free_motion import FreeMotion, LeftOut, free_motion
     from towtank.recording.repairs import Repairs
 
     whole = recording.start, recording.end

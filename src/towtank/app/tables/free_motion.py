@@ -9,7 +9,7 @@ from towtank.app.files import LogParts
 from towtank.app.terminal.output import Output
 from towtank.digits import short
 from towtank.recording import Recording
-from towtank.recording.free_motion import usual_interval
+from towtank.recording.grids.free_motion import usual_interval
 from towtank.recording.standard import is_command
 
 __all__ = ["left_out_document", "left_out_lines", "rate_warnings", "show_left_out"]

@@ -1,7 +1,7 @@
 """What an autopilot says of itself: whether it is armed, in which mode, whether it stands on the bottom.
 
 These are no measurements, and commands are the thrusters' own in any case; but they tell which part of a log shows a
-vehicle that swims (`recording.free_motion`). A `.BIN` has them as they change (ARM, EV, MODE), MAVLink once a second in
+vehicle that swims (`recording.grids.free_motion`). A `.BIN` has them as they change (ARM, EV, MODE), MAVLink once a second in
 HEARTBEAT, ROS in the topic of MAVROS.
 """
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array
 from towtank.readers.common.tables import Table, Tables
 from towtank.recording.channel import Channel, read_only
-from towtank.recording.free_motion import DEPTH_BELOW_SURFACE
+from towtank.recording.grids.free_motion import DEPTH_BELOW_SURFACE
 from towtank.recording.recording import Recording
 from towtank.recording.standard import STATES
 
