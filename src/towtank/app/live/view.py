@@ -34,6 +34,7 @@ _MOST_RATES = 6
 _MOST_LIKELY, _HARDLY = 3, 0.005
 _ASCII = str.maketrans({"±": "+-", "−": "-", "²": "^2", "°": "deg"})
 _EVENTS = 3  # that are shown
+_OWN = 1e7  # s: a clock that is farther off does not mean the time of day
 _HEADING, _FEWEST = 2, 6  # lines of a table's head; rows that notes leave to it
 _WIDE = 500  # characters in which nothing would be broken
 _LINE = 5.0  # s between two plain lines
@@ -138,6 +139,8 @@ def _rate(topic: str, rate: float, asked: float | None) -> str:
 def _clock(each: SourceStatus) -> str:
     if math.isnan(each.offset) or abs(each.offset) < 1e-3:
         return ""
+    if abs(each.offset) > _OWN:
+        return "; its clock has a zero of its own"
     return f"; its clock is {abs(each.offset):.3f} s {'behind' if each.offset > 0.0 else 'ahead'}"
 
 
@@ -261,7 +264,7 @@ class LiveView:
             if self._fits(table):
                 break
         left = len(rows) - len(shown)
-        more = f"{left} more and the units: in a higher window" if left else "units: in a higher window"
+        more = f"{left} more and the units: in a taller window" if left else "units: in a taller window"
         return [table, Text(more, style="dim")]
 
     def _fits(self, table: Table) -> bool:

@@ -23,7 +23,7 @@ def wrapped(text: str, width: int, *, first: str = "", indent: str = "") -> list
     Args:
         first, indent: what stands before the first line, and before the others.
 
-    >>> wrapped("delay 3.8 ms, lag 46 ms", 20, indent="  ")
+    >>> wrapped("delay 3.8 ms, lag 46 ms", 16, indent="  ")
     ['delay 3.8 ms,', '  lag 46 ms']
     """
     kept = _TOGETHER.sub(_NO_BREAK, text)
