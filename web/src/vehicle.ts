@@ -23,6 +23,7 @@ const HORIZON = `
 export class Horizon {
   private readonly svg: SVGSVGElement;
   private readonly tilt: SVGGElement;
+  private readonly craft: SVGPathElement;
   private readonly compass: SVGGElement;
   private readonly words: HTMLElement;
   private told = 0;
@@ -31,6 +32,7 @@ export class Horizon {
     figure.insertAdjacentHTML("beforeend", HORIZON);
     this.svg = figure.querySelector("svg")!;
     this.tilt = figure.querySelector("#tilt")!;
+    this.craft = figure.querySelector(".craft")!;
     this.compass = figure.querySelector("#compass")!;
     this.words = figure.querySelector("#attitude")!;
     this.words.textContent = "not measured yet";
@@ -42,7 +44,7 @@ export class Horizon {
     if (!tilted && !turned) return false;
     this.figure.hidden = false;
     const [roll, pitch, heading] = [phi * DEGREES, theta * DEGREES, (((psi * DEGREES) % 360) + 360) % 360];
-    this.tilt.style.display = tilted ? "" : "none";
+    for (const each of [this.tilt, this.craft]) each.style.display = tilted ? "" : "none";
     if (tilted) this.tilt.setAttribute("transform", `rotate(${-roll}) translate(0 ${pitch * PITCH})`);
     this.compass.style.display = turned ? "" : "none";
     if (turned) this.compass.setAttribute("transform", `rotate(${-heading})`);
