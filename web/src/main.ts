@@ -90,7 +90,7 @@ function stand(next: State): void {
   const silent = next.no_data_s !== null && !next.ended;
   const kind = next.ended ? "ended" : silent ? "silent" : next.state === "learning" ? "open" : "paused";
   say(kind, next.ended ? "session ended" : next.state);
-  write(byId("clock"), clock(next.elapsed_s) + (hello.seconds ? ` of ${clock(hello.seconds)}` : ""));
+  write(byId("clock"), hello.seconds ? `${clock(next.t ?? 0)} of ${clock(hello.seconds)}` : clock(next.elapsed_s));
   judge(next.verdict, silent, next.no_data_s ?? 0);
   showWarnings(next.page.trouble ? [...next.warnings, next.page.trouble] : next.warnings);
   showNotes(next.notes);
