@@ -107,6 +107,8 @@ def shoot(url: str, folder: Path) -> None:
             if place == "body":
                 page.screenshot(path=folder / name)
             else:
+                page.locator(place).scroll_into_view_if_needed()
+                time.sleep(1.5)  # what comes into sight is drawn with the next state
                 page.locator(place).screenshot(path=folder / name)
             page.close()
         browser.close()

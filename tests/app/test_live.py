@@ -18,6 +18,7 @@ import pytest
 from rich.console import Console
 
 from towtank import load_vehicle
+from towtank.app.live.readings import Readings
 from towtank.app.live.view import LiveView
 from towtank.app.terminal.output import Output
 from towtank.live import open_source
@@ -216,15 +217,18 @@ def test_the_view_fits_eighty_columns(log: Path) -> None:
     vehicle = load_vehicle(VEHICLE)
     text = f"replay:{log}@0"
     session = Session([(text, open_source(text, vehicle))], vehicle, new_learner(vehicle, "joint"), epoch=time.time())
+    readings = Readings(session, vehicle)
     session.open()
     status = session.run(threading.Event(), seconds=12.0)
     assert np.isclose(status.learnt.t - 0.0, 12.0, atol=2.0)
     output = Output()
-    output.console = Console(width=80, record=True, file=io.StringIO(), force_terminal=True)
-    output.console.print(LiveView(output, vehicle, "joint").picture(status))
+    output.console = Console(width=80, height=60, record=True, file=io.StringIO(), force_terminal=True)
+    output.console.print(LiveView(output, vehicle, "joint").picture(status, readings.read(status)))
     shown = output.console.export_text().splitlines()
     assert max(map(len, shown)) <= 80
     assert shown[0].startswith("seamor, method joint  0:00:")
     assert any(line.startswith("X_uu") and "±" in line and "%" in line for line in shown)
     assert any("dropped 0, late 0, bad 0" in line for line in shown)
-    assert len(shown) < 40
+    assert len(shown) < 60
+    assert any("axes known to 5 % or better" in line or "All axes" in line for line in shown)
+    assert any(line.startswith("prediction, 10 s: off by u 0.") for line in shown)

@@ -13,6 +13,7 @@ import pytest
 from rich.console import Console
 
 from towtank import load_vehicle
+from towtank.app.live.readings import Readings
 from towtank.app.live.view import LiveView, event_line, likely_line
 from towtank.app.terminal.output import Output
 from towtank.identification import Learner
@@ -107,7 +108,7 @@ def test_the_view_shows_the_last_three_and_the_likely(log: Path) -> None:
     status = replace(session.status(), events=events, learnt=learnt)
     output = Output()
     output.console = Console(width=80, record=True, file=io.StringIO(), force_terminal=True)
-    output.console.print(LiveView(output, vehicle, "joint").picture(status))
+    output.console.print(LiveView(output, vehicle, "joint").picture(status, Readings(session, vehicle).read(status)))
     shown = output.console.export_text()
     assert "event 1" not in shown
     assert [line for line in shown.splitlines() if "event" in line] == [

@@ -28,6 +28,7 @@ from towtank.recording.mcap.log import McapLog
 from towtank.simulation import Mocap, manoeuvre, simulate
 
 WEB = Path(__file__).resolve().parents[2] / "web"
+AXE = WEB / "node_modules" / "axe-core" / "axe.min.js"
 VEHICLE = "seamor"
 EPOCH = 1.7e9
 SECONDS = 200.0
@@ -134,6 +135,21 @@ class Rig:
         self._stop.set()
         self._thread.join()
         self.page.close()
+
+
+def grave(page: Any, what: str = "document") -> list[tuple[str, list[str]]]:
+    """Return what axe-core finds serious or critical on a page: rule, and the elements; skip where it is not there."""
+    if not AXE.exists():
+        pytest.skip("axe-core is not installed (web/, npm ci)")
+    if not page.evaluate("'axe' in window"):
+        page.evaluate(AXE.read_text())
+    found = page.evaluate(f"axe.run({what}, {{resultTypes: ['violations']}})")
+    assert len(found["passes"]) > 3
+    return [
+        (each["id"], [node["html"][:150] for node in each["nodes"]])
+        for each in found["violations"]
+        if each["impact"] in ("serious", "critical")
+    ]
 
 
 def wait_until(told: Callable[[], Any], seconds: float = 20.0) -> None:

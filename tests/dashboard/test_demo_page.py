@@ -82,7 +82,8 @@ def test_the_course_goes_on_through_the_change(browser: Any, ran: Ran) -> None:
     context = browser.new_context(viewport={"width": 1440, "height": 2200})
     view = context.new_page()
     view.goto(ran.page.url)
-    view.wait_for_selector("#convergence canvas", timeout=90_000)
+    place = "document.querySelector('#convergence')"  # the last one of the page: drawn where it is seen
+    wait_until(lambda: view.evaluate(f"{place}.scrollIntoView() || !!{place}.querySelector('canvas')"), 90.0)
     view.locator("#convergence figure", has_text="W_minus_B").first.scroll_into_view_if_needed(timeout=60_000)
     find = "window.towtank.charts.find((c) => c.settings.title === 'W_minus_B')"
     wait_until(lambda: view.evaluate(f"!!{find} && !!{find}.data?.[0]?.length"))

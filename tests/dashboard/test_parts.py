@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,13 +13,15 @@ import pytest
 from towtank import load_vehicle
 from towtank.app.commands.page_option import PagedCommand
 from towtank.dashboard.access import Access, Address, Refusals
+from towtank.dashboard.feed import Link, Now
 from towtank.dashboard.motion import COMMANDS, WRENCH, Motion
-from towtank.dashboard.prediction import free_run
+from towtank.dashboard.prediction import FreeRun, free_run
 from towtank.dashboard.pump import Kind, Mailbox, Thinned, decode, encode
-from towtank.dashboard.state import AxisKnowledge, axes_known, verdict
+from towtank.dashboard.verdict import AxisKnowledge, axes_known, notes, predicted, verdict
 from towtank.errors import InputError
 from towtank.identification import Learner
 from towtank.live.pipeline.instants import Instants, rows_of
+from towtank.recording.event import Event
 from towtank.simulation import manoeuvre, simulate
 from towtank.vehicle import thruster_wrench
 
@@ -129,6 +132,87 @@ def test_an_axis_is_known_to_the_worse_of_inertia_and_drag() -> None:
     assert verdict(worse) == "1 of 2 axes known to 5 % or better. Next: drive yaw."
     assert math.isnan(AxisKnowledge("yaw", True, 0.01, math.nan, 0.5, 0.0).known)
     assert math.isnan(AxisKnowledge("yaw", True, math.nan, 0.01, 0.5, 0.0).known)
+
+
+def test_nothing_is_advised_that_no_thruster_drives() -> None:
+    estimate = Learner(load_vehicle("blueboat"), method="paper").estimate
+    boat = axes_known(estimate, (0.5,) * 6, (), load_vehicle("blueboat"))
+    assert [each.axis for each in boat if each.drivable] == ["surge", "yaw"]
+    assert verdict(boat).endswith("Next: drive surge and yaw.")
+    assert all(
+        each.drivable for each in axes_known(estimate, (0.5,) * 6, (), load_vehicle("vlbv300")) if each.axis != "pitch"
+    )
+    assert all(each.drivable for each in axes_known(estimate, (0.5,) * 6, ()))
+    well = AxisKnowledge("surge", True, 0.01, 0.02, 0.5, 3.0)
+    roll = AxisKnowledge("roll", True, math.nan, math.nan, 0.5, 0.0, drivable=False)
+    assert verdict([well, roll]) == "1 of 2 axes known to 5 % or better. No thruster drives roll: save the model."
+    yaw = AxisKnowledge("yaw", True, 0.1, 0.1, 0.5, 2.0)
+    assert verdict([well, roll, yaw]).endswith("Keep driving yaw, with changes of speed.")
+
+
+def a_moment(**settings: Any) -> Now:
+    estimate = Learner(load_vehicle("seamor"), method="paper").estimate
+    return Now(5.0, 4.0, estimate, math.nan, math.nan, {}, {}, (), **{"samples": 9, "instants": 9, **settings})
+
+
+def test_without_data_verdict_and_prediction_say_so() -> None:
+    well = [AxisKnowledge("surge", True, 0.01, 0.02, 0.5, 3.0)]
+    links = (Link("udp", 9, {}, {}, silent=12.6), Link("mocap", 9, {}, {}, silent=12.9))
+    dead = a_moment(silent=12.6, links=links)
+    assert verdict(well, dead) == "Link lost: no data since 12 s from udp and mocap. All figures are as of then."
+    assert predicted(dead, None) == "no data since 12 s"
+    never = a_moment(silent=3.2, links=(Link("udp", 0, {}, {}, silent=3.2),), samples=0)
+    assert verdict(well, never) == "Nothing has come yet: no data since 3 s from udp."
+    assert verdict(well, a_moment()).startswith("All axes")
+    rms = np.array([0.0123, np.nan, np.nan, np.nan, np.nan, 0.01])
+    run = FreeRun(np.arange(2.0), np.zeros((2, 6)), np.zeros((2, 6)), rms, np.zeros(6, dtype=bool))
+    assert predicted(a_moment(), run) == "off by u 0.012 m/s; r 0.57 °/s (rms)"
+
+
+def test_notes_are_told_once_with_how_often() -> None:
+    lost = {"link": "udp", "state": "lost"}
+    events = (
+        Event(1.0, "mended", "the filter had lost itself"),
+        Event(2.0, "link", "udp: link lost, no data from here on", lost),
+        Event(9.0, "link", "udp: link back after 7.0 s without data", {**lost, "state": "back"}),
+        Event(11.0, "mended", "the filter had lost itself"),
+        Event(12.0, "occlusion", "no position for 0.8 s", {"measured": "position"}),
+        Event(14.0, "occlusion", "no position for 1.8 s", {"measured": "position"}),
+        Event(15.0, "mark", "here"),
+        Event(16.0, "change", "net weight +2 N"),
+    )
+    one = a_moment(events=events, links=(Link("udp", 1, {}, {}, ("3 bad", "3 bad")),))
+    assert notes(one) == (
+        "the filter had lost itself (2 times)",
+        "udp: the link was lost",
+        "position not measured for a while (2 times)",
+        "3 bad",
+    )
+    two = a_moment(links=(Link("udp", 1, {}, {}, ("3 bad",)), Link("mocap", 1, {}, {}, ("3 bad",))))
+    assert notes(two) == ("udp: 3 bad", "mocap: 3 bad")
+
+
+def test_a_heading_alone_shows_the_yaw_rate() -> None:
+    vehicle = load_vehicle("blueboat")
+    plan = manoeuvre("yaw-sine", vehicle, duration=12.0, dt=0.01, seed=1)
+    run = simulate(vehicle, commands=plan.commands, dt=0.01, seed=1)
+    nothing = Learner(vehicle, method="paper").estimate
+    whole, heading = Motion(vehicle), Motion(vehicle)
+    for motion, wanted in ((whole, ("r", "cmd_")), (heading, ("psi", "cmd_"))):
+        instants = Instants(vehicle)
+        rows = [
+            (t, {n: v for n, v in zip(names, x, strict=True) if n.startswith(wanted)}) for t, names, x in rows_of(run)
+        ]
+        motion.add([(t, instants.arguments(row)) for t, row in rows])
+    measured, derived = (free_run(vehicle, nothing, 0.0, *motion.last(10.0)) for motion in (whole, heading))
+    assert measured is not None
+    assert derived is not None
+    assert measured.derived.tolist() == [False] * 6
+    assert derived.derived.tolist() == [False] * 5 + [True]
+    assert np.isnan(derived.measured[:, :5]).all()
+    seen = np.isfinite(derived.measured[:, 5])
+    away = derived.measured[seen, 5] - measured.measured[seen, 5]
+    assert np.sqrt(np.mean(away**2)) < 0.02 * np.nanstd(measured.measured[:, 5])
 
 
 @pytest.mark.parametrize(

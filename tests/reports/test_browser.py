@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.dashboard.rig import grave
 from typer.testing import CliRunner
 
 from towtank.app.cli import app
@@ -50,6 +51,7 @@ def test_it_opens_offline_and_fits(
         .filter(e => e.getBoundingClientRect().right > innerWidth + 0.5).length"""
     )
     assert spilled == 0
+    assert grave(page) == []
     dark = page.evaluate("getComputedStyle(document.body).backgroundColor")
     assert (dark == "rgb(15, 20, 25)") is (scheme == "dark")
     context.close()

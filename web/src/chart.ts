@@ -41,7 +41,7 @@ export class Chart {
     this.place.setAttribute("aria-label", `${settings.title}: ${settings.y} over ${settings.x}`);
     this.figure.append(this.caption, this.place);
     if (settings.legend) settings.legend.replaceChildren(this.legend());
-    else if (settings.lines.filter((line) => line.name).length > 1) this.figure.append(this.legend());
+    else if (settings.lines.some((line) => line.name)) this.figure.append(this.legend());
     parent.append(this.figure);
     new ResizeObserver(() => this.resize()).observe(this.place);
     new IntersectionObserver((entries) => {

@@ -27,6 +27,7 @@ export class Coefficients {
       title: each.name, x: "time, s", y: unit(each.unit), band: true, marks: this.marks,
       lines: [{ name: "", colour: 0, dash: 0, width: 2 }, { name: "", colour: 1, dash: 1 }, { name: "" }, { name: "" }],
     }));
+    for (const chart of this.charts) chart.figure.hidden = true; // until something is known
   }
 
   show(hello: Hello, state: State): void {
@@ -47,6 +48,7 @@ export class Coefficients {
       const text = std ? `${value} ± ${std}` : value;
       const relative = percent(found.relative_std);
       rows.push([each.name, text, unit(each.unit), relative, short(each.reference, 5)]);
+      chart.figure.hidden = false;
       chart.say(text);
       chart.describe(`${each.name} is ${text} ${unit(each.unit)}, relative deviation ${relative}`);
     });

@@ -38,3 +38,23 @@ export function list(parent: Element, texts: string[]): void {
     write(item, text);
   });
 }
+
+/** Show where a box can be scrolled sideways: a shadow at that edge, and a line of words below. */
+export function hintScroll(box: HTMLElement): void {
+  const hint = document.createElement("p");
+  hint.className = "hint";
+  hint.setAttribute("aria-hidden", "true");
+  hint.textContent = "↔ more columns: scroll sideways";
+  hint.hidden = true;
+  box.after(hint);
+  const look = (): void => {
+    const left = box.scrollLeft > 1;
+    const right = box.scrollLeft + box.clientWidth < box.scrollWidth - 1;
+    box.dataset.more = left && right ? "both" : left ? "left" : right ? "right" : "";
+    hint.hidden = !left && !right;
+  };
+  box.addEventListener("scroll", look, { passive: true });
+  const sizes = new ResizeObserver(look);
+  sizes.observe(box);
+  if (box.firstElementChild) sizes.observe(box.firstElementChild);
+}

@@ -16,13 +16,19 @@ export interface Listener {
 
 export class Link {
   private wait = SHORTEST;
-  private heard = 0;
+  private heard = performance.now();
+  private deadline = 0; // ms, when a socket without a word is given up
   private socket: WebSocket | null = null;
 
   constructor(private readonly listener: Listener) {
     this.open();
     setInterval(() => this.watch(), 1000);
     addEventListener("online", () => this.socket ?? this.open());
+  }
+
+  /** For how long [s] nothing has been heard of the server. */
+  get quiet(): number {
+    return (performance.now() - this.heard) / 1000;
   }
 
   private open(): void {
@@ -32,14 +38,16 @@ export class Link {
     const socket = new WebSocket(url);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
-    this.heard = performance.now();
+    this.deadline = performance.now() + SILENCE;
     socket.onopen = () => {
       this.wait = SHORTEST;
+      this.heard = performance.now();
       this.listener.opened();
     };
     socket.onmessage = (event: MessageEvent<string | ArrayBuffer>) => {
       if (socket !== this.socket) return;
       this.heard = performance.now();
+      this.deadline = this.heard + SILENCE;
       if (typeof event.data === "string") {
         this.listener.message(JSON.parse(event.data) as Message);
       } else {
@@ -62,7 +70,7 @@ export class Link {
 
   private watch(): void {
     const socket = this.socket;
-    if (socket && performance.now() - this.heard > SILENCE) {
+    if (socket && performance.now() > this.deadline) {
       socket.onclose = null;
       socket.close();
       this.again();

@@ -4,17 +4,19 @@ import "./style.css";
 import { charts } from "./chart";
 import { Coefficients } from "./coefficients";
 import { Controls } from "./controls";
-import { byId, list, write } from "./dom";
+import { byId, hintScroll, write } from "./dom";
 import { Link } from "./link";
 import { clock } from "./numbers";
 import type { Frame, Hello, Message, State } from "./protocol";
 import { Kind } from "./protocol";
 import { Course, Recent } from "./series";
-import { showAxes, showEvents, showLinks } from "./tables";
+import { showAxes, showEvents, showLinks, showNotes, showWarnings } from "./tables";
 import { Horizon, Track } from "./vehicle";
 import { Signals, Velocities } from "./velocity";
 
 const ROWS = 2500; // of signals: 20 s at 100 Hz, and some
+const QUIET = 2; // s without a word of the session, after which nothing on the page is of now
+const STEADY = 3; // s, after which a screen reader is not told every second that nothing has come
 
 let hello: Hello | null = null;
 let state: State | null = null;
@@ -39,6 +41,22 @@ function say(link: string, text: string): void {
   const chip = byId("link");
   chip.dataset.link = link;
   write(chip, text);
+}
+
+function judge(verdict: string, stale: boolean, seconds: number): void {
+  const place = byId("verdict");
+  place.dataset.stale = String(stale);
+  place.setAttribute("aria-live", stale && seconds > STEADY ? "off" : "polite");
+  write(place, verdict);
+}
+
+/** Where the session itself is not heard of: nothing that stands on the page is of now. */
+function watch(): void {
+  if (link.quiet <= QUIET || state?.ended) return;
+  const words = `no word from the session since ${Math.floor(link.quiet)} s`;
+  judge(`Connection lost: ${words}. All figures are as of then.`, true, link.quiet);
+  if (byId("link").dataset.link !== "lost") say("silent", words);
+  if (state) velocities.show(state, words);
 }
 
 function reset(): void {
@@ -69,13 +87,15 @@ function greet(next: Hello): void {
 function stand(next: State): void {
   state = next;
   if (!hello) return;
-  const word = next.ended ? "session ended" : next.paused ? "paused" : "learning";
-  say(next.ended ? "ended" : next.paused ? "paused" : "open", word);
-  write(byId("clock"), clock(next.elapsed_s) + (hello.seconds ? ` of ${clock(hello.seconds)}` : ""));
-  write(byId("verdict"), next.verdict);
-  list(byId("warnings"), next.page.trouble ? [...next.warnings, next.page.trouble] : next.warnings);
+  const silent = next.no_data_s !== null && !next.ended;
+  const kind = next.ended ? "ended" : silent ? "silent" : next.state === "learning" ? "open" : "paused";
+  say(kind, next.ended ? "session ended" : next.state);
+  write(byId("clock"), hello.seconds ? `${clock(next.t ?? 0)} of ${clock(hello.seconds)}` : clock(next.elapsed_s));
+  judge(next.verdict, silent, next.no_data_s ?? 0);
+  showWarnings(next.page.trouble ? [...next.warnings, next.page.trouble] : next.warnings);
+  showNotes(next.notes);
   coefficients.show(hello, next);
-  velocities.show(next);
+  velocities.show(next, silent ? next.state : "");
   showAxes(hello, next);
   showLinks(next);
   controls.show(next);
@@ -129,6 +149,7 @@ function draw(): void {
     const [, , , phi, theta, psi] = pose();
     any = horizon.draw(phi, theta, psi) || any;
     any = trail.draw(track, recent, psi) || any;
+    byId("no-motion").hidden = !byId("horizon").hidden || !byId("track").hidden;
     signals.draw(recent);
   }
   if (fresh.course) coefficients.draw(hello, course);
@@ -138,7 +159,7 @@ function draw(): void {
   if (any) drawn.frames++;
 }
 
-new Link({
+const link = new Link({
   opened: () => {
     reset();
     controls.link(true);
@@ -152,4 +173,6 @@ new Link({
     say("lost", state?.ended ? "session ended" : `no connection, ${again}`);
   },
 });
+setInterval(watch, 250);
+for (const box of document.querySelectorAll<HTMLElement>(".scroll")) hintScroll(box);
 requestAnimationFrame(draw);

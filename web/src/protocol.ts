@@ -13,24 +13,25 @@ export interface Hello {
 
 export interface Known {
   learned: boolean; known: number | null; inertia: number | null; drag: number | null; speed: number | null;
-  asked_rms: number | null;
+  asked_rms: number | null; drivable: boolean;
 }
 
 export interface State {
-  type: "state"; sequence: number; ended: boolean; paused: boolean; elapsed_s: number; t: number | null; verdict: string;
+  type: "state"; sequence: number; ended: boolean; paused: boolean; state: string; no_data_s: number | null; elapsed_s: number;
+  t: number | null; verdict: string; notes: string[];
   coefficients: Record<string, {
     value: number | null; std: number | null; relative_std: number | null; unit: string; identified: boolean;
     reason: string | null;
   }>;
   axes: Record<string, Known>;
-  prediction: { rms: (number | null)[]; t: number[] } | null;
+  prediction: { rms: (number | null)[]; t: number[]; derived: string[] } | null;
   pose: (number | null)[];
   delay_s: number | null; lag_s: number | null;
   latency_ms: Record<string, number | null>; processing_ms: Record<string, number | null>;
   samples: number; instants: number; dropped: number; late: number; rejected: number; waiting: number;
   links: {
     text: string; samples: number; rates_hz: Record<string, number | null>; asked_hz: Record<string, number | null>;
-    said: string[];
+    said: string[]; no_data_s: number | null;
   }[];
   recording: { file: string; bytes: number; lost: number } | null;
   warnings: string[];

@@ -12,11 +12,12 @@ export function showAxes(hello: Hello, state: State): void {
   const rows = hello.axes.map((axis, k) => {
     const found = state.axes[axis.name];
     const turning = k > 2;
-    if (!found?.learned) return [axis.name, "not learned", "", "–", "–", asked(found?.asked_rms, turning)];
+    const wanted = found && !found.drivable ? "no thruster" : asked(found?.asked_rms, turning);
+    if (!found?.learned) return [axis.name, "not learned", "", "–", "–", wanted];
     const speed = found.speed ? `${short(found.speed * (turning ? DEGREES : 1), 2)} ${turning ? "°/s" : "m/s"}: ` : "";
     const drag = found.drag === null ? "–" : `${speed}${percent(found.drag)}`;
     const known = found.known === null ? "not yet" : percent(found.known);
-    return [axis.name, known, "", percent(found.inertia), drag, asked(found.asked_rms, turning)];
+    return [axis.name, known, "", percent(found.inertia), drag, wanted];
   });
   fill(body, rows, [3, 4, 5]);
   hello.axes.forEach((axis, k) => {
@@ -66,13 +67,30 @@ export function showLinks(state: State): void {
   const rows = state.links.flatMap((link) => {
     const topics = [...new Set([...Object.keys(link.rates_hz), ...Object.keys(link.asked_hz)])].sort();
     const several = state.links.length > 1;
+    if (link.no_data_s !== null && !state.ended) return [[link.text, `no data since ${Math.floor(link.no_data_s)} s`, "–"]];
     if (!topics.length) return [[link.text, "–", "–"]];
     return topics.map((topic) => [
       several ? `${link.text} ${topic}` : topic, short(link.rates_hz[topic] ?? null, 3), short(link.asked_hz[topic] ?? null, 3),
     ]);
   });
   fill(document.querySelector("#links tbody")!, rows, [1, 2]);
-  list(byId("said"), state.links.flatMap((link) => link.said));
+}
+
+const NOTES = 3; // that stand open
+
+export function showWarnings(warnings: string[]): void {
+  list(byId("warnings"), warnings);
+}
+
+/** What befell filter and links, each once with how often; what is beyond a few can be unfolded. */
+export function showNotes(notes: string[]): void {
+  byId("notes").hidden = notes.length === 0;
+  const open = notes.length > NOTES + 1 ? NOTES : notes.length;
+  list(byId("notes-first"), notes.slice(0, open));
+  const more = byId("notes-more");
+  more.hidden = open === notes.length;
+  write(more.querySelector("summary")!, `${notes.length - open} more notes`);
+  list(more.querySelector("ul")!, notes.slice(open));
 }
 
 let count = 0;

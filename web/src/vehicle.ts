@@ -1,7 +1,7 @@
 // The vehicle: an artificial horizon with a compass, and its track from above.
 
 import { short } from "./numbers";
-import { onTheme, palette } from "./theme";
+import { palette } from "./theme";
 import type { Course, Recent } from "./series";
 
 const DEGREES = 180 / Math.PI;
@@ -23,28 +23,36 @@ const HORIZON = `
 export class Horizon {
   private readonly svg: SVGSVGElement;
   private readonly tilt: SVGGElement;
+  private readonly craft: SVGPathElement;
   private readonly compass: SVGGElement;
   private readonly words: HTMLElement;
   private told = 0;
 
-  constructor(figure: HTMLElement) {
+  constructor(private readonly figure: HTMLElement) {
     figure.insertAdjacentHTML("beforeend", HORIZON);
     this.svg = figure.querySelector("svg")!;
     this.tilt = figure.querySelector("#tilt")!;
+    this.craft = figure.querySelector(".craft")!;
     this.compass = figure.querySelector("#compass")!;
     this.words = figure.querySelector("#attitude")!;
     this.words.textContent = "not measured yet";
   }
 
+  /** Draw what is known of roll, pitch and heading [rad]; of a heading alone the compass. */
   draw(phi: number, theta: number, psi: number): boolean {
-    if (Number.isNaN(phi + theta)) return false;
+    const [tilted, turned] = [!Number.isNaN(phi + theta), !Number.isNaN(psi)];
+    if (!tilted && !turned) return false;
+    this.figure.hidden = false;
     const [roll, pitch, heading] = [phi * DEGREES, theta * DEGREES, (((psi * DEGREES) % 360) + 360) % 360];
-    this.tilt.setAttribute("transform", `rotate(${-roll}) translate(0 ${pitch * PITCH})`);
-    if (!Number.isNaN(heading)) this.compass.setAttribute("transform", `rotate(${-heading})`);
+    for (const each of [this.tilt, this.craft]) each.style.display = tilted ? "" : "none";
+    if (tilted) this.tilt.setAttribute("transform", `rotate(${-roll}) translate(0 ${pitch * PITCH})`);
+    this.compass.style.display = turned ? "" : "none";
+    if (turned) this.compass.setAttribute("transform", `rotate(${-heading})`);
     if (performance.now() - this.told > 250) {
       this.told = performance.now();
-      const turn = Number.isNaN(heading) ? "" : `, heading ${(Math.round(heading) % 360).toFixed(0)}°`;
-      const text = `roll ${short(Math.round(10 * (((roll + 540) % 360) - 180)) / 10, 3)}°, pitch ${short(Math.round(10 * pitch) / 10, 3)}°${turn}`;
+      const around = `roll ${short(Math.round(10 * (((roll + 540) % 360) - 180)) / 10, 3)}°, pitch ${short(Math.round(10 * pitch) / 10, 3)}°`;
+      const ahead = `heading ${(Math.round(heading) % 360).toFixed(0)}°`;
+      const text = tilted ? (turned ? `${around}, ${ahead}` : around) : `${ahead}; roll and pitch are not measured`;
       this.words.textContent = text;
       this.svg.setAttribute("aria-label", text);
     }
@@ -57,7 +65,7 @@ export class Track {
   private readonly words = document.createElement("p");
   private seen = false;
 
-  constructor(figure: HTMLElement) {
+  constructor(private readonly figure: HTMLElement) {
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", "track from above: position not measured yet");
     this.words.className = "value";
@@ -66,11 +74,10 @@ export class Track {
     new IntersectionObserver((entries) => {
       this.seen = entries[entries.length - 1].isIntersecting;
     }).observe(this.canvas);
-    onTheme(() => undefined);
   }
 
   draw(course: Course, recent: Recent, psi: number): boolean {
-    if (!this.seen) return false;
+    if (!this.seen && !this.figure.hidden) return false;
     const [norths, easts] = [[...course.columns[0]], [...course.columns[1]]];
     for (const k of recent.rows(20, 200)) {
       const [x, y] = [recent.columns[0][k], recent.columns[1][k]];
@@ -80,6 +87,7 @@ export class Track {
       }
     }
     if (!norths.length) return false;
+    this.figure.hidden = false;
     this.paint(norths, easts, psi);
     const text = `north ${norths[norths.length - 1].toFixed(2)} m, east ${easts[easts.length - 1].toFixed(2)} m`;
     if (this.words.textContent !== text) {

@@ -38,13 +38,17 @@ class About:
 
 @dataclass(frozen=True)
 class Link:
-    """Where samples come from: rates got and asked for [Hz] by topic, and what the link says for itself."""
+    """Where samples come from: rates got and asked for [Hz] by topic, and what the link says for itself.
+
+    `silent`: for how long [s] nothing has come; None where that is not too long.
+    """
 
     text: str
     samples: int
     rates: Mapping[str, float]
     asked: Mapping[str, float]
     said: tuple[str, ...] = ()
+    silent: float | None = None
 
 
 @dataclass(frozen=True)
@@ -66,7 +70,8 @@ class Now:
         latency, processing: "median", "p99", "max" [ms]; NaN where they mean nothing.
         excitation: root mean square (6,) [N, N m] of the wrench asked for over ten seconds, empty where none was.
         samples: that came. instants: learned from. dropped, late, rejected: that were not. waiting: still to be.
-        paused: learning was halted. ended: nothing will change any more.
+        paused: learning was halted.
+        state: in words, as "learning". silent: for how long [s] no link has sent anything; None while one sends.
         warnings: what a person had better know. events: what happened.
     """
 
@@ -85,6 +90,8 @@ class Now:
     rejected: int = 0
     waiting: int = 0
     paused: bool = False
+    state: str = "learning"
+    silent: float | None = None
     links: tuple[Link, ...] = ()
     recording: RecordingFile | None = None
     warnings: tuple[str, ...] = ()

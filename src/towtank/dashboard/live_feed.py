@@ -8,9 +8,10 @@ from typing import Any
 
 from towtank.dashboard.feed import About, Instant, Link, Now, RecordingFile
 from towtank.live.session import Session
+from towtank.live.status import Status
 from towtank.vehicle import Vehicle
 
-__all__ = ["LiveFeed", "Tap"]
+__all__ = ["LiveFeed", "Tap", "now_of"]
 
 _KEPT = 5000  # instants
 
@@ -33,6 +34,37 @@ class Tap:
         return found
 
 
+def now_of(status: Status) -> Now:
+    """Return where a session stands."""
+    learnt, recording = status.learnt, status.recording
+    return Now(
+        elapsed=status.elapsed,
+        t=learnt.t,
+        estimate=learnt.estimate,
+        delay=learnt.delay,
+        lag=learnt.lag,
+        latency=learnt.latency,
+        processing=learnt.processing,
+        excitation=() if status.silent is not None else learnt.excitation,
+        samples=status.samples,
+        instants=learnt.instants,
+        dropped=status.dropped,
+        late=status.late,
+        rejected=status.bad,
+        waiting=status.waiting,
+        paused=learnt.paused,
+        state=status.state,
+        silent=status.silent,
+        links=tuple(
+            Link(each.text, each.samples, each.state.rates, each.state.asked, each.state.said, each.silent)
+            for each in status.sources
+        ),
+        recording=None if recording is None else RecordingFile(recording.path, recording.size, recording.lost),
+        warnings=status.warnings,
+        events=status.events,
+    )
+
+
 class LiveFeed:
     """A `Session`; to be made before that runs."""
 
@@ -42,32 +74,7 @@ class LiveFeed:
 
     def now(self) -> Now:
         """Return where the session stands."""
-        status = self._session.status()
-        learnt, recording = status.learnt, status.recording
-        return Now(
-            elapsed=status.elapsed,
-            t=learnt.t,
-            estimate=learnt.estimate,
-            delay=learnt.delay,
-            lag=learnt.lag,
-            latency=learnt.latency,
-            processing=learnt.processing,
-            excitation=learnt.excitation,
-            samples=status.samples,
-            instants=learnt.instants,
-            dropped=status.dropped,
-            late=status.late,
-            rejected=status.bad,
-            waiting=status.waiting,
-            paused=learnt.paused,
-            links=tuple(
-                Link(each.text, each.samples, each.state.rates, each.state.asked, each.state.said)
-                for each in status.sources
-            ),
-            recording=None if recording is None else RecordingFile(recording.path, recording.size, recording.lost),
-            warnings=status.warnings,
-            events=status.events,
-        )
+        return now_of(self._session.status())
 
     def taken(self) -> Sequence[Instant]:
         """Return the instants that came since the last call."""

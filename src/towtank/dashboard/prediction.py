@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
 from towtank.dashboard.motion import ACCELERATION, COMMANDS, POSE, VELOCITY, WRENCH, Motion
@@ -22,23 +23,54 @@ from towtank.recording.frames.pose_rates import velocity_of_pose
 from towtank.validation import predict
 from towtank.vehicle import Vehicle
 
-__all__ = ["SECONDS", "FreeRun", "FreeRuns", "free_run", "warm_up"]
+__all__ = ["SECONDS", "FreeRun", "FreeRuns", "Prediction", "free_run", "warm_up"]
 
 SECONDS = 10.0  # s that the free run lasts
 _RATE = 25.0  # Hz
 _HALF = 5  # steps to either side, for a velocity taken from the pose
 _DIVERGED = 1e3  # m/s, rad/s: a model that is hardly known may feed energy in
 _LONGEST = 0.3  # s between two samples that are still joined
+_LOSS = 0.1  # s/m: thrust that inflow takes, for a vehicle that does not say
+_TOP = 98.0  # percentile of the speeds that counts as the largest: a jump of a marker is none
 
 
 @dataclass(frozen=True)
 class FreeRun:
-    """Times (n,) [s], velocities measured and predicted (n, 6), and the root mean square (6,) of their difference."""
+    """Times (n,) [s], velocities measured and predicted (n, 6), and the root mean square (6,) of their difference.
+
+    Attributes:
+        derived: which (6,) were not measured themselves, but are the slope of what was.
+    """
 
     t: Array
     measured: Array
     predicted: Array
     rms: Array
+    derived: NDArray[np.bool_]
+
+
+class Prediction:
+    """The free run of a session, made anew when that is asked for.
+
+    Attributes:
+        motion: signals that came. run: the last one, None where there was none. speeds: the largest (6,) seen so far
+            [m/s, rad/s].
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.motion = Motion(vehicle)
+        self.run: FreeRun | None = None
+        self.speeds = np.zeros(6)
+
+    def renew(self, vehicle: Vehicle, estimate: Estimate, delay: float) -> FreeRun | None:
+        """Run once more over what came lately; return the run, None where there is too little to start from."""
+        t, rows = self.motion.last(SECONDS)
+        run = free_run(vehicle, estimate, delay, t.copy(), rows.copy())
+        if run is None:
+            return None
+        seen = np.abs(np.where(np.isfinite(run.measured), run.measured, 0.0))
+        self.run, self.speeds = run, np.maximum(self.speeds, np.percentile(seen, _TOP, axis=0))
+        return run
 
 
 def free_run(
@@ -63,7 +95,8 @@ def free_run(
     away = np.where(np.isfinite(measured), predicted - measured, np.nan)
     count = np.isfinite(away).sum(axis=0)
     rms = np.sqrt(np.nansum(away**2, axis=0) / np.maximum(count, 1))
-    return FreeRun(grid.t, measured, predicted, np.where(count > 0, rms, np.nan))
+    derived = np.asarray(np.isfinite(measured).any(axis=0) & ~np.isfinite(grid.velocity).any(axis=0))
+    return FreeRun(grid.t, measured, predicted, np.where(count > 0, rms, np.nan), derived)
 
 
 class FreeRuns:
@@ -139,7 +172,10 @@ def _between(times: Array, t: Array, columns: Array, *, turning: bool = False) -
 
 
 def _velocity(grid: Grid) -> Array:
-    """Return the measured body velocity (n, 6); where it was not, from the slope of the pose over 0.4 s."""
+    """Return the measured body velocity (n, 6); where it was not, from the slope of the pose over 0.4 s.
+
+    Roll and pitch that no sensor shows are none: where only the heading is measured, its slope is the yaw rate.
+    """
     out = np.array(grid.velocity)
     missing = ~np.isfinite(out).any(axis=0)
     if not missing.any() or len(grid) < 2 * _HALF + 1:
@@ -155,7 +191,15 @@ def _velocity(grid: Grid) -> Array:
 
 
 def warm_up(vehicle: Vehicle) -> None:
-    """Run two seconds of a vehicle at rest through the free run."""
-    motion = Motion(vehicle)
-    motion.add([(0.02 * k, {"pose": np.zeros(6), "wrench": np.zeros(6)}) for k in range(100)])
-    free_run(vehicle, Learner(vehicle, method="paper").estimate, 0.0, *motion.last(2.0))
+    """Run two seconds of a vehicle at rest through the free run: with a wrench, and with thrusters that inflow slows.
+
+    What is not compiled here would be while the session runs, and hold everything up for many seconds.
+    """
+    inputs: dict[str, tuple[Vehicle, Array]] = {"wrench": (vehicle, np.zeros(6))}
+    if vehicle.thrusters:
+        losing = vehicle.with_coefficients({"inflow_loss": _LOSS})
+        inputs["commands"] = losing, np.zeros(len(vehicle.thrusters))
+    for name, (driven, values) in inputs.items():
+        motion = Motion(driven)
+        motion.add([(0.02 * k, {"pose": np.zeros(6), name: values}) for k in range(100)])
+        free_run(driven, Learner(vehicle, method="paper").estimate, 0.0, *motion.last(2.0))

@@ -20,9 +20,9 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.dashboard.feed import Feed, Now
-from towtank.dashboard.motion import Motion
-from towtank.dashboard.prediction import SECONDS, FreeRun, free_run
-from towtank.dashboard.state import axes_known, events_message, greeting, state_document
+from towtank.dashboard.prediction import Prediction
+from towtank.dashboard.state import events_message, greeting, state_document
+from towtank.dashboard.verdict import axes_known
 from towtank.identification import Estimate
 from towtank.recording.event import Event
 
@@ -36,7 +36,6 @@ _TICK = 0.05  # s between two batches of signals
 _STATE = 0.25  # s between two states, points of the convergence and free runs
 _SHOWN = 20.0  # s of signals that a new viewer gets
 _EVENTS = 200  # that are shown
-_TOP = 98.0  # percentile of the speeds that counts as the largest: a jump of a marker is none
 
 
 class Thinned:
@@ -161,17 +160,16 @@ class Pump:
     def __init__(self, feed: Feed, session: str, *, report: bool, page: Callable[[], dict[str, Any]]) -> None:
         self._feed, self._page = feed, page
         self._session, self._report = session, report
-        self._motion = Motion(feed.about.vehicle)
+        self._prediction = Prediction(feed.about.vehicle)
+        self._motion = self._prediction.motion
         self._about = feed.about
         self._names: tuple[str, ...] = ()
         self._units: dict[str, str] = {}
         self._history = Thinned(0, step=_STATE)
         self._track = Thinned(3, step=0.5)
         self._events: tuple[Event, ...] = ()
-        self._speeds = np.zeros(6)
         self._pose = np.full(6, np.nan)
-        self._run: FreeRun | None = None
-        self._prediction = b""
+        self._predicted = b""
         self._events_text = "{}"
         self._sequence = 0
         self._boxes: set[Mailbox] = set()
@@ -203,8 +201,8 @@ class Pump:
         t, rows = self._motion.last(_SHOWN)
         if t.size:
             box.put(encode(Kind.SIGNALS, t, rows))
-        if self._prediction:
-            box.replace("prediction", self._prediction)
+        if self._predicted:
+            box.replace("prediction", self._predicted)
         box.replace("events", self._events_text)
         box.replace("state", self.state)
         self._boxes.add(box)
@@ -260,25 +258,23 @@ class Pump:
             self._send(encode(Kind.TRACK, t[known[-1] :][:1], rows[known[-1] :][:1, :3], self._sequence))
 
     async def _predict(self, now: Now) -> None:
-        t, rows = self._motion.last(SECONDS)
-        vehicle, estimate = self._feed.about.vehicle, now.estimate
-        run = await asyncio.to_thread(free_run, vehicle, estimate, now.delay, t.copy(), rows.copy())
+        if now.silent is not None:  # the last seconds are over: what was predicted of them says nothing of now
+            return
+        renew = self._prediction.renew
+        run = await asyncio.to_thread(renew, self._feed.about.vehicle, now.estimate, now.delay)
         if run is None:
             return
-        self._run = run
-        with np.errstate(all="ignore"):
-            seen = np.abs(np.where(np.isfinite(run.measured), run.measured, 0.0))
-        self._speeds = np.maximum(self._speeds, np.percentile(seen, _TOP, axis=0))
-        self._prediction = encode(Kind.PREDICTION, run.t, np.hstack([run.measured, run.predicted]), self._sequence)
+        self._predicted = encode(Kind.PREDICTION, run.t, np.hstack([run.measured, run.predicted]), self._sequence)
         for box in self._boxes:
-            box.replace("prediction", self._prediction)
+            box.replace("prediction", self._predicted)
 
     def _stand(self, now: Now) -> None:
         self._learnt(now)
-        axes = axes_known(now.estimate, tuple(self._speeds), now.excitation)
+        speeds, vehicle = tuple(self._prediction.speeds), self._feed.about.vehicle
+        axes = axes_known(now.estimate, speeds, now.excitation, vehicle)
         page = {**self._page(), "viewers": self.viewers, "skipped": self.skipped}
         document = state_document(
-            now, axes, self._run, tuple(self._pose), sequence=self._sequence, page=page, ended=self.ended
+            now, axes, self._prediction.run, tuple(self._pose), sequence=self._sequence, page=page, ended=self.ended
         )
         events = now.events[-_EVENTS:]
         if events != self._events or self._events_text == "{}":

@@ -1,108 +1,21 @@
-"""Where a session stands as one JSON document: what `GET /api/state` answers and the page shows.
-
-It says how well each axis is known in numbers that mean something: its inertia, and its drag at a speed it has had.
-"""
+"""Where a session stands as one JSON document: what `GET /api/state` answers and the page shows."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 from towtank.dashboard.feed import About, Now
 from towtank.dashboard.motion import signals_of
 from towtank.dashboard.prediction import SECONDS, FreeRun
-from towtank.digits import joined
-from towtank.identification import Estimate
-from towtank.identification.model.terms import AXES, Axis
+from towtank.dashboard.verdict import AxisKnowledge, notes, verdict
+from towtank.identification.model.terms import AXES
 from towtank.recording.event import Event
 
-__all__ = ["AxisKnowledge", "axes_known", "events_message", "greeting", "number", "state_document", "verdict"]
+__all__ = ["events_message", "greeting", "number", "state_document"]
 
-_WELL = 0.05  # relative deviation
-_SLOWEST = 1e-3  # m/s, rad/s
-_LEAST = 0.05  # N, N m: what is asked for below that is what an allocation leaves over
 _AXIS = {name: axis.name for axis in AXES for name in (axis.added_mass, axis.linear, axis.quadratic) if name}
-
-
-@dataclass(frozen=True)
-class AxisKnowledge:
-    """How well one axis is known.
-
-    Attributes:
-        axis: its name. learned: whether anything of it is to be learned.
-        inertia: relative deviation of rigid-body and added inertia together; NaN where not known.
-        drag: relative deviation of the drag at `speed`; NaN where not known.
-        speed: largest that was seen [m/s, rad/s]. asked: force or moment asked for (rms over 10 s) [N, N m].
-    """
-
-    axis: str
-    learned: bool
-    inertia: float
-    drag: float
-    speed: float
-    asked: float
-
-    @property
-    def known(self) -> float:
-        """The worse of the two; NaN where one of those that are learned is not known."""
-        known = self.learned and math.isfinite(self.inertia) and math.isfinite(self.drag)
-        return max(self.inertia, self.drag) if known else math.nan
-
-
-def axes_known(estimate: Estimate, speeds: Sequence[float], asked: Sequence[float]) -> tuple[AxisKnowledge, ...]:
-    """Return how well each axis is known.
-
-    Args:
-        speeds: the largest (6,) seen so far [m/s, rad/s]. asked: rms of the wrench (6,), or nothing.
-    """
-    return tuple(
-        _axis_knowledge(estimate, axis, float(speeds[axis.index]), float(asked[axis.index]) if len(asked) else 0.0)
-        for axis in AXES
-    )
-
-
-def _axis_knowledge(estimate: Estimate, axis: Axis, speed: float, asked: float) -> AxisKnowledge:
-    drags = [name for name in (axis.linear, axis.quadratic) if name in estimate.names]
-    sums = {each.name: each for each in estimate.sums}
-    inertia = drag = math.nan
-    if axis.sum_name in sums:
-        total = sums[axis.sum_name]
-        inertia = total.std / abs(total.value) if total.value else math.nan
-    known = [name for name in drags if estimate[name].identified]
-    if known and speed > _SLOWEST:
-        rows = [estimate.names.index(name) for name in known]
-        weights = np.array([speed if name == axis.linear else speed * speed for name in known])
-        force = float(weights @ estimate.values[rows])
-        spread = float(weights @ estimate.covariance[np.ix_(rows, rows)] @ weights)
-        drag = math.sqrt(max(spread, 0.0)) / abs(force) if force else math.nan
-    elif not drags:
-        drag = 0.0
-    if axis.added_mass not in estimate.names:
-        inertia = 0.0
-    learned = bool(drags) or axis.added_mass in estimate.names
-    return AxisKnowledge(axis.name, learned, inertia, drag, speed, asked if asked > _LEAST else 0.0)
-
-
-def verdict(axes: Sequence[AxisKnowledge]) -> str:
-    """Return in one sentence what is known and what to do next."""
-    wanted = [each for each in axes if each.learned]
-    if not wanted:
-        return "No axis is being learned."
-    well = [each for each in wanted if each.known <= _WELL]
-    if len(well) == len(wanted):
-        return "All axes are known to 5 % or better: save the model, or go on to make it surer."
-    unknown = [each for each in wanted if math.isnan(each.known)]
-    rest = unknown or [max((e for e in wanted if e.known > _WELL), key=lambda each: each.known)]
-    doing = [each for each in wanted if each.asked > 0.0 and not each.known <= _WELL]
-    names = joined([each.axis for each in rest])
-    count = f"{len(well)} of {len(wanted)} axes known to 5 % or better."
-    if doing and all(each.axis in {e.axis for e in doing} for each in rest):
-        return f"{count} Keep driving {names}, with changes of speed."
-    return f"{count} Next: drive {names}."
 
 
 def number(value: float, scale: float = 1.0) -> float | None:
@@ -168,9 +81,12 @@ def state_document(
         "sequence": sequence,
         "ended": ended,
         "paused": now.paused,
+        "state": "ended" if ended else now.state,
+        "no_data_s": now.silent,
         "elapsed_s": now.elapsed,
         "t": number(now.t),
-        "verdict": verdict(axes),
+        "verdict": verdict(axes, now),
+        "notes": list(notes(now)),
         "coefficients": {
             each.name: {
                 "value": number(each.value),
@@ -187,9 +103,7 @@ def state_document(
             for each in now.estimate.sums
         },
         "axes": {each.axis: _axis_state(each) for each in axes},
-        "prediction": None
-        if run is None
-        else {"rms": _numbers(tuple(run.rms)), "t": [number(run.t[0]), number(run.t[-1])]},
+        "prediction": None if run is None or now.silent is not None else _run_document(run),
         "pose": _numbers(pose),
         "delay_s": number(now.delay),
         "lag_s": number(now.lag),
@@ -208,6 +122,7 @@ def state_document(
                 "rates_hz": {name: number(rate) for name, rate in each.rates.items()},
                 "asked_hz": {name: number(rate) for name, rate in each.asked.items()},
                 "said": list(each.said),
+                "no_data_s": each.silent,
             }
             for each in now.links
         ],
@@ -224,6 +139,14 @@ def events_message(events: Sequence[Event]) -> dict[str, Any]:
     return {"type": "events", "events": [{"t": e.t, "kind": e.kind, "text": e.text} for e in events]}
 
 
+def _run_document(run: FreeRun) -> dict[str, Any]:
+    return {
+        "rms": _numbers(tuple(run.rms)),
+        "t": [number(run.t[0]), number(run.t[-1])],
+        "derived": [axis.velocity for axis in AXES if run.derived[axis.index]],
+    }
+
+
 def _axis_state(each: AxisKnowledge) -> dict[str, Any]:
     return {
         "learned": each.learned,
@@ -232,6 +155,7 @@ def _axis_state(each: AxisKnowledge) -> dict[str, Any]:
         "drag": number(each.drag),
         "speed": number(each.speed),
         "asked_rms": number(each.asked),
+        "drivable": each.drivable,
     }
 
 

@@ -15,6 +15,7 @@ from towtank.live.events import EventLog
 from towtank.live.learning import Learning
 from towtank.live.links.source import Raw, Sample, Source
 from towtank.live.pipeline.clock import SourceClock
+from towtank.live.pipeline.hearing import Hearing, no_data
 from towtank.live.pipeline.lane import Lane
 from towtank.live.pipeline.sorter import Arrival, Sorter
 from towtank.live.recording.checkpoint import Checkpoint
@@ -33,6 +34,7 @@ _NAMED = 5  # of them in one warning
 _READ = 0.1  # s for which a link is waited for
 _SETTLING = 1.5  # s that samples wait at most for their source's clock
 _ROOM = 20_000  # samples that wait to be learned from
+_LISTENED = 0.25  # s at most between two looks at whether links are lost
 _ENOUGH = 30.0  # s that are waited for what is left to learn from at the end
 
 
@@ -101,6 +103,7 @@ class Session:
         self._patient = all(source.patient for _, source in sources)
         self._clocks = tuple(SourceClock(keeps_time=source.keeps_time) for _, source in sources)
         self._commands = tuple(CommandNames(vehicle) for _ in sources)
+        self._hearings = tuple(Hearing(text) for text, _ in sources)
         self._counts = [0] * len(self._sources)
         self._faults: dict[int, str] = {}
         self._newest = -math.inf
@@ -120,6 +123,7 @@ class Session:
             events=self.events,
         )
         self._stop = threading.Event()
+        self._ended = False
         self._began = time.monotonic()
         self._first = self._longest = math.inf
         self._threads = [
@@ -160,11 +164,16 @@ class Session:
             self.learning.listeners += (kept.see,)
             self._recorder.start()
         self.learning.start()
+        for hearing in self._hearings:
+            hearing.begin()
         for thread in self._threads:
             thread.start()
+        due = time.monotonic() + period
         try:
-            while not stop.wait(min(period, 0.05 if self._patient else period)):
-                if show is not None:
+            while not stop.wait(min(period, 0.05 if self._patient else _LISTENED)):
+                self._listen()
+                if show is not None and (self._patient or time.monotonic() >= due):
+                    due = time.monotonic() + period
                     show(self.status())
                 if not any(thread.is_alive() for thread in self._threads):
                     break
@@ -176,10 +185,7 @@ class Session:
 
     def status(self) -> Status:
         """Return where the session stands."""
-        sources = tuple(
-            SourceStatus(text, source.state(), count, clock.strange, clock.offset, clock.drift)
-            for (text, source), count, clock in zip(self._sources, self._counts, self._clocks, strict=True)
-        )
+        sources = tuple(self._source_status(rank) for rank in range(len(self._sources)))
         recording = None if self._recorder is None else self._recorder.state()
         return Status(
             elapsed=time.monotonic() - self._began,
@@ -191,9 +197,10 @@ class Session:
             late=self._sorter.late + sum(each.state.late for each in sources),
             waiting=len(self._lane) + len(self._sorter),
             doubled=tuple(self.learning.preference.doubled),
-            warnings=self._warnings(recording),
+            warnings=self._warnings(recording, sources),
             events=self.events.all,
             epoch=math.nan if self._patient else self._epoch,
+            ended=self._ended,
         )
 
     def mark(self, text: str) -> None:
@@ -204,8 +211,24 @@ class Session:
     def _passed(self) -> float:
         return max(time.monotonic() - self._began, self._newest - self._first)
 
-    def _warnings(self, recording: RecordingState | None) -> tuple[str, ...]:
+    def _source_status(self, rank: int) -> SourceStatus:
+        (text, source), clock = self._sources[rank], self._clocks[rank]
+        state = source.state()
+        over = self._ended or source.patient or state.ended
+        silent = None if over else self._hearings[rank].silent()
+        return SourceStatus(text, state, self._counts[rank], clock.strange, clock.offset, clock.drift, silent)
+
+    def _listen(self) -> None:
+        """Add the events of links that are lost, and of those that are back."""
+        for (_, source), hearing in zip(self._sources, self._hearings, strict=True):
+            event = None if source.patient or source.state().ended else hearing.notice()
+            if event is not None:
+                self.events.add(event)
+
+    def _warnings(self, recording: RecordingState | None, sources: Sequence[SourceStatus]) -> tuple[str, ...]:
         found = [text for text in (self.learning.now.trouble, *self._faults.values()) if text]
+        if any(each.silent is None for each in sources):  # else the whole state says it
+            found += [f"{each.text}: {no_data(each.silent)}" for each in sources if each.silent is not None]
         if recording is not None and recording.trouble:
             found.append(f"recording: {recording.trouble}; it is tried again, learning goes on")
         if recording is not None and recording.lost:
@@ -235,6 +258,9 @@ class Session:
                 came, now = time.monotonic(), time.time()
                 restarts = clock.restarts
                 raw = [(item.received - self._epoch, item) for item in items if isinstance(item, Raw)]
+                if len(raw) < len(items):
+                    newest = max(item.received for item in items if not isinstance(item, Raw))
+                    self._hearings[rank].heard(newest - self._epoch, came)
                 for item in items:
                     if not isinstance(item, Raw) and clock.believes(item.t, item.received):
                         early.append((commands.bound(item), came - min(max(now - item.received, 0.0), 1.0)))
@@ -277,6 +303,7 @@ class Session:
 
     def _finish(self) -> None:
         self._stop.set()
+        self._ended = True
         deadline = time.monotonic() + _ENOUGH
         for thread in self._threads:
             thread.join(max(deadline - time.monotonic(), 0.1))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from towtank.live.learning import Learnt
 from towtank.live.links.source import SourceState
+from towtank.live.pipeline.hearing import no_data
 from towtank.live.recording.recorder import RecordingState
 from towtank.recording.event import Event
 
@@ -20,6 +21,7 @@ class SourceStatus:
     Attributes:
         text: as it was named. state: its own account. samples: that came from it.
         strange: stamps that were not believed. offset: our clock less its own [s]. drift: [s/s].
+        silent: for how long [s] no sample has come; None where that is not too long, or none will come any more.
     """
 
     text: str
@@ -28,6 +30,7 @@ class SourceStatus:
     strange: int
     offset: float
     drift: float
+    silent: float | None = None
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,7 @@ class Status:
         doubled: channels that several links measure. warnings: what a person had better know.
         events: what happened, in the order of noticing.
         epoch: Unix time [s] at which the session's time is 0; NaN where samples come in a time of their own.
+        ended: nothing will change any more.
     """
 
     elapsed: float
@@ -56,6 +60,7 @@ class Status:
     warnings: tuple[str, ...]
     events: tuple[Event, ...] = ()
     epoch: float = math.nan
+    ended: bool = False
 
     @property
     def bad(self) -> int:
@@ -66,3 +71,21 @@ class Status:
     def samples(self) -> int:
         """Samples of all links."""
         return sum(each.samples for each in self.sources)
+
+    @property
+    def silent(self) -> float | None:
+        """For how long [s] nothing has come from any link that has not ended; None where something comes."""
+        left = [each.silent for each in self.sources if not each.state.ended]
+        found = [each for each in left if each is not None]
+        return min(found) if found and len(found) == len(left) else None
+
+    @property
+    def state(self) -> str:
+        """In words: "learning", "paused", "no data since 12 s", "learning has stopped" or "ended"."""
+        if self.ended:
+            return "ended"
+        if self.silent is not None:
+            return no_data(self.silent)
+        if self.learnt.trouble:
+            return "learning has stopped"
+        return "paused" if self.learnt.paused else "learning"

@@ -11,7 +11,9 @@ from types import MappingProxyType
 __all__ = ["EVENT_ENCODING", "EVENT_KINDS", "EVENT_SCHEMA", "EVENT_TOPIC", "Event", "event_json"]
 
 EVENT_TOPIC, EVENT_ENCODING = "/towtank/events", "json"
-EVENT_KINDS = ("change", "thruster", "configuration", "mended", "occlusion", "overload", "clock", "mark", "resume")
+EVENT_KINDS = (
+    *("change", "thruster", "configuration", "mended", "link", "occlusion", "overload", "clock", "mark", "resume"),
+)
 _NOTHING: Mapping[str, float | str] = MappingProxyType({})
 _FORM = {
     "type": "object",
@@ -33,7 +35,7 @@ class Event:
         t: when it happened [s], on the samples' clock; for a change, when it is thought to have begun.
         kind: one of `EVENT_KINDS`. "change": of the vehicle (payload, drag, ballast); "thruster": one pushes less or
             more than it did; "configuration": a known one was recognised, or given up; "mended": an estimator that had
-            lost itself; the others are what they say.
+            lost itself; "link": one is lost, or back; the others are what they say.
         text: one line for a person.
         details: numbers and names for programs, as "noticed" [s] and, by coefficient, the step and its deviation.
     """

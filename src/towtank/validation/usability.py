@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.core.attitude import rotation_from_euler
 from towtank.errors import InputError
 from towtank.identification.model.terms import AXES
 from towtank.identification.offline.first_look import driven_by
 from towtank.recording import Grid
-from towtank.recording.frames.rotations import rotate
+from towtank.recording.frames.pose_rates import velocity_of_pose
+from towtank.recording.standard import POSE, VELOCITIES
 from towtank.validation.prediction import Prediction, predict
 from towtank.validation.scores import score, started
 from towtank.vehicle import Vehicle, configuration_matrix
@@ -28,7 +28,6 @@ __all__ = ["HORIZONS", "AxisUse", "Usability", "usability"]
 
 HORIZONS = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0)  # s
 LEAST = 50.0  # fit [%]
-_POSES = ("x", "y", "z", "phi", "theta", "psi")
 _AROUND = 0.2  # s before and after, over which a speed is told by the pose
 _LONGEST = 1.0  # s, a gap in the pose over which no speed is told
 _RESTARTS = 3  # a recording is as long as so many of the longest horizon, at least
@@ -144,36 +143,24 @@ def usability(
 def _with_speeds(prediction: Prediction) -> Prediction:
     """Return the prediction with speeds by differences of the pose, where none are measured.
 
-    Of a depth alone that is the speed downwards. Angles that are never measured are taken for 0.
+    A depth alone tells heave with what is predicted of surge and sway.
     """
     channels, t = prediction.channels, prediction.t
-    n, states = len(t), prediction.states
-    value, rate = np.zeros((6, n)), np.full((6, n), np.nan)
-    for j, name in enumerate(_POSES):
+    missing = [name for name, pose in zip(VELOCITIES, POSE, strict=True) if name not in channels and pose in channels]
+    if not missing:
+        return prediction
+    value, rate = np.full((6, len(t)), np.nan), np.full((6, len(t)), np.nan)
+    for j, name in enumerate(POSE):
         if name in channels:
             value[j], rate[j] = _course(t, channels[name][0], angle=j > 2)
-    turning = np.where(np.isfinite(rate[3:]).any(axis=1, keepdims=True), rate[3:], 0.0)
-    (phi, theta), (roll, pitch, yaw) = value[3:5], turning
-    derived = {
-        "p": (roll - yaw * np.sin(theta), states[:, 10]),
-        "q": (pitch * np.cos(phi) + yaw * np.cos(theta) * np.sin(phi), states[:, 11]),
-        "r": (yaw * np.cos(theta) * np.cos(phi) - pitch * np.sin(phi), states[:, 12]),
-        "w": (rate[2], rotate(states[:, 3:7], states[:, 7:10])[:, 2]),
-    }
-    sources = {"p": "phi", "q": "theta", "r": "psi", "w": "z"}
-    if {"x", "y", "psi"} <= channels.keys():
-        R = np.array([rotation_from_euler(*angles) for angles in value[3:].T])
-        moving = np.where(np.isfinite(rate[:3]).any(axis=1, keepdims=True), rate[:3], 0.0)
-        body = np.einsum("nji,jn->in", R, moving)
-        derived |= {name: (body[j], states[:, 7 + j]) for j, name in enumerate("uvw")}
-        sources |= {"u": "x", "v": "x"}
+    predicted = prediction.states[:, 7:13]
+    speeds = velocity_of_pose(value.T, rate.T, predicted)
     more = {}
-    for name, (y, yhat) in derived.items():
-        source = sources[name]
-        if name not in channels and source in channels:
-            y = np.where(np.isfinite(channels[source][0]), y, np.nan)
-            if np.isfinite(y).any():
-                more[name] = (y, yhat)
+    for name in missing:
+        j = VELOCITIES.index(name)
+        y = np.where(np.isfinite(channels[POSE[j]][0]), speeds[:, j], np.nan)
+        if np.isfinite(y).any():
+            more[name] = (y, predicted[:, j])
     return replace(prediction, channels={**channels, **more})
 
 

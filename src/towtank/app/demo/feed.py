@@ -126,6 +126,7 @@ class DemoFeed:
             samples=self._count,
             instants=self._learned,
             paused=self._paused,
+            state="paused" if self._paused else "learning",
             links=(Link(_SOURCE, self._count, {"pose and commands": rate}, {}),),
             events=self._events.all,
         )

@@ -7,15 +7,18 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from towtank.app.live.facts import LiveFit
+from towtank.app.live.readings import Reading
 from towtank.app.live.view import coefficient_rows, event_line, likely_line, link_lines, measures
 from towtank.app.tables.fits import show_own_fits
 from towtank.app.tables.learning import estimate_document
 from towtank.app.terminal.output import Output
+from towtank.app.terminal.wrap import wrapped
+from towtank.dashboard.prediction import SECONDS
 from towtank.identification import Learner
 from towtank.live.status import Status
 from towtank.recording import STANDARD
 from towtank.recording.event import Event
-from towtank.recording.standard import WRENCH
+from towtank.recording.standard import VELOCITIES, WRENCH
 from towtank.vehicle import Vehicle
 
 __all__ = ["events_document", "live_document", "live_line", "show_end"]
@@ -112,7 +115,7 @@ def live_part(status: Status) -> dict[str, Any]:
     }
 
 
-def live_line(status: Status, events: Sequence[Event] = ()) -> dict[str, Any]:
+def live_line(status: Status, reading: Reading, events: Sequence[Event] = ()) -> dict[str, Any]:
     """Return where a session stands, short enough for one line a second; events: that are new, or have changed."""
     learnt = status.learnt
     known: Mapping[str, Any] = {
@@ -121,6 +124,15 @@ def live_line(status: Status, events: Sequence[Event] = ()) -> dict[str, Any]:
     recording = status.recording
     return {
         "elapsed_s": round(status.elapsed, 3),
+        "state": reading.state,
+        "no_data_s": status.silent,
+        "verdict": reading.verdict,
+        "prediction": {
+            "seconds": SECONDS,
+            "text": reading.prediction,
+            "rms": dict(zip(VELOCITIES, reading.rms, strict=False)),
+        },
+        "notes": reading.notes,
         "t": learnt.t if math.isfinite(learnt.t) else None,
         "samples": status.samples,
         "delay_s": learnt.delay,
@@ -163,6 +175,7 @@ def show_end(status: Status, vehicle: Vehicle, method: str, judged: LiveFit, out
         output.line(likely_line(learnt.likely))
     output.line()
     for line in (*measures(status), *link_lines(status)):
-        output.line(line)
+        for part in wrapped(line, output.console.width, indent="  "):
+            output.line(part)
     for text in status.warnings:
         output.item(text, style="yellow", mark="!")

@@ -18,9 +18,11 @@ from typing import TYPE_CHECKING, Any
 from towtank.app.commands.page_option import new_page, serving
 from towtank.app.files import read_configurations, read_prior, read_vehicle
 from towtank.app.live.facts import judged
+from towtank.app.live.readings import Readings
 from towtank.app.live.report import live_document, live_line, show_end
 from towtank.app.live.view import LiveView
 from towtank.app.terminal.output import Output
+from towtank.dashboard.prediction import warm_up as warm_prediction_up
 from towtank.errors import InputError
 from towtank.identification import Learner
 from towtank.identification.posterior.thrusters import with_gains_of
@@ -43,6 +45,7 @@ __all__ = ["LiveOptions", "run_live"]
 
 _FLUSH = 0.5  # s at most between a sample and the disk
 _LINES = 1.0  # s between two lines of JSON
+_SHOWN = 0.25  # s between two pictures
 
 
 @dataclass(frozen=True)
@@ -100,10 +103,9 @@ def run_live(options: LiveOptions, output: Output) -> None:
     output.say("making ready: compiling what is not compiled yet (up to a minute the first time)")
     with output.progress("making ready") as progress:
         warm_up(vehicle, fresh(), progress)
-        if options.page is not None or options.foxglove is not None:
-            from towtank.dashboard.prediction import warm_up as warm_page_up
-
-            warm_page_up(vehicle)
+        predicting = options.json_lines or output.console.is_terminal
+        if options.page is not None or options.foxglove is not None or predicting:
+            warm_prediction_up(vehicle)
         if options.page is not None or options.report is not None:
             from towtank.app.live.reports import warm_up as warm_reports_up
 
@@ -122,6 +124,7 @@ def run_live(options: LiveOptions, output: Output) -> None:
         interval=0.25 if output.console.is_terminal or options.json_lines or options.page or options.foxglove else 1.0,
     )
     reports = _reports(options, session)
+    readings = Readings(session, vehicle) if predicting else None
     try:
         if before is not None:
             with output.progress("learning from what was recorded") as progress:
@@ -138,8 +141,8 @@ def run_live(options: LiveOptions, output: Output) -> None:
         raise
     output.say(f"listening to {', '.join(options.sources)}")
     with _ends() as stop, serving(page, output.say), viewers:
-        status = _run(session, stop, options, vehicle, output)
-    _end(session, status, options, vehicle, reports, output)
+        status = _run(session, stop, options, vehicle, readings, output)
+    _end(session, status, options, vehicle, reports, readings, output)
 
 
 def _reports(options: LiveOptions, session: Session) -> LiveReports | None:
@@ -219,19 +222,39 @@ def _gone_on(options: LiveOptions, before: Earlier, session: Session) -> str:
     return f"{options.record}: gone on with, {recorded}, {instants} instants learned from {how}"
 
 
-def _run(session: Session, stop: threading.Event, options: LiveOptions, vehicle: Vehicle, output: Output) -> Status:
-    if options.json_lines:
-        written: list[Event] = []
-
-        def show_line(status: Status) -> None:
-            new = [event for event in status.events if event not in written]
-            written[:] = status.events
-            _write(live_line(status, new))
-
-        return session.run(stop, seconds=options.seconds, show=show_line, period=_LINES)
-    view = LiveView(output, vehicle, options.method)
+def _run(
+    session: Session,
+    stop: threading.Event,
+    options: LiveOptions,
+    vehicle: Vehicle,
+    readings: Readings | None,
+    output: Output,
+) -> Status:
+    if options.json_lines and readings is not None:
+        lines = JsonLines(readings)
+        return session.run(stop, seconds=options.seconds, show=lines.show, period=_SHOWN)
+    view = LiveView(output, vehicle, options.method, readings)
     with view.showing() as show:
-        return session.run(stop, seconds=options.seconds, show=show, period=0.25)
+        return session.run(stop, seconds=options.seconds, show=show, period=_SHOWN)
+
+
+class JsonLines:
+    """Writes a line a second; at once where data stop coming, or come again."""
+
+    def __init__(self, readings: Readings) -> None:
+        self._readings = readings
+        self._written: tuple[Event, ...] = ()
+        self._silent, self._due = False, 0.0
+
+    def show(self, status: Status) -> None:
+        """Write a line where one is due."""
+        silent, now = status.silent is not None, time.monotonic()
+        if now < self._due and silent == self._silent:
+            return
+        self._silent, self._due = silent, now + _LINES
+        new = [event for event in status.events if event not in self._written]
+        self._written = status.events
+        _write(live_line(status, self._readings.read(status), new))
 
 
 def _end(
@@ -240,6 +263,7 @@ def _end(
     options: LiveOptions,
     vehicle: Vehicle,
     reports: LiveReports | None,
+    readings: Readings | None,
     output: Output,
 ) -> None:
     """Write the model and the report, print what was learned."""
@@ -254,8 +278,8 @@ def _end(
         reports.write(options.report, output.warnings)
     fit = judged(session.learning, options.record)
     document = live_document(status, learner, options.sources, options.prior, options.method, output.warnings, fit)
-    if options.json_lines:
-        _write(live_line(status) | {"final": True, **document})
+    if options.json_lines and readings is not None:
+        _write(live_line(status, readings.read(status)) | {"final": True, **document})
         return
     show_end(status, vehicle, options.method, fit, output)
     if place is not None:

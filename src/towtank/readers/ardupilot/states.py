@@ -1,8 +1,8 @@
 """What an autopilot says of itself: whether it is armed, in which mode, whether it stands on the bottom.
 
 These are no measurements, and commands are the thrusters' own in any case; but they tell which part of a log shows a
-vehicle that swims (`recording.grids.free_motion`). A `.BIN` has them as they change (ARM, EV, MODE), MAVLink once a second in
-HEARTBEAT, ROS in the topic of MAVROS.
+vehicle that swims (`recording.grids.free_motion`). A `.BIN` has them as they change (ARM, EV, MODE), MAVLink once a
+second in HEARTBEAT, ROS in the topic of MAVROS.
 """
 
 from __future__ import annotations

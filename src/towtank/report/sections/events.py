@@ -18,6 +18,7 @@ _WORDS = {
     "thruster": "a thruster",
     "configuration": "configuration",
     "mended": "the filter",
+    "link": "link",
     "occlusion": "lost sight",
     "overload": "too many samples",
     "clock": "clock",

@@ -84,5 +84,5 @@ def identifiability_section(estimate: Estimate) -> str:
         "error in one is made up for by the other, and only a more varied run separates them."
     )
     calm = "" if pairs else paragraph(f"No two coefficients are correlated beyond {_STRONG:g}: all are told apart.")
-    drawing = f'<figure class="wide">{heatmap_svg(names, matrix)}</figure>'
+    drawing = f'<figure class="wide" tabindex="0">{heatmap_svg(names, matrix)}</figure>'
     return section("identifiability", "What was told apart", paragraph(note, "note"), drawing, bullets(said), calm)
