@@ -25,7 +25,7 @@ help:
 	@echo 'make clean   removes .venv and everything built or cached'
 	@echo 'Set PYTHON=... to choose the interpreter (3.11 or newer) that .venv is made with.'
 
-demo: $(READY) $(PAGE)
+demo: $(COMPILED) $(PAGE)
 	@$(BIN)/towtank demo --output demo-output $(DEMO)
 
 test: lint types layers tests kernels docs

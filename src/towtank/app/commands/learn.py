@@ -123,16 +123,17 @@ def learn(
         known = read_vehicle(vehicle, output)
         beforehand = None if prior is None else read_prior(prior, output)
         recordings = cut(read_logs(logs, mapping, progress), stretch)
-        learning = learn_recordings(
-            known,
-            recordings,
-            method=method,
-            free=wanted,
-            delay=delay,
-            prior=beforehand,
-            current=current,
-            progress=lambda text, share: progress(text, 0.9 * share),
-        )
+        with output.telling_compilation():
+            learning = learn_recordings(
+                known,
+                recordings,
+                method=method,
+                free=wanted,
+                delay=delay,
+                prior=beforehand,
+                current=current,
+                progress=lambda text, share: progress(text, 0.9 * share),
+            )
         model = _with_provenance(learning, logs, prior)
         warnings = [*output.warnings, *learning_warnings(learning, recordings)]
         if report is None:

@@ -97,8 +97,7 @@ def run_live(options: LiveOptions, output: Output) -> None:
     checkpoint, before = _earlier(options, vehicle, prior=prior, background=background, known=known)
     if before is None and options.record is not None and options.record.exists():
         raise InputError(f"{options.record}: exists already; add --resume to go on with it, or choose another name")
-    output.say("making ready: compiling what is not compiled yet (up to a minute the first time)")
-    with output.progress("making ready") as progress:
+    with output.progress("making ready") as progress, output.telling_compilation():
         warm_up(vehicle, fresh(), progress)
         if options.page is not None:
             from towtank.dashboard.prediction import warm_up as warm_page_up
