@@ -7,7 +7,9 @@ KERNEL_TESTS := $(addprefix tests/identification/test_, axis_rows.py held_input.
 
 BIN   := .venv/bin
 READY := .venv/.ready
+COMPILED := .venv/.compiled
 PAGE  := src/towtank/dashboard/static/index.html
+SOURCES := $(shell find src/towtank -name '*.py')
 WEB   := $(wildcard web/*.json web/*.ts web/*.html web/public/* web/src/*)
 SHELL := bash
 
@@ -25,7 +27,7 @@ help:
 	@echo 'make clean   removes .venv and everything built or cached'
 	@echo 'Set PYTHON=... to choose the interpreter (3.11 or newer) that .venv is made with.'
 
-demo: $(READY) $(PAGE)
+demo: $(COMPILED) $(PAGE)
 	@$(BIN)/towtank demo --output demo-output $(DEMO)
 
 test: lint types layers tests kernels docs
@@ -58,6 +60,13 @@ $(PAGE): $(WEB)
 	if out=$$(cd web && npm ci --loglevel=error 2>&1 && npm run --silent build 2>&1); then touch $@; printf 'ok %4d s\n' $$((SECONDS - start)); \
 	else printf 'FAILED after %d s, there is no live page\n%s\n' $$((SECONDS - start)) "$$out"; fi; \
 	else echo 'npm is missing (Node 20.19 or newer): there is no live page, everything else works'; fi
+
+# The demo's kernels, in two processes while npm builds the page. What fails here the demo compiles, or says why not.
+$(COMPILED): $(READY) $(SOURCES)
+	@start=$$SECONDS; \
+	for group in filter rest; do $(BIN)/python -m towtank.app.demo.warm_up $$group >/dev/null 2>&1 & done; \
+	$(MAKE) --silent $(PAGE); printf '%-46s' 'kernels of the demo, compiled meanwhile'; wait; printf 'ok %4d s\n' $$((SECONDS - start))
+	@touch $@
 
 # A browser for the tests of the page, which are skipped without one.
 browser:

@@ -79,3 +79,29 @@ def test_an_index_of_machine_code_that_cannot_be_read_is_none(tmp_path: Path, mo
     assert pickle.loads(version) == numba.__version__
     index.write_bytes(version + b"cgone_module\nGone\n.")
     assert compiled()(3.0) == 6.0
+
+
+def test_what_kernels_call_is_compiled_into_them_and_nowhere_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if os.environ.get("NUMBA_DISABLE_JIT") == "1":
+        pytest.skip("there is no machine code")
+    (tmp_path / "nested.py").write_text(
+        "from towtank.core.arrays import inlined_kernel, kernel\n"
+        "@inlined_kernel\ndef below(x):\n    return 2.0 * x\n"
+        "@kernel\ndef middle(x):\n    return below(x) + 1.0\n"
+        "@kernel\ndef top(x):\n    return middle(x) + below(x)\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def fresh() -> Any:
+        sys.modules.pop("nested", None)
+        return importlib.import_module("nested")
+
+    nested = fresh()
+    assert nested.top(3.0) == 13.0
+    assert [path.name.partition("-")[0] for path in tmp_path.rglob("*.nbc")] == ["nested.top"]
+    assert nested.middle(3.0) == 7.0, "what was woven into another is called by itself"
+    again = fresh()
+    assert again.top(3.0) == 13.0
+    assert sum(again.top.stats.cache_hits.values()) == 1

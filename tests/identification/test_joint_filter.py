@@ -96,7 +96,6 @@ class Reference:
             self.linearised_at,
             self.samples.B,
             self.pushed,
-            True,
             F12,
             A,
             work,

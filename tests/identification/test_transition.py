@@ -121,7 +121,6 @@ class Step:
             self.theta,
             self.shape,
             self.pushed,
-            True,
             F,
             A,
             work,

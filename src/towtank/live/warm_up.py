@@ -64,5 +64,5 @@ def warm_up(vehicle: Vehicle, learner: Learner, progress: Callable[[str, float],
             arguments.pop("wrench", None)
             arguments["commands"] = commands
         learner.update(moment, **arguments)
-        progress("compiling (first time only)", min(k / n, 1.0))
+        progress("making ready", min(k / n, 1.0))
     learner.estimate  # noqa: B018

@@ -137,16 +137,17 @@ def learn(
         beforehand = None if prior is None else read_prior(prior, output)
         parts = parts_of(places, read_logs(logs, mapping, progress, merged), known, keep_all=keep_all)
         recordings = counted(parts)
-        learning = learn_recordings(
-            known,
-            recordings,
-            method=method,
-            free=wanted,
-            delay=delay,
-            prior=beforehand,
-            current=current,
-            progress=lambda text, share: progress(text, 0.9 * share),
-        )
+        with output.telling_compilation():
+            learning = learn_recordings(
+                known,
+                recordings,
+                method=method,
+                free=wanted,
+                delay=delay,
+                prior=beforehand,
+                current=current,
+                progress=lambda text, share: progress(text, 0.9 * share),
+            )
         warnings = [*output.warnings, *rate_warnings(parts), *learning_warnings(learning, recordings)]
         if report is None:
             recordings = []  # room for the prediction

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -22,11 +21,12 @@ from towtank.app.demo.files import write_demo
 from towtank.app.demo.progress import LearningCurve, quantities
 from towtank.app.demo.stream import Moment, stream
 from towtank.app.demo.table import Screen, coefficient_table
+from towtank.app.demo.warm_up import warm_up
 from towtank.app.demo.words import commands, fit_text, plan, verdict
 from towtank.app.live.facts import knowledge_of, stream_facts
 from towtank.app.live.report import events_document
 from towtank.app.reports import learn_facts
-from towtank.app.terminal.output import Output, watching_compilation
+from towtank.app.terminal.output import COMPILING, Output, watching_compilation
 from towtank.errors import InputError
 from towtank.identification import Learner, learn_recordings
 from towtank.outputs import write_text
@@ -40,25 +40,8 @@ if TYPE_CHECKING:
 
 __all__ = ["run_demo"]
 
-_SECONDS = 2.0
 _SHORTEST, _LONGEST = 2.0, 3600.0  # s
 _TITLE = "towtank demo: a small ROV in a simulated tank, learned while it moves"
-
-
-def warm_up(compiling: Callable[[], None]) -> None:
-    """Run a session of two seconds through the whole demo; `compiling` is called once if a kernel must be compiled."""
-    pending = [compiling]
-
-    def once() -> None:
-        if pending:
-            pending.pop()()
-
-    with watching_compilation(once):
-        session = tank_session(_SECONDS)
-        learner = Learner(session.known)
-        stream(session, learner, LearningCurve(quantities(session.truth)), paced=False, show=lambda moment: None)
-        learn_recordings(session.known, [session.recording])
-        validate(session.truth, [unseen_session().recording.window(0.0, _SECONDS)])
 
 
 def run_demo(
@@ -91,7 +74,8 @@ def run_demo(
     page_address(page)
     _make_folder(output)
     _say(console, _TITLE, "bold")
-    warm_up(lambda: _say(console, "compiling kernels (first run only)", "yellow"))
+    with watching_compilation(lambda: _say(console, COMPILING, "yellow")):
+        warm_up()
     session = tank_session(duration, payload=payload)
     _say(console, plan(session, fast))
     console.print()

@@ -100,8 +100,7 @@ def run_live(options: LiveOptions, output: Output) -> None:
     checkpoint, before = _earlier(options, vehicle, prior=prior, background=background, known=known)
     if before is None and options.record is not None and options.record.exists():
         raise InputError(f"{options.record}: exists already; add --resume to go on with it, or choose another name")
-    output.say("making ready: compiling what is not compiled yet (up to a minute the first time)")
-    with output.progress("making ready") as progress:
+    with output.progress("making ready") as progress, output.telling_compilation():
         warm_up(vehicle, fresh(), progress)
         predicting = options.json_lines or output.console.is_terminal
         if options.page is not None or options.foxglove is not None or predicting:

@@ -21,11 +21,11 @@ from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["Output", "Progress", "json_text", "plain", "watching_compilation"]
+__all__ = ["COMPILING", "Output", "Progress", "json_text", "plain", "watching_compilation"]
 
 Progress = Callable[[str, float], None]
 _PATIENCE = 0.7  # s that a person waits without a word
-_COMPILING = "compiling kernels (first run only)"
+COMPILING = "compiling kernels (first run only, half a minute)"
 
 
 def plain(value: Any) -> Any:
@@ -132,6 +132,15 @@ class Output:
         return ("#" if self.ascii else "█") * full
 
     @contextlib.contextmanager
+    def telling_compilation(self) -> Iterator[None]:
+        """Say once that kernels are being compiled, if they are, where there is no bar that says so."""
+        if sys.stderr.isatty():
+            yield
+            return
+        with watching_compilation(lambda: self.say(COMPILING)):
+            yield
+
+    @contextlib.contextmanager
     def progress(self, text: str) -> Iterator[Progress]:
         """Show a bar on standard error while something takes long, where that is a terminal.
 
@@ -152,7 +161,7 @@ class Output:
                 bar.update(task, description=text, completed=share, **({"visible": True} if late else {}))
 
             def compiling() -> None:
-                bar.update(task, description=_COMPILING, visible=True)
+                bar.update(task, description=COMPILING, visible=True)
 
             with watching_compilation(compiling):
                 yield show
@@ -160,12 +169,15 @@ class Output:
 
 @contextlib.contextmanager
 def watching_compilation(begins: Callable[[], None]) -> Iterator[None]:
-    """Call `begins` whenever Numba compiles a kernel that it has not kept on disk."""
+    """Call `begins` once if Numba compiles a kernel that it has not kept on disk."""
     from numba.core import event
+
+    pending = [begins]
 
     class Listener(event.Listener):  # type: ignore[misc]
         def on_start(self, event: Any) -> None:
-            begins()
+            if pending:
+                pending.pop()()
 
         def on_end(self, event: Any) -> None:
             pass

@@ -11,6 +11,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import quaternion_from_euler
 from towtank.core.forces import add_inflow_damping_into
@@ -28,7 +30,7 @@ from towtank.identification.model.parameters import (
 )
 from towtank.vehicle.matrices import GRAVITY
 
-__all__ = ["joint_events", "joint_step", "rows_of", "take_all"]
+__all__ = ["joint_events", "joint_step", "rows_of", "take_all", "take_row"]
 
 _DIST = 12
 _TINY = 1e-30  # m^2/s^4
@@ -48,8 +50,9 @@ class Rows(NamedTuple):
 
 
 def rows_of(samples: Samples) -> Rows:
-    """Return the rows and inputs of samples as kernels take them."""
-    return Rows(samples.t, samples.values, samples.input_t, samples.input_force)
+    """Return the rows and inputs of samples as kernels take them: views of another kind would be compiled for anew."""
+    arrays = (samples.t, samples.values, samples.input_t, samples.input_force)
+    return Rows(*(np.require(array, np.float64, ("C", "W")) for array in arrays))
 
 
 @kernel
@@ -291,7 +294,6 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
             state.linearised_at,
             state.B,
             state.mean_force,
-            True,
             state.F,
             state.A,
             state.work,
@@ -415,3 +417,11 @@ def take_all(state: JointState, held: ZeroOrderHold, samples: Samples) -> None:
     taken = joint_events(state, held, rows_of(samples), 0, len(samples), 0)
     for k in range(taken, samples.input_t.size):
         hold_force(held, samples.input_t[k], samples.input_force[k])
+
+
+def take_row(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> bool:
+    """Take the row z (18,) of time t [s], as `joint_step` does, by the code that is compiled for logs."""
+    rows = Rows(np.array([t]), z.reshape(1, -1), np.empty(0), np.empty((0, held.values.shape[1])))
+    before = state.clock["rows"][0]
+    joint_events(state, held, rows, 0, 1, 0)
+    return bool(state.clock["rows"][0] > before)

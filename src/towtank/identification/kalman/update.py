@@ -17,7 +17,7 @@ import math
 from typing import TYPE_CHECKING
 
 from towtank.core.arrays import Array, kernel
-from towtank.core.rk4 import stage_into
+from towtank.core.rk4 import N_STATES, stage_into
 from towtank.identification.model.linearisation import linearise_into, turn_by
 from towtank.identification.model.measurements import (
     ATTITUDE,
@@ -209,15 +209,16 @@ def update_specific_force(state: JointState, z: Array) -> None:
     x, A, h = state.x, state.A, state.h
     lane = state.x.reshape(13, 1)
     rate = state.work[4]
+    change = rate.reshape(N_STATES)
     wrench = state.scratch[:1].reshape(6, 1)
     for i in range(6):
         wrench[i, 0] = state.tau[i]
     stage_into(state.p.reshape(state.p.shape[0], 1), lane, wrench, state.water, rate, True)
     linearise_into(
-        state.p, x, rate[:, 0], state.codes, state.linearised_at, state.B, state.mean_force, A, state.scratch[4:6]
+        state.p, x, change, state.codes, state.linearised_at, state.B, state.mean_force, A, state.scratch[4:6]
     )
     for i in range(6):
-        rate[7 + i, 0] += state.force[i]
+        change[7 + i] += state.force[i]
     n = state.theta.shape[0]
     gate = state.settings[0].gate
     for pass_ in range(2):
@@ -226,14 +227,14 @@ def update_specific_force(state: JointState, z: Array) -> None:
             if not math.isfinite(z[column]):
                 continue
             specific_force_row_into(x, A, k, h)
-            f = specific_force(x, rate[:, 0], k)
+            f = specific_force(x, change, k)
             for c in range(n):
                 f += A[6 + k, N_FIXED + c] * (state.theta[c] - state.linearised_at[c])
             if state.settings[0].biases > 0.0:
                 h[N_FIXED + n + 3 + k] = 1.0
                 f += state.bias[3 + k]
             if state.place[0] >= 0:
-                f += _off_origin(state, rate[10:13, 0], k)
+                f += _off_origin(state, change[10:13], k)
             residual = z[column] - f
             if pass_ == 0:
                 S = innovation_variance_into(state, column)

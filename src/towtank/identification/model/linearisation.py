@@ -215,7 +215,6 @@ def step_and_linearise(
     theta: Array,
     shape: Array,
     pushed: Array,
-    coupled: bool,
     F: Array,
     A: Array,
     work: Array,
@@ -243,16 +242,13 @@ def step_and_linearise(
     for i in range(N_STATES):
         middle[i, 0] = x[i]
     even = has_even_terms(parameters)
-    if coupled:
-        step_into(parameters, lane, wrench, current, h, work[:3], True, even)
-    else:
-        step_into(parameters, lane, wrench, current, h, work[:3], False, even)
+    step_into(parameters, lane, wrench, current, h, work[:3], True, even)
     for i in range(N_STATES):
         middle[i, 0] = 0.5 * (middle[i, 0] + x[i])
     stage_into(parameters, middle, wrench[0], current, rate, True)
     for j in range(6):
         rate[7 + j, 0] -= disturbance[j]
-    linearise_into(p, middle[:, 0], rate[:, 0], codes, theta, shape, pushed, A, scratch[4:6])
+    linearise_into(p, middle.reshape(N_STATES), rate.reshape(N_STATES), codes, theta, shape, pushed, A, scratch[4:6])
     columns = A.shape[1]
     half = 0.5 * h * h
     for i in range(N_MOVING):

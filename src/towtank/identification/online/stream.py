@@ -19,7 +19,7 @@ from towtank.identification.changes.branch import Kept, Running
 from towtank.identification.changes.detector import ChangeTracker
 from towtank.identification.changes.events import Change
 from towtank.identification.data.samples import N_MEASURED, Buffer, NoiseLevels
-from towtank.identification.kalman.filter import joint_step
+from towtank.identification.kalman.filter import take_row
 from towtank.identification.kalman.passes import latencies_of
 from towtank.identification.kalman.state import (
     FilterSettings,
@@ -142,7 +142,7 @@ class JointStream:
         learned = False
         if self.running is not None:
             for at, row in self._order.take(t, z):
-                learned = joint_step(self.running.state, self.running.held, at, row) or learned
+                learned = take_row(self.running.state, self.running.held, at, row) or learned
                 if self.changes.watching:
                     self._detect_change(buffer, self.running, at, row)
             if self.seen >= self._next_check:

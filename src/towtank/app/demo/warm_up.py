@@ -1,0 +1,46 @@
+"""Everything of the demo compiled before its clock starts: `python -m towtank.app.demo.warm_up filter` and `... rest`.
+
+`make` runs the two groups beside each other while the page is built; the demo runs both, which costs little where the
+machine code is on disk already.
+"""
+
+from __future__ import annotations
+
+import sys
+
+from towtank.app.demo.progress import LearningCurve, quantities
+from towtank.app.demo.stream import stream
+from towtank.identification import Learner, learn_recordings
+from towtank.simulation.tank import tank_session, unseen_session
+from towtank.validation import validate
+
+__all__ = ["GROUPS", "warm_up"]
+
+_SECONDS = 2.0
+
+
+def warm_up_filter() -> None:
+    """Learn from a session of two seconds, row by row: two thirds of all that is compiled."""
+    session = tank_session(_SECONDS)
+    learner = Learner(session.known)
+    stream(session, learner, LearningCurve(quantities(session.truth)), paced=False, show=lambda moment: None)
+    learn_recordings(session.known, [session.recording])
+
+
+def warm_up_rest() -> None:
+    """Simulate what is never seen, and judge a model on two seconds of it."""
+    unseen = unseen_session()
+    validate(unseen.truth, [unseen.recording.window(0.0, _SECONDS)])
+
+
+GROUPS = {"filter": warm_up_filter, "rest": warm_up_rest}
+
+
+def warm_up() -> None:
+    """Compile all groups."""
+    for each in GROUPS.values():
+        each()
+
+
+if __name__ == "__main__":
+    GROUPS[sys.argv[1]]()
