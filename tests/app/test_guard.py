@@ -58,7 +58,7 @@ def test_a_fault_says_how_to_see_more(capsys: pytest.CaptureFixture[str]) -> Non
     "words, expected",
     [
         (["vehicl"], 'no such command vehicl; did you mean "vehicle"?'),
-        (["vehicle"], "missing command; there are list, show, prior, check, fit-thruster"),
+        (["vehicle"], "missing command; there are list, show, copy, prior, check, fit-thruster"),
         (["vehicle", "chek", "a.toml"], 'did you mean "check"?'),
         (["simulate", "--sensor", "mocap"], 'no such option --sensor; did you mean "--sensors"?'),
         (["simulate", "seamor", "yaw-sine"], "missing option '--output' / '-o'"),

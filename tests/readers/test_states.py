@@ -65,14 +65,14 @@ def test_dataflash_armed(tmp_path: Path, events: bool) -> None:
 
 
 def test_dataflash_modes_and_the_bottom(tmp_path: Path) -> None:
-    log = dive(mode(0.0, 19), mode(5.0, 9), mode(9.0, 2), event(12.0, 165), event(16.0, 166))
+    log = dive(mode(0.0, 19), mode(5.0, 9), mode(9.0, 2), event(14.1, 165), event(14.4, 166))
     run = read(written(tmp_path, log.data, "dive.BIN"))
     assert mode_names(run) == {2: "ALT_HOLD", 9: "SURFACE", 19: "MANUAL"}
     assert run.attributes[KEY] == BELOW
     assert "armed" not in run
     found = cuts(run)
     assert found[0].startswith("5 to 9 s: autopilot in mode SURFACE")
-    assert found[1:] == ["12 to 16 s: on the bottom"]
+    assert found[1:] == ["14.1 to 14.4 s: on the bottom"]
 
 
 def test_with_a_mapping_the_states_are_there_too(tmp_path: Path) -> None:

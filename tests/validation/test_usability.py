@@ -72,6 +72,11 @@ def test_depth_alone_tells_of_heave() -> None:
         ([("surge", math.inf, 90.0)], (), "Usable for prediction over whole runs (surge)"),
         ([("surge", 30.0, 60.0), ("yaw", 5.0, 20.0)], (), "Usable for prediction up to 5 s (surge and yaw)"),
         (
+            [("surge", math.inf, 60.0), ("yaw", 5.0, 20.0)],
+            (),
+            "Usable for prediction up to 5 s (yaw and surge (whole runs))",
+        ),
+        (
             [("surge", 30.0, 60.0), ("heave", 0.0, -3.0)],
             (),
             "Usable for surge, up to 30 s; not for heave, predicted worse than by its mean",

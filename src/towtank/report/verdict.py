@@ -126,19 +126,20 @@ def usable_text(use: Usability) -> Verdict:
     if not use.good:
         return Verdict("poor", f"Not usable for prediction: {_failures(use.poor)}")
     if not use.poor:
-        axes = joined([each.axis for each in use.good])
-        return Verdict("good", f"Usable for prediction {_until(use.good)} ({axes})")
-    axes = joined([each.axis for each in use.good])
-    return Verdict("fair", f"Usable for {axes}, {_until(use.good)}; not for {_failures(use.poor)}")
+        return Verdict("good", f"Usable for prediction {_until(use.good)} ({_axes(use.good)})")
+    return Verdict("fair", f"Usable for {_axes(use.good)}, {_until(use.good)}; not for {_failures(use.poor)}")
 
 
 def _until(good: Sequence[AxisUse]) -> str:
-    least, most = min(each.seconds for each in good), max(each.seconds for each in good)
-    if least == np.inf:
-        return "over whole runs"
-    later = [each.axis for each in good if each.seconds > least]
-    rest = f" ({joined(later)} {'longer' if most < np.inf else 'over whole runs'})" if later and most == np.inf else ""
-    return f"up to {least:g} s{rest}"
+    least = min(each.seconds for each in good)
+    return "over whole runs" if least == np.inf else f"up to {least:g} s"
+
+
+def _axes(good: Sequence[AxisUse]) -> str:
+    """Return axes by name, those with it that are of use for whole runs where not all are."""
+    whole = [each.axis for each in good if each.seconds == np.inf]
+    rest = [each.axis for each in good if each.seconds < np.inf]
+    return joined([*rest, *(f"{name} (whole runs)" for name in whole)]) if whole and rest else joined([*whole, *rest])
 
 
 def _failures(poor: Sequence[AxisUse]) -> str:

@@ -189,7 +189,7 @@ def _earlier(options: LiveOptions, vehicle: Vehicle, **settings: Any) -> tuple[C
     """Return the checkpoint beside the recording, and the session that is gone on with, where there are any."""
     if options.record is None:
         return None, None
-    digest = hashlib.sha256(vehicle.model_dump_json().encode()).hexdigest()
+    digest = hashlib.sha256(vehicle.model_dump_json(warnings=False).encode()).hexdigest()
     about: dict[str, Any] = {"method": options.method, "free": options.free, "prior": options.prior, "vehicle": digest}
     about["changes"] = options.changes
     checkpoint = Checkpoint(options.record, about)
