@@ -61,6 +61,7 @@ def table(tmp_path: Path) -> Path:
         "pwm1": 1500.0 + 200.0 * np.sign(np.sin(t)),
         "pwm2": 1500.0 - 200.0 * np.sign(np.sin(t)),
         "pwm3": np.full(t.size, 1500.0),
+        "pwm4": np.full(t.size, 1100.0),
         "gyro_x_dps": 20.0 * np.sin(t),
         "acc_z": -9.81 + 0.1 * np.cos(t),
         "roll": 10.0 * np.sin(t),
@@ -94,7 +95,7 @@ def test_what_is_written_is_accepted_and_means_what_the_columns_hold(table: Path
     for name, values in expected.items():
         assert np.allclose(recording[name].t, t)
         assert np.allclose(recording[name], values), name
-    assert found.thrusters == ("pwm1", "pwm2")  # the third never moves
+    assert found.thrusters == ("pwm1", "pwm2", "pwm3")  # the third rests, the fourth drives something else
     assert "temperature" in found.text
     assert "mode" not in found.columns
 

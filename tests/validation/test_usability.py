@@ -74,7 +74,7 @@ def test_depth_alone_tells_of_heave() -> None:
         (
             [("surge", math.inf, 60.0), ("yaw", 5.0, 20.0)],
             (),
-            "Usable for prediction up to 5 s (yaw and surge (whole runs))",
+            "Usable for prediction up to 5 s (yaw) and over whole runs (surge)",
         ),
         (
             [("surge", 30.0, 60.0), ("heave", 0.0, -3.0)],
@@ -84,7 +84,7 @@ def test_depth_alone_tells_of_heave() -> None:
         (
             [("heave", 0.0, 20.0)],
             (),
-            "Not usable for prediction: heave, of which less than half is explained after 1 s",
+            "Not usable for prediction: heave, of which less than half is explained",
         ),
         ([], ("surge",), "Not usable for prediction: no axis was driven"),
     ],

@@ -125,21 +125,20 @@ def usable_text(use: Usability) -> Verdict:
         return Verdict("poor", f"Not usable for prediction: {why}")
     if not use.good:
         return Verdict("poor", f"Not usable for prediction: {_failures(use.poor)}")
+    spans = _spans(use.good)
     if not use.poor:
-        return Verdict("good", f"Usable for prediction {_until(use.good)} ({_axes(use.good)})")
-    return Verdict("fair", f"Usable for {_axes(use.good)}, {_until(use.good)}; not for {_failures(use.poor)}")
+        told = " and ".join(f"{span} ({joined(axes)})" for span, axes in spans)
+        return Verdict("good", f"Usable for prediction {told}")
+    told = ", and ".join(f"{joined(axes)}, {span}" for span, axes in spans)
+    return Verdict("fair", f"Usable for {told}; not for {_failures(use.poor)}")
 
 
-def _until(good: Sequence[AxisUse]) -> str:
-    least = min(each.seconds for each in good)
-    return "over whole runs" if least == np.inf else f"up to {least:g} s"
-
-
-def _axes(good: Sequence[AxisUse]) -> str:
-    """Return axes by name, those with it that are of use for whole runs where not all are."""
+def _spans(good: Sequence[AxisUse]) -> list[tuple[str, list[str]]]:
+    """Return up to when which axes are of use: the shortest time of those that have one, and those of whole runs."""
+    timed = [each for each in good if each.seconds < np.inf]
     whole = [each.axis for each in good if each.seconds == np.inf]
-    rest = [each.axis for each in good if each.seconds < np.inf]
-    return joined([*rest, *(f"{name} (whole runs)" for name in whole)]) if whole and rest else joined([*whole, *rest])
+    out = [(f"up to {min(each.seconds for each in timed):g} s", [each.axis for each in timed])] if timed else []
+    return [*out, ("over whole runs", whole)] if whole else out
 
 
 def _failures(poor: Sequence[AxisUse]) -> str:
@@ -151,9 +150,9 @@ def _failures(poor: Sequence[AxisUse]) -> str:
 
 
 def _why(each: AxisUse) -> str:
-    if each.held:
-        return "no nearer after 1 s than the last measured value"
-    return "predicted worse than by its mean" if each.fit < 0.0 else "of which less than half is explained after 1 s"
+    if each.fit < 0.0:
+        return "predicted worse than by its mean"
+    return "no nearer than the last measured value" if each.held else "of which less than half is explained"
 
 
 def _next(use: Usability, known: Sequence[_Known], estimate: Estimate) -> str:

@@ -1,8 +1,8 @@
 """For how long a model predicts each axis well enough to be used.
 
 A prediction is set back to what was measured every h seconds, for longer and longer h. It is of use up to the longest h
-until which it always explains half of the motion (a fit of 50 % or more) and is nearer to it than the last measured
-value, held: short predictions of anything slow are near, whatever the model.
+at which it explains half of the motion (a fit of 50 % or more), as at all shorter ones, and at which it is clearly
+nearer than the last measured value, held: short predictions of anything slow are near, whatever the model.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ HORIZONS = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0)  # s
 LEAST = 50.0  # fit [%]
 _AROUND = 0.2  # s before and after, over which a speed is told by the pose
 _LONGEST = 1.0  # s, a gap in the pose over which no speed is told
+_CLEARLY = 0.8  # of the square error of the last value, held: below it a prediction is nearer
 _RESTARTS = 3  # a recording is as long as so many of the longest horizon, at least
 
 
@@ -41,7 +42,7 @@ class AxisUse:
         axis: "surge". channel: by which it was judged, its speed, told by the pose where it is not measured.
         seconds: up to which a prediction is of use; 0 for none, inf for whole recordings.
         fit: [%] of the prediction, never set back or as often as was asked.
-        held: at the shortest horizon that failed, the last measured value is nearer than the prediction.
+        held: at some horizon at which half is explained the last measured value, held, is about as near.
     """
 
     axis: str
@@ -122,10 +123,10 @@ def usability(
         made = [_with_speeds(predict(model, grid, horizon=each, delay=delay)) for grid in grids]
         some = score(made).fit
         for name, channel in tuple(open_.items()):
-            beaten = _held_is_nearer(made, channel)
-            if beaten or not (some[channel] or 0.0) >= LEAST:
-                held[name] = beaten
+            if not (some[channel] or 0.0) >= LEAST:
                 del open_[name]
+            elif _held_is_as_near(made, channel):
+                held[name] = True
             else:
                 seconds[name] = each
     for name, channel in open_.items():
@@ -183,8 +184,8 @@ def _spread(predictions: Sequence[Prediction], axis: int) -> float:
     return max((float(np.nanstd(each.wrench[:, axis])) for each in predictions if len(each.wrench)), default=0.0)
 
 
-def _held_is_nearer(predictions: Sequence[Prediction], channel: str) -> bool:
-    """Whether the last value measured before each restart is nearer to what follows than what was predicted."""
+def _held_is_as_near(predictions: Sequence[Prediction], channel: str) -> bool:
+    """Whether the last value measured before each restart is about as near to what follows as what was predicted."""
     ours = theirs = 0.0
     for each in predictions:
         if channel not in each.channels:
@@ -196,7 +197,7 @@ def _held_is_nearer(predictions: Sequence[Prediction], channel: str) -> bool:
         known &= np.isfinite(held)
         ours += float(np.square(y[known] - yhat[known]).sum())
         theirs += float(np.square(y[known] - held[known]).sum())
-    return ours > theirs
+    return ours > _CLEARLY * theirs
 
 
 def _held(t: Array, y: Array, restarts: Array) -> Array:

@@ -172,7 +172,10 @@ def _head(path: Path, single: bool) -> list[str]:
 
 
 def _thrusters(candidates: Sequence[_Candidate]) -> list[_Candidate]:
-    """Return the largest family of numbered commands in order of their numbers, those that never move left out."""
+    """Return the largest family of numbered commands in order of their numbers.
+
+    One that never moves rests where its value is among those of the others, and is unused where it is not.
+    """
     families: dict[tuple[str, str], list[_Candidate]] = {}
     for each in candidates:
         if each.said.quantity == "thruster" and not is_command(each.said.channel):
@@ -181,7 +184,11 @@ def _thrusters(candidates: Sequence[_Candidate]) -> list[_Candidate]:
     best = max(families, key=lambda key: (len(moving[key]), len(families[key])), default=None)
     if best is None:
         return []
-    own = moving[best] or families[best]
+    own = families[best]
+    if moving[best]:
+        values = np.concatenate([each.column.values for each in moving[best]])
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        own = [each for each in own if not each.still or low < float(np.nanmax(each.column.values)) < high]
     return sorted(own, key=lambda each: int(each.said.channel))
 
 
