@@ -89,7 +89,7 @@ def fit_tiles(fit: Mapping[str, float | None], use: Usability | None) -> list[tu
         held = (
             "whole runs" if seconds == math.inf else f"{seconds:g} s" if seconds else f"{len(use.good)} of {len(fits)}"
         )
-        out.append(("Usable up to" if seconds else "Usable axes", held))
+        out.append(("Predicts up to" if seconds else "Axes predicted", held))
     if fits:
         best, worst = max(fits, key=lambda name: fits[name]), min(fits, key=lambda name: fits[name])
         for word, name in (("Best fit", best), ("Least fit", worst))[: 1 + (worst != best)]:
