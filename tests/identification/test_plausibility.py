@@ -16,6 +16,7 @@ from towtank.identification.posterior.result import estimate_of, model_of, with_
 from towtank.identification.posterior.thrusters import learned_gains
 from towtank.recording.consistency import Finding
 from towtank.report.verdict import learn_verdict
+from towtank.validation import AxisUse, Usability
 from towtank.vehicle import Vehicle, load_vehicle
 from towtank.vehicle.matrices import GRAVITY
 
@@ -140,6 +141,18 @@ def test_the_verdict_begins_with_what_cannot_be_right() -> None:
     assert verdict(learning(), None, wrong, late) == "Not usable as it is. Something cannot be right: p is upside down."
     assert verdict(learning(), None, wrong, wrong, late).endswith("p is upside down (and 1 more below).")
     assert "cannot be right" not in verdict(learning(), None, late)
+
+
+def test_a_model_that_predicts_is_of_use_though_a_coefficient_is_not_to_be_believed() -> None:
+    use = Usability((AxisUse("surge", "u", 30.0, 70.0),), (), (), 90.0)
+    odd, wrong = Finding("N_r", "N_r is odd", of_model=True), Finding("p", "p is upside down")
+    known = learning()
+    told = learn_verdict(known.estimate, {}, "these logs", (odd,), DRIVEN, use)
+    assert told.text == (
+        "Usable for prediction up to 30 s (surge), judged on these logs. But something cannot be right: N_r is odd."
+    )
+    assert told.grade == "fair"
+    assert learn_verdict(known.estimate, {}, "these logs", (odd, wrong), DRIVEN, use).text.startswith("Not usable as")
 
 
 def test_the_verdict_says_why_nothing_was_identified() -> None:

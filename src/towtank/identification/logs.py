@@ -151,7 +151,7 @@ def _in_frame(vehicle: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
     if len(frames) != 1:
         return vehicle, ()
     vehicle, said = by_frame(vehicle, frames.pop())
-    return vehicle, (Finding("thrusters", said),) if said else ()
+    return vehicle, (Finding("thrusters", said, of_model=True),) if said else ()
 
 
 def as_wired(request: LearningRequest) -> tuple[LearningRequest, tuple[Finding, ...]]:
@@ -172,5 +172,5 @@ def as_wired(request: LearningRequest) -> tuple[LearningRequest, tuple[Finding, 
         return request, tuple(Finding(AXES[k].name, f"{reversed_force(k)}; {done}") for k in wiring.turned)
     other = rewired(vehicle, wiring)
     rebound = tuple(samples_of(each, other) for each in request.recordings)
-    found = Finding("thrusters", f"{wiring.said(vehicle)}; learning takes them so")
+    found = Finding("thrusters", f"{wiring.said(vehicle)}; learning takes them so", of_model=True)
     return replace(request, vehicle=other, samples=rebound), (found,)

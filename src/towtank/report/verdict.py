@@ -21,7 +21,6 @@ __all__ = ["NAMES", "Verdict", "learn_verdict", "state_of", "usable_text", "vali
 
 _SURE, _FAIR = 0.1, 0.5  # relative deviations: known, roughly known
 _GOOD, _USABLE = 80.0, 50.0  # fits [%]
-MENDED = "thrusters"  # what is found of them is mended before anything is learned
 _GRADES = ("poor", "fair", "good")
 _SPEEDS = np.geomspace(0.05, 2.0, 24)  # m/s, rad/s: at which drag is looked at
 _DRIFTING = {"x", "y"}  # these add up every push of the water, whatever the model
@@ -82,10 +81,10 @@ def learn_verdict(
     if grave:
         more = len(grave) - 1
         rest = f" (and {more} more below)" if more else ""
-        said = f"Something cannot be right: {grave[0].text}{rest}."
-        if use is None or not use.good or any(each.what != MENDED for each in grave):
-            return Verdict("poor", f"Not usable as it is. {said}")
-        return Verdict("fair", f"{usable_text(use).text}, judged on {predicted}, with thrusters as they seem. {said}")
+        said = f"cannot be right: {grave[0].text}{rest}."
+        if use is None or not use.good or not all(each.of_model for each in grave):
+            return Verdict("poor", f"Not usable as it is. Something {said}")
+        return Verdict("fair", f"{usable_text(use).text}, judged on {predicted}. But something {said}")
     learned = [each for each in estimate.coefficients if each.identified]
     if not learned:
         why = next((reason for reason in estimate.reasons if reason), "no motion was seen")

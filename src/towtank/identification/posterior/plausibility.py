@@ -46,11 +46,11 @@ def implausible(learning: LogLearning) -> tuple[Finding, ...]:
     found = {each.name: body.said(each) for each in _doubts(learning)}
     for name, text in body.impossible_inertias(learning).items():
         found[name] = f"{text}: check mass, units, thruster curves and places"
-    out = [Finding(name, text) for name, text in found.items()]
+    out = [Finding(name, text, of_model=True) for name, text in found.items()]
     current = learning.current
     if current is not None and current.speed - _BEYOND * float(current.std[:2].max()) > _CURRENT:
         text = f"the water flows with {current.said}: check position, heading and frames"
-        out.append(Finding("current", text))
+        out.append(Finding("current", text, of_model=True))
     return tuple(out)
 
 

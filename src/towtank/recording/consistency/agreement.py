@@ -68,11 +68,13 @@ class Finding:
     Attributes:
         what: channels, axis or unknown. text: in plain words, with what to check.
         allowed_for: learning finds it too and reckons with it, so that its result may be right all the same.
+        of_model: of what was learned or mended, not of the recording: it may predict all the same.
     """
 
     what: str
     text: str
     allowed_for: bool = False
+    of_model: bool = False
 
 
 def inconsistencies(recording: Recording, commanded: tuple[Array, Array] | None = None) -> tuple[Finding, ...]:
