@@ -174,3 +174,15 @@ def test_one_silent_link_of_two_is_a_warning(tmp_path: Path) -> None:
     finally:
         stop.set()
         thread.join()
+
+
+def test_a_slow_link_is_not_lost_at_every_sample() -> None:
+    hearing, events = Hearing("link"), []
+    hearing.begin()
+    for k in range(40):
+        hearing.heard(3.0 * k, 1000.0 + 3.0 * k)
+        event = hearing.notice(1000.0 + 3.0 * k + 2.9)
+        events += [] if event is None else [event]
+    assert len(events) <= 4  # until its period is known
+    assert hearing.silent(1000.0 + 3.0 * 39 + 8.0) is None
+    assert hearing.silent(1000.0 + 3.0 * 39 + 10.0) is not None

@@ -288,3 +288,44 @@ def test_real_logs_of_other_days_are_refused(data: Path) -> None:
         for b in runs[:k]:
             with pytest.raises(InputError, match="cannot be told"):
                 clock_offset(a, b)
+
+
+def placed(of: Course, seconds: float = 60.0) -> Recording:
+    """Motion capture with a north of its own, and a depth with a zero of its own."""
+    t = np.arange(0.0, seconds, 0.02)
+    phi, theta, psi, z = of(t)
+    rng = np.random.default_rng(5)
+    columns = {"x": z, "y": -z, "z": z - 9.0, "phi": phi, "theta": theta, "psi": psi + 0.7}
+    noisy = {name: x + 4e-3 * rng.normal(size=t.size) for name, x in columns.items()}
+    return table(t, noisy, "mocap.csv")
+
+
+def test_heading_comes_from_the_file_of_the_position() -> None:
+    of = course()
+    t = np.arange(0.0, 60.0, 0.01)
+    phi, theta, psi, _ = of(t)
+    attitude = {"phi": phi, "theta": theta, "psi": psi}
+    first = dive(of).with_channels(table(t, attitude, "dive.BIN").channels.values())
+    both = merge(first, placed(of), 0.0)
+    assert np.median(both["psi"].values - np.interp(both["psi"].t, t, psi)) == pytest.approx(0.7, abs=0.01)
+    assert any("attitude: from mocap.csv" in note for note in both.notes)
+
+
+def test_what_is_said_of_a_depth_goes_with_the_depth() -> None:
+    of = course()
+    t = np.arange(0.0, 60.0, 0.2)
+    deep = table(t, {"z": 5.0 + of(t)[3]}, "dive.BIN")
+    first = dive(of).with_channels(deep.channels.values())
+    first = Recording(first.channels, first.source, attributes={"depth": "below the water's surface, by pressure"})
+    both = merge(first, placed(of), 0.0)
+    assert float(np.median(both["z"].values)) < 0.0  # motion capture tells more of it
+    assert "depth" not in both.attributes
+
+
+def test_states_are_no_inputs() -> None:
+    of = course()
+    t = np.arange(-20.0, 80.0, 0.1)
+    second = table(t, gyro(of, t), "other.csv").with_channels([Channel("armed", t, np.ones(t.size), "1")])
+    both = merge(dive(of), second, 0.0)
+    assert both.end <= 60.0
+    assert both.start >= 0.0

@@ -57,6 +57,20 @@ def test_a_model_that_hardly_moves_is_no_better_than_the_last_value() -> None:
     assert surge.seconds <= 1.0  # after a second little has changed, and half is explained by where it began
 
 
+def test_a_moment_tells_nothing() -> None:
+    found = usability(box(), [align(run().window(0.0, 1.2))])
+    assert not found.good
+    assert usable_text(found).text == "Not usable for prediction: 1.2 s are too short to tell"
+
+
+def test_attitude_alone_is_enough_to_predict_from() -> None:
+    whole = run()
+    shown = Recording({name: whole[name] for name in ("phi", "theta", "psi", *"XYZKMN")})
+    found = usability(box(), [align(shown)])
+    assert axes(found)["yaw"].fit > 80.0
+    assert found.unmeasured == ("surge",)
+
+
 def test_depth_alone_tells_of_heave() -> None:
     t = 0.01 * np.arange(6000)
     wrench = np.zeros((t.size, 6))

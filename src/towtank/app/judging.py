@@ -42,11 +42,16 @@ class Judged:
         return validate_verdict(name, self.found.fit, [one.verdict.kind for one in errors.values()], self.use)
 
     def lacking(self, least: float) -> tuple[str, ...]:
-        """Return in words what does not reach a fit [%]: of the axes that were driven, else of all that is measured."""
-        fit = {} if self.use is None else {each.channel: each.fit for each in self.use.axes}
-        fit = fit or {name: value for name, value in self.found.fit.items() if value is not None}
+        """Return in words what does not reach a fit [%]: of the axes that were driven; of folds, of all that move."""
+        from towtank.recording.axes import judged_by
+
+        if self.use is None:
+            judging = judged_by([name for name, value in self.found.fit.items() if value is not None])
+            fit = {name: self.found.fit[name] or 0.0 for name in judging if name not in ("x", "y")}
+        else:
+            fit = {each.channel: each.fit for each in self.use.axes}
         if not fit:
-            return ("nothing was measured to judge by",)
+            return ("no axis that was driven was measured",)
         return tuple(f"found a fit of {value:.1f} % for {name}" for name, value in fit.items() if not value >= least)
 
 

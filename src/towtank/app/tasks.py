@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TypeAlias, overload
 
 from towtank.app.commands.arguments import LogPlace, Window
+from towtank.app.commands.learn import names_of
 from towtank.app.files import LogParts, counted, known_beforehand, parts_of, read_logs
 from towtank.app.inspection import Inspection, inspect_recording
 from towtank.app.judging import alone
@@ -64,7 +65,7 @@ def learn(
     every = _several(logs)
     parts = _parts(every, mapping, window, known, keep_all, report)
     recordings = counted(parts)
-    names = tuple(part.strip() for part in free.split(",")) if isinstance(free, str) else free
+    names = names_of(free, "free") if isinstance(free, str) else free
     learning = learn_recordings(
         known,
         recordings,

@@ -160,7 +160,7 @@ def as_wired(request: LearningRequest) -> tuple[LearningRequest, tuple[Finding, 
     Where `free` says what to learn, axes of which nothing is learned are left alone.
     """
     vehicle, samples, free = request.vehicle, request.samples, request.free
-    axes = [k for k in range(6) if free is None or any(name[0] == ROWS[k] for name in free)]
+    axes = [k for k in range(6) if free is None or any(name[:1] == ROWS[k] for name in free)]
     if not samples:
         return request, ()
     base = prior_of(vehicle, commands=samples[0].commands, beside=request.prior).vehicle_values

@@ -15,6 +15,7 @@ from towtank.recording.axes import judged_by
 from towtank.recording.consistency import Finding
 from towtank.recording.standard import POSE, VELOCITIES
 from towtank.validation import AxisUse, Usability
+from towtank.validation.usability import SHORTEST
 from towtank.vehicle.names import COLUMNS, ROWS
 
 __all__ = ["NAMES", "Verdict", "learn_verdict", "state_of", "usable_text", "validate_verdict"]
@@ -123,7 +124,9 @@ def usable_text(use: Usability) -> Verdict:
         why = "no axis that was driven was measured" if use.unmeasured else "no axis was driven"
         return Verdict("poor", f"Not usable for prediction: {why}")
     if not use.good:
-        return Verdict("poor", f"Not usable for prediction: {_failures(use.poor)}")
+        short = use.duration < SHORTEST
+        why = f"{use.duration:.2g} s are too short to tell" if short else _failures(use.poor)
+        return Verdict("poor", f"Not usable for prediction: {why}")
     spans = _spans(use.good)
     if not use.poor:
         told = " and ".join(f"{span} ({joined(axes)})" for span, axes in spans)

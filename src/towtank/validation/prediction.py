@@ -68,7 +68,7 @@ class Starts:
         measured = [i for i in range(6) if sources.velocity[i] == "measured"]
         if not np.isfinite(grid.velocity[row, measured]).all():
             return False
-        if "derived" in sources.velocity and not np.isfinite(grid.pose[row]).all():
+        if "derived" in sources.velocity and not np.isfinite(grid.pose[row, self._pose]).all():
             return False
         return bool(np.isfinite(self.gravity[row]).all())
 
@@ -91,10 +91,15 @@ class Starts:
                 out[7 + i] = derived[i]
         return out
 
+    @property
+    def _pose(self) -> slice:
+        """Columns of the pose that velocities are derived from: of rates alone the angles."""
+        return slice(0 if "derived" in self.sources.velocity[:3] else 3, 6)
+
     def _derived(self, row: int) -> Array:
-        """Return the body velocity (6,) from a quadratic through the poses around a row."""
-        grid = self.grid
-        measured = np.isfinite(grid.pose).all(axis=1)
+        """Return the body velocity (6,) from a quadratic through the poses around a row; 0 where no pose tells it."""
+        grid, told = self.grid, self._pose
+        measured = np.isfinite(grid.pose[:, told]).all(axis=1)
         for window in (_WINDOW, _EDGE):
             near = np.flatnonzero((np.abs(grid.t - grid.t[row]) <= window + 1e-9) & measured)
             s = grid.t[near] - grid.t[row]
@@ -103,7 +108,9 @@ class Starts:
         out = np.zeros(6)
         if near.size < 3:
             return out
-        rate = np.linalg.lstsq(np.column_stack([np.ones_like(s), s, s * s]), grid.pose[near], rcond=None)[0][1]
+        rate = np.zeros(6)
+        powers = np.column_stack([np.ones_like(s), s, s * s])
+        rate[told] = np.linalg.lstsq(powers, grid.pose[near, told], rcond=None)[0][1]
         phi, theta, psi = grid.pose[row, 3:]
         R = rotation_from_quaternion(np.array(quaternion_from_euler(float(phi), float(theta), float(psi))))
         out[:3] = R.T @ rate[:3]

@@ -24,7 +24,7 @@ from towtank.validation.prediction import Prediction, predict
 from towtank.validation.scores import score, started
 from towtank.vehicle import Vehicle, configuration_matrix
 
-__all__ = ["HORIZONS", "AxisUse", "Usability", "usability"]
+__all__ = ["HORIZONS", "SHORTEST", "AxisUse", "Usability", "usability"]
 
 HORIZONS = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0)  # s
 LEAST = 50.0  # fit [%]
@@ -32,6 +32,7 @@ _AROUND = 0.2  # s before and after, over which a speed is told by the pose
 _LONGEST = 1.0  # s, a gap in the pose over which no speed is told
 _CLEARLY = 0.8  # of the square error of the last value, held: below it a prediction is nearer
 _RESTARTS = 3  # a recording is as long as so many of the longest horizon, at least
+SHORTEST = _RESTARTS * HORIZONS[0]  # s, below which nothing can be told
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,7 @@ def usability(
             else:
                 seconds[name] = each
     for name, channel in open_.items():
-        if (whole[channel] or 0.0) >= LEAST:
+        if seconds[name] > 0.0 and (whole[channel] or 0.0) >= LEAST:
             seconds[name] = math.inf
     uses = tuple(
         AxisUse(name, channel, seconds[name], float(fits[channel] or 0.0), held[name])

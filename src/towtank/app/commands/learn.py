@@ -188,7 +188,8 @@ def learn(
         output.line(f"model written to {model_file}")
     if report is not None:
         output.line(f"report written to {report}")
-    output.line(f"Next: {judge}" if model_file else f"Next: the same with -o MODEL.toml, then {judge}", "dim")
+    if allow_empty or not empty:
+        output.line(f"Next: {judge}" if model_file else f"Next: the same with -o MODEL.toml, then {judge}", "dim")
     output.document(learned.document())
     if model_file is not None and empty and not allow_empty:
         raise typer.Exit(1)
@@ -203,11 +204,11 @@ def _known_method(method: str, prior: str | None) -> None:
         raise InputError(f"--prior {prior}: the method paper takes none; use joint or output-error, or leave it out")
 
 
-def names_of(text: str | None) -> tuple[str, ...] | None:
-    """Return the names in the text of --free. Raises InputError where it holds none."""
+def names_of(text: str | None, option: str = "--free") -> tuple[str, ...] | None:
+    """Return the names in the text of an option. Raises InputError where it holds none."""
     if text is None:
         return None
     names = tuple(name.strip() for name in text.split(",") if name.strip())
     if not names:
-        raise InputError(f'--free: found "{text}", expected names of coefficients, as X_udot,X_uu')
+        raise InputError(f'{option}: found "{text}", expected names of coefficients, as X_udot,X_uu')
     return names

@@ -76,6 +76,7 @@ def wiring_of(samples: Sequence[Samples], inertia: Array, axes: Sequence[int] = 
     if not samples or not (np.isfinite(inertia).all() and (inertia > 0.0).all()):
         return Wiring()
     B = samples[0].B
+    samples = [each for each in samples if each.commands == samples[0].commands and np.array_equal(each.B, B)]
     evidence = [found for axis in axes for found in _evidence(samples, axis)]
     if not evidence:
         return Wiring()

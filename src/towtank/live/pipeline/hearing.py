@@ -13,6 +13,7 @@ from towtank.recording.event import Event
 __all__ = ["Hearing", "no_data"]
 
 _LEAST, _PERIODS = 2.0, 3.0  # s, and usual periods, without any sample
+_ALIKE = 1.5  # times the long gap just before, at most: then that is the usual period
 _FOLLOWS = 0.1  # share of the latest period in the usual one
 
 
@@ -25,6 +26,7 @@ class Hearing:
         self._last = time.monotonic()
         self._t = math.nan  # s of the session, of the last sample
         self._gap = 0.0
+        self._slow = 0.0  # s, of the gap just before, where it was a long one
         self._lost: tuple[float, float] | None = None  # moment and time of the last sample before
 
     def begin(self) -> None:
@@ -35,9 +37,14 @@ class Hearing:
         """Take samples up to t [s of the session] that came at a moment (monotonic [s]), now where omitted."""
         now = time.monotonic() if moment is None else moment
         gap = now - self._last
-        if not self.ever or gap > self._limit:
+        if not self.ever:
             self._gap = gap
+        elif gap > self._limit:
+            if gap < _ALIKE * self._slow:  # one after the other: not lost, but slow
+                self._usual = gap
+            self._gap = self._slow = gap
         else:
+            self._slow = 0.0
             self._usual += _FOLLOWS * (gap - self._usual)
         self._t, self._last = t, now
 

@@ -79,7 +79,7 @@ def _said(recording: Recording, names: list[str], scales: list[RateScale], facto
     """Return what was mended, with what was found and what was done."""
     verb = "were" if len(names) > 1 else "was"
     found = joined([each.text for each in scales])
-    largest = max(float(np.nanmax(np.abs(recording[name].values))) for name in names)
+    largest = max((float(np.abs(recording[name].measured.values).max(initial=0.0)) for name in names), default=0.0)
     what = (
         f"{' '.join(names)} {verb} in degrees per second, not radians"
         if factor < 1.0

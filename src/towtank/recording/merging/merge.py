@@ -23,19 +23,20 @@ from towtank.recording.standard import (
     WORLD_VELOCITY,
     WRENCH,
     is_command,
-    is_held,
+    is_input,
     is_standard,
 )
 
 __all__ = ["MERGED", "merge", "merges_of"]
 
+_DEPTH = "depth"  # attribute that says from where a depth is told
 MERGED = "merged "  # begins the attribute that says how a file was merged, before its name
 # what one sensor measures: its axes, each under any of the names that stand for it; the noise that is usual of it
 _QUANTITIES: dict[str, tuple[tuple[str, ...], tuple[str, ...], float]] = {
     "position": (("x", "y"), (), 2e-3),
     "depth": (("z",), (), 2e-3),
-    "attitude": (EULER, QUATERNION, 2e-3),
     "velocity": (LINEAR_VELOCITY, WORLD_VELOCITY, 1e-2),
+    "attitude": (EULER, QUATERNION, 2e-3),
     "rates": (RATES, (), 3e-3),
     "specific force": (ACCELERATIONS, (), 5e-2),
     "velocity through the water": (RELATIVE_VELOCITY, (), 1e-2),
@@ -46,7 +47,8 @@ def merge(first: Recording, second: Recording, offset: float | None = None) -> R
     """Return the channels of two files of one run on the clock of the first.
 
     A quantity that both measure is taken from the better one: that which measures more of its axes, else that with
-    more samples over the square of their noise (none is believed to be better than sensors usually are). Commands,
+    more samples over the square of their noise (none is believed to be better than sensors usually are). An attitude
+    comes from the file of the position, if that has a heading: each file has a north of its own. Commands,
     wrench and supply are the first file's where it has them. Motion outside of the time of the file that holds the
     inputs is left out. Notes, attributes, repairs and contents of both are kept, of attributes of one name the second's
     under the name with its file's behind.
@@ -75,7 +77,7 @@ def merge(first: Recording, second: Recording, offset: float | None = None) -> R
         channels,
         first.source,
         (*first.notes, *notes, *(f"{names[1]}: {note}" for note in second.notes)),
-        _attributes(first, second, clock),
+        _attributes(first, second, clock, depth_of=first if "z" in kept else second),
         first.repairs + replace(second.repairs, details=tuple(f"{names[1]}: {x}" for x in second.repairs.details)),
         (*first.contents, *(replace(each, name=f"{names[1]}: {each.name}") for each in second.contents)),
     )
@@ -102,7 +104,7 @@ _Channels = dict[str, Channel]
 
 def _chosen(first: Recording, second: Recording, names: tuple[str, str]) -> tuple[_Channels, _Channels, list[str]]:
     """Return the channels to take from each, and what was decided."""
-    kept, added = dict(first.channels), dict(second.channels)
+    kept, added = ({name: each for name, each in run.channels.items() if len(each)} for run in (first, second))
     notes: list[str] = []
     noise = noise_levels(first), noise_levels(second)
     for quantity, (axes, others, usual) in _QUANTITIES.items():
@@ -114,10 +116,12 @@ def _chosen(first: Recording, second: Recording, names: tuple[str, str]) -> tupl
             for each, found, levels in zip((first, second), (mine, theirs), noise, strict=True)
         ]
         better = int(worth[1] > worth[0])
-        for name in (mine, theirs)[1 - better]:
-            (kept, added)[1 - better].pop(name)
+        if quantity == "attitude":
+            better = _of_one_north(kept, added, (mine, theirs), better)
+        for name in (*axes, *others):
+            (kept, added)[1 - better].pop(name, None)
         notes.append(f"{quantity}: from {names[better]}, which tells more of it than {names[1 - better]}")
-    inputs = [name for name in added if is_held(name) or name == "voltage"]
+    inputs = [name for name in added if is_input(name) or name == "voltage"]
     for kind in (is_command, WRENCH.__contains__, "voltage".__eq__):
         if any(map(kind, kept)) and any(map(kind, inputs)):
             dropped = [name for name in inputs if kind(name)]
@@ -127,6 +131,13 @@ def _chosen(first: Recording, second: Recording, names: tuple[str, str]) -> tupl
         other = f"{name} ({names[1]})"
         added[other] = added.pop(name).renamed(other)
     return kept, added, notes
+
+
+def _of_one_north(kept: _Channels, added: _Channels, names: tuple[Sequence[str], Sequence[str]], better: int) -> int:
+    """Return whose attitude to take (0, 1): of the file that position or velocity in the world are from."""
+    placed = [any(name in part for name in ("x", "y", *WORLD_VELOCITY[:2])) for part in (kept, added)]
+    heads = ["psi" in each or "qw" in each for each in names]
+    return int(placed[1]) if placed[0] != placed[1] and heads[placed[1]] else better
 
 
 def _names_in(recording: Recording, axes: Sequence[str], others: Sequence[str]) -> tuple[str, ...]:
@@ -154,7 +165,7 @@ def _samples_over_noise(recording: Recording, name: str, level: NoiseLevel | Non
 
 def _while_driven(kept: _Channels, added: _Channels, names: tuple[str, str]) -> tuple[_Channels, _Channels, list[str]]:
     """Return the channels, those of the file without inputs only while the other one lasts; and what was left out."""
-    driven = [any(map(is_held, part)) for part in (kept, added)]
+    driven = [any(map(is_input, part)) for part in (kept, added)]
     if driven[0] == driven[1]:
         return kept, added, []
     lead, follow = (kept, added) if driven[0] else (added, kept)
@@ -174,13 +185,17 @@ def _while_driven(kept: _Channels, added: _Channels, names: tuple[str, str]) -> 
     return (lead, cut, notes) if driven[0] else (cut, lead, notes)
 
 
-def _attributes(first: Recording, second: Recording, clock: ClockOffset) -> dict[str, str]:
+def _attributes(first: Recording, second: Recording, clock: ClockOffset, depth_of: Recording) -> dict[str, str]:
+    """Return the attributes of both; what is said of a depth, only of the file that it is from."""
     name = file_of(second)
     out = dict(first.attributes)
     for key, text in second.attributes.items():
         if out.get(key, text) != text:
             key = f"{key} ({name})"
         out[key] = text
+    said = depth_of.attributes.get(_DEPTH)
+    out = {key: text for key, text in out.items() if not key.startswith(_DEPTH)}
+    out |= {} if said is None else {_DEPTH: said}
     how = {
         "file": name,
         "offset_s": clock.offset,
