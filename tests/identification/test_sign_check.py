@@ -7,6 +7,7 @@ import pytest
 
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import samples_of
+from towtank.identification.offline import wiring
 from towtank.identification.offline.wiring import wiring_of
 from towtank.recording import Recording
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate
@@ -40,11 +41,11 @@ def inertia(vehicle: Vehicle) -> np.ndarray:
     return np.diag(vehicle.mass_matrix)
 
 
-@pytest.mark.parametrize("wiring", [Wiring((0,)), Wiring((1,)), Wiring((0, 1)), Wiring((), (0, 1))], ids=str)
-def test_what_is_turned_or_swapped_is_found_as_it_is(wiring: Wiring) -> None:
+@pytest.mark.parametrize("change", [Wiring((0,)), Wiring((1,)), Wiring((0, 1)), Wiring((), (0, 1))], ids=str)
+def test_what_is_turned_or_swapped_is_found_as_it_is(change: Wiring) -> None:
     vehicle, run = craft(), spins(40.0)
     assert not wiring_of([samples_of(run, vehicle)], inertia(vehicle))
-    supposed = rewired(vehicle, wiring)
+    supposed = rewired(vehicle, change)
     found = wiring_of([samples_of(run, supposed)], 1.3 * inertia(vehicle))
     assert found.matrix(configuration_matrix(supposed)) == pytest.approx(configuration_matrix(vehicle), abs=1e-9)
     assert [t.name for t in supposed.thrusters] == [t.name for t in vehicle.thrusters]
@@ -97,6 +98,17 @@ def test_depth_tells_of_surge_where_the_vehicle_pitches() -> None:
     assert not wiring_of([samples], inertia(body), [2])
     samples.input_force[:, [SURGE, 2]] *= -1.0
     assert wiring_of([samples], inertia(body), [2]) == Wiring((SURGE, 2))
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_specific_force_is_what_a_turning_frame_makes_of_the_speeds(axis: int) -> None:
+    t = wiring.STEP * np.arange(201)
+    s, rate = np.sin(0.2 * t), 0.2 * np.cos(0.2 * (t[1:] + t[:-1]) / 2.0)
+    middle, gains, omega = 0.5 * (s[1:] + s[:-1]), np.array([0.7, -1.1, 0.4]), np.array([0.3, -0.2, 0.9])
+    turn = np.cross(omega, np.eye(3)).T[axis]  # omega x v is this matrix times v
+    seen = wiring._seen(s[None, :, None], np.broadcast_to(turn, (1, 200, 3)), axis, wiring._FORCE)[0] @ gains
+    expected = gains[axis] * rate + np.cross(omega, gains)[axis] * middle
+    assert seen == pytest.approx(expected, abs=1e-5)
 
 
 def test_a_wrench_of_the_wrong_sign_is_reported_with_what_to_do() -> None:

@@ -34,8 +34,8 @@ import numpy as np
 from scipy.linalg import expm
 
 from towtank.core.arrays import Array
-from towtank.core.attitude import rotation_from_euler
 from towtank.identification.data.samples import Samples
+from towtank.recording.frames.pose_rates import velocity_of_pose
 from towtank.vehicle.thrusters.wiring import Wiring
 
 __all__ = ["wiring_of"]
@@ -60,7 +60,6 @@ _TURN, _SWAP, _CHOICE = 0.5, 4.0, 4.0
 _SURE = 10.0  # nats, besides the logarithm of how many are tried, by which a wiring must be likelier than the file's
 _MOST_TOLD = 1e8  # of information to what is supposed
 _CLOSE = 0.5  # s over which a speed is interpolated
-_LEVEL = 0.05  # cosine of pitch above which Euler angles give rates
 _MANY = 12  # thrusters, above which not every set of signs is tried
 _GRAVITY = 9.81
 _SPEED, _PLACE, _FORCE = range(3)  # what is looked at of an axis: v, x, v'
@@ -70,8 +69,8 @@ def wiring_of(samples: Sequence[Samples], inertia: Array, axes: Sequence[int] = 
     """Return how recordings have the inputs wired; nothing turned or swapped where they do not speak for it.
 
     Args:
-        samples: with the same inputs. inertia: what is supposed of the total inertia (6,) of each axis.
-        axes: those to look at.
+        samples: body frame, FRD, SI; those with other inputs than the first are left out.
+        inertia: what is supposed of the total inertia (6,) of each axis [kg, kg m^2]. axes: those to look at (0 .. 5).
     """
     if not samples or not (np.isfinite(inertia).all() and (inertia > 0.0).all()):
         return Wiring()
@@ -448,13 +447,6 @@ def _speed(samples: Samples, axis: int) -> tuple[Array, Array]:
         return np.zeros(0), np.zeros(0)
     pose = np.column_stack([pose[:, :3], np.unwrap(pose[:, 3:], axis=0)])
     rate = (pose[2:] - pose[:-2]) / (t[2:] - t[:-2])[:, None]
-    R = np.array([rotation_from_euler(*angles) for angles in pose[1:-1, 3:]])
-    (phi, theta, _), (roll, pitch, yaw) = pose[1:-1, 3:].T, rate[:, 3:].T
-    speed = (
-        *np.einsum("nji,nj->in", R, rate[:, :3]),
-        roll - yaw * np.sin(theta),
-        pitch * np.cos(phi) + yaw * np.cos(theta) * np.sin(phi),
-        yaw * np.cos(theta) * np.cos(phi) - pitch * np.sin(phi),
-    )[axis]
-    fine = np.isfinite(speed) & (np.abs(np.cos(theta)) > _LEVEL)
+    speed = velocity_of_pose(pose[1:-1], rate, np.full((len(rate), 6), np.nan))[:, axis]
+    fine = np.isfinite(speed)
     return t[1:-1][fine], speed[fine]

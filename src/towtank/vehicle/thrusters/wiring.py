@@ -38,7 +38,7 @@ class Wiring:
         return ", and ".join(words)
 
     def matrix(self, B: Array) -> Array:
-        """Return the wrench (6, n) of each thruster's force, as wired."""
+        """Return the wrench (6, n) [N, N m per N], body FRD, of each output as wired; B: as the file has it."""
         out = B.copy()
         if self.swapped:
             a, b = self.swapped
