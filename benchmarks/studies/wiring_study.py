@@ -111,7 +111,7 @@ def flown(truth: Vehicle, frame: Frame, seed: int) -> Recording:
 def _eta_dot(eta: np.ndarray, nu: np.ndarray) -> np.ndarray:
     from towtank.core.attitude import euler_rates_matrix, rotation_from_euler
 
-    angles = np.linalg.solve(euler_rates_matrix(eta[3], eta[4]), nu[3:])
+    angles = euler_rates_matrix(eta[3], eta[4]) @ nu[3:]
     return np.concatenate([rotation_from_euler(*eta[3:]) @ nu[:3], angles])
 
 

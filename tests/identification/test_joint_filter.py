@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -278,3 +280,40 @@ def test_the_kernel_vector_has_the_coefficients(vehicle: Vehicle) -> None:
     free = free_parameters(vehicle, NAMES)
     k = free.names.index("X_udot")
     assert state.p[0] == pytest.approx(np.exp(state.linearised_at[k]))
+
+
+@pytest.mark.parametrize("heading_alone", [False, True])
+def test_a_heading_that_comes_after_the_motion_began_is_taken_as_it_is(vehicle: Vehicle, heading_alone: bool) -> None:
+    """Logs have rates and attitude in rows of their own, and which comes first is chance; nor is there a best north."""
+    samples = run_of(vehicle, Ins())
+    values = np.full_like(samples.values, np.nan)
+    values[:, 9:12] = samples.values[:, 9:12]
+    values[4::10] = np.nan
+    first = 5 if heading_alone else 3
+    values[4::10, first:6] = samples.values[4::10, first:6]
+    states = []
+    for north in (0.0, 2.2):
+        values[4::10, 5] = samples.values[4::10, 5] + north
+        states.append(run_through(filter_for(vehicle, B=samples.B), replace(samples, values=values)))
+    there, turned = states
+    assert turned.statistics["rejected"][5] == there.statistics["rejected"][5]
+    assert turned.clock[0].log_likelihood == pytest.approx(there.clock[0].log_likelihood, rel=1e-6)
+    ahead = quaternion_product(np.array([np.cos(1.1), 0.0, 0.0, np.sin(1.1)]), there.x[3:7])
+    assert abs(float(ahead @ turned.x[3:7])) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_an_accelerometer_that_is_rejected_costs_as_other_sensors_do(vehicle: Vehicle) -> None:
+    """Else a model that contradicts it would be likelier than one that does not."""
+    samples = run_of(vehicle, Ins(), 2.0)
+    felt, none = samples.values.copy(), samples.values.copy()
+    none[100:, 12:15] = np.nan
+    felt[100:, 12] = 1e3
+    worth = []
+    for values in (felt, none):
+        state = run_through(filter_for(vehicle, B=samples.B), replace(samples, values=values))
+        worth.append(state.clock[0].log_likelihood)
+    rejected = len(samples) - 100
+    gate, cap = FilterSettings().gate, FilterSettings().huber
+    assert (worth[1] - worth[0]) / rejected == pytest.approx(
+        1.5 * (cap * (2.0 * gate - cap) + 2.0 * np.log(0.05)), rel=0.2
+    )

@@ -19,10 +19,10 @@ from towtank.core.forces import add_inflow_damping_into
 from towtank.core.layout import I_INFLOW, I_LINEAR
 from towtank.core.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
 from towtank.identification.data.samples import Samples
-from towtank.identification.kalman.state import INFORMATION_MEMORY, JointState
+from towtank.identification.kalman.state import INFORMATION_MEMORY, NEVER, JointState
 from towtank.identification.kalman.update import update_row
 from towtank.identification.model.linearisation import step_and_linearise, turn_by
-from towtank.identification.model.measurements import N_SENSORS, WATER_VELOCITY
+from towtank.identification.model.measurements import ATTITUDE, N_SENSORS, WATER_VELOCITY
 from towtank.identification.model.parameters import (
     IN_GAIN,
     N_FIXED,
@@ -349,7 +349,7 @@ def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> 
     for j in range(size):
         state.dx[j] = 0.0
     for k in range(N_SENSORS):
-        state.last_accepted[k] = t
+        state.last_accepted[k] = t if k != ATTITUDE or math.isfinite(z[5]) else NEVER
         state.outages[k].rejected = 0.0
     for j in range(6, 12):
         state.statistics[j].has_last = 0.0  # a speed of before the pause is no neighbour

@@ -17,7 +17,9 @@ import math
 from typing import TYPE_CHECKING
 
 from towtank.core.arrays import Array, kernel
+from towtank.core.attitude import euler_from_quaternion
 from towtank.core.rk4 import N_STATES, stage_into
+from towtank.identification.kalman.state import NEVER
 from towtank.identification.model.linearisation import linearise_into, turn_by
 from towtank.identification.model.measurements import (
     ATTITUDE,
@@ -220,7 +222,8 @@ def update_specific_force(state: JointState, z: Array) -> None:
     for i in range(6):
         change[7 + i] += state.force[i]
     n = state.theta.shape[0]
-    gate = state.settings[0].gate
+    gate, cap = state.settings[0].gate, state.settings[0].huber
+    within, cost = True, 0.0
     for pass_ in range(2):
         for k in range(3):
             column = 3 * SPECIFIC_FORCE + k
@@ -240,12 +243,15 @@ def update_specific_force(state: JointState, z: Array) -> None:
                 S = innovation_variance_into(state, column)
                 for j in range(h.shape[0]):
                     h[j] = 0.0
-                if residual * residual > gate * gate * S:
-                    for m in range(3):
-                        state.statistics[3 * SPECIFIC_FORCE + m].rejected += 1.0
-                    return
+                within = within and residual * residual <= gate * gate * S
+                cost += math.log(S) + cap * (2.0 * gate - cap)
             else:
                 scalar_update(state, column, residual)
+        if not within:
+            for m in range(3):
+                state.statistics[3 * SPECIFIC_FORCE + m].rejected += 1.0
+            state.clock[0].log_likelihood -= 0.5 * cost
+            return
     state.last_accepted[SPECIFIC_FORCE] = state.clock[0].time
 
 
@@ -317,7 +323,7 @@ def _passes_gate(state: JointState, z: Array, sensor: int, whole: bool) -> bool:
 
 
 @kernel
-def _reset_to_sensor(state: JointState, z: Array, sensor: int, whole: bool) -> None:
+def _reset_to_sensor(state: JointState, z: Array, sensor: int) -> None:
     """Take the states that a sensor measures from it anew, with a wide deviation."""
     inject(state)
     for k in range(3):
@@ -333,8 +339,12 @@ def _reset_to_sensor(state: JointState, z: Array, sensor: int, whole: bool) -> N
             state.x[i + 1] = z[3 * sensor + k] - (state.bias[k] if sensor == RATES else 0.0)
         elif sensor != ATTITUDE:
             state.x[k] = z[k]
-    if sensor == ATTITUDE and whole:
-        ex, ey, ez = attitude_error(state.x[3:7], z[3], z[4], z[5])
+    if sensor == ATTITUDE:
+        phi, theta, psi = euler_from_quaternion(state.x[3], state.x[4], state.x[5], state.x[6])
+        phi = z[3] if math.isfinite(z[3]) else phi
+        theta = z[4] if math.isfinite(z[4]) else theta
+        psi = z[5] if math.isfinite(z[5]) else psi
+        ex, ey, ez = attitude_error(state.x[3:7], phi, theta, psi)
         state.dx[3], state.dx[4], state.dx[5] = ex, ey, ez
         inject(state)
     state.clock[0].resets += 1.0
@@ -356,6 +366,9 @@ def update_row(state: JointState, z: Array) -> None:
         whole = count == 3
         if sensor == ATTITUDE and not whole and not cosine_of_pitch(state.x) > _UPRIGHT:
             continue
+        if sensor == ATTITUDE and state.last_accepted[sensor] == NEVER:
+            _reset_to_sensor(state, z, sensor)
+            state.last_accepted[sensor] = now
         state.clock[0].since_accepted = now - state.last_accepted[sensor]
         if not _passes_gate(state, z, sensor, whole):
             for k in range(3):
@@ -363,7 +376,7 @@ def update_row(state: JointState, z: Array) -> None:
                     state.statistics[3 * sensor + k].rejected += 1.0
             quiet = now - state.last_accepted[sensor]
             if quiet > state.settings[0].reacquire * REACQUIRE[sensor]:
-                _reset_to_sensor(state, z, sensor, whole)
+                _reset_to_sensor(state, z, sensor)
                 state.outages[sensor].rejected = 0.0
                 state.last_accepted[sensor] = now
             elif quiet <= LONGEST_OUTAGE[sensor] or state.outages[sensor].rejected < _MOST_REJECTED:
