@@ -55,7 +55,7 @@ def turning(flags: int = AIDED, heard: Heard | None = None) -> list[Sample]:
 
 def test_each_message_becomes_its_channels() -> None:
     found = turning()
-    assert {sample.topic for sample in found} == {"ATTITUDE", "LOCAL_POSITION_NED", "SERVO_OUTPUT_RAW"}
+    assert {sample.topic for sample in found} == {"ATTITUDE", "HEARTBEAT", "LOCAL_POSITION_NED", "SERVO_OUTPUT_RAW"}
     np.testing.assert_allclose(channel(found, "psi")[:3], [1.0, 1.025, 1.05], atol=1e-6)
     np.testing.assert_allclose(channel(found, "r"), 0.5)
     np.testing.assert_allclose(channel(found, "z"), 3.0)

@@ -22,7 +22,7 @@ from towtank.vehicle import Vehicle, allocatable_axes
 
 __all__ = ["COUNTED", "AxisKnowledge", "axes_known", "notes", "predicted", "verdict"]
 
-COUNTED = ("mended", "link", "occlusion", "overload", "clock")  # kinds of events that are noted with how often
+COUNTED = ("mended", "link", "occlusion", "overload", "clock", "left out")  # kinds of events that are noted with how often
 _WELL = 0.05  # relative deviation
 _SLOWEST = 1e-3  # m/s, rad/s
 _LEAST = 0.05  # N, N m: what is asked for below that is what an allocation leaves over
@@ -164,6 +164,8 @@ def _noted(event: Event) -> str:
         return (
             f"{event.details.get('link', 'a link')}: the link was lost" if event.details.get("state") == "lost" else ""
         )
+    if event.kind == "left out":
+        return f"not learned from: {event.details['reason']}" if event.details.get("state") == "begun" else ""
     if event.kind == "occlusion":
         measured = event.details.get("measured")
         return f"{measured} not measured for a while" if measured else ""

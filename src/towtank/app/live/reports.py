@@ -132,6 +132,7 @@ def _commands(options: LiveOptions) -> list[str]:
         "--free": None if options.free is None else ",".join(options.free),
         "--prior": options.prior,
         "--no-changes": not options.changes,
+        "--keep-all": options.keep_all,
         "--configurations": options.configurations,
         "--map": options.mapping,
         "-o": options.model_file,

@@ -69,6 +69,7 @@ class LiveOptions:
     json_lines: bool = False
     page: str | None = None
     foxglove: str | None = None
+    keep_all: bool = False
 
 
 def run_live(options: LiveOptions, output: Output) -> None:
@@ -121,13 +122,16 @@ def run_live(options: LiveOptions, output: Output) -> None:
         log=log,
         checkpoint=checkpoint,
         interval=0.25 if output.console.is_terminal or options.json_lines or options.page or options.foxglove else 1.0,
+        keep_all=options.keep_all,
     )
     reports = _reports(options, session)
     readings = Readings(session, vehicle) if predicting else None
     try:
         if before is not None:
             with output.progress("learning from what was recorded") as progress:
-                session.learning.catch_up(before.rows(progress), since=before.since, inputs=before.inputs)
+                attributes = {} if before.recording is None else before.recording.attributes
+                rows, since, inputs = before.rows(progress), before.since, before.inputs
+                session.learning.catch_up(rows, since=since, inputs=inputs, attributes=attributes)
             output.say(_gone_on(options, before, session))
         page = _page(options, session, vehicle, reports, output)
         viewers = _foxglove(options, session, vehicle, epoch, output)
@@ -238,19 +242,20 @@ def _run(
 
 
 class JsonLines:
-    """Writes a line a second; at once where data stop coming, or come again."""
+    """Writes a line a second; at once where data stop coming or to count, or do so again."""
 
     def __init__(self, readings: Readings) -> None:
         self._readings = readings
         self._written: tuple[Event, ...] = ()
-        self._silent, self._due = False, 0.0
+        self._state, self._due = (False, ""), 0.0
 
     def show(self, status: Status) -> None:
         """Write a line where one is due."""
-        silent, now = status.silent is not None, time.monotonic()
-        if now < self._due and silent == self._silent:
+        cut, now = status.learnt.left_out, time.monotonic()
+        state = status.silent is not None, "" if cut is None else cut.kind
+        if now < self._due and state == self._state:
             return
-        self._silent, self._due = silent, now + _LINES
+        self._state, self._due = state, now + _LINES
         new = [event for event in status.events if event not in self._written]
         self._written = status.events
         _write(live_line(status, self._readings.read(status), new))

@@ -117,6 +117,7 @@ class MavlinkSource:
         settled = self._requests.settled or now - self._aimed > _SETTLED
         self._samples.decide(now, self._requests.parameters, settled=settled)
         self._next_decision = now + (_EVERY if settled else 1.0)
+        self._looked = -math.inf  # what the samples are is to be known before the first of them is judged
         target = self._samples.autopilot.sender
         if target is not None:
             if target != self._requests.target:
@@ -144,6 +145,7 @@ class MavlinkSource:
             rates=self._samples.rates(now),
             bad=self._framer.bad,
             senders=tuple(str(sender) for sender in sorted(self._addresses)),
+            attributes=self._samples.attributes,
         )
 
     def state(self) -> SourceState:
