@@ -15,7 +15,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -34,14 +34,13 @@ from towtank.recording.grids.online_free_motion import Decision, OnlineFreeMotio
 from towtank.recording.standard import is_standard, standard_of
 from towtank.vehicle import Vehicle
 
-__all__ = ["Learning", "Learnt", "Recent", "Silence"]
+__all__ = ["Follower", "Learning", "Learnt", "Recent", "Row", "Silence", "recording_of"]
 
 _LEAST, _PERIODS = 1.0, 5.0  # s, and usual periods of the commands, without any
 _FEWEST, _MOST = 10, 50  # periods that show what is usual
 _STEADY = 2.0  # times the usual period: nine of ten are shorter, else commands are sent when they change, and hold
 _SPAN = 60.0  # s
 _MOST_RECENT = 30_000  # instants
-_Row = tuple[float, tuple[str, ...], tuple[float, ...]]
 _TOGETHER = 1e-6  # s: stamps closer than this are one instant
 _BREAK = 2.0  # s without a sample, after which a new stretch begins
 _CHECKPOINT = 5.0  # s between two checkpoints
@@ -101,8 +100,8 @@ class Recent:
     """Keeps the instants of the current stretch, and of the one before while that is the longer one."""
 
     def __init__(self) -> None:
-        self._rows: deque[_Row] = deque(maxlen=_MOST_RECENT)
-        self._before: deque[_Row] = deque()
+        self._rows: deque[Row] = deque(maxlen=_MOST_RECENT)
+        self._before: deque[Row] = deque()
 
     def add(self, t: float, sample: Mapping[str, float]) -> None:
         """Take what belongs to one instant."""
@@ -124,22 +123,36 @@ class Recent:
 
     def recording(self) -> Recording | None:
         """Return the longer stretch; None where nothing stands in it."""
-        rows = max(self._rows, self._before, key=_span)
-        times: dict[str, list[float]] = {}
-        values: dict[str, list[float]] = {}
-        for t, names, numbers in rows:
-            for name, value in zip(names, numbers, strict=True):
-                if is_standard(name) and np.isfinite(value) and not (times.get(name) and t <= times[name][-1]):
-                    times.setdefault(name, []).append(t)
-                    values.setdefault(name, []).append(value)
-        channels = {}
-        for name, own in times.items():
-            standard = standard_of(name)
-            channels[name] = Channel(name, np.array(own), np.array(values[name]), standard.unit, standard.frame)
-        return Recording(channels, "the session's last minute") if channels else None
+        return recording_of(max(self._rows, self._before, key=_span), "the session's last minute")
 
 
-def _span(rows: deque[_Row]) -> float:
+def recording_of(rows: Iterable[Row], source: str) -> Recording | None:
+    """Return instants as a recording; None where nothing was measured or commanded in them."""
+    times: dict[str, list[float]] = {}
+    values: dict[str, list[float]] = {}
+    for t, names, numbers in rows:
+        for name, value in zip(names, numbers, strict=True):
+            if is_standard(name) and math.isfinite(value) and not (times.get(name) and t <= times[name][-1]):
+                times.setdefault(name, []).append(t)
+                values.setdefault(name, []).append(value)
+    channels = {}
+    for name, own in times.items():
+        standard = standard_of(name)
+        channels[name] = Channel(name, np.array(own), np.array(values[name]), standard.unit, standard.frame)
+    return Recording(channels, source) if channels else None
+
+
+class Follower(Protocol):
+    """Keeps what was learned from."""
+
+    def add(self, t: float, sample: Mapping[str, float]) -> None:
+        """Take the channels of an instant; called by the thread that learns, must be quick."""
+
+    def break_off(self) -> None:
+        """Begin a new stretch."""
+
+
+def _span(rows: deque[Row]) -> float:
     return rows[-1][0] - rows[0][0] if rows else 0.0
 
 
@@ -199,7 +212,7 @@ class Learning:
         now: where learning stands, renewed every `interval` [s].
         errands: what other threads ask of the learner. recent: what was learned from in the last minute.
         tap: called with time [s] and arguments of every instant, by the learning thread; must be quick.
-        listeners: called likewise.
+        listeners: called likewise. followers: keep what is learned from, `recent` first.
     """
 
     def __init__(
@@ -240,6 +253,7 @@ class Learning:
         self.errands = Errands()
         self.tap: Callable[[float, Mapping[str, Any]], None] | None = None
         self.listeners: tuple[Callable[[float, Mapping[str, Any]], None], ...] = ()
+        self.followers: tuple[Follower, ...] = (self.recent,)
         self.now = self._read_learner()
         self._read = self._saved = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="learning", daemon=True)
@@ -398,12 +412,13 @@ class Learning:
         for t, sample, arguments in self._held:
             if self._apart:
                 self._apart = False
-                self.recent.break_off()
+                self._break_followers_off()
                 if math.isfinite(self._last):
                     self.learner.restart()
             self.learner.update(t, **arguments)
             self._excitation.see(t, arguments)
-            self.recent.add(t, sample)
+            for each in self.followers:
+                each.add(t, sample)
             self._last = t
             self._taken += 1
         self._held.clear()
@@ -450,12 +465,16 @@ class Learning:
         """Begin a new stretch; which commands are in force is not known any more."""
         self._resumed = self._apart = False
         self._held.clear()
-        self.recent.break_off()
+        self._break_followers_off()
         if not silent:
             self._silence.forget()
         if math.isfinite(self._last):
             self.learner.restart()
             self._instants.forget()
+
+    def _break_followers_off(self) -> None:
+        for each in self.followers:
+            each.break_off()
 
     def _read_learner(self) -> Learnt:
         learner = self.learner

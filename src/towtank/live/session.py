@@ -247,7 +247,8 @@ class Session:
     def _describe(self) -> None:
         """Let the recording say what the links say of their samples, for whoever reads it as a log."""
         said = [source.state().attributes for _, source in self._sources]
-        found = {"modes": text for text in (each.get("modes", "") for each in reversed(said)) if text}
+        modes = next((each["modes"] for each in said if "modes" in each), "")
+        found = {"modes": modes} if modes else {}
         key, value = DEPTH_BELOW_SURFACE
         of_depth = [each.get(key) for each, deep in zip(said, self._deep, strict=True) if deep]
         if of_depth and all(each == value for each in of_depth):

@@ -122,9 +122,9 @@ def live(
     """Learn from what a vehicle is sending, while it drives.
 
     Coefficients and their deviations are shown as they settle, with what comes from each link. Only water counts:
-    disarmed, at the surface, upside down or before the first command is recorded, not learned from, and said. A payload taken up, lost
-    ballast or a fouled thruster is noticed, told, and learned. Ctrl-C ends in order: the recording is closed, the model
-    written. Nothing is ever commanded.
+    disarmed, at the surface, upside down or before the first command is recorded, not learned from, and said. A payload
+    taken up, lost ballast or a fouled thruster is noticed, told, and learned. Ctrl-C ends in order: the recording is
+    closed, the model written. Nothing is ever commanded.
 
     \b
     Examples:

@@ -112,6 +112,7 @@ class LiveReports:
             epoch=status.epoch,
             prior=options.prior,
             warnings=[*warnings, *status.warnings],
+            keep_all=options.keep_all,
         )
         return report_html(facts.of(origin_of([] if kept is None else [kept], _commands(options))))
 

@@ -18,9 +18,11 @@ from typing import TYPE_CHECKING, Any
 from towtank.app.commands.page_option import new_page, serving
 from towtank.app.files import read_configurations, read_prior, read_vehicle
 from towtank.app.live.facts import judged
+from towtank.app.live.judge import Driven, Judge, Moment
 from towtank.app.live.readings import Readings
 from towtank.app.live.report import live_document, live_line, show_end
 from towtank.app.live.view import LiveView
+from towtank.app.tables.fits import usable_document
 from towtank.app.terminal.output import Output
 from towtank.dashboard.prediction import warm_up as warm_prediction_up
 from towtank.errors import InputError
@@ -125,7 +127,8 @@ def run_live(options: LiveOptions, output: Output) -> None:
         keep_all=options.keep_all,
     )
     reports = _reports(options, session)
-    readings = Readings(session, vehicle) if predicting else None
+    judge = _judge(session, vehicle)
+    readings = Readings(session, vehicle, lambda: judge.text) if predicting else None
     try:
         if before is not None:
             with output.progress("learning from what was recorded") as progress:
@@ -133,7 +136,7 @@ def run_live(options: LiveOptions, output: Output) -> None:
                 rows, since, inputs = before.rows(progress), before.since, before.inputs
                 session.learning.catch_up(rows, since=since, inputs=inputs, attributes=attributes)
             output.say(_gone_on(options, before, session))
-        page = _page(options, session, vehicle, reports, output)
+        page = _page(options, session, judge, vehicle, reports, output)
         viewers = _foxglove(options, session, vehicle, epoch, output)
         session.open()
     except BaseException:
@@ -143,9 +146,11 @@ def run_live(options: LiveOptions, output: Output) -> None:
                 log.path.unlink(missing_ok=True)
         raise
     output.say(f"listening to {', '.join(options.sources)}")
-    with _ends() as stop, serving(page, output.say), viewers:
+    with _ends() as stop, serving(page, output.say), viewers, judge:
         status = _run(session, stop, options, vehicle, readings, output)
-    _end(session, status, options, vehicle, reports, readings, output)
+    with contextlib.suppress(TimeoutError):
+        judge.judge()  # of all that was learned from
+    _end(session, status, options, vehicle, reports, readings, judge, output)
 
 
 def _reports(options: LiveOptions, session: Session) -> LiveReports | None:
@@ -157,8 +162,26 @@ def _reports(options: LiveOptions, session: Session) -> LiveReports | None:
     return LiveReports(session, options)
 
 
+def _judge(session: Session, vehicle: Vehicle) -> Judge:
+    """Return what judges a session while it runs."""
+    learning, driven = session.learning, Driven()
+    learning.followers += (driven,)
+
+    def look() -> Moment:
+        learner = learning.learner
+        found = learning.errands.ask(lambda: (learner.model(), learner.estimate, learning.recent.copy()))
+        return Moment(found[0], found[1], found[2].recording(), session.events.all)
+
+    return Judge(vehicle, look, driven, session.events.add)
+
+
 def _page(
-    options: LiveOptions, session: Session, vehicle: Vehicle, reports: LiveReports | None, output: Output
+    options: LiveOptions,
+    session: Session,
+    judge: Judge,
+    vehicle: Vehicle,
+    reports: LiveReports | None,
+    output: Output,
 ) -> Page | None:
     """Return the live page of a session, bound to its address; None where none is asked for."""
     if options.page is None:
@@ -169,9 +192,8 @@ def _page(
     names = (*vehicle.hydrodynamics, *RESTORING)
     before = {name: value for name in names if (value := vehicle.coefficient(name))}
     about = About(title=", ".join(options.sources), vehicle=vehicle, method=options.method, reference=before)
-    return new_page(
-        LiveFeed(session, about), options.page, output.say, reports=None if reports is None else reports.now
-    )
+    feed = LiveFeed(session, about, lambda: judge.text)
+    return new_page(feed, options.page, output.say, reports=None if reports is None else reports.now)
 
 
 def _foxglove(
@@ -268,6 +290,7 @@ def _end(
     vehicle: Vehicle,
     reports: LiveReports | None,
     readings: Readings | None,
+    judge: Judge,
     output: Output,
 ) -> None:
     """Write the model and the report, print what was learned."""
@@ -280,11 +303,16 @@ def _end(
         save_vehicle(kept.model_copy(update={"provenance": provenance}), place)
     if reports is not None and options.report is not None:
         reports.write(options.report, output.warnings)
-    fit = judged(session.learning, options.record)
-    document = live_document(status, learner, options.sources, options.prior, options.method, output.warnings, fit)
+    fit = judged(session.learning, options.record, keep_all=options.keep_all)
+    use = {"verdict": judge.text, "usable": usable_document(judge.use)}
+    document = use | live_document(
+        status, learner, options.sources, options.prior, options.method, output.warnings, fit
+    )
     if options.json_lines and readings is not None:
         _write(live_line(status, readings.read(status)) | {"final": True, **document})
         return
+    output.line()
+    output.line(judge.text, "bold")
     show_end(status, vehicle, options.method, fit, output)
     if place is not None:
         output.line(f"model written to {place}")

@@ -242,7 +242,7 @@ class MavlinkSamples:
         self._useful = {key[:2] for key, name in self._names.items() if self.quantities.of(name)}
         self._aiding = aiding_of_messages(whole, senders, self.autopilot)
         self._outputs = self._thruster_outputs() if settled else ThrusterOutputs({})
-        for (number, sender, instance), name in self._names.items():
+        for (number, sender, _), name in self._names.items():
             if sender == self.autopilot.sender and self._layouts[number].name == _HEARTBEAT:
                 self._modes = modes_text(heartbeat_modes(tables[name]))
                 received, payload = self._history[number, sender][-1]
