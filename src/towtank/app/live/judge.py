@@ -94,6 +94,7 @@ class Judge:
         vehicle: as the learner was given it.
         look: returns what there is to judge; raises TimeoutError where the learner is too busy.
         driven: follows what is learned from, for the wiring; add: takes the event of a wrong one.
+        shown: whether anybody sees the verdict; else only the wiring is looked at.
 
     Attributes:
         text: the verdict by now, "" before the first. use: for how long the model predicts, None where nothing tells.
@@ -106,7 +107,10 @@ class Judge:
         look: Callable[[], Moment],
         driven: Driven | None = None,
         add: Callable[[Event], None] | None = None,
+        *,
+        shown: bool = True,
     ) -> None:
+        self._shown = shown
         self._vehicle, self._look, self._driven, self._add = vehicle, look, driven, add
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="judge", daemon=True)
@@ -125,7 +129,7 @@ class Judge:
     def _run(self) -> None:
         while True:
             with contextlib.suppress(TimeoutError):
-                self.judge()
+                (self.judge if self._shown else self._look_at_wiring)()
             if self._stop.wait(_PERIOD):
                 return
 

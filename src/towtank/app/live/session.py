@@ -127,7 +127,7 @@ def run_live(options: LiveOptions, output: Output) -> None:
         keep_all=options.keep_all,
     )
     reports = _reports(options, session)
-    judge = _judge(session, vehicle)
+    judge = _judge(session, vehicle, shown=predicting or options.page is not None)
     readings = Readings(session, vehicle, lambda: judge.text) if predicting else None
     try:
         if before is not None:
@@ -162,7 +162,7 @@ def _reports(options: LiveOptions, session: Session) -> LiveReports | None:
     return LiveReports(session, options)
 
 
-def _judge(session: Session, vehicle: Vehicle) -> Judge:
+def _judge(session: Session, vehicle: Vehicle, *, shown: bool = True) -> Judge:
     """Return what judges a session while it runs."""
     learning, driven = session.learning, Driven()
     learning.followers += (driven,)
@@ -172,7 +172,7 @@ def _judge(session: Session, vehicle: Vehicle) -> Judge:
         found = learning.errands.ask(lambda: (learner.model(), learner.estimate, learning.recent.copy()))
         return Moment(found[0], found[1], found[2].recording(), session.events.all)
 
-    return Judge(vehicle, look, driven, session.events.add)
+    return Judge(vehicle, look, driven, session.events.add, shown=shown)
 
 
 def _page(

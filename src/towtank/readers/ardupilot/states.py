@@ -27,6 +27,8 @@ __all__ = [
     "heartbeat_channels",
     "heartbeat_modes",
     "heartbeat_states",
+    "mavros_channels",
+    "mavros_modes",
     "mavros_states",
     "modes_text",
     "tells_pressure",
@@ -155,13 +157,33 @@ def heartbeat_modes(table: Table) -> Mapping[int, str]:
 def mavros_states(table: Table) -> tuple[States, Mapping[int, str]]:
     """Return what mavros_msgs/State tells; its modes are names already, numbered as they come."""
     states: dict[str, tuple[str, Channel]] = {}
-    if "armed" in table:
-        _add(states, "armed", table, _sampled(table.t, table["armed"] > 0.0))
+    numbers: dict[str, int] = {}
+    told = mavros_channels(table, numbers)
+    if "armed" in told:
+        _add(states, "armed", table, _sampled(table.t, told["armed"] > 0.5))
+    if "mode" in told:
+        _add(states, "mode", table, _ordered(table.t, told["mode"]))
+    return states, mavros_modes(numbers)
+
+
+def mavros_channels(table: Table, numbers: dict[str, int]) -> dict[str, Array]:
+    """Return what each message (n,) of mavros_msgs/State tells: "armed", and the number of its mode by name.
+
+    Args:
+        numbers: of the modes so far, by name; those that are new are added.
+    """
+    out = {"armed": (table["armed"] > 0.0).astype(np.float64)} if "armed" in table else {}
     names = table.text.get("mode", ())
-    numbers = {name: k for k, name in enumerate(dict.fromkeys(names))}
+    for name in names:
+        numbers.setdefault(name, len(numbers))
     if len(names) == len(table):
-        _add(states, "mode", table, _ordered(table.t, np.array([float(numbers[name]) for name in names])))
-    return states, {k: name.replace(",", " ").upper() or "none" for name, k in numbers.items()}
+        out["mode"] = np.array([float(numbers[name]) for name in names])
+    return out
+
+
+def mavros_modes(numbers: Mapping[str, int]) -> Mapping[int, str]:
+    """Return the names of modes by number, fit for the attribute "modes"."""
+    return {k: name.replace(",", " ").upper() or "none" for name, k in numbers.items()}
 
 
 def _add(states: dict[str, tuple[str, Channel]], name: str, table: Table, found: tuple[Array, Array]) -> None:
