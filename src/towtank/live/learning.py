@@ -123,7 +123,8 @@ class Recent:
 
     def recording(self) -> Recording | None:
         """Return the longer stretch; None where nothing stands in it."""
-        return recording_of(max(self._rows, self._before, key=_span), "the session's last minute")
+        longer = max(self._rows, self._before, key=_span)
+        return recording_of(longer, "the session's last minute")
 
 
 def recording_of(rows: Iterable[Row], source: str) -> Recording | None:
@@ -404,7 +405,7 @@ class Learning:
             in_force = self._instants.in_force() if self._apart and not self._held else {}
             self._held.append((t, sample, in_force | arguments))
         if counts.standing is Standing.COUNTS:
-            self._go_on(t)
+            self._go_on(self._held[0][0] if self._held else t)  # what was in doubt counts
             self._learn_held()
 
     def _learn_held(self) -> None:
@@ -446,7 +447,7 @@ class Learning:
         cut = replace(cut, end=max(t, cut.start))
         if self._told:
             seconds = cut.end - cut.start
-            details = {"state": "over", "kind": cut.kind, "seconds": seconds}
+            details: dict[str, float | str] = {"state": "over", "kind": cut.kind, "seconds": seconds}
             self._events.add(Event(cut.end, "left out", f"learning again after {seconds:.1f} s: {cut.reason}", details))
             self._cuts.append(cut)
         self._left_out, self._told = None, False
