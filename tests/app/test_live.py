@@ -230,5 +230,5 @@ def test_the_view_fits_eighty_columns(log: Path) -> None:
     assert any(line.startswith("X_uu") and "±" in line and "%" in line for line in shown)
     assert any("dropped 0, late 0, bad 0" in line for line in shown)
     assert len(shown) < 60
-    assert any("axes known to 5 % or better" in line or "All axes" in line for line in shown)
+    assert any(line.startswith("Nothing can be said yet") for line in shown)  # nobody judges this session
     assert any(line.startswith("prediction, 10 s: off by u 0.") for line in shown)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from towtank.app.live.session import _judge
 from towtank.dashboard import About, Address
 from towtank.dashboard.live_feed import LiveFeed
 from towtank.dashboard.page import Page
@@ -80,7 +81,8 @@ class Boat:
         learner: Any = new_learner(self.vehicle, "joint", background=True)
         warm_up(self.vehicle, new_learner(self.vehicle, "joint"), lambda text, share: None)
         self.session = Session([(NAME, self.link)], self.vehicle, learner, epoch=time.time())
-        feed = LiveFeed(self.session, About(NAME, self.vehicle, "joint"))
+        self.judge = _judge(self.session, self.vehicle)
+        feed = LiveFeed(self.session, About(NAME, self.vehicle, "joint"), lambda: self.judge.text)
         self.page = Page(feed, Address("127.0.0.1", 0))
         self.stop = threading.Event()
         self.thread = threading.Thread(target=self.session.run, args=(self.stop,))
@@ -97,8 +99,9 @@ def boat() -> Iterator[Boat]:
     boat.session.open()
     boat.thread.start()
     boat.page.start()
-    wait_until(lambda: boat.state.get("prediction"), 60.0)
-    yield boat
+    with boat.judge:
+        wait_until(lambda: boat.state.get("prediction"), 60.0)
+        yield boat
     boat.stop.set()
     boat.thread.join()
     boat.page.close()
@@ -143,7 +146,8 @@ def test_what_was_never_measured_has_no_chart_and_the_heading_is_shown(browser: 
 
 def test_advice_is_of_what_the_thrusters_drive(browser: Any, alive: Boat) -> None:
     page = opened(browser, alive)
-    advice = page.inner_text("#verdict").partition("better.")[2]
+    until(page, "document.querySelector('#verdict').textContent.includes('Next: drive ')", 30.0)
+    advice = page.inner_text("#verdict").partition("Next: drive ")[2]
     assert "surge" in advice or "yaw" in advice
     assert not any(axis in advice for axis in ("sway", "heave", "roll", "pitch"))
     rows = page.locator("#known tbody tr").all_inner_texts()

@@ -124,30 +124,20 @@ def test_an_axis_is_known_to_the_worse_of_inertia_and_drag() -> None:
     vehicle = load_vehicle("seamor")
     nothing = axes_known(Learner(vehicle, method="paper").estimate, (0.5,) * 6, ())
     assert all(math.isnan(each.known) for each in nothing)
-    assert "Next: drive" in verdict(nothing)
     known = [AxisKnowledge(name, True, 0.01, 0.02, 0.5, 3.0) for name in ("surge", "sway")]
     assert known[0].known == 0.02
-    assert verdict(known).startswith("All axes")
-    worse = [known[0], AxisKnowledge("yaw", True, 0.01, 0.4, 0.5, 0.0)]
-    assert verdict(worse) == "1 of 2 axes known to 5 % or better. Next: drive yaw."
     assert math.isnan(AxisKnowledge("yaw", True, 0.01, math.nan, 0.5, 0.0).known)
     assert math.isnan(AxisKnowledge("yaw", True, math.nan, 0.01, 0.5, 0.0).known)
 
 
-def test_nothing_is_advised_that_no_thruster_drives() -> None:
+def test_which_axes_thrusters_drive() -> None:
     estimate = Learner(load_vehicle("blueboat"), method="paper").estimate
     boat = axes_known(estimate, (0.5,) * 6, (), load_vehicle("blueboat"))
     assert [each.axis for each in boat if each.drivable] == ["surge", "yaw"]
-    assert verdict(boat).endswith("Next: drive surge and yaw.")
     assert all(
         each.drivable for each in axes_known(estimate, (0.5,) * 6, (), load_vehicle("vlbv300")) if each.axis != "pitch"
     )
     assert all(each.drivable for each in axes_known(estimate, (0.5,) * 6, ()))
-    well = AxisKnowledge("surge", True, 0.01, 0.02, 0.5, 3.0)
-    roll = AxisKnowledge("roll", True, math.nan, math.nan, 0.5, 0.0, drivable=False)
-    assert verdict([well, roll]) == "1 of 2 axes known to 5 % or better. No thruster drives roll: save the model."
-    yaw = AxisKnowledge("yaw", True, 0.1, 0.1, 0.5, 2.0)
-    assert verdict([well, roll, yaw]).endswith("Keep driving yaw, with changes of speed.")
 
 
 def a_moment(**settings: Any) -> Now:
@@ -156,17 +146,23 @@ def a_moment(**settings: Any) -> Now:
 
 
 def test_without_data_verdict_and_prediction_say_so() -> None:
-    well = [AxisKnowledge("surge", True, 0.01, 0.02, 0.5, 3.0)]
     links = (Link("udp", 9, {}, {}, silent=12.6), Link("mocap", 9, {}, {}, silent=12.9))
     dead = a_moment(silent=12.6, links=links)
-    assert verdict(well, dead) == "Link lost: no data since 12 s from udp and mocap. All figures are as of then."
+    assert verdict(dead) == "Link lost: no data since 12 s from udp and mocap. All figures are as of then."
     assert predicted(dead, None) == "no data since 12 s"
     never = a_moment(silent=3.2, links=(Link("udp", 0, {}, {}, silent=3.2),), samples=0)
-    assert verdict(well, never) == "Nothing has come yet: no data since 3 s from udp."
-    assert verdict(well, a_moment()).startswith("All axes")
+    assert verdict(never) == "Nothing has come yet: no data since 3 s from udp."
+    assert verdict(a_moment()) == "Nothing can be said yet of what is learned."
     rms = np.array([0.0123, np.nan, np.nan, np.nan, np.nan, 0.01])
     run = FreeRun(np.arange(2.0), np.zeros((2, 6)), np.zeros((2, 6)), rms, np.zeros(6, dtype=bool))
     assert predicted(a_moment(), run) == "off by u 0.012 m/s; r 0.57 °/s (rms)"
+
+
+def test_the_verdict_is_the_sessions_own_after_why_nothing_is_learned() -> None:
+    said = "Usable for prediction up to 10 s (surge), judged on the last 60 s."
+    assert verdict(a_moment(verdict=said)) == said
+    halted = a_moment(verdict=said, not_learning="disarmed")
+    assert verdict(halted) == f"Not learning: disarmed. {said}"
 
 
 def test_notes_are_told_once_with_how_often() -> None:

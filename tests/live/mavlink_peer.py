@@ -27,8 +27,12 @@ class Autopilot:
         self.encoder.seq = (self.encoder.seq + 1) % 256
         return data
 
-    def heartbeat(self, autopilot: int = 3, kind: int = 12) -> bytes:
-        return self.pack(dialect.MAVLink_heartbeat_message(kind, autopilot, 0, 0, 4, 3))
+    def heartbeat(self, autopilot: int = 3, kind: int = 12, armed: bool = False, mode: int = 0) -> bytes:
+        return self.pack(dialect.MAVLink_heartbeat_message(kind, autopilot, 128 * armed, mode, 4, 3))
+
+    def pressure(self, t: float, hectopascals: float) -> bytes:
+        boot = round(1e3 * (self.boot + t))
+        return self.pack(dialect.MAVLink_scaled_pressure2_message(boot, hectopascals, 0.0, 2000))
 
     def attitude(self, t: float, yaw: float = 0.0, yaw_rate: float = 0.0) -> bytes:
         boot = round(1e3 * (self.boot + t))

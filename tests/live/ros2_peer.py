@@ -6,11 +6,19 @@ import math
 from typing import Any
 
 import numpy as np
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-__all__ = ["ODOMETRY", "WRENCH", "odometry", "twist", "wrench"]
+__all__ = ["ODOMETRY", "STATE", "WRENCH", "odometry", "state", "twist", "wrench"]
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
+STATE = "mavros_msgs/msg/State"
+STORE.register(
+    get_types_from_msg(
+        "std_msgs/Header header\nbool connected\nbool armed\nbool guided\nbool manual_input\nstring mode\n"
+        "uint8 system_status",
+        STATE,
+    )
+)
 ODOMETRY, WRENCH = "nav_msgs/msg/Odometry", "geometry_msgs/msg/WrenchStamped"
 TWIST = "geometry_msgs/msg/TwistStamped"
 
@@ -67,3 +75,9 @@ def twist(stamp: float, linear: tuple[float, ...], frame: str) -> bytes:
     """Return geometry_msgs/TwistStamped, as it is."""
     rate = _make("geometry_msgs/msg/Twist", linear=_vector(*linear), angular=_vector(0.0, 0.0, 0.0))
     return _bytes(_make(TWIST, header=_header(stamp, frame), twist=rate), TWIST)
+
+
+def state(stamp: float, mode: str, *, armed: bool) -> bytes:
+    """Return mavros_msgs/State."""
+    flags = {"connected": True, "armed": armed, "guided": False, "manual_input": True, "system_status": 4}
+    return _bytes(_make(STATE, header=_header(stamp, ""), mode=mode, **flags), STATE)

@@ -112,7 +112,8 @@ def test_paused_marked_and_recorded(tmp_path: Path) -> None:
     log = McapLog.open(tmp_path / "a.mcap", epoch=datetime.fromtimestamp(EPOCH, UTC))
     link = Hands()
     learner = new_learner(vehicle, "joint", ("X_uu",), background=False)
-    session = Session([("hands", link)], vehicle, learner, epoch=EPOCH, log=log, window=0.0, interval=0.01)
+    settings = {"window": 0.0, "interval": 0.01, "keep_all": True}  # without commands nothing counts
+    session = Session([("hands", link)], vehicle, learner, epoch=EPOCH, log=log, **settings)  # type: ignore[arg-type]
     tapped: list[float] = []
     session.learning.tap = lambda t, arguments: tapped.append(t)
     session.open()

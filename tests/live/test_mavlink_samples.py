@@ -55,7 +55,7 @@ def turning(flags: int = AIDED, heard: Heard | None = None) -> list[Sample]:
 
 def test_each_message_becomes_its_channels() -> None:
     found = turning()
-    assert {sample.topic for sample in found} == {"ATTITUDE", "LOCAL_POSITION_NED", "SERVO_OUTPUT_RAW"}
+    assert {sample.topic for sample in found} == {"ATTITUDE", "HEARTBEAT", "LOCAL_POSITION_NED", "SERVO_OUTPUT_RAW"}
     np.testing.assert_allclose(channel(found, "psi")[:3], [1.0, 1.025, 1.05], atol=1e-6)
     np.testing.assert_allclose(channel(found, "r"), 0.5)
     np.testing.assert_allclose(channel(found, "z"), 3.0)
@@ -209,3 +209,40 @@ def test_a_flood_of_senders_keeps_memory_bounded() -> None:
     assert len(heard.samples._history) <= 200
     heard.decide(1.0)
     assert heard.samples.autopilot.sender is not None
+
+
+def test_heartbeats_tell_armed_and_mode_from_the_first_sample_on() -> None:
+    """The one that came before anything was decided is told again: what it says is in force."""
+    autopilot, heard = Autopilot(), Heard()
+    heard.take([(0.0, autopilot.heartbeat(armed=True, mode=19)), *second(autopilot, 0.1)[2:]])
+    assert heard.samples.attributes == {}
+    heard.decide(1.5)
+    found = heard.take([*second(autopilot, 2.0)[2:], (3.0, autopilot.heartbeat(mode=9))])
+    beats = [sample for sample in found if sample.topic == "HEARTBEAT"]
+    assert [each.names for each in beats] == [("armed", "mode")] * 2
+    assert [each.values for each in beats] == [(1.0, 19.0), (0.0, 9.0)]
+    assert [each.received - EPOCH for each in beats] == pytest.approx([0.01, 3.01])
+    assert "9 SURFACE" in heard.samples.attributes["modes"]
+    rover = Heard()
+    rover.take([(0.0, autopilot.heartbeat(kind=11)), *second(autopilot, 0.1)[2:]])
+    rover.decide(1.5)
+    assert "16 INITIALISING" in rover.samples.attributes["modes"]
+
+
+def test_heartbeats_of_others_say_nothing_of_the_vehicle() -> None:
+    autopilot, station, heard = Autopilot(), Autopilot(255, 190), Heard()
+    heard.take(second(autopilot, 0.0) + second(autopilot, 1.0))
+    heard.decide(2.0)
+    found = heard.take([(2.1, station.heartbeat(8, 6, armed=True)), (2.2, autopilot.heartbeat())])
+    assert [each.values for each in found if each.topic == "HEARTBEAT"] == [(0.0, 0.0)] * 2  # the one before, and this
+
+
+def test_a_depth_by_pressure_is_that_below_the_surface() -> None:
+    autopilot = Autopilot()
+    deep = Heard({**EIGHT, "BARO2_GND_PRESS": 101_300.0, "BARO_SPEC_GRAV": 1.0})
+    sent = [(0.05 * k, autopilot.pressure(0.05 * k, 1013.0 + 98.0 * 2.0)) for k in range(30)]
+    deep.take(sent + second(autopilot, 0.0, UNAIDED))
+    deep.decide(1.5)
+    found = deep.take([(2.0, autopilot.pressure(2.0, 1013.0 + 98.0 * 2.0))])
+    assert channel(found, "z") == pytest.approx([2.0])
+    assert deep.samples.attributes["depth"] == "below the water's surface, by pressure"

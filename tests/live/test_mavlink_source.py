@@ -119,7 +119,7 @@ def test_rates_are_asked_for_and_told_and_nothing_else_is_said(udp: tuple[Mavlin
     assert any("6 granted; not known: RAW_IMU" in line for line in state.said)
     assert state.senders == ("1.1",)
     samples = [each for each in found if isinstance(each, Sample)]
-    assert {sample.topic for sample in samples} == {"ATTITUDE", "SERVO_OUTPUT_RAW"}
+    assert {sample.topic for sample in samples} == {"ATTITUDE", "HEARTBEAT", "SERVO_OUTPUT_RAW"}
     outputs = next(sample for sample in samples if sample.topic == "SERVO_OUTPUT_RAW")
     assert outputs.names == tuple(f"cmd_{n}" for n in range(1, 9))
     assert outputs.values == (1600.0,) * 8

@@ -18,7 +18,7 @@ from towtank.live.links.ros2.transports import Message, link_of, topic_of_key, t
 from towtank.recording.mapping import ColumnMapping
 
 from .mavlink_peer import free_port
-from .ros2_peer import ODOMETRY, TWIST, WRENCH, odometry, twist, wrench
+from .ros2_peer import ODOMETRY, STATE, TWIST, WRENCH, odometry, state, twist, wrench
 
 EPOCH, APART = 1_700_000_000.0, 5 * 86_400.0  # the publishers' clock is five days behind
 
@@ -65,6 +65,21 @@ def test_odometry_and_wrench_in_standard_frames() -> None:
     np.testing.assert_allclose(channel(found, "N"), 0.5)
     heading = 2.0 * np.arctan2(channel(found, "qz"), channel(found, "qw"))
     np.testing.assert_allclose(np.cos(heading - 0.3 * t), 1.0, atol=1e-9)
+
+
+def test_the_state_of_mavros_is_armed_and_a_mode_with_its_name() -> None:
+    """Modes are numbered as they come once it is decided what is used, and keep their numbers."""
+
+    def said(t: float, mode: str, *, armed: bool) -> Message:
+        return Message("/mavros/state", STATE, EPOCH + t, state(EPOCH - APART + t, mode, armed=armed))
+
+    samples = Ros2Samples(None)
+    heard(samples, [*second(0.0), *second(1.0), said(1.99, "MANUAL", armed=False)])
+    samples.decide(EPOCH + 2.0)
+    found = heard(samples, [*second(2.0), said(3.0, "SURFACE", armed=True), said(4.0, "MANUAL", armed=True)])
+    told = [dict(zip(each.names, each.values, strict=True)) for each in found if each.topic == "/mavros/state"]
+    assert told == [{"armed": 1.0, "mode": 0.0}, {"armed": 1.0, "mode": 1.0}]
+    assert samples.attributes == {"modes": "0 SURFACE, 1 MANUAL"}
 
 
 def test_stamps_are_the_headers_on_our_clock_and_one_for_all_topics() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,32 +14,40 @@ if TYPE_CHECKING:
     from towtank.app.terminal.output import Output, Progress
     from towtank.identification import LogLearning
     from towtank.recording import Recording
+    from towtank.recording.consistency import Finding
     from towtank.report.verdict import Verdict
     from towtank.validation import Usability, Validation
     from towtank.validation.cross_validation import Learn
     from towtank.vehicle import Vehicle
 
-__all__ = ["Judged", "against_others", "alone", "by_folds", "learn_by", "write_validate_report"]
+__all__ = ["Judged", "against_others", "alone", "by_folds", "learn_by", "with_wiring", "write_validate_report"]
 
 _SPARK = 16  # characters
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What was found: scores, how to print it, its part of the document, what a report says of it, and its use."""
+    """What was found: scores, how to print it, its part of the document, what a report says of it, and its use.
+
+    Attributes:
+        findings: what cannot be right of the model's thrusters, as the logs have them.
+    """
 
     found: Validation
     show: Callable[[Output], None]
     document: dict[str, Any]
     reported: Mapping[str, Any] = field(default_factory=dict)
     use: Usability | None = None
+    findings: tuple[Finding, ...] = ()
 
     def verdict(self, name: str) -> Verdict:
         """Return what the model of this name can be used for."""
         from towtank.report.verdict import validate_verdict
 
         errors = self.reported.get("residuals", {})
-        return validate_verdict(name, self.found.fit, [one.verdict.kind for one in errors.values()], self.use)
+        return validate_verdict(
+            name, self.found.fit, [one.verdict.kind for one in errors.values()], self.use, self.findings
+        )
 
     def lacking(self, least: float) -> tuple[str, ...]:
         """Return in words what does not reach a fit [%]: of the axes that were driven; of folds, of all that move."""
@@ -72,6 +80,15 @@ def alone(vehicle: Vehicle, recordings: Sequence[Recording], options: dict[str, 
         show_residuals(errors, output)
 
     return Judged(found, show, {"residuals": residual_document(errors)}, {"residuals": errors}, use)
+
+
+def with_wiring(judged: Judged, vehicle: Vehicle, recordings: Sequence[Recording]) -> Judged:
+    """Return what was found with what the recordings tell of the sign of the model's thrusters, and of their order."""
+    from towtank.identification.logs import wiring_findings
+
+    found = wiring_findings(vehicle, recordings, "the model is judged as its file has them")
+    document = {"findings": [{"what": each.what, "text": each.text} for each in found]}
+    return replace(judged, findings=found, document=judged.document | document)
 
 
 def _use(
@@ -155,6 +172,7 @@ def write_validate_report(
         model=model,
         judged=judged.found,
         use=judged.use,
+        findings=judged.findings,
         origin=origin_of(logs, commands),
         **judged.reported,
         **further,

@@ -11,7 +11,7 @@ from towtank.app.commands.arguments import LogPlace, Window
 from towtank.app.commands.learn import names_of
 from towtank.app.files import LogParts, counted, known_beforehand, parts_of, read_logs
 from towtank.app.inspection import Inspection, inspect_recording
-from towtank.app.judging import alone
+from towtank.app.judging import alone, with_wiring
 from towtank.app.results import Judgement, LearnedModel, Log
 from towtank.app.tables.free_motion import rate_warnings
 from towtank.app.tables.repairs import learning_warnings
@@ -108,7 +108,9 @@ def validate(
     vehicle, report = _vehicle(model), progress or _silent
     every = _several(logs)
     parts = _parts(every, mapping, window, vehicle, keep_all, report)
-    judged = alone(vehicle, counted(parts), {"horizon": horizon, "delay": delay}, report)
+    recordings = counted(parts)
+    judged = alone(vehicle, recordings, {"horizon": horizon, "delay": delay}, report)
+    judged = with_wiring(judged, vehicle, recordings)
     return Judgement(_named(model), vehicle, judged, tuple(parts), horizon, delay)
 
 

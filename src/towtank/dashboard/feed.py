@@ -73,6 +73,8 @@ class Now:
         paused: learning was halted.
         state: in words, as "learning". silent: for how long [s] no link has sent anything; None while one sends.
         warnings: what a person had better know. events: what happened.
+        verdict: what the model can be used for, and what to drive next; "" where nothing was judged yet.
+        not_learning: why what comes is not learned from, as "disarmed"; "" where it is.
     """
 
     elapsed: float
@@ -96,6 +98,8 @@ class Now:
     recording: RecordingFile | None = None
     warnings: tuple[str, ...] = ()
     events: tuple[Event, ...] = ()
+    verdict: str = ""
+    not_learning: str = ""
 
 
 class Feed(Protocol):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from towtank.dashboard.feed import About, Instant, Link, Now, RecordingFile
@@ -34,8 +34,8 @@ class Tap:
         return found
 
 
-def now_of(status: Status) -> Now:
-    """Return where a session stands."""
+def now_of(status: Status, verdict: str = "") -> Now:
+    """Return where a session stands; verdict: what its model can be used for."""
     learnt, recording = status.learnt, status.recording
     return Now(
         elapsed=status.elapsed,
@@ -62,19 +62,21 @@ def now_of(status: Status) -> Now:
         recording=None if recording is None else RecordingFile(recording.path, recording.size, recording.lost),
         warnings=status.warnings,
         events=status.events,
+        verdict=verdict,
+        not_learning="" if learnt.left_out is None else learnt.left_out.reason,
     )
 
 
 class LiveFeed:
-    """A `Session`; to be made before that runs."""
+    """A `Session`; to be made before that runs. `verdict` returns what its model can be used for."""
 
-    def __init__(self, session: Session, about: About) -> None:
-        self.about, self._session, self._tap = about, session, Tap()
+    def __init__(self, session: Session, about: About, verdict: Callable[[], str] = str) -> None:
+        self.about, self._session, self._tap, self._verdict = about, session, Tap(), verdict
         session.learning.tap = self._tap
 
     def now(self) -> Now:
         """Return where the session stands."""
-        return now_of(self._session.status())
+        return now_of(self._session.status(), self._verdict())
 
     def taken(self) -> Sequence[Instant]:
         """Return the instants that came since the last call."""

@@ -83,9 +83,10 @@ def state_document(
         "paused": now.paused,
         "state": "ended" if ended else now.state,
         "no_data_s": now.silent,
+        "not_learning": now.not_learning or None,
         "elapsed_s": now.elapsed,
         "t": number(now.t),
-        "verdict": verdict(axes, now),
+        "verdict": verdict(now),
         "notes": list(notes(now)),
         "coefficients": {
             each.name: {

@@ -1,4 +1,4 @@
-"""What a session comes to, in words: whether data come, how well each axis is known, what to drive next, what to note.
+"""What a session comes to, in words: whether data come, how well each axis is known, what to note.
 
 An axis is known in numbers that mean something: its inertia, and its drag at a speed it has had.
 """
@@ -22,8 +22,14 @@ from towtank.vehicle import Vehicle, allocatable_axes
 
 __all__ = ["COUNTED", "AxisKnowledge", "axes_known", "notes", "predicted", "verdict"]
 
-COUNTED = ("mended", "link", "occlusion", "overload", "clock")  # kinds of events that are noted with how often
-_WELL = 0.05  # relative deviation
+COUNTED = (
+    "mended",
+    "link",
+    "occlusion",
+    "overload",
+    "clock",
+    "left out",
+)  # kinds of events that are noted with how often
 _SLOWEST = 1e-3  # m/s, rad/s
 _LEAST = 0.05  # N, N m: what is asked for below that is what an allocation leaves over
 
@@ -96,32 +102,18 @@ def _axis_knowledge(estimate: Estimate, axis: Axis, speed: float, asked: float) 
     return AxisKnowledge(axis.name, learned, inertia, drag, speed, asked if asked > _LEAST else 0.0)
 
 
-def verdict(axes: Sequence[AxisKnowledge], now: Now | None = None) -> str:
-    """Return in one sentence whether data come; where they do, what is known and what to do next.
+def verdict(now: Now) -> str:
+    """Return whether data come and are learned from; where they do, what the model can be used for and what to do next.
 
-    What to drive next is said only of axes that the thrusters can drive.
+    What the model can be used for is said by the session, in the words of the report.
     """
-    if now is not None and now.silent is not None:
+    if now.silent is not None:
         names = joined([each.text for each in now.links if each.silent is not None])
         if not now.samples:
             return f"Nothing has come yet: {no_data(now.silent)} from {names}."
         return f"Link lost: {no_data(now.silent)} from {names}. All figures are as of then."
-    wanted = [each for each in axes if each.learned]
-    if not wanted:
-        return "No axis is being learned."
-    rest = [each for each in wanted if not each.known <= _WELL]
-    if not rest:
-        return "All axes are known to 5 % or better: save the model, or go on to make it surer."
-    count = f"{len(wanted) - len(rest)} of {len(wanted)} axes known to 5 % or better."
-    able = [each for each in rest if each.drivable]
-    if not able:
-        return f"{count} No thruster drives {joined([each.axis for each in rest])}: save the model."
-    unknown = [each for each in able if math.isnan(each.known)]
-    next_ones = unknown or [max(able, key=lambda each: each.known)]
-    names = joined([each.axis for each in next_ones])
-    if all(each.asked > 0.0 for each in next_ones):
-        return f"{count} Keep driving {names}, with changes of speed."
-    return f"{count} Next: drive {names}."
+    judged = now.verdict or "Nothing can be said yet of what is learned."
+    return f"Not learning: {now.not_learning}. {judged}" if now.not_learning else judged
 
 
 def predicted(now: Now, run: FreeRun | None) -> str:
@@ -164,6 +156,8 @@ def _noted(event: Event) -> str:
         return (
             f"{event.details.get('link', 'a link')}: the link was lost" if event.details.get("state") == "lost" else ""
         )
+    if event.kind == "left out":
+        return f"not learned from: {event.details['reason']}" if event.details.get("state") == "begun" else ""
     if event.kind == "occlusion":
         measured = event.details.get("measured")
         return f"{measured} not measured for a while" if measured else ""

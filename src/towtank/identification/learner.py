@@ -17,6 +17,7 @@ from towtank.identification.posterior.estimate import Estimate
 from towtank.methods import STREAMING_METHODS
 from towtank.recording import Recording
 from towtank.recording.event import Event
+from towtank.recording.grids.free_motion import free_parts
 from towtank.vehicle import AnyVehicle, Vehicle, vehicle_of
 
 if TYPE_CHECKING:
@@ -81,14 +82,21 @@ class Learner:
         """
         raise NotImplementedError
 
-    def run(self, recording: Recording) -> int:
+    def run(self, recording: Recording, *, keep_all: bool = False) -> int:
         """Take a whole recording; return how many intervals were learned from.
 
         Several recordings may follow each other; each begins a new stretch, and what was learned stays.
 
+        Args:
+            keep_all: also what shows no vehicle that moves freely in water under known commands.
+
         Raises:
-            InputError: there is no motion, or its thrusters are not the vehicle's.
+            InputError: there is no motion, nothing counts, or its thrusters are not the vehicle's.
         """
+        parts = [recording] if keep_all else free_parts(recording, self.vehicle)
+        return sum(self._run(part) for part in parts)
+
+    def _run(self, recording: Recording) -> int:
         raise NotImplementedError
 
     def restart(self) -> None:

@@ -31,7 +31,7 @@ from towtank.vehicle.names import ROWS
 from towtank.vehicle.thrusters.ardusub import by_frame
 from towtank.vehicle.thrusters.wiring import rewired
 
-__all__ = ["as_wired", "findings_before", "learn_recordings"]
+__all__ = ["as_wired", "findings_before", "learn_recordings", "wiring_findings"]
 
 
 class LearningOptions(TypedDict, total=False):
@@ -154,7 +154,18 @@ def _in_frame(vehicle: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
     return vehicle, (Finding("thrusters", said, of_model=True),) if said else ()
 
 
-def as_wired(request: LearningRequest) -> tuple[LearningRequest, tuple[Finding, ...]]:
+def wiring_findings(vehicle: Vehicle, recordings: Sequence[Recording], done: str) -> tuple[Finding, ...]:
+    """Return how recordings have the thrusters wired against the vehicle's file; `done`: what is made of that."""
+    with contextlib.suppress(InputError):  # no motion, or no inputs
+        prepared_ = [prepared(recording, vehicle) for recording in recordings]
+        samples = tuple(samples_of(recording, vehicle) for recording in prepared_)
+        return as_wired(LearningRequest(vehicle, prepared_, samples), done)[1]
+    return ()
+
+
+def as_wired(
+    request: LearningRequest, done: str = "learning takes them so"
+) -> tuple[LearningRequest, tuple[Finding, ...]]:
     """Return the question with its thrusters wired as the recordings have them, and what differs from the file.
 
     Where `free` says what to learn, axes of which nothing is learned are left alone.
@@ -168,9 +179,9 @@ def as_wired(request: LearningRequest) -> tuple[LearningRequest, tuple[Finding, 
     if not wiring:
         return request, ()
     if not samples[0].commands:
-        done = "check its sign in the mapping (scale = -1.0 turns a column round)"
-        return request, tuple(Finding(AXES[k].name, f"{reversed_force(k)}; {done}") for k in wiring.turned)
+        check = "check its sign in the mapping (scale = -1.0 turns a column round)"
+        return request, tuple(Finding(AXES[k].name, f"{reversed_force(k)}; {check}") for k in wiring.turned)
     other = rewired(vehicle, wiring)
     rebound = tuple(samples_of(each, other) for each in request.recordings)
-    found = Finding("thrusters", f"{wiring.said(vehicle)}; learning takes them so", of_model=True)
+    found = Finding("thrusters", f"{wiring.said(vehicle)}; {done}", of_model=True)
     return replace(request, vehicle=other, samples=rebound), (found,)

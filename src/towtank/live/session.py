@@ -23,8 +23,9 @@ from towtank.live.recording.messages import Kept
 from towtank.live.recording.recorder import Recorder, RecordingState
 from towtank.live.status import SourceStatus, Status
 from towtank.recording.event import Event
+from towtank.recording.grids.free_motion import DEPTH_BELOW_SURFACE
 from towtank.recording.mcap.log import McapLog
-from towtank.recording.standard import COMMAND_PREFIX, is_command, is_standard
+from towtank.recording.standard import COMMAND_PREFIX, STATES, is_command, is_standard
 from towtank.vehicle import Vehicle
 
 __all__ = ["CommandNames", "Session"]
@@ -66,10 +67,20 @@ class CommandNames:
         return replace(sample, names=tuple(name for name, _ in kept), values=tuple(value for _, value in kept))
 
     def _own(self, name: str) -> str:
-        found = self._known.get(name, "") if is_command(name) and not self._any else name if is_standard(name) else ""
+        found = self._known.get(name, "") if is_command(name) and not self._any else name if _is_kept(name) else ""
         if not found and len(self.foreign) < _MOST:
             self.foreign.setdefault(ascii(name[:_LONGEST])[1:-1])  # it will stand on a terminal
         return found
+
+
+def _is_kept(name: str) -> bool:
+    """True for channels of a vehicle, and for what its autopilot says of itself."""
+    return is_standard(name) or name in STATES
+
+
+def _of_states(sample: Sample) -> bool:
+    """Whether a sample tells of the autopilot alone: nothing to learn from, as heartbeats are."""
+    return all(name in STATES for name in sample.names)
 
 
 class Session:
@@ -83,6 +94,7 @@ class Session:
         log: to record to. checkpoint: beside it.
         room: samples that may wait to be learned from.
         interval: [s] between two readings of the estimate.
+        keep_all: learn from everything, also where the vehicle does not move freely in water.
     """
 
     def __init__(
@@ -97,6 +109,7 @@ class Session:
         checkpoint: Checkpoint | None = None,
         room: int = _ROOM,
         interval: float = 0.25,
+        keep_all: bool = False,
     ) -> None:
         self._sources = tuple(sources)
         self._epoch = epoch
@@ -121,9 +134,13 @@ class Session:
             interval=interval,
             timed=not self._patient,
             events=self.events,
+            attributes=lambda: [source.state().attributes for _, source in self._sources],
+            keep_all=keep_all,
         )
+        self._deep = [False] * len(self._sources)  # which have sent a depth
+        self._described: dict[str, str] = {}
         self._stop = threading.Event()
-        self._ended = False
+        self._ended = False  # everything that came is learned from and recorded
         self._began = time.monotonic()
         self._first = self._longest = math.inf
         self._threads = [
@@ -200,6 +217,7 @@ class Session:
             warnings=self._warnings(recording, sources),
             events=self.events.all,
             epoch=math.nan if self._patient else self._epoch,
+            ending=self._stop.is_set() and not self._ended,
             ended=self._ended,
         )
 
@@ -214,7 +232,7 @@ class Session:
     def _source_status(self, rank: int) -> SourceStatus:
         (text, source), clock = self._sources[rank], self._clocks[rank]
         state = source.state()
-        over = self._ended or source.patient or state.ended
+        over = self._stop.is_set() or source.patient or state.ended
         silent = None if over else self._hearings[rank].silent()
         return SourceStatus(text, state, self._counts[rank], clock.strange, clock.offset, clock.drift, silent)
 
@@ -224,6 +242,20 @@ class Session:
             event = None if source.patient or source.state().ended else hearing.notice()
             if event is not None:
                 self.events.add(event)
+        self._describe()
+
+    def _describe(self) -> None:
+        """Let the recording say what the links say of their samples, for whoever reads it as a log."""
+        said = [source.state().attributes for _, source in self._sources]
+        modes = next((each["modes"] for each in said if "modes" in each), "")
+        found = {"modes": modes} if modes else {}
+        key, value = DEPTH_BELOW_SURFACE
+        of_depth = [each.get(key) for each, deep in zip(said, self._deep, strict=True) if deep]
+        if of_depth and all(each == value for each in of_depth):
+            found[key] = value
+        if self._recorder is not None and found != self._described:
+            self._described = found
+            self._recorder.put_attributes(found)
 
     def _warnings(self, recording: RecordingState | None, sources: Sequence[SourceStatus]) -> tuple[str, ...]:
         found = [text for text in (self.learning.now.trouble, *self._faults.values()) if text]
@@ -258,9 +290,9 @@ class Session:
                 came, now = time.monotonic(), time.time()
                 restarts = clock.restarts
                 raw = [(item.received - self._epoch, item) for item in items if isinstance(item, Raw)]
-                if len(raw) < len(items):
-                    newest = max(item.received for item in items if not isinstance(item, Raw))
-                    self._hearings[rank].heard(newest - self._epoch, came)
+                measured = [item.received for item in items if not isinstance(item, Raw) and not _of_states(item)]
+                if measured:
+                    self._hearings[rank].heard(max(measured) - self._epoch, came)
                 for item in items:
                     if not isinstance(item, Raw) and clock.believes(item.t, item.received):
                         early.append((commands.bound(item), came - min(max(now - item.received, 0.0), 1.0)))
@@ -294,6 +326,7 @@ class Session:
         self._first = min(self._first, *(each.t for each in arrivals), math.inf)
         within = [each for each in arrivals if each.t <= self._first + self._longest]
         self._counts[rank] += len(within)
+        self._deep[rank] = self._deep[rank] or any("z" in each.sample.names for each in within)
         if self._recorder is not None:
             self._recorder.put(within, raw)
         if within:
@@ -303,7 +336,6 @@ class Session:
 
     def _finish(self) -> None:
         self._stop.set()
-        self._ended = True
         deadline = time.monotonic() + _ENOUGH
         for thread in self._threads:
             thread.join(max(deadline - time.monotonic(), 0.1))
@@ -313,7 +345,9 @@ class Session:
                 source.close()
         self.learning.join()
         if self._recorder is not None:
+            self._describe()
             self._recorder.close(self._notes())
+        self._ended = True
 
     def _notes(self) -> list[str]:
         status = self.status()

@@ -45,7 +45,7 @@ class Status:
         doubled: channels that several links measure. warnings: what a person had better know.
         events: what happened, in the order of noticing.
         epoch: Unix time [s] at which the session's time is 0; NaN where samples come in a time of their own.
-        ended: nothing will change any more.
+        ending: no link is read any more; what came is still learned from and recorded. ended: nothing will change.
     """
 
     elapsed: float
@@ -60,6 +60,7 @@ class Status:
     warnings: tuple[str, ...]
     events: tuple[Event, ...] = ()
     epoch: float = math.nan
+    ending: bool = False
     ended: bool = False
 
     @property
@@ -81,11 +82,15 @@ class Status:
 
     @property
     def state(self) -> str:
-        """In words: "learning", "paused", "no data since 12 s", "learning has stopped" or "ended"."""
-        if self.ended:
-            return "ended"
+        """In words: "learning", "paused", "not learning: disarmed since 12 s", "no data since 12 s", "learning has
+        stopped", "ending" or "ended".
+        """
+        if self.ended or self.ending:
+            return "ended" if self.ended else "ending"
         if self.silent is not None:
             return no_data(self.silent)
         if self.learnt.trouble:
             return "learning has stopped"
-        return "paused" if self.learnt.paused else "learning"
+        if self.learnt.paused:
+            return "paused"
+        return f"not learning: {self.learnt.not_learning}" if self.learnt.left_out is not None else "learning"

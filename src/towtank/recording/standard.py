@@ -120,5 +120,5 @@ def is_standard(name: str) -> bool:
 
 
 def standard_of(name: str) -> Standard:
-    """Return unit, frame and meaning of a standard channel. Raises `KeyError` for any other name."""
-    return _COMMAND if is_command(name) else STANDARD[name]
+    """Return unit, frame and meaning of a standard channel, or of a state. Raises `KeyError` for any other name."""
+    return _COMMAND if is_command(name) else STATES[name] if name in STATES else STANDARD[name]

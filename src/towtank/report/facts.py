@@ -113,7 +113,8 @@ class ValidateFacts:
         name: of the model as it was given. model: the vehicle. judged: its scores and predictions.
         horizon, delay: [s] as asked for, None where not. residuals: errors per channel.
         use: for how long it predicts. comparison: with other models.
-        folds: cross-validation; `judged` is then of its windows. left_out: what of the logs does not count.
+        folds: cross-validation; `judged` is then of its windows. findings: what cannot be right of the thrusters.
+        left_out: what of the logs does not count.
     """
 
     name: str
@@ -125,6 +126,7 @@ class ValidateFacts:
     use: Usability | None = None
     comparison: Comparison | None = None
     folds: CrossValidation | None = None
+    findings: Sequence[Finding] = ()
     recordings: Sequence[Recording] = ()
     left_out: Sequence[str] = ()
     warnings: Sequence[str] = ()

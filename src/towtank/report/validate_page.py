@@ -40,7 +40,7 @@ def validate_html(facts: ValidateFacts) -> str:
         origin_section(facts.origin),
     ]
     kinds = [one.verdict.kind for one in facts.residuals.values()]
-    verdict = validate_verdict(facts.name, judged.fit, kinds, facts.use)
+    verdict = validate_verdict(facts.name, judged.fit, kinds, facts.use, facts.findings)
     return page("How well a model predicts", facts.model.name, verdict, _sums(facts), sections, footer(facts.origin))
 
 

@@ -89,7 +89,8 @@ def learn_verdict(
     learned = [each for each in estimate.coefficients if each.identified]
     if not learned:
         why = next((reason for reason in estimate.reasons if reason), "no motion was seen")
-        return Verdict("poor", f"Not usable. Nothing could be identified: {why}.")
+        next_ = "" if use is None else _next(use, [_known(estimate, axis) for axis in AXES], estimate)
+        return Verdict("poor", f"Not usable. Nothing could be identified: {why}.{next_}")
     known = [_known(estimate, axis) for axis in AXES]
     text = "; ".join(_groups(known, driven))
     axes = [axis for axis, each in zip(AXES, known, strict=True) if each.inertia or each.drag]
@@ -160,7 +161,7 @@ def _why(each: AxisUse) -> str:
 def _next(use: Usability, known: Sequence[_Known], estimate: Estimate) -> str:
     """Return what to drive next, as a sentence; nothing where all axes that can be driven are known."""
     poor = {each.axis for each in use.poor} | {each.axis for each in known if not (each.inertia and each.drag)}
-    open_ = {*use.undriven, *(each.axis for each in use.axes)}
+    open_ = {*use.undriven, *(each.axis for each in use.axes if use.drivable is None or each.axis in use.drivable)}
     asked = {name[0] for name in estimate.names}
     wanted = [axis.name for axis in AXES if axis.name in poor & open_ and ROWS[axis.index] in asked]
     return f" Next: drive {joined(wanted)}, each by itself, up and down in steps." if wanted else ""
@@ -226,13 +227,27 @@ def _range(shares: Sequence[float]) -> str:
 
 
 def validate_verdict(
-    name: str, fit: Mapping[str, float | None], errors: Sequence[str], use: Usability | None = None
+    name: str,
+    fit: Mapping[str, float | None],
+    errors: Sequence[str],
+    use: Usability | None = None,
+    findings: Sequence[Finding] = (),
 ) -> Verdict:
-    """Return what a model can be used for and how well it predicts.
+    """Return what a model can be used for and how well it predicts; before that what of it cannot be right.
 
     Args:
         errors: kinds of what the errors are, per channel. use: for how long it predicts; not told where omitted.
+        findings: gravest first.
     """
+    judged = _judged(name, fit, errors, use)
+    if not findings:
+        return judged
+    grade = min("fair", judged.grade, key=_GRADES.index)
+    return Verdict(grade, f"Something cannot be right: {'; '.join(each.text for each in findings)}. {judged.text}")
+
+
+def _judged(name: str, fit: Mapping[str, float | None], errors: Sequence[str], use: Usability | None = None) -> Verdict:
+    """Return what a model can be used for and how well it predicts."""
     fits = {channel: value for channel, value in fit.items() if value is not None}
     if use is not None and use.axes:
         fits = {each.channel: each.fit for each in use.axes}  # what stands still is no measure of a model

@@ -22,7 +22,7 @@ from towtank.recording.frames.pose_rates import velocity_of_pose
 from towtank.recording.standard import POSE, VELOCITIES
 from towtank.validation.prediction import Prediction, predict
 from towtank.validation.scores import score, started
-from towtank.vehicle import Vehicle, configuration_matrix
+from towtank.vehicle import Vehicle, allocatable_axes
 
 __all__ = ["HORIZONS", "SHORTEST", "AxisUse", "Usability", "usability"]
 
@@ -61,12 +61,14 @@ class Usability:
         axes: in their order. undriven: axes that the thrusters could drive, and hardly did. unmeasured: driven, but
             nothing shows them.
         duration: of the longest recording [s].
+        drivable: axes that the thrusters drive independently of each other; None where that is not known.
     """
 
     axes: tuple[AxisUse, ...]
     undriven: tuple[str, ...]
     unmeasured: tuple[str, ...]
     duration: float
+    drivable: tuple[str, ...] | None = None
 
     @property
     def good(self) -> tuple[AxisUse, ...]:
@@ -137,9 +139,10 @@ def usability(
         AxisUse(name, channel, seconds[name], float(fits[channel] or 0.0), held[name])
         for name, channel in judged.items()
     )
-    able = driven_by(np.abs(configuration_matrix(model)).max(axis=1)) if model.thrusters else (True,) * 6
-    undriven = tuple(axis.name for axis in AXES if able[axis.index] and not driven[axis.index])
-    return Usability(uses, undriven, tuple(name for name in moved if name not in judged), duration)
+    able = allocatable_axes(model) if model.thrusters else range(6)
+    drivable = tuple(axis.name for axis in AXES if axis.index in able)
+    undriven = tuple(name for name in drivable if name not in moved)
+    return Usability(uses, undriven, tuple(name for name in moved if name not in judged), duration, drivable)
 
 
 def _with_speeds(prediction: Prediction) -> Prediction:

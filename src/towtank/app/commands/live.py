@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from towtank.app.commands.arguments import Json, Map, Report, output_place, positive_option, report_place
+from towtank.app.commands.arguments import Json, KeepAll, Map, Report, output_place, positive_option, report_place
 from towtank.app.commands.page_option import FoxgloveOption, PageOption, page_address
 from towtank.app.terminal.completion import streaming_methods, vehicles
 from towtank.errors import InputError, nearest
@@ -112,6 +112,7 @@ def live(
     report: Report = None,
     page: PageOption = None,
     foxglove: FoxgloveOption = None,
+    keep_all: KeepAll = False,
     json: Json = False,
     json_lines: Annotated[
         bool,
@@ -120,9 +121,10 @@ def live(
 ) -> None:
     """Learn from what a vehicle is sending, while it drives.
 
-    Coefficients and their deviations are shown as they settle, with what comes from each link. A payload taken up, lost
-    ballast or a fouled thruster is noticed, told, and learned. Ctrl-C ends in order: the recording is closed, the model
-    written. Nothing is ever commanded.
+    Coefficients and their deviations are shown as they settle, with what comes from each link. Only water counts:
+    disarmed, at the surface, upside down or before the first command is recorded, not learned from, and said. A payload
+    taken up, lost ballast or a fouled thruster is noticed, told, and learned. Ctrl-C ends in order: the recording is
+    closed, the model written. Nothing is ever commanded.
 
     \b
     Examples:
@@ -171,5 +173,6 @@ def live(
         json_lines=json_lines,
         page=page,
         foxglove=foxglove,
+        keep_all=keep_all,
     )
     run_live(options, Output(json=json or json_lines))

@@ -111,7 +111,7 @@ def validate(
     report_place(report)
 
     from towtank.app.files import counted, parts_of, read_logs, read_vehicle
-    from towtank.app.judging import against_others, alone, by_folds, learn_by, write_validate_report
+    from towtank.app.judging import against_others, alone, by_folds, learn_by, with_wiring, write_validate_report
     from towtank.app.tables.fits import usable_document
     from towtank.app.tables.free_motion import left_out_document, left_out_lines, rate_warnings, show_left_out
     from towtank.app.terminal.output import Output
@@ -135,6 +135,7 @@ def validate(
             judged = against_others(vehicles, recordings, options, progress)
         else:
             judged = alone(vehicles[model], recordings, options, progress)
+        judged = with_wiring(judged, vehicles[model], recordings)
         found, verdict = judged.found, judged.verdict(model)
         lacking = () if require is None else judged.lacking(require)
         if report is not None:

@@ -10,6 +10,7 @@ from typing import Any
 
 from towtank.app.demo.progress import LearningCurve, convergence_of
 from towtank.app.live.facts import Knowledge, knowledge_of, stream_facts
+from towtank.app.live.judge import Judge, Moment
 from towtank.dashboard.feed import About, Instant, Link, Now
 from towtank.dashboard.live_feed import Tap
 from towtank.identification import Estimate, Learner
@@ -52,6 +53,7 @@ class DemoFeed:
         self._delay = self._lag = math.nan
         self._paused = self._halted = self._finished = False
         self._began = self._ended = time.monotonic()
+        self.judge = Judge(session.known, self._moment)
 
     def before(self, t: float, arguments: Mapping[str, Any]) -> bool:
         """Take the instant of time t [s]; return whether it is to be learned from."""
@@ -129,6 +131,7 @@ class DemoFeed:
             state="paused" if self._paused else "learning",
             links=(Link(_SOURCE, self._count, {"pose and commands": rate}, {}),),
             events=self._events.all,
+            verdict=self.judge.text,
         )
 
     def taken(self) -> Sequence[Instant]:
@@ -148,6 +151,14 @@ class DemoFeed:
     def mark(self, text: str) -> None:
         """Add an event of somebody's own."""
         self._events.add(Event(max(self._t, 0.0), "mark", text))
+
+    def _moment(self) -> Moment:
+        """Return what there is to judge."""
+        learner, end = self._learner, max(self._t, _SHORTEST)
+        known = self._model, self._estimate
+        model, estimate = known if self._finished else self._errands.ask(lambda: (learner.model(), learner.estimate))
+        recording = self._session.recording.window(max(end - _LOOKS_BACK, 0.0), end)
+        return Moment(model, estimate, recording, self._events.all)
 
     def _knowledge(self) -> tuple[Knowledge, Convergence]:
         now = knowledge_of(self._learner)

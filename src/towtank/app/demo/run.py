@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 import threading
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -84,7 +84,8 @@ def run_demo(
     curve = LearningCurve(quantities(session.truth, weight=payload))
     watched = not json_output and sys.stdout.isatty()
     feed, live = _page(session, learner, curve, page, console)
-    with serving(live, lambda line: _whole(console, line), browser=browser and watched):
+    judging = nullcontext() if feed is None else feed.judge
+    with serving(live, lambda line: _whole(console, line), browser=browser and watched), judging:
         screen = Screen(console, session)
         with screen.showing() as show:
             last = stream(session, learner, curve, paced=not fast, show=show, watch=feed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,13 +12,15 @@ from typing import Any
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification import Estimate, Learner
+from towtank.identification.data.samples import prepared
 from towtank.identification.offline.convergence import Convergence
 from towtank.live.learning import Learning
-from towtank.recording import STANDARD, Recording
+from towtank.recording import STANDARD, Recording, align
 from towtank.recording.event import Event
+from towtank.recording.grids.free_motion import free_parts
 from towtank.recording.standard import EULER, MEASURED, QUATERNION, VELOCITIES, WRENCH
 from towtank.report import LearnFacts
-from towtank.validation import Validation, residuals, validate
+from towtank.validation import Validation, residuals, usability, validate
 from towtank.vehicle import Vehicle
 
 __all__ = ["Knowledge", "LiveFit", "judged", "knowledge_of", "stream_facts"]
@@ -60,12 +63,12 @@ def knowledge_of(learner: Learner) -> Knowledge:
 
 
 def judged_since(
-    model: Vehicle, recording: Recording, events: Sequence[Event], of: str
+    model: Vehicle, recording: Recording, events: Sequence[Event], of: str, *, keep_all: bool = False
 ) -> tuple[Validation | None, str, str]:
-    """Return how a model predicts a recording, from the vehicle's last change on.
+    """Return how a model predicts what counts of a recording, from the vehicle's last change on.
 
     Args:
-        of: what the recording is, in words.
+        of: what the recording is, in words. keep_all: everything counts.
 
     Returns:
         The scores, None where there can be none; what was predicted, in words; why it could not be, else "".
@@ -79,9 +82,13 @@ def judged_since(
                 recording.window(last, recording.end),
                 f"the last {recording.end - last:.0f} s, since the vehicle changed",
             )
-        return validate(model, [recording]), of, ""
+        return validate(model, _counted(model, recording, keep_all=keep_all)), of, ""
     except InputError as error:
         return None, of, str(error)
+
+
+def _counted(model: Vehicle, recording: Recording, *, keep_all: bool) -> list[Recording]:
+    return [recording] if keep_all else free_parts(recording, model)
 
 
 def stream_facts(
@@ -94,18 +101,25 @@ def stream_facts(
     epoch: float = math.nan,
     prior: str | None = None,
     warnings: Sequence[str] = (),
+    keep_all: bool = False,
 ) -> LearnFacts:
     """Return what a report of a stream is made of.
 
     Args:
         recording: what was learned from, or its recent part; of: which, in words. convergence: of the estimates.
         epoch: Unix time [s] of the events' time 0. prior: what was known beforehand, as it was named.
+        keep_all: judge on all of the recording, not only where the vehicle moves freely in water.
     """
     scores, predicted, why = None, of, ""
     if recording is not None and any(now.estimate.identified):
-        scores, predicted, why = judged_since(now.model, recording, events, of)
+        scores, predicted, why = judged_since(now.model, recording, events, of, keep_all=keep_all)
     predictions = () if scores is None else scores.predictions
     level = now.disturbance
+    use = None
+    if scores is not None and recording is not None:
+        with contextlib.suppress(InputError):
+            parts = _counted(now.model, recording, keep_all=keep_all)
+            use = usability(now.model, [align(prepared(part, now.vehicle)) for part in parts])
     return LearnFacts(
         vehicle=now.vehicle,
         model=now.model,
@@ -120,6 +134,7 @@ def stream_facts(
         rmse={} if scores is None else scores.rmse,
         predictions=predictions,
         predicted=predicted,
+        use=use,
         residuals=residuals(predictions),
         recordings=() if recording is None else [recording],
         disturbance={}
@@ -147,7 +162,7 @@ class LiveFit:
     noise: dict[str, dict[str, Any]] = field(default_factory=dict)
 
 
-def judged(learning: Learning, recorded: Path | None) -> LiveFit:
+def judged(learning: Learning, recorded: Path | None, *, keep_all: bool = False) -> LiveFit:
     """Return how the model predicts the recording, else the last minute, since the last change; once it has ended."""
     learner = learning.learner
     if not any(learner.estimate.identified):
@@ -157,7 +172,7 @@ def judged(learning: Learning, recorded: Path | None) -> LiveFit:
         if run is None:
             return LiveFit(reason="no motion was learned from")
 
-        found, of, reason = judged_since(learner.model(), run, learner.events, of)
+        found, of, reason = judged_since(learner.model(), run, learner.events, of, keep_all=keep_all)
     except InputError as error:
         return LiveFit(reason=str(error))
     if found is None:

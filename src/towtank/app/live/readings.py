@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from towtank.dashboard.live_feed import Tap, now_of
 from towtank.dashboard.prediction import Prediction
-from towtank.dashboard.verdict import axes_known, notes, predicted, verdict
+from towtank.dashboard.verdict import notes, predicted, verdict
 from towtank.live.session import Session
 from towtank.live.status import Status
 from towtank.vehicle import Vehicle
@@ -22,7 +23,7 @@ class Reading:
     """What a session comes to.
 
     Attributes:
-        state: "learning", "no data since 12 s" and so on. verdict: what is known, and what to drive next.
+        state: "learning", "no data since 12 s" and so on. verdict: what the model is of use for, what to drive next.
         prediction: how far off the free run of the last seconds is. notes: of links and filter, each once.
         rms: of the free run (6,) [m/s, rad/s], NaN where not measured; empty where there is none of now.
     """
@@ -35,9 +36,10 @@ class Reading:
 
 
 class Readings:
-    """Reads a session; to be made before that runs."""
+    """Reads a session; to be made before that runs. `verdict` returns what its model can be used for."""
 
-    def __init__(self, session: Session, vehicle: Vehicle) -> None:
+    def __init__(self, session: Session, vehicle: Vehicle, verdict: Callable[[], str] = str) -> None:
+        self._verdict = verdict
         self._tap, self._vehicle = Tap(), vehicle
         self._prediction = Prediction(vehicle)
         self._due = 0.0
@@ -45,16 +47,15 @@ class Readings:
 
     def read(self, status: Status) -> Reading:
         """Return what the session comes to."""
-        now, prediction = now_of(status), self._prediction
+        now, prediction = now_of(status, self._verdict()), self._prediction
         prediction.motion.add(self._tap.drain())
         if now.silent is None and time.monotonic() >= self._due:
             self._due = time.monotonic() + _PERIOD
             prediction.renew(self._vehicle, now.estimate, now.delay)
-        axes = axes_known(now.estimate, tuple(prediction.speeds), now.excitation, self._vehicle)
         run = None if now.silent is not None else prediction.run
         return Reading(
             state=now.state,
-            verdict=verdict(axes, now),
+            verdict=verdict(now),
             prediction=predicted(now, run),
             notes=notes(now),
             rms=() if run is None else tuple(run.rms.tolist()),

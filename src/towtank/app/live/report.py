@@ -18,10 +18,13 @@ from towtank.identification import Learner
 from towtank.live.status import Status
 from towtank.recording import STANDARD
 from towtank.recording.event import Event
+from towtank.recording.grids.free_motion import LeftOut
 from towtank.recording.standard import VELOCITIES, WRENCH
 from towtank.vehicle import Vehicle
 
 __all__ = ["events_document", "live_document", "live_line", "show_end"]
+
+_MOST_CUTS = 12  # lines
 
 
 def live_document(
@@ -85,6 +88,7 @@ def live_part(status: Status) -> dict[str, Any]:
         "late": status.late,
         "bad": status.bad,
         "waiting": status.waiting,
+        "left_out": [_cut_document(each) for each in _cuts(status)],
         "likely": dict(status.learnt.likely),
         "excitation": dict(zip(WRENCH, status.learnt.excitation, strict=False)),
         "sources": {
@@ -115,6 +119,16 @@ def live_part(status: Status) -> dict[str, Any]:
     }
 
 
+def _cuts(status: Status) -> list[LeftOut]:
+    """Return what was not learned from, up to now."""
+    learnt = status.learnt
+    return [*learnt.cuts, *([learnt.left_out] if learnt.left_out is not None else [])]
+
+
+def _cut_document(cut: LeftOut) -> dict[str, Any]:
+    return {"start_s": cut.start, "end_s": cut.end, "kind": cut.kind, "reason": cut.reason}
+
+
 def live_line(status: Status, reading: Reading, events: Sequence[Event] = ()) -> dict[str, Any]:
     """Return where a session stands, short enough for one line a second; events: that are new, or have changed."""
     learnt = status.learnt
@@ -126,6 +140,7 @@ def live_line(status: Status, reading: Reading, events: Sequence[Event] = ()) ->
         "elapsed_s": round(status.elapsed, 3),
         "state": reading.state,
         "no_data_s": status.silent,
+        "left_out": None if learnt.left_out is None else _cut_document(learnt.left_out),
         "verdict": reading.verdict,
         "prediction": {
             "seconds": SECONDS,
@@ -167,9 +182,18 @@ def show_end(status: Status, vehicle: Vehicle, method: str, judged: LiveFit, out
     if judged.of is not None:
         output.heading(f"Fit of the free-running prediction on {judged.of}")
         show_own_fits(judged.fit, output)
-    if status.events:
+    cuts = _cuts(status)
+    if cuts:
+        output.heading("What was not learned from: the vehicle was not moving freely in water")
+        for cut in cuts[-_MOST_CUTS:]:
+            output.item(cut.text)
+        if len(cuts) > _MOST_CUTS:
+            output.item(f"and {len(cuts) - _MOST_CUTS} stretches before, which --json has")
+        output.line("--keep-all learns from all of it.", "dim")
+    happened = [event for event in status.events if event.kind != "left out"]
+    if happened:
         output.heading("What happened")
-        for event in status.events:
+        for event in happened:
             output.item(event_line(event, status.epoch, ascii_only=output.ascii))
     if learnt.likely:
         output.line(likely_line(learnt.likely))

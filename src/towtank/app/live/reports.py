@@ -112,6 +112,7 @@ class LiveReports:
             epoch=status.epoch,
             prior=options.prior,
             warnings=[*warnings, *status.warnings],
+            keep_all=options.keep_all,
         )
         return report_html(facts.of(origin_of([] if kept is None else [kept], _commands(options))))
 
@@ -132,6 +133,7 @@ def _commands(options: LiveOptions) -> list[str]:
         "--free": None if options.free is None else ",".join(options.free),
         "--prior": options.prior,
         "--no-changes": not options.changes,
+        "--keep-all": options.keep_all,
         "--configurations": options.configurations,
         "--map": options.mapping,
         "-o": options.model_file,

@@ -18,9 +18,11 @@ from typing import TYPE_CHECKING, Any
 from towtank.app.commands.page_option import new_page, serving
 from towtank.app.files import read_configurations, read_prior, read_vehicle
 from towtank.app.live.facts import judged
+from towtank.app.live.judge import Driven, Judge, Moment
 from towtank.app.live.readings import Readings
 from towtank.app.live.report import live_document, live_line, show_end
 from towtank.app.live.view import LiveView
+from towtank.app.tables.fits import usable_document
 from towtank.app.terminal.output import Output
 from towtank.dashboard.prediction import warm_up as warm_prediction_up
 from towtank.errors import InputError
@@ -69,6 +71,7 @@ class LiveOptions:
     json_lines: bool = False
     page: str | None = None
     foxglove: str | None = None
+    keep_all: bool = False
 
 
 def run_live(options: LiveOptions, output: Output) -> None:
@@ -121,15 +124,19 @@ def run_live(options: LiveOptions, output: Output) -> None:
         log=log,
         checkpoint=checkpoint,
         interval=0.25 if output.console.is_terminal or options.json_lines or options.page or options.foxglove else 1.0,
+        keep_all=options.keep_all,
     )
     reports = _reports(options, session)
-    readings = Readings(session, vehicle) if predicting else None
+    judge = _judge(session, vehicle, shown=predicting or options.page is not None)
+    readings = Readings(session, vehicle, lambda: judge.text) if predicting else None
     try:
         if before is not None:
             with output.progress("learning from what was recorded") as progress:
-                session.learning.catch_up(before.rows(progress), since=before.since, inputs=before.inputs)
+                attributes = {} if before.recording is None else before.recording.attributes
+                rows, since, inputs = before.rows(progress), before.since, before.inputs
+                session.learning.catch_up(rows, since=since, inputs=inputs, attributes=attributes)
             output.say(_gone_on(options, before, session))
-        page = _page(options, session, vehicle, reports, output)
+        page = _page(options, session, judge, vehicle, reports, output)
         viewers = _foxglove(options, session, vehicle, epoch, output)
         session.open()
     except BaseException:
@@ -139,9 +146,11 @@ def run_live(options: LiveOptions, output: Output) -> None:
                 log.path.unlink(missing_ok=True)
         raise
     output.say(f"listening to {', '.join(options.sources)}")
-    with _ends() as stop, serving(page, output.say), viewers:
+    with _ends() as stop, serving(page, output.say), viewers, judge:
         status = _run(session, stop, options, vehicle, readings, output)
-    _end(session, status, options, vehicle, reports, readings, output)
+    with contextlib.suppress(TimeoutError):
+        judge.judge()  # of all that was learned from
+    _end(session, status, options, vehicle, reports, readings, judge, output)
 
 
 def _reports(options: LiveOptions, session: Session) -> LiveReports | None:
@@ -153,8 +162,26 @@ def _reports(options: LiveOptions, session: Session) -> LiveReports | None:
     return LiveReports(session, options)
 
 
+def _judge(session: Session, vehicle: Vehicle, *, shown: bool = True) -> Judge:
+    """Return what judges a session while it runs."""
+    learning, driven = session.learning, Driven()
+    learning.followers += (driven,)
+
+    def look() -> Moment:
+        learner = learning.learner
+        found = learning.errands.ask(lambda: (learner.model(), learner.estimate, learning.recent.copy()))
+        return Moment(found[0], found[1], found[2].recording(), session.events.all)
+
+    return Judge(vehicle, look, driven, session.events.add, shown=shown)
+
+
 def _page(
-    options: LiveOptions, session: Session, vehicle: Vehicle, reports: LiveReports | None, output: Output
+    options: LiveOptions,
+    session: Session,
+    judge: Judge,
+    vehicle: Vehicle,
+    reports: LiveReports | None,
+    output: Output,
 ) -> Page | None:
     """Return the live page of a session, bound to its address; None where none is asked for."""
     if options.page is None:
@@ -165,9 +192,8 @@ def _page(
     names = (*vehicle.hydrodynamics, *RESTORING)
     before = {name: value for name in names if (value := vehicle.coefficient(name))}
     about = About(title=", ".join(options.sources), vehicle=vehicle, method=options.method, reference=before)
-    return new_page(
-        LiveFeed(session, about), options.page, output.say, reports=None if reports is None else reports.now
-    )
+    feed = LiveFeed(session, about, lambda: judge.text)
+    return new_page(feed, options.page, output.say, reports=None if reports is None else reports.now)
 
 
 def _foxglove(
@@ -238,19 +264,20 @@ def _run(
 
 
 class JsonLines:
-    """Writes a line a second; at once where data stop coming, or come again."""
+    """Writes a line a second; at once where data stop coming or to count, or do so again."""
 
     def __init__(self, readings: Readings) -> None:
         self._readings = readings
         self._written: tuple[Event, ...] = ()
-        self._silent, self._due = False, 0.0
+        self._state, self._due = (False, ""), 0.0
 
     def show(self, status: Status) -> None:
         """Write a line where one is due."""
-        silent, now = status.silent is not None, time.monotonic()
-        if now < self._due and silent == self._silent:
+        cut, now = status.learnt.left_out, time.monotonic()
+        state = status.silent is not None, "" if cut is None else cut.kind
+        if now < self._due and state == self._state:
             return
-        self._silent, self._due = silent, now + _LINES
+        self._state, self._due = state, now + _LINES
         new = [event for event in status.events if event not in self._written]
         self._written = status.events
         _write(live_line(status, self._readings.read(status), new))
@@ -263,6 +290,7 @@ def _end(
     vehicle: Vehicle,
     reports: LiveReports | None,
     readings: Readings | None,
+    judge: Judge,
     output: Output,
 ) -> None:
     """Write the model and the report, print what was learned."""
@@ -275,11 +303,16 @@ def _end(
         save_vehicle(kept.model_copy(update={"provenance": provenance}), place)
     if reports is not None and options.report is not None:
         reports.write(options.report, output.warnings)
-    fit = judged(session.learning, options.record)
-    document = live_document(status, learner, options.sources, options.prior, options.method, output.warnings, fit)
+    fit = judged(session.learning, options.record, keep_all=options.keep_all)
+    use = {"verdict": judge.text, "usable": usable_document(judge.use)}
+    document = use | live_document(
+        status, learner, options.sources, options.prior, options.method, output.warnings, fit
+    )
     if options.json_lines and readings is not None:
         _write(live_line(status, readings.read(status)) | {"final": True, **document})
         return
+    output.line()
+    output.line(judge.text, "bold")
     show_end(status, vehicle, options.method, fit, output)
     if place is not None:
         output.line(f"model written to {place}")

@@ -155,7 +155,7 @@ class LiveView:
         self._output, self._console = output, output.console
         self._title = f"{vehicle.name}, method {method}"
         self._readings = readings
-        self._printed, self._silent = time.monotonic(), False
+        self._printed, self._stopped = time.monotonic(), (False, False)
         self._histories: dict[str, list[float]] = {}
 
     @contextlib.contextmanager
@@ -197,10 +197,14 @@ class LiveView:
 
     def _head(self, status: Status, reading: Reading) -> list[Text]:
         """Return title, state and verdict, and what a person had better know."""
-        good = status.silent is None and not status.learnt.trouble
+        learnt = status.learnt
+        good = status.silent is None and not learnt.trouble and learnt.left_out is None
         state = (reading.state, "bold green" if good else "bold yellow")
         title = Text.assemble((self._title, "bold"), f"  {clock(status.elapsed)}  ", state, ("   Ctrl-C ends", "dim"))
         lines = [title] if len(title) <= self._console.width else [title[: len(title) - len("   Ctrl-C ends")]]
+        if len(lines[0]) > self._console.width:
+            lines = [Text.assemble((self._title, "bold"), f"  {clock(status.elapsed)}")]
+            lines += self._lines(reading.state, "bold yellow")
         lines += self._lines(reading.verdict, "bold" if good else "bold yellow")
         for text in status.warnings:
             lines += self._lines(text, "yellow", "! ")
@@ -289,10 +293,10 @@ class LiveView:
         return self._histories
 
     def _line(self, status: Status) -> None:
-        now, silent = time.monotonic(), status.silent is not None
-        if now - self._printed < _LINE and silent == self._silent:
+        now, stopped = time.monotonic(), (status.silent is not None, status.learnt.left_out is not None)
+        if now - self._printed < _LINE and stopped == self._stopped:
             return
-        self._printed, self._silent = now, silent
+        self._printed, self._stopped = now, stopped
         rows, _ = coefficient_rows(status.learnt, ascii_only=self._output.ascii)
         known = ", ".join(f"{name} {estimate}" for name, estimate, _, _ in rows) or "no coefficient known yet"
         rates = sum(sum(each.state.rates.values()) for each in status.sources)

@@ -124,8 +124,7 @@ class JointLearner(Learner):
             self._stream.take_input(float(t), force, commands=commands is not None)
         return self._stream.take_row(float(t), z) if np.isfinite(z).any() else False
 
-    def run(self, recording: Recording) -> int:
-        """Take a whole recording; see `Learner.run`."""
+    def _run(self, recording: Recording) -> int:
         samples, stream = samples_of(prepared(recording, self.vehicle), self.vehicle), self._stream
         if stream.begun:
             self.restart()

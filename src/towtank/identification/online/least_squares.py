@@ -127,14 +127,8 @@ class PaperLearner(Learner):
         if self._chain is not None:
             hold_force(self._chain.held, t, forces)
 
-    def run(self, recording: Recording) -> int:
-        """Take a whole recording, aligned to a common grid; return how many intervals were learned from.
-
-        Several recordings may follow each other; each begins a new stretch, and what was learned stays.
-
-        Raises:
-            InputError: there is no motion, or its thrusters are not the vehicle's.
-        """
+    def _run(self, recording: Recording) -> int:
+        """Take a recording, aligned to a common grid."""
         grid = align(bind_thrusters(recording, [thruster.name for thruster in self.vehicle.thrusters]))
         sources = Sources.of(grid.pose, grid.velocity, grid.acceleration)
         commands = uses_commands(self.vehicle, grid)

@@ -22,7 +22,7 @@ from towtank.errors import InputError
 from towtank.live.links.source import Rates, Raw, Sample, SourceState
 from towtank.live.pipeline.frames import MarkerArm, to_ned_frd
 from towtank.recording.mapping import Column, ColumnMapping
-from towtank.recording.standard import COMMAND_PREFIX, STANDARD, is_command
+from towtank.recording.standard import COMMAND_PREFIX, STANDARD, STATES, is_command
 from towtank.vehicle import Vehicle
 
 __all__ = ["JsonMessages", "JsonSource"]
@@ -85,6 +85,8 @@ class JsonMessages:
                 self._commands(value, found)
             elif key in STANDARD or is_command(key):
                 self._put(found, key, value)
+            elif key in STATES:
+                self._put(found, key, float(value) if isinstance(value, bool) else value)
             else:
                 self._unknown(key)
         return t, found

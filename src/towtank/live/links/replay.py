@@ -10,6 +10,7 @@ from pathlib import Path
 from towtank.errors import InputError
 from towtank.live.links.source import Rates, Raw, Sample, SourceState
 from towtank.live.pipeline.instants import Row, rows_of
+from towtank.recording.grids.free_motion import DEPTH_BELOW_SURFACE
 from towtank.recording.mapping import ColumnMapping
 from towtank.vehicle import Vehicle
 
@@ -37,6 +38,7 @@ class ReplaySource:
         self._next: Row | None = None
         self._start = self._base = self._begun = 0.0
         self._said: tuple[str, ...] = ()
+        self._attributes: dict[str, str] = {}
         self._rates = Rates()
         self.patient = self._speed == 0.0
 
@@ -51,6 +53,8 @@ class ReplaySource:
         self._start = 0.0 if self._next is None else self._next[0]
         self._base = round(time.time(), 6)
         self._begun = time.monotonic()
+        told = ("modes", DEPTH_BELOW_SURFACE[0])
+        self._attributes = {key: recording.attributes[key] for key in told if key in recording.attributes}
         self._said = (f"{self._path.name}: {recording.duration:.5g} s", *recording.repairs.lines)
 
     def read(self, timeout: float) -> Sequence[Sample | Raw]:
@@ -75,7 +79,9 @@ class ReplaySource:
 
     def state(self) -> SourceState:
         """Return how it fares."""
-        return SourceState(said=self._said, rates=self._rates.now(), ended=self._next is None)
+        return SourceState(
+            said=self._said, rates=self._rates.now(), attributes=self._attributes, ended=self._next is None
+        )
 
     def close(self) -> None:
         """End."""

@@ -22,7 +22,8 @@ class Sample:
         topic: message type or topic.
         t: the source's own stamp [s], Unix where it is known; NaN where it has none.
         received: when it came [s], Unix.
-        names: standard channels, SI, NED and FRD; commands are cmd_1, cmd_2, ... in the vehicle's order, or by name.
+        names: standard channels and states, SI, NED and FRD; commands are cmd_1, cmd_2, ... in the vehicle's order, or
+            by name.
         values: one for each name; NaN where not measured.
     """
 
@@ -60,6 +61,7 @@ class SourceState:
         bad: datagrams or messages that could not be decoded. late: those dropped by the source itself as too old.
         senders: who sends.
         ended: nothing will come any more.
+        attributes: of the samples, as of a recording: names of modes, and where z is the depth by pressure.
     """
 
     said: tuple[str, ...] = ()
@@ -69,6 +71,7 @@ class SourceState:
     late: int = 0
     senders: tuple[str, ...] = ()
     ended: bool = False
+    attributes: Mapping[str, str] = field(default_factory=dict)
 
 
 class Source(Protocol):

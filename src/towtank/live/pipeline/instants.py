@@ -14,7 +14,15 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.core.attitude import euler_from_quaternion, rotation_from_euler
 from towtank.recording import Recording
-from towtank.recording.standard import COMMAND_PREFIX, EULER, QUATERNION, RELATIVE_VELOCITY, WORLD_VELOCITY, is_standard
+from towtank.recording.standard import (
+    COMMAND_PREFIX,
+    EULER,
+    QUATERNION,
+    RELATIVE_VELOCITY,
+    STATES,
+    WORLD_VELOCITY,
+    is_standard,
+)
 from towtank.vehicle import Vehicle
 
 __all__ = ["Instants", "Row", "rows_of"]
@@ -77,6 +85,14 @@ class Instants:
             out["wrench"] = self._wrench.copy()
         return out
 
+    def in_force(self) -> dict[str, Any]:
+        """Return the inputs in force as arguments, for a stretch that begins between two commands; none unknown."""
+        if np.isfinite(self._commands).all() and self._thrusters:
+            voltage = {"voltage": self._voltage} if math.isfinite(self._voltage) else {}
+            return {"commands": self._commands.copy(), **voltage}
+        pushed = np.isfinite(self._wrench).any() and not self._thrusters_heard
+        return {"wrench": self._wrench.copy()} if pushed else {}
+
     @property
     def _thrusters_heard(self) -> bool:
         """Whether commands come: then a wrench beside them is their consequence, and not a second input."""
@@ -103,11 +119,11 @@ class Instants:
 
 
 def rows_of(recording: Recording, after: float = -np.inf) -> Iterator[Row]:
-    """Yield every instant later than `after` [s] with all that was measured or commanded then."""
+    """Yield every instant later than `after` [s] with all that was measured, commanded or told of the autopilot."""
     names: list[str] = []
     stamps, owners, values = [], [], []
     for channel in recording.channels.values():
-        if not is_standard(channel.name):
+        if not (is_standard(channel.name) or channel.name in STATES):
             continue
         known = np.isfinite(channel.values) & (channel.t > after)
         stamps.append(channel.t[known])

@@ -110,3 +110,8 @@ class Preference:
             self._owner[name] = arrival.rank, arrival.t
             out[name] = value
         return out
+
+    def source_of(self, name: str) -> int | None:
+        """Return the place of the source that a channel is taken from; None where none has sent it."""
+        owner = self._owner.get(name)
+        return None if owner is None else owner[0]

@@ -31,7 +31,7 @@ from towtank.live.pipeline.instants import Row, rows_of
 from towtank.readers import read
 from towtank.recording import Recording, bind_thrusters
 from towtank.recording.grids.grid import held_at
-from towtank.recording.standard import is_input
+from towtank.recording.standard import is_held
 from towtank.vehicle import Vehicle
 
 __all__ = ["Checkpoint", "Earlier", "earlier"]
@@ -164,7 +164,7 @@ class Earlier:
     Attributes:
         epoch: Unix time [s] at which its time is 0.
         learner: of its checkpoint; None where there is none to go on from.
-        since: time [s] up to which that has learned. inputs: in force then.
+        since: time [s] up to which that has learned. inputs: in force then, and states of the autopilot.
         recording: None where nothing was recorded yet.
     """
 
@@ -211,7 +211,7 @@ def earlier(path: Path, vehicle: Vehicle, checkpoint: Checkpoint, **settings: An
     inputs = {
         channel.name: float(held_at(channel.t, channel.values[:, None], at)[0, 0])
         for channel in (each.measured for each in recording.channels.values())
-        if is_input(channel.name) and len(channel)
+        if is_held(channel.name) and len(channel)
     }
     return Earlier(epoch, learner, since, {name: x for name, x in inputs.items() if math.isfinite(x)}, recording)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,7 +58,7 @@ class Recorder:
 
     def __init__(self, log: McapLog) -> None:
         self._log = log
-        self._queue: deque[Arrival | Event | Message | tuple[float, Raw]] = deque()
+        self._queue: deque[Arrival | Event | Message | dict[str, str] | tuple[float, Raw]] = deque()
         self._waiting = self._lost = self._count = 0  # bytes, items, items
         self._changed = threading.Condition()
         self._closing = False
@@ -102,6 +102,12 @@ class Recorder:
             self._queue.append(event)
             self._changed.notify()
 
+    def put_attributes(self, attributes: Mapping[str, str]) -> None:
+        """Take what is known of the recording by now."""
+        with self._changed:
+            self._queue.append(dict(attributes))
+            self._changed.notify()
+
     def state(self) -> RecordingState:
         """Return how it fares."""
         log = self._log
@@ -133,11 +139,13 @@ class Recorder:
                     self._fault = f"{type(error).__name__}: {' '.join(str(error).split())}"
             self._log.flush_if_due()
 
-    def _write(self, item: Arrival | Event | Message | tuple[float, Raw]) -> None:
+    def _write(self, item: Arrival | Event | Message | dict[str, str] | tuple[float, Raw]) -> None:
         if isinstance(item, Arrival):
             self._sample(item)
         elif isinstance(item, Event):
             self._log.write_event(item)
+        elif isinstance(item, dict):
+            self._log.describe(item)
         elif isinstance(item, Message):
             self._log.write_text(item.form.topic, item.form.schema, item.t, item.text)
         else:

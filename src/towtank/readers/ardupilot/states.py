@@ -21,7 +21,20 @@ from towtank.recording.grids.free_motion import DEPTH_BELOW_SURFACE
 from towtank.recording.recording import Recording
 from towtank.recording.standard import STATES
 
-__all__ = ["States", "dataflash_states", "heartbeat_states", "mavros_states", "with_states"]
+__all__ = [
+    "States",
+    "dataflash_states",
+    "heartbeat_channels",
+    "heartbeat_modes",
+    "heartbeat_states",
+    "mavros_channels",
+    "mavros_modes",
+    "mavros_states",
+    "modes_text",
+    "tells_pressure",
+    "with_depth_by_pressure",
+    "with_states",
+]
 
 _ARMED, _DISARMED, _BOTTOMED, _NOT_BOTTOMED = 10.0, 11.0, 165.0, 166.0  # EV.Id, ArduPilot's LogEvent
 _SAFETY_ARMED = 128  # of HEARTBEAT.base_mode
@@ -46,12 +59,11 @@ def with_states(recording: Recording, states: States, modes: Mapping[int, str]) 
     Args:
         modes: names of modes by number, of which those that occur are kept.
     """
+    recording = with_depth_by_pressure(recording)
     attributes = dict(recording.attributes)
-    if any("z" in each.used and _FROM_PRESSURE.match(each.name) for each in recording.contents):
-        attributes |= [DEPTH_BELOW_SURFACE]
     if "mode" in states:
         seen = sorted(set(states["mode"][1].values.astype(np.int64).tolist()))
-        attributes["modes"] = ", ".join(f"{number} {modes.get(number, f'mode {number}')}" for number in seen)
+        attributes["modes"] = modes_text({number: modes.get(number, f"mode {number}") for number in seen})
     used: dict[str, list[str]] = {}
     channels = []
     for name, (table, channel) in states.items():
@@ -66,6 +78,23 @@ def with_states(recording: Recording, states: States, modes: Mapping[int, str]) 
         for each in recording.contents
     )
     return replace(recording.replace(channels), attributes=attributes, contents=contents)
+
+
+def modes_text(modes: Mapping[int, str]) -> str:
+    """Return the names of modes by number as the attribute "modes" has them."""
+    return ", ".join(f"{number} {name}" for number, name in modes.items())
+
+
+def with_depth_by_pressure(recording: Recording) -> Recording:
+    """Return a recording with it said that its z is the depth below the surface, where its table measures pressure."""
+    if not any("z" in each.used and tells_pressure(each.name) for each in recording.contents):
+        return recording
+    return replace(recording, attributes={**recording.attributes, **dict([DEPTH_BELOW_SURFACE])})
+
+
+def tells_pressure(name: str) -> bool:
+    """Whether a table, or a topic of a live recording, is one of the messages that tell the water's pressure."""
+    return _FROM_PRESSURE.match(name.rpartition("/")[2]) is not None
 
 
 def _within(state: Channel, start: float, end: float) -> Channel:
@@ -101,26 +130,60 @@ def _is_rover(tables: Tables) -> bool:
 def heartbeat_states(table: Table) -> tuple[States, Mapping[int, str]]:
     """Return what the heartbeats of the autopilot tell, once a second: it counts as armed between two that say so."""
     states: dict[str, tuple[str, Channel]] = {}
-    kind = table.get("type")
-    names = _ROVER if kind is not None and len(table) and np.isin(kind, _ROVERS).mean() > 0.5 else _SUB
+    told = heartbeat_channels(table)
+    if "armed" in told:
+        _add(states, "armed", table, _sampled(table.t, told["armed"] > 0.5))
+    if "mode" in told:
+        _add(states, "mode", table, _ordered(table.t, told["mode"]))
+    return states, heartbeat_modes(table)
+
+
+def heartbeat_channels(table: Table) -> dict[str, Array]:
+    """Return what each heartbeat (n,) tells: "armed", 0 or 1, and the number of the "mode"."""
+    out: dict[str, Array] = {}
     if "base_mode" in table:
-        armed = (table["base_mode"].astype(np.int64) & _SAFETY_ARMED) > 0
-        _add(states, "armed", table, _sampled(table.t, armed))
+        out["armed"] = ((table["base_mode"].astype(np.int64) & _SAFETY_ARMED) > 0).astype(np.float64)
     if "custom_mode" in table:
-        _add(states, "mode", table, _ordered(table.t, table["custom_mode"]))
-    return states, names
+        out["mode"] = table["custom_mode"]
+    return out
+
+
+def heartbeat_modes(table: Table) -> Mapping[int, str]:
+    """Return the names of modes by number, by the kind of vehicle that heartbeats tell."""
+    kind = table.get("type")
+    return _ROVER if kind is not None and len(table) and np.isin(kind, _ROVERS).mean() > 0.5 else _SUB
 
 
 def mavros_states(table: Table) -> tuple[States, Mapping[int, str]]:
     """Return what mavros_msgs/State tells; its modes are names already, numbered as they come."""
     states: dict[str, tuple[str, Channel]] = {}
-    if "armed" in table:
-        _add(states, "armed", table, _sampled(table.t, table["armed"] > 0.0))
+    numbers: dict[str, int] = {}
+    told = mavros_channels(table, numbers)
+    if "armed" in told:
+        _add(states, "armed", table, _sampled(table.t, told["armed"] > 0.5))
+    if "mode" in told:
+        _add(states, "mode", table, _ordered(table.t, told["mode"]))
+    return states, mavros_modes(numbers)
+
+
+def mavros_channels(table: Table, numbers: dict[str, int]) -> dict[str, Array]:
+    """Return what each message (n,) of mavros_msgs/State tells: "armed", and the number of its mode by name.
+
+    Args:
+        numbers: of the modes so far, by name; those that are new are added.
+    """
+    out = {"armed": (table["armed"] > 0.0).astype(np.float64)} if "armed" in table else {}
     names = table.text.get("mode", ())
-    numbers = {name: k for k, name in enumerate(dict.fromkeys(names))}
+    for name in names:
+        numbers.setdefault(name, len(numbers))
     if len(names) == len(table):
-        _add(states, "mode", table, _ordered(table.t, np.array([float(numbers[name]) for name in names])))
-    return states, {k: name.replace(",", " ").upper() or "none" for name, k in numbers.items()}
+        out["mode"] = np.array([float(numbers[name]) for name in names])
+    return out
+
+
+def mavros_modes(numbers: Mapping[str, int]) -> Mapping[int, str]:
+    """Return the names of modes by number, fit for the attribute "modes"."""
+    return {k: name.replace(",", " ").upper() or "none" for name, k in numbers.items()}
 
 
 def _add(states: dict[str, tuple[str, Channel]], name: str, table: Table, found: tuple[Array, Array]) -> None:

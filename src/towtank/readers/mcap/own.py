@@ -9,6 +9,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
+from towtank.readers.ardupilot.states import with_depth_by_pressure
 from towtank.readers.common.raw_messages import Topic
 from towtank.readers.common.tables import Table, Tables
 from towtank.readers.mcap.scan import McapContent
@@ -75,7 +76,7 @@ def own_recording(path: Path, content: McapContent) -> Recording:
     order = dict.fromkeys([*about.order, *recorded])
     contents = _contents(content, sources, channels) if about.contents is None else about.contents
     try:
-        return Recording(
+        recording = Recording(
             {name: channels[name] for name in order if name in channels},
             about.source,
             tuple(notes),
@@ -83,6 +84,7 @@ def own_recording(path: Path, content: McapContent) -> Recording:
             about.repairs + repairs,
             contents,
         )
+        return with_depth_by_pressure(recording)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 

@@ -25,6 +25,7 @@ from towtank.recording.recording import Recording
 from towtank.recording.repairs import Repairs
 
 __all__ = [
+    "STATE",
     "RosLog",
     "epoch_of",
     "is_wanted",
@@ -34,7 +35,7 @@ __all__ = [
     "table_of",
 ]
 
-_STATE = "mavros_msgs/msg/State"
+STATE = "mavros_msgs/msg/State"  # of the autopilot: armed, mode
 _STAMPS = ("header.stamp", "stamp")
 _CLOCK = "recorder"
 
@@ -49,7 +50,7 @@ class RosLog:
 
 def is_wanted(name: str, kind: str, mapping: ColumnMapping | None) -> bool:
     """Whether a topic is worth decoding: its type means something, or the mapping names it."""
-    if kind == _STATE:
+    if kind == STATE:
         return True
     if mapping is None:
         return has_meaning(name, kind) or is_static(name, kind)
@@ -92,7 +93,7 @@ def ros_recording(log: RosLog, mapping: ColumnMapping | None) -> Recording:
 
 def _with_states(recording: Recording, tables: Tables) -> Recording:
     """Return the recording with what the autopilot says of itself, the first that says so."""
-    table = next((each for each in tables.tables.values() if each.kind == _STATE and "armed" in each), None)
+    table = next((each for each in tables.tables.values() if each.kind == STATE and "armed" in each), None)
     return recording if table is None else with_states(recording, *mavros_states(table))
 
 

@@ -72,6 +72,14 @@ _KNOWN = {
     "mavros_msgs/msg/RCOut": """
         std_msgs/Header header
         uint16[] channels""",
+    "mavros_msgs/msg/State": """
+        std_msgs/Header header
+        bool connected
+        bool armed
+        bool guided
+        bool manual_input
+        string mode
+        uint8 system_status""",
 }
 
 

@@ -7,53 +7,67 @@ kind (a table without states, without depth from pressure) the rule cuts nothing
 
 | constant | value | unit | why |
 |---|---|---|---|
-| _SURFACE | 0.10 | m | ArduSub's own SURFACE_DEPTH: the back of a small ROV breaks the surface |
-| _UNDER | 0.15 | m | under water again, 5 cm deeper, as ArduSub has it: waves do not toggle it |
-| _DIVES | 0.5 | m | a log that goes deeper is of a vehicle that dives, whatever its thrusters |
-| _VERTICAL | 0.3 | - | share of a thruster's force along z with which a vehicle is made to dive |
-| _BRIEF | 1.0 | s | a depth above the surface for less is a spike or a splash |
-| _HOLDS | 2.0 | s | how long a depth or an attitude counts where the next one is missing |
-| _OVER | 120 | deg | between the vehicle's down and the world's; pitching to the vertical is 90 |
-| _LIES | 5.0 | s | on its back for longer; the tumbling runs of the pool pass through within 2.7 s |
-| _UPRIGHT | 0.3 | s | upright for less is noise of the attitude, not a vehicle that came round |
-| _MOUNTED | 0.5 | - | share of the log on its back from which it is the sensor that is mounted so |
+| SURFACE | 0.10 | m | ArduSub's own SURFACE_DEPTH: the back of a small ROV breaks the surface |
+| UNDER | 0.15 | m | under water again, 5 cm deeper, as ArduSub has it: waves do not toggle it |
+| DIVES | 0.5 | m | a log that goes deeper is of a vehicle that dives, whatever its thrusters |
+| VERTICAL | 0.3 | - | share of a thruster's force along z with which a vehicle is made to dive |
+| BRIEF | 1.0 | s | a depth above the surface for less is a spike or a splash |
+| HOLDS | 2.0 | s | how long a depth or an attitude counts where the next one is missing |
+| OVER | 120 | deg | between the vehicle's down and the world's; pitching to the vertical is 90 |
+| LIES | 5.0 | s | on its back for longer; the tumbling runs of the pool pass through within 2.7 s |
+| UPRIGHT | 0.3 | s | upright for less is noise of the attitude, not a vehicle that came round |
+| MOUNTED | 0.5 | - | share of the log on its back from which it is the sensor that is mounted so |
 | _SILENCE | 2.0 | s | and _INTERVALS usual intervals: commands that come steadily have fallen silent |
 | _INTERVALS | 10 | - | see _SILENCE; messages get lost, ten in a row do not |
 | _STEADY | 2.0 | - | most intervals (25 to 95 of 100) within this factor of the usual one: silence means something |
 | _FEWEST | 20 | - | commands from which one can tell that they come steadily |
-| _UNCOMMANDED | 0.5 | s | motion before the first command, or after the last one, is worth a cut from here on |
+| UNCOMMANDED | 0.5 | s | motion before the first command, or after the last one, is worth a cut from here on |
 | _AFTER | 3 | - | and so many usual intervals after the last one: the next ones are not merely late |
 | _SHORTEST | 5.0 | s | what is left between two cuts teaches less than the state that it starts from costs |
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
+from towtank.errors import InputError
 from towtank.recording.channel import Channel
 from towtank.recording.recording import Recording
 from towtank.recording.standard import ACCELERATIONS, QUATERNION, is_input
 from towtank.vehicle import Vehicle
 
-__all__ = ["DEPTH_BELOW_SURFACE", "FreeMotion", "LeftOut", "free_motion", "mode_names", "usual_interval"]
+__all__ = [
+    "DEPTH_BELOW_SURFACE",
+    "FreeMotion",
+    "LeftOut",
+    "driven_down",
+    "free_motion",
+    "free_parts",
+    "mode_names",
+    "modes_of",
+    "usual_interval",
+]
 
 DEPTH_BELOW_SURFACE = ("depth", "below the water's surface, by pressure")  # attribute of a recording with such a z
-_SURFACE, _UNDER, _DIVES, _VERTICAL, _BRIEF, _HOLDS = 0.10, 0.15, 0.5, 0.3, 1.0, 2.0
-_OVER, _LIES, _UPRIGHT, _MOUNTED = 120.0, 5.0, 0.3, 0.5
-_SILENCE, _INTERVALS, _STEADY, _FEWEST, _UNCOMMANDED, _AFTER = 2.0, 10.0, 2.0, 20, 0.5, 3.0
+SURFACE, UNDER, DIVES, VERTICAL, BRIEF, HOLDS = 0.10, 0.15, 0.5, 0.3, 1.0, 2.0
+OVER, LIES, UPRIGHT, MOUNTED = 120.0, 5.0, 0.3, 0.5
+_SILENCE, _INTERVALS, _STEADY, _FEWEST, UNCOMMANDED, _AFTER = 2.0, 10.0, 2.0, 20, 0.5, 3.0
 _SHORTEST = 5.0
-_SMOOTHED = 1.0  # s, over which a specific force is averaged where it tells which way is down
-_CUT_MODES = {
+SMOOTHED = 1.0  # s, over which a specific force is averaged where it tells which way is down
+CUT_MODES = {
     "SURFACE": "autopilot in mode SURFACE, which comes up by itself, as after a leak",
     "MOTOR_DETECT": "autopilot in mode MOTOR_DETECT, which tries one thruster after the other and turns them round",
     "INITIALISING": "autopilot still starting (mode INITIALISING)",
 }
-_ACROBATIC = ("ACRO",)  # modes in which a vehicle may fly on its back
+ACROBATIC = ("ACRO",)  # modes in which a vehicle may fly on its back
+DISARMED, ON_THE_BOTTOM, UPSIDE_DOWN = "disarmed", "on the bottom", "upside down"  # reasons, in words
+AT_THE_SURFACE = f"at the surface or out of the water (depth below {SURFACE:g} m)"
+BEFORE_COMMANDS = "before the first command"
 Interval = tuple[float, float]
 
 
@@ -113,6 +127,19 @@ def free_motion(recording: Recording, vehicle: Vehicle | None = None, within: Se
     return FreeMotion(tuple(long), tuple(sorted(out, key=lambda each: each.start)))
 
 
+def free_parts(recording: Recording, vehicle: Vehicle | None = None) -> list[Recording]:
+    """Return the stretches of a recording that count, each as a recording; the recording itself where all of it does.
+
+    Raises:
+        InputError: nothing of it counts.
+    """
+    found = free_motion(recording, vehicle)
+    if not found.kept:
+        reasons = "; ".join(cut.text for cut in found.left_out)
+        raise InputError(f"{recording.source or 'recording'}: nothing of it counts ({reasons}); keep_all=True takes it")
+    return [recording.window(*each) for each in found.kept] if found.left_out else [recording]
+
+
 def _without(kept: Sequence[Interval], cut: Interval) -> list[Interval]:
     out: list[Interval] = []
     for a, b in kept:
@@ -133,7 +160,12 @@ def mode_names(recording: Recording) -> dict[int, str]:
     >>> mode_names(Recording({"mode": Channel("mode", [0.0], [19.0], "1")}, attributes={"modes": "19 MANUAL"}))
     {19: 'MANUAL'}
     """
-    pairs = (part.strip().partition(" ") for part in recording.attributes.get("modes", "").split(","))
+    return modes_of(recording.attributes)
+
+
+def modes_of(attributes: Mapping[str, str]) -> dict[int, str]:
+    """Return the names of modes by number out of the attributes of a recording."""
+    pairs = (part.strip().partition(" ") for part in attributes.get("modes", "").split(","))
     return {int(number): name for number, _, name in pairs if number.isdigit() and name}
 
 
@@ -141,14 +173,14 @@ Found = Iterable[tuple[float, float, str]]
 
 
 def _disarmed(recording: Recording, vehicle: Vehicle | None) -> Found:
-    return [(a, b, "disarmed") for a, b in _while(recording, "armed", lambda armed: armed < 0.5)]
+    return [(a, b, DISARMED) for a, b in _while(recording, "armed", lambda armed: armed < 0.5)]
 
 
 def _modes(recording: Recording, vehicle: Vehicle | None) -> Found:
     out = []
     for number, name in mode_names(recording).items():
-        if name in _CUT_MODES:
-            out += [(a, b, _CUT_MODES[name]) for a, b in _in_mode(recording, number)]
+        if name in CUT_MODES:
+            out += [(a, b, CUT_MODES[name]) for a, b in _in_mode(recording, number)]
     return out
 
 
@@ -179,8 +211,8 @@ def _commands(recording: Recording, vehicle: Vehicle | None) -> Found:
     stamps = np.unique(np.concatenate([each.t for each in inputs if len(each)]))
     begun = min(float(channel.t[0]) for channel in motion)
     out = []
-    if stamps[0] - begun > _UNCOMMANDED:
-        out.append((recording.start, float(stamps[0]), "before the first command"))
+    if stamps[0] - begun > UNCOMMANDED:
+        out.append((recording.start, float(stamps[0]), BEFORE_COMMANDS))
     usual = usual_interval(stamps)
     if usual is None:
         return out
@@ -188,7 +220,7 @@ def _commands(recording: Recording, vehicle: Vehicle | None) -> Found:
     for k in np.flatnonzero(steps > max(_SILENCE, _INTERVALS * usual)):
         out.append((float(stamps[k]) + usual, float(stamps[k + 1]), "no commands recorded"))
     last = float(stamps[-1])
-    if max(float(channel.t[-1]) for channel in motion) - last > max(_UNCOMMANDED, _AFTER * usual):
+    if max(float(channel.t[-1]) for channel in motion) - last > max(UNCOMMANDED, _AFTER * usual):
         out.append((last + usual, recording.end, "after the last command"))
     return out
 
@@ -213,21 +245,25 @@ def _surface(recording: Recording, vehicle: Vehicle | None) -> Found:
     if recording.attributes.get(key) != value or "z" not in recording or not _is_made_to_dive(recording, vehicle):
         return []
     depth = recording["z"].measured
-    known = np.where(depth.values < _SURFACE, 1, np.where(depth.values > _UNDER, -1, 0))
+    known = np.where(depth.values < SURFACE, 1, np.where(depth.values > UNDER, -1, 0))
     latest = np.maximum.accumulate(np.where(known != 0, np.arange(known.size), 0))  # in between, what was last sure
     up = known[latest] > 0
-    t = _bounded(depth.t, _HOLDS, recording)
-    found = _joined(_pieces(t, up), _BRIEF)
-    reason = f"at the surface or out of the water (depth below {_SURFACE:g} m)"
-    return [(a, b, reason) for a, b in found if b - a >= _BRIEF]
+    t = _bounded(depth.t, HOLDS, recording)
+    found = _joined(_pieces(t, up), BRIEF)
+    return [(a, b, AT_THE_SURFACE) for a, b in found if b - a >= BRIEF]
 
 
 def _is_made_to_dive(recording: Recording, vehicle: Vehicle | None) -> bool:
-    if vehicle is not None and any(abs(each.direction[2]) > _VERTICAL for each in vehicle.thrusters):
+    if vehicle is not None and driven_down(vehicle):
         return True
     depth = recording["z"].measured
-    deep = _joined(_pieces(_bounded(depth.t, _HOLDS, recording), depth.values > _DIVES), _BRIEF)
-    return any(b - a >= _BRIEF for a, b in deep)
+    deep = _joined(_pieces(_bounded(depth.t, HOLDS, recording), depth.values > DIVES), BRIEF)
+    return any(b - a >= BRIEF for a, b in deep)
+
+
+def driven_down(vehicle: Vehicle) -> bool:
+    """Whether a vehicle has a thruster that drives it up or down."""
+    return any(abs(each.direction[2]) > VERTICAL for each in vehicle.thrusters)
 
 
 def _bounded(t: Array, holds: float, recording: Recording) -> tuple[Array, Array]:
@@ -257,7 +293,7 @@ def _joined(intervals: Sequence[Interval], gap: float) -> list[Interval]:
 
 
 def _bottom(recording: Recording, vehicle: Vehicle | None) -> Found:
-    return [(a, b, "on the bottom") for a, b in _while(recording, "bottomed", lambda state: state > 0.5)]
+    return [(a, b, ON_THE_BOTTOM) for a, b in _while(recording, "bottomed", lambda state: state > 0.5)]
 
 
 def _upside_down(recording: Recording, vehicle: Vehicle | None) -> Found:
@@ -265,19 +301,19 @@ def _upside_down(recording: Recording, vehicle: Vehicle | None) -> Found:
     t, upright = _uprightness(recording)
     if not t.size:
         return []
-    over = upright < np.cos(np.deg2rad(_OVER))
-    if np.count_nonzero(over) > _MOUNTED * over.size:
+    over = upright < np.cos(np.deg2rad(OVER))
+    if np.count_nonzero(over) > MOUNTED * over.size:
         return []
-    found = _joined(_pieces(_bounded(t, _HOLDS, recording), over), _UPRIGHT)
+    found = _joined(_pieces(_bounded(t, HOLDS, recording), over), UPRIGHT)
     acrobatic = [
         interval
         for number, name in mode_names(recording).items()
-        if name in _ACROBATIC
+        if name in ACROBATIC
         for interval in _in_mode(recording, number)
     ]
     for flown in acrobatic:
         found = _without(found, flown)
-    return [(a, b, "upside down") for a, b in found if b - a > _LIES]
+    return [(a, b, UPSIDE_DOWN) for a, b in found if b - a > LIES]
 
 
 def _uprightness(recording: Recording) -> tuple[Array, Array]:
@@ -296,7 +332,7 @@ def _uprightness(recording: Recording) -> tuple[Array, Array]:
     t, force = _together(recording, ACCELERATIONS)
     if t.size < 2:
         return nothing
-    first, last = np.searchsorted(t, t - 0.5 * _SMOOTHED), np.searchsorted(t, t + 0.5 * _SMOOTHED, "right")
+    first, last = np.searchsorted(t, t - 0.5 * SMOOTHED), np.searchsorted(t, t + 0.5 * SMOOTHED, "right")
     total = np.vstack([np.zeros(3), np.cumsum(np.column_stack(force), axis=0)])
     mean = (total[last] - total[first]) / (last - first)[:, None]
     size = np.linalg.norm(mean, axis=1)

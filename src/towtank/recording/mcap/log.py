@@ -185,6 +185,14 @@ class McapLog:
         """The sources announced, each with the names of its columns."""
         return dict(self._columns)
 
+    def describe(self, attributes: Mapping[str, str]) -> None:
+        """Say more of the recording, or anew: attributes that are known only while it is made."""
+        self._about = replace(self._about, attributes={**(self._about.attributes or {}), **attributes})
+        try:
+            self._file.metadata(ABOUT, self._about.metadata())
+        except OSError as error:
+            self.trouble = f"{self.path}: {error.strerror or error}"  # the end says it once more
+
     def source(self, name: str, quantities: Sequence[Quantity]) -> None:
         """Announce a source: the columns that come together, each with name, unit and frame.
 

@@ -20,6 +20,7 @@ from towtank.live.pipeline.clock import SourceClock
 from towtank.live.pipeline.frames import BodyVelocity
 from towtank.live.pipeline.quantities import Quantities
 from towtank.readers.ardupilot.aiding import Aiding
+from towtank.readers.ardupilot.states import heartbeat_channels, heartbeat_modes, modes_text, tells_pressure
 from towtank.readers.ardupilot.thruster_outputs import ThrusterOutputs, command_source, thruster_outputs
 from towtank.readers.common.sources import Source
 from towtank.readers.common.tables import Table, Tables
@@ -34,6 +35,7 @@ from towtank.readers.mavlink.meaning import (
 )
 from towtank.readers.mavlink.senders import ANOTHER, Autopilot, Sender, autopilot_of, message_of, named_tables
 from towtank.readers.mavlink.tables import tables_by_instance
+from towtank.recording.grids.free_motion import DEPTH_BELOW_SURFACE
 
 __all__ = ["Arrival", "MavlinkSamples"]
 
@@ -46,6 +48,7 @@ _Key = tuple[int, Sender]
 _HISTORY = 6.0  # s
 _MOST_ROWS, _MOST_KEYS = 1500, 200
 _RATE_WINDOW = 3.0  # s
+_HEARTBEAT = "HEARTBEAT"
 _OUTPUTS, _STATUS = "SERVO_OUTPUT_RAW", ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
 _PLACE = ("VISO_POS_X", "VISO_POS_Y", "VISO_POS_Z")
 
@@ -108,8 +111,16 @@ class MavlinkSamples:
         self._flags: float | None = None
         self.quantities = Quantities()
         self.autopilot = Autopilot(None, {})
+        self._modes = ""
+        self._beat: Arrival | None = None  # the latest heartbeat before anything was decided
         self.decided = False
         self.hurry = False
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """What the samples are, as of a recording: names of modes, and where z is the depth by pressure."""
+        out = {"modes": self._modes} if self._modes else {}
+        return out | dict([DEPTH_BELOW_SURFACE] if tells_pressure(self.quantities.used.get("depth", "")) else [])
 
     @property
     def restarts(self) -> int:
@@ -131,6 +142,10 @@ class MavlinkSamples:
             groups.setdefault(key, []).append(i)
         if not self.decided:
             return []
+        if self._beat is not None:  # what the autopilot said of itself before counts until it says something else
+            arrivals, self._beat = [*arrivals, self._beat], None
+            key = arrivals[-1][0].number, arrivals[-1][0].sender
+            groups[key] = [len(arrivals) - 1, *groups.get(key, [])]
         found: list[tuple[int, Sample]] = []
         for (number, sender), rows in groups.items():
             found += self._samples(self._layouts[number], sender, rows, arrivals)
@@ -143,7 +158,7 @@ class MavlinkSamples:
         own = sender == self.autopilot.sender
         if own and layout.name in _STATUS:
             self._watch(layout, arrivals[rows[-1]][0])
-        if not (own and layout.name == _OUTPUTS) and (layout.number, sender) not in self._useful:
+        if not (own and layout.name in (_OUTPUTS, _HEARTBEAT)) and (layout.number, sender) not in self._useful:
             return
         number = np.array(rows, dtype=np.float64)  # travels with the rows where instances part them
         payloads = [arrivals[i][0].payload for i in rows]
@@ -171,6 +186,8 @@ class MavlinkSamples:
         for pressure in pressures_of([table], self._parameters) if own and "depth" in wanted else ():
             if pressure.depth is not None:
                 sources.append(Source(table.name, "depth", table.t, {"z": pressure.depth}))
+        if own and message_of(table.name) == _HEARTBEAT:
+            return heartbeat_channels(table)
         if self._aiding is not None:
             sources += sources_of_messages(table, self._aiding, measured=not own)
         return {
@@ -215,6 +232,7 @@ class MavlinkSamples:
                 pieces.append((sender, instance, table))
                 keys.append((number, sender, instance))
         tables, senders = named_tables(pieces)
+        undecided = not self.decided
         self._names = dict(zip(keys, tables, strict=True))
         self._parameters = dict(parameters)
         whole = Tables("MAVLink", tables, self._parameters)
@@ -224,6 +242,11 @@ class MavlinkSamples:
         self._useful = {key[:2] for key, name in self._names.items() if self.quantities.of(name)}
         self._aiding = aiding_of_messages(whole, senders, self.autopilot)
         self._outputs = self._thruster_outputs() if settled else ThrusterOutputs({})
+        for (number, sender, _), name in self._names.items():
+            if sender == self.autopilot.sender and self._layouts[number].name == _HEARTBEAT:
+                self._modes = modes_text(heartbeat_modes(tables[name]))
+                received, payload = self._history[number, sender][-1]
+                self._beat = (Frame(number, sender, payload, 2), received) if undecided else None
         self.decided, self.hurry = True, False
 
     def _autopilot(self, tables: Mapping[str, Table], senders: Mapping[str, Sender]) -> Autopilot:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -117,6 +118,7 @@ class MavlinkSource:
         settled = self._requests.settled or now - self._aimed > _SETTLED
         self._samples.decide(now, self._requests.parameters, settled=settled)
         self._next_decision = now + (_EVERY if settled else 1.0)
+        self._state = replace(self._state, attributes=self._samples.attributes)  # known before the first sample
         target = self._samples.autopilot.sender
         if target is not None:
             if target != self._requests.target:
@@ -144,6 +146,7 @@ class MavlinkSource:
             rates=self._samples.rates(now),
             bad=self._framer.bad,
             senders=tuple(str(sender) for sender in sorted(self._addresses)),
+            attributes=self._samples.attributes,
         )
 
     def state(self) -> SourceState:

@@ -14,11 +14,12 @@ from towtank.live.links.source import Sample
 from towtank.live.pipeline.clock import SourceClock
 from towtank.live.pipeline.frames import BodyVelocity, MarkerArm, to_ned_frd
 from towtank.live.pipeline.quantities import Quantities
+from towtank.readers.ardupilot.states import mavros_channels, mavros_modes, modes_text
 from towtank.readers.common.raw_messages import RawMessages, Topic
 from towtank.readers.common.tables import Table
 from towtank.readers.ros.doubts import judged
 from towtank.readers.ros.meaning import meaning_of, thruster_order, thruster_sources
-from towtank.readers.ros.tables import table_of
+from towtank.readers.ros.tables import STATE, table_of
 from towtank.recording.mapping import ColumnMapping
 from towtank.recording.standard import COMMAND_PREFIX
 
@@ -41,10 +42,16 @@ class Ros2Samples:
         self._velocity = BodyVelocity()
         self._origin = 0
         self._thrusters: dict[str, int] = {}  # topic -> number of its thruster, where each has its own
+        self._modes: dict[str, int] = {}
         self.quantities = Quantities()
         self.notes: tuple[str, ...] = ()
         self.decided = mapping is not None
         self.bad = 0
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """What the samples are, as of a recording: names of the autopilot's modes, where MAVROS tells them."""
+        return {"modes": modes_text(mavros_modes(self._modes))} if self._modes else {}
 
     def take(self, messages: Sequence[Message]) -> list[Sample]:
         """Return the samples in some messages, once it has been decided what is used."""
@@ -67,8 +74,9 @@ class Ros2Samples:
 
     def _samples(self, messages: Sequence[Message], rows: list[int]) -> Iterator[tuple[int, Sample]]:
         """Yield each row's sample; all rows are of one topic."""
-        topic = messages[rows[0]].topic
-        if self.decided and self._mapping is None and not (self.quantities.of(topic) or topic in self._thrusters):
+        topic, kind = messages[rows[0]].topic, messages[rows[0]].kind
+        wanted = self.quantities.of(topic) or topic in self._thrusters or kind == STATE
+        if self.decided and self._mapping is None and not wanted:
             return
         table, damaged = self._table([messages[i] for i in rows])
         self.bad += damaged
@@ -97,6 +105,8 @@ class Ros2Samples:
         return table, damaged
 
     def _channels(self, table: Table) -> dict[str, Array]:
+        if table.kind == STATE:
+            return mavros_channels(table, self._modes)
         if self._mapping is None:
             if table.name in self._thrusters:
                 return {f"{COMMAND_PREFIX}{self._thrusters[table.name]}": table["data"]}

@@ -91,7 +91,11 @@ class Ros2Source:
             said += [f"the mapping's {each} is not published" for each in sorted(silent)]
         said += [*self._samples.quantities.said(), *self._samples.notes]
         self._state = SourceState(
-            said=tuple(said), rates=self._rates.now(), bad=self._samples.bad, senders=tuple(heard)
+            said=tuple(said),
+            rates=self._rates.now(),
+            bad=self._samples.bad,
+            senders=tuple(heard),
+            attributes=self._samples.attributes,
         )
 
     def state(self) -> SourceState:
