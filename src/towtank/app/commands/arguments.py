@@ -7,6 +7,7 @@ import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -32,10 +33,12 @@ __all__ = [
     "Window",
     "WindowTexts",
     "command_text",
+    "is_number",
     "log_places",
     "numbers",
     "output_place",
     "positive_option",
+    "reachable_fit",
     "report_place",
 ]
 
@@ -118,8 +121,9 @@ class Window:
         """Return a window; `found` begins the InputError where its end is not after its start, or one is no number."""
         found = found or f"window: found ({start}, {end})"
         for edge in (start, end):
-            if edge is not None and not (isinstance(edge, int | float) and math.isfinite(edge)):
+            if edge is not None and not (is_number(edge) and math.isfinite(edge)):
                 raise InputError(f"{found}, expected finite numbers of seconds, None where it is open")
+        start, end = (None if edge is None else float(edge) for edge in (start, end))
         if start is not None and end is not None and (start < 0.0) == (end < 0.0) and not end > start:
             raise InputError(f"{found}, expected an end after the start")
         return cls(start, end)
@@ -230,10 +234,26 @@ def _number(option: str, text: str) -> float:
     return value
 
 
+def is_number(value: object) -> bool:
+    """Whether a value is a real number, NumPy's own included; truth values are none."""
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
 def positive_option(option: str, value: float | None, *, zero: bool = False) -> float | None:
     """Return the value of an option. Raises InputError unless it is a finite number above 0 (or 0)."""
-    if value is not None and not (math.isfinite(value) and (value > 0.0 or (zero and value == 0.0))):
-        raise InputError(f"{option}: found {value:g}, expected a number {'of 0 or more' if zero else 'above 0'}")
+    if value is not None and not (
+        is_number(value) and math.isfinite(value) and (value > 0.0 or (zero and value == 0.0))
+    ):
+        found = f"{value:g}" if is_number(value) else repr(value)
+        raise InputError(f"{option}: found {found}, expected a number {'of 0 or more' if zero else 'above 0'}")
+    return value
+
+
+def reachable_fit(option: str, value: float | None) -> float | None:
+    """Return a fit [%] that is required. Raises InputError unless it is a number of at most 100."""
+    if value is not None and not (is_number(value) and value <= 100.0):
+        found = f"{value:g}" if is_number(value) else repr(value)
+        raise InputError(f"{option}: found {found}, expected a fit in percent, 100 at most")
     return value
 
 

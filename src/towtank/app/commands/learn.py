@@ -171,6 +171,7 @@ def learn(
                 "--delay": delay,
                 "--prior": prior,
                 "--current": current,
+                "--allow-empty": allow_empty,
                 "-o": model_file,
             }
             learned.report(report, [command_text("learn", named, again), judge])
