@@ -15,7 +15,7 @@ from towtank.app.terminal.spark import error_spark, spark
 from .commands import Ran, command, process
 
 
-def fits(ran: Ran) -> None:
+def assert_fits(ran: Ran) -> None:
     assert ran.code == 0, ran
     assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f]", ran.out + ran.err), ran
     assert max(map(len, ran.out.splitlines())) <= 80, ran
@@ -24,14 +24,14 @@ def fits(ran: Ran) -> None:
 
 def test_every_command_fits_80_columns(workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    fits(command("learn", workshop / "yaw.csv", "--vehicle", "vlbv300", "--method", "paper", "--delay", 0))
-    fits(command("validate", workshop / "learned.toml", workshop / "yaw.csv"))
-    fits(command("inspect", workshop / "yaw.csv"))
+    assert_fits(command("learn", workshop / "yaw.csv", "--vehicle", "vlbv300", "--method", "paper", "--delay", 0))
+    assert_fits(command("validate", workshop / "learned.toml", workshop / "yaw.csv"))
+    assert_fits(command("inspect", workshop / "yaw.csv"))
 
 
 def test_a_pipe_of_an_old_terminal_gets_plain_ascii(workshop: Path) -> None:
     ran = process("validate", "learned.toml", "yaw.csv", cwd=workshop, COLUMNS="80", PYTHONIOENCODING="ascii")
-    fits(ran)
+    assert_fits(ran)
     assert ran.out.isascii()
     assert "Error over time" in ran.out
 

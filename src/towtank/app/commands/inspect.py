@@ -66,8 +66,17 @@ def inspect(
       towtank inspect surge.csv --map-skeleton -o map.toml
     """
     if map_skeleton:
-        unused = {"--map": mapping, "--vehicle": vehicle, "--window": window}
-        _write_skeleton(log, file, [name for name, value in unused.items() if value is not None], json=json)
+        [place] = log_places([log], None)
+        unused = {
+            "--map": mapping,
+            "--vehicle": vehicle,
+            "--window": window,
+            f"the window in {log.name}": place.windows,
+            "--keep-all": keep_all,
+            "--merge": merge,
+            "--merge-map": merge_map,
+        }
+        _write_skeleton(place.path, file, [name for name, value in unused.items() if value], json=json)
         return
     if file is not None:
         raise InputError(f"--output {file}: only --map-skeleton writes a file; give it too, or leave --output out")
@@ -96,7 +105,7 @@ def inspect(
 def _write_skeleton(log: Path, file: Path | None, unused: list[str], *, json: bool) -> None:
     """Write or print a mapping to fill in. Raises InputError."""
     if unused:
-        raise InputError(f"--map-skeleton and {unused[0]}: found both; the skeleton is of the log as it stands")
+        raise InputError(f"--map-skeleton and {unused[0]}: found both; a skeleton is of one whole file, leave the other out")
     output_place("--output", file, (".toml",))
     from towtank.app.terminal.output import Output
     from towtank.outputs import write_text
