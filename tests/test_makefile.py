@@ -1,4 +1,4 @@
-"""`make demo`: every part is made once, and what fails is said; with stand-ins for npm and Python that write down calls."""
+"""`make demo` makes every part once and says what fails; stand-ins for npm and Python write their calls down."""
 
 from __future__ import annotations
 

@@ -87,7 +87,9 @@ def test_judging_is_the_command_s(judged: Judgement, learned: LearnedModel, work
     assert mine.keys() == told.keys()
     for key in told.keys() - {"model"}:  # which is given as a vehicle here and as a file there
         assert _close(mine[key], told[key]) or key == "verdict", key
-    assert mine["verdict"].replace(judged.name, "MODEL") == told["verdict"].replace(str(workshop / "same.toml"), "MODEL")
+    assert mine["verdict"].replace(judged.name, "MODEL") == told["verdict"].replace(
+        str(workshop / "same.toml"), "MODEL"
+    )
     part = tt.validate("vlbv300", [workshop / "surge.csv", workshop / "yaw.csv"], horizon=5.0, window=[(5, 15), (2, 9)])
     assert [prediction.t[0] for prediction in part.scores.predictions] == [5.0, 2.0]
     assert len(part.scores.predictions[0].restarts) == 2
@@ -103,7 +105,10 @@ def test_a_fit_that_is_required_is_told_by_both(judged: Judgement, workshop: Pat
         assert ran.code == code
         assert mine.met is (code == 0)
         assert {key: told[key] for key in ("required", "met")} == {"required": percent, "met": code == 0}
-        assert {key: plain(mine.document())[key] for key in ("required", "met")} == {"required": percent, "met": mine.met}
+        assert {key: plain(mine.document())[key] for key in ("required", "met")} == {
+            "required": percent,
+            "met": mine.met,
+        }
         assert len(mine.lacking) == code
     assert judged.met is None
     assert judged.lacking == ()

@@ -123,7 +123,11 @@ def test_angles_beyond_a_turn_are_radians_where_the_pitch_says_so(tmp_path: Path
 def test_the_angles_of_a_calm_vehicle_have_the_unit_of_its_heading(tmp_path: Path, factor: float, turns: int) -> None:
     """Roll and pitch of a degree look like radians; the heading beside them does not."""
     t = np.arange(0.0, 20.0, 0.1)
-    angles = {"roll": 0.8 * np.sin(t), "pitch": 1.2 * np.cos(t), "yaw": 200.0 + 150.0 * np.sin(0.3 * t) + 18.0 * turns * t}
+    angles = {
+        "roll": 0.8 * np.sin(t),
+        "pitch": 1.2 * np.cos(t),
+        "yaw": 200.0 + 150.0 * np.sin(0.3 * t) + 18.0 * turns * t,
+    }
     if factor > 1.0:
         angles["pitch"] = 3.0 * angles["pitch"]
     rows = zip(t, *(factor * values for values in angles.values()), strict=True)

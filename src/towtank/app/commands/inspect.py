@@ -105,7 +105,9 @@ def inspect(
 def _write_skeleton(log: Path, file: Path | None, unused: list[str], *, json: bool) -> None:
     """Write or print a mapping to fill in. Raises InputError."""
     if unused:
-        raise InputError(f"--map-skeleton and {unused[0]}: found both; a skeleton is of one whole file, leave the other out")
+        raise InputError(
+            f"--map-skeleton and {unused[0]}: found both; a skeleton is of one whole file, leave the other out"
+        )
     output_place("--output", file, (".toml",))
     from towtank.app.terminal.output import Output
     from towtank.outputs import write_text

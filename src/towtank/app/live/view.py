@@ -260,7 +260,9 @@ class LiveView:
             shown, table = rows[: across * room], self._output.table(*header[:columns] * across)
             half = -(-len(shown) // across)
             for k in range(half):
-                cells = [shown[j][:columns] if j < len(shown) else ("",) * columns for j in range(k, across * half, half)]
+                cells = [
+                    shown[j][:columns] if j < len(shown) else ("",) * columns for j in range(k, across * half, half)
+                ]
                 table.add_row(*(cell for each in cells for cell in each))
             if self._fits(table):
                 return [table, *self._left_out(len(rows) - len(shown))]
