@@ -63,7 +63,7 @@ def test_reasons_and_meanings_are_told(learned: Made) -> None:
     text = learned.page.text
     assert "Added inertia: yaw moment per yaw acceleration" in text
     assert "would narrow it" in text
-    assert "not identifiable" in text
+    assert "not identified" in text
     assert text.index("inertia to") < text.index("Coefficients")
 
 

@@ -172,5 +172,5 @@ def as_wired(request: LearningRequest) -> tuple[LearningRequest, tuple[Finding, 
         return request, tuple(Finding(AXES[k].name, f"{reversed_force(k)}; {done}") for k in wiring.turned)
     other = rewired(vehicle, wiring)
     rebound = tuple(samples_of(each, other) for each in request.recordings)
-    found = Finding("thrusters", f"{wiring.said(vehicle)}; learning takes them so", of_model=True)
+    found = Finding("thrusters", f"{wiring.said(vehicle)}; learning uses them as they act", of_model=True)
     return replace(request, vehicle=other, samples=rebound), (found,)

@@ -51,7 +51,8 @@ Map = Annotated[
     typer.Option(
         "--map",
         metavar="MAPPING",
-        help="TOML file that says which column of the log is which channel, or which TABLE.field.",
+        help="TOML file that names the column (or TABLE.field) of the log for each channel; inspect --map-skeleton "
+        "writes a first draft.",
     ),
 ]
 Merge = Annotated[
@@ -59,8 +60,9 @@ Merge = Annotated[
     typer.Option(
         "--merge",
         metavar="FILE[@SECONDS]",
-        help="A second file of the same run, as motion capture beside the autopilot's log; may be repeated. The offset "
-        "of its clock is found from the motion that both saw, or said: mocap.csv@+12.3 adds 12.3 s to its times.",
+        help="A second file of the same run, such as motion capture beside the autopilot's log; may be repeated. The "
+        "offset of its clock is found from the motion that both files show. To give it yourself: mocap.csv@+12.3 adds "
+        "12.3 s to the file's times.",
     ),
 ]
 MergeMap = Annotated[
@@ -68,7 +70,7 @@ MergeMap = Annotated[
     typer.Option(
         "--merge-map",
         metavar="MAPPING",
-        help="As --map, of the files of --merge: one for all of them, or one for each in their order.",
+        help="Mapping for the files of --merge: one for all of them, or one for each, in the same order.",
     ),
 ]
 WindowTexts = Annotated[
@@ -76,16 +78,17 @@ WindowTexts = Annotated[
     typer.Option(
         "--window",
         metavar="START,END",
-        help="Use this stretch of time only, in seconds of the log's own clock; either may be left out (10, or ,60), "
-        "and a negative one counts from the end. May be repeated. Of one log alone: dive.BIN@12,178@200,260.",
+        help="Use only this stretch of time, in seconds of the log's own clock. Either end may be left out (10, or "
+        ",60); "
+        "a negative number counts from the end. May be repeated. For a single log of several: dive.BIN@12,178@200,260.",
     ),
 ]
 KeepAll = Annotated[
     bool,
     typer.Option(
         "--keep-all",
-        help="Use all of it: also where the vehicle is disarmed, at the surface or out of the water, upside down, in a "
-        "mode of its own, or without commands, all of which is left out otherwise.",
+        help="Use the whole log. Without this option, stretches are left out in which the vehicle is disarmed, at the "
+        "surface or out of the water, upside down, in a mode that ignores commands, or without commands.",
     ),
 ]
 Report = Annotated[
@@ -93,7 +96,7 @@ Report = Annotated[
     typer.Option(
         "--report",
         metavar="FILE.html",
-        help="Report to write, one page with tables and figures; .pdf where Chromium, Chrome or Edge is installed.",
+        help="Report to write: one page with tables and figures. FILE.pdf needs Chromium, Chrome or Edge.",
     ),
 ]
 

@@ -36,7 +36,7 @@ def inspect(
             "--vehicle",
             metavar="VEHICLE",
             autocompletion=vehicles,
-            help="Catalog name or vehicle file, for verdicts by coefficient.",
+            help="Catalog name or vehicle file; with it, the result says how well each coefficient will be known.",
         ),
     ] = None,
     window: WindowTexts = None,
@@ -45,20 +45,24 @@ def inspect(
         bool,
         typer.Option(
             "--map-skeleton",
-            help="Write a mapping for --map instead: every column or message of the log, and which channel it may be.",
+            help="Write a first draft of a mapping for --map instead: every column or message of the log, with the "
+            "channel that it may be.",
         ),
     ] = False,
     file: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", metavar="FILE", help="With --map-skeleton: the mapping file; else it is printed."
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="With --map-skeleton: the mapping file to write; without it the draft is printed.",
         ),
     ] = None,
     json: Json = False,
 ) -> None:
-    """Show what is in a log: its messages and channels, clock trouble, command delay, which axes can be identified.
+    """Show what is in a log: messages, channels, clock problems, command delay, and which axes can be identified.
 
-    That, from what shows the vehicle moving freely in water; what does not is listed with the reason.
+    Only stretches in which the vehicle moves freely in water are used. The others are listed with the reason.
 
     \b
     Examples:

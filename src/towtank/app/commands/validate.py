@@ -44,11 +44,17 @@ def validate(
     keep_all: KeepAll = False,
     horizon: Annotated[
         float | None,
-        typer.Option("--horizon", metavar="S", help="Restart the prediction from the measured state every S seconds."),
+        typer.Option(
+            "--horizon",
+            metavar="S",
+            help="Restart the prediction from the measured state every S seconds; default: never.",
+        ),
     ] = None,
     delay: Annotated[
         float | None,
-        typer.Option("--delay", metavar="S", help="From command to thruster, in seconds; default: the model's own."),
+        typer.Option(
+            "--delay", metavar="S", help="Delay from command to thruster, in seconds; default: the model's own."
+        ),
     ] = None,
     against: Annotated[
         list[str] | None,
@@ -64,14 +70,17 @@ def validate(
         typer.Option(
             "--folds",
             metavar="K",
-            help="Cross-validate: cut the logs into K windows, learn MODEL's coefficients anew on all but one and "
-            "predict that one, for each in turn.",
+            help="Cross-validate: cut the logs into K windows; for each window, learn MODEL's coefficients anew from "
+            "the others and predict it.",
         ),
     ] = None,
     method: Annotated[
         str | None,
         typer.Option(
-            "--method", metavar="METHOD", autocompletion=methods, help="With --folds: how to learn, as in learn."
+            "--method",
+            metavar="METHOD",
+            autocompletion=methods,
+            help="With --folds: the method to learn with, as for learn.",
         ),
     ] = None,
     mapping: Map = None,
@@ -83,15 +92,15 @@ def validate(
         typer.Option(
             "--require",
             metavar="PCT",
-            help="Exit with code 1 unless every axis that was driven and measured is predicted with this fit at least.",
+            help="Exit with code 1 unless every axis that was driven and measured is predicted with at least this fit.",
         ),
     ] = None,
     json: Json = False,
 ) -> None:
     """Predict logs from their commands alone and compare with what was measured.
 
-    A fit of 100 % is perfect, 0 no better than the mean of the measurement. Then: what the errors are, slow
-    disturbances, noise, or the trace of something that the model lacks.
+    A fit of 100 % is perfect; 0 % is no better than the mean of the measurement. The result also says what the errors
+    are: sensor noise, slow disturbances, or something that the model lacks.
 
     \b
     Examples:
@@ -154,7 +163,7 @@ def validate(
     output.line(judgement.verdict, "bold")
     output.line()
     output.line(f"{model} on {', '.join(log.name for log in logs)}", "bold")
-    restart = "" if horizon is None else f", set back to the measured state every {short(horizon)} s"
+    restart = "" if horizon is None else f", restarted from the measured state every {short(horizon)} s"
     late = "" if delay is None else f", delay {1e3 * delay:.4g} ms"
     output.line(f"{short(judgement.window[0])} to {short(judgement.window[1])} s{restart}{late}")
     for each in judgement.merged:

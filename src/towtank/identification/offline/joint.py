@@ -177,10 +177,10 @@ def _remarks(
         out = [f"free: {', '.join(fit.free.names)}; everything else is fixed at the prior's mean"]
     if not problem.learned.all():
         still = [axis.name for axis, moves in zip(AXES, problem.moving, strict=True) if not moves]
-        out.append(f"no sensor shows and nothing drives {', '.join(still)}: what acts there counts as what it may be")
+        out.append(f"{', '.join(still)}: neither measured nor driven, so the prior of what acts there is kept")
     if fit.disagreement > 1.2:
         times = f"{fit.disagreement:.1f} times"
-        out.append(f"windows of the data differ {times} as much as they should: deviations are widened by it")
+        out.append(f"windows of the data differ {times} as much as they should: deviations are widened by that")
     if current is not None and current.speed > max(_WORTH_SAYING, 3.0 * float(current.std[:2].max())):
         out.append(f"the water flows: {current.said}")
     if fit.levels.waves.any():
