@@ -5,11 +5,14 @@ from __future__ import annotations
 import io
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rich.console import Console
 
+from towtank.app.tables.judging import show_residuals
+from towtank.app.terminal.output import Output
 from towtank.app.terminal.spark import error_spark, spark
 
 from .commands import Ran, command, process
@@ -34,6 +37,26 @@ def test_a_pipe_of_an_old_terminal_gets_plain_ascii(workshop: Path) -> None:
     assert_fits(ran)
     assert ran.out.isascii()
     assert "Error over time" in ran.out
+
+
+def test_the_table_of_errors_is_not_cut(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The widest numbers that it may hold, in 80 columns."""
+    monkeypatch.setenv("COLUMNS", "80")
+    memory = SimpleNamespace(slow=0.0055, white=0.00017, noise_known=False, bias=-0.0061)
+    command = SimpleNamespace(share=0.73, p=0.0, lag=0.0, correlation=(), band=())
+    found = SimpleNamespace(
+        time=2.63,
+        time_std=0.62,
+        memory=memory,
+        command=command,
+        one_step_test=SimpleNamespace(p=0.0),
+        verdict=SimpleNamespace(text="yaw errors follow the command"),
+    )
+    show_residuals({"r": found}, Output())
+    head, _, row = capsys.readouterr().out.splitlines()[2:5]
+    assert head.split()[-2:] == ["One", "step"]
+    assert row.split()[-1] == "coloured"
+    assert row.split()[0] == "r"
 
 
 def test_a_spark_line_rises_with_its_values() -> None:

@@ -74,12 +74,12 @@ def not_shown(name: str) -> str:
     """Return why a coefficient was not learned at all: no motion that it makes or answers to.
 
     >>> not_shown("K_pp")
-    'roll: neither measured nor driven, so the prior is kept'
+    'nothing measures or drives roll, so the prior is kept'
     """
     part = role(name)
     axes = list(dict.fromkeys(AXES[axis].name for axis in (part.row, part.column) if axis >= 0))
     of = " or ".join(axes) or "surge, sway and heave"
-    return f"{of}: neither measured nor driven, so the prior is kept"
+    return f"nothing measures or drives {of}, so the prior is kept"
 
 
 def label(name: str) -> str:
