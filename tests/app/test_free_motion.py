@@ -178,7 +178,7 @@ def commanded(rate: float, table: str) -> LogParts:
     [
         (10.0, "RCOU", ("at 10 Hz (RCOU)", "up to 100 ms too long", "LOG_BITMASK", "--record FILE.mcap")),
         (2.0, "SERVO_OUTPUT_RAW", ("at 2 Hz", "about 250 ms", "SRn_RC_CHAN", "--record FILE.mcap")),
-        (5.0, "", ("at 5 Hz; unless that is every change of them", "whenever it changes")),
+        (5.0, "", ("at 5 Hz. Unless every change of a command is recorded", "whenever they change")),
     ],
 )
 def test_commands_that_come_seldom(rate: float, table: str, words: tuple[str, ...]) -> None:

@@ -324,8 +324,14 @@ class Judgement:
 
     def document(self) -> dict[str, Any]:
         """Return everything as the document that `towtank validate --json` prints."""
-        about = {"verdict": self.verdict, "usable": usable_document(self.judged.use), "model": self.name}
-        about |= {"logs": list(self.logs), "required": self.required, "met": self.met, "merged": self.merged}
+        about: dict[str, Any] = {"verdict": self.verdict, "usable": usable_document(self.judged.use)}
+        about |= {
+            "model": self.name,
+            "logs": list(self.logs),
+            "required": self.required,
+            "met": self.met,
+            "merged": self.merged,
+        }
         scores = {"fit": self.fit, "rmse": self.rmse, "window": self.window}
         asked = {"horizon_s": self.horizon, "delay_s": self.delay}
         told = {**left_out_document(self.parts), **self.judged.document, "warnings": list(self.warnings)}
@@ -335,8 +341,13 @@ class Judgement:
         """Write the report, `.html` or `.pdf`; as `LearnedModel.report`."""
         report_place(place := Path(path))
         recordings, left_out = counted(self.parts), left_out_lines(self.parts)
-        further = {"horizon": self.horizon, "delay": self.delay, "recordings": recordings, "left_out": left_out}
-        further["warnings"] = self.warnings
+        further = {
+            "horizon": self.horizon,
+            "delay": self.delay,
+            "warnings": self.warnings,
+            "recordings": recordings,
+            "left_out": left_out,
+        }
         write_validate_report(place, self.name, self.model, self.judged, _files(self.logs), commands, further)
 
     def to_pandas(self) -> Any:
