@@ -27,7 +27,9 @@ help:
 	@echo 'make clean   removes .venv and everything built or cached'
 	@echo 'Set PYTHON=... to choose the interpreter (3.11 or newer) that .venv is made with.'
 
-demo: $(COMPILED) $(PAGE)
+# The kernels are compiled while npm builds the page; each is made once, by a make of its own, and told in turn.
+demo: $(READY)
+	@$(MAKE) --silent $(COMPILED) >.venv/.compiling 2>&1 & $(MAKE) --silent $(PAGE); wait; cat .venv/.compiling
 	@$(BIN)/towtank demo --output demo-output $(DEMO)
 
 test: lint types layers tests kernels docs
@@ -61,12 +63,15 @@ $(PAGE): $(WEB)
 	else printf 'FAILED after %d s, there is no live page\n%s\n' $$((SECONDS - start)) "$$out"; fi; \
 	else echo 'npm is missing (Node 20.19 or newer): there is no live page, everything else works'; fi
 
-# The demo's kernels, in two processes while npm builds the page. What fails here the demo compiles, or says why not.
+# The demo's kernels, in two processes. What fails here the demo compiles itself, or says why not.
 $(COMPILED): $(READY) $(SOURCES)
-	@start=$$SECONDS; \
-	for group in filter rest; do $(BIN)/python -m towtank.app.demo.warm_up $$group >/dev/null 2>&1 & done; \
-	$(MAKE) --silent $(PAGE); printf '%-46s' 'kernels of the demo, compiled meanwhile'; wait; printf 'ok %4d s\n' $$((SECONDS - start))
-	@touch $@
+	@printf '%-46s' 'kernels of the demo, compiled meanwhile'; start=$$SECONDS; compiling=; failed=; \
+	for group in filter rest; do \
+	$(BIN)/python -m towtank.app.demo.warm_up $$group >.venv/.compiling-$$group 2>&1 & compiling="$$compiling $$group:$$!"; done; \
+	for each in $$compiling; do wait $${each#*:} || failed="$$failed $${each%:*}"; done; \
+	if [ -z "$$failed" ]; then touch $@; printf 'ok %4d s\n' $$((SECONDS - start)); \
+	else printf 'FAILED after %d s; the demo compiles them itself\n' $$((SECONDS - start)); \
+	for group in $$failed; do tail -n 1 .venv/.compiling-$$group; done; fi
 
 # A browser for the tests of the page, which are skipped without one.
 browser:

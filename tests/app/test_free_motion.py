@@ -90,10 +90,10 @@ def test_where_nothing_counts(handled: Path, tmp_path: Path) -> None:
     log = tmp_path / "bench.parquet"
     run.replace([Channel("armed", [0.0], [0.0], "1")]).write(log)
     said = refused("learn", log, *VEHICLE)
-    assert f"{log}: nothing of it counts (0 to 30 s: disarmed); --keep-all" in said
+    assert f"{log}: no part of it shows the vehicle moving freely in water (0 to 30 s: disarmed); --keep-all" in said
     found = document("inspect", log, *VEHICLE)
     assert not any(verdict["identifiable"] for verdict in found["axes"].values())
-    assert "nothing of the log counts" in found["axes"]["yaw"]["reason"]
+    assert "no part of the log shows the vehicle moving freely" in found["axes"]["yaw"]["reason"]
     assert found["channels"]
     both = document("learn", handled, log, *VEHICLE, "--free", "N_rdot,N_rr", "--delay", 0)
     assert {each["log"] for each in both["counted"]} == {str(handled)}
@@ -178,7 +178,7 @@ def commanded(rate: float, table: str) -> LogParts:
     [
         (10.0, "RCOU", ("at 10 Hz (RCOU)", "up to 100 ms too long", "LOG_BITMASK", "--record FILE.mcap")),
         (2.0, "SERVO_OUTPUT_RAW", ("at 2 Hz", "about 250 ms", "SRn_RC_CHAN", "--record FILE.mcap")),
-        (5.0, "", ("at 5 Hz; unless that is every change of them", "whenever it changes")),
+        (5.0, "", ("at 5 Hz. Unless every change of a command is recorded", "whenever they change")),
     ],
 )
 def test_commands_that_come_seldom(rate: float, table: str, words: tuple[str, ...]) -> None:

@@ -95,7 +95,7 @@ def test_lines_tell_each_event_once_and_the_recording_is_gone_on_with(log: Path,
     ran = process("live", *again, cwd=tmp_path)
     assert ran.code == 0, ran
     happened = ran.out.split("What happened")[1]
-    assert "gone on with" in happened
+    assert "resumed" in happened
     assert lines[-1]["events"][0]["text"].partition(",")[0] in happened
 
 

@@ -28,6 +28,7 @@ from towtank.app.live.readings import Reading, Readings
 from towtank.app.live.view import LiveView
 from towtank.app.terminal.output import Output
 from towtank.app.terminal.wrap import wrapped
+from towtank.digits import estimate_text
 from towtank.live import open_source
 from towtank.live.session import Session
 from towtank.live.status import Status
@@ -195,6 +196,24 @@ def test_the_picture_fits_and_cuts_nothing(size: tuple[int, int], busy: bool, wh
     if size == (80, 70) and not busy:
         known = [each.name for each in status.learnt.estimate.coefficients if each.identified]
         assert [name for name in known if name not in text] == []
+
+
+@pytest.mark.parametrize("width", [20, 30, 40, 48, 53])
+@pytest.mark.parametrize("height", [24, 90])
+def test_a_narrow_window_shows_coefficients_too(width: int, height: int, whole: tuple[Status, Reading]) -> None:
+    status, reading = whole
+    output = Output()
+    output.console = Console(width=width, height=height, record=True, file=io.StringIO(), force_terminal=True)
+    output.console.print(LiveView(output, load_vehicle("bluerov2_heavy"), "joint").picture(status, reading))
+    shown = output.console.export_text().splitlines()
+    assert max(len(line.rstrip()) for line in shown) <= width
+    known = {each.name: each for each in status.learnt.estimate.coefficients if each.identified}
+    told = [line for line in shown if "±" in line and line.split()[0] in known]
+    assert len(told) >= (10 if height == 90 else 1)
+    for line in told:
+        name, value, sign, std = line.split()[:4]
+        assert [value, sign, std] == estimate_text(known[name].value, known[name].std).split()
+    assert any("larger" in line for line in shown)
 
 
 def test_sentences_break_between_words_never_within_a_number() -> None:

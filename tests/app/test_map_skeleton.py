@@ -31,6 +31,11 @@ def test_the_mapping_is_printed_or_written_and_then_accepted(log: Path, tmp_path
 
 def test_what_does_not_go_together_is_refused(log: Path, tmp_path: Path) -> None:
     assert "--map-skeleton and --vehicle" in refused("inspect", log, "--map-skeleton", "--vehicle", "seamor")
+    assert "--map-skeleton and --keep-all" in refused("inspect", log, "--map-skeleton", "--keep-all")
+    assert "--map-skeleton and --merge" in refused("inspect", log, "--map-skeleton", "--merge", log)
+    within = refused("inspect", f"{log}@2,5", "--map-skeleton")
+    assert "--map-skeleton and the window in dive.csv@2,5: found both" in within
+    assert "leave the other out" in within
     assert "only --map-skeleton writes" in refused("inspect", log, "-o", tmp_path / "map.toml")
     assert "ends in .toml" in refused("inspect", log, "--map-skeleton", "-o", tmp_path / "map.txt")
     assert "no such file" in refused("inspect", tmp_path / "none.csv", "--map-skeleton")

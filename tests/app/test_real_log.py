@@ -85,7 +85,7 @@ def test_what_was_not_measured_is_said(pool: Pool) -> None:
     assert found["fit"]["u"] is None
     for name in ("Y_vdot", "Y_vv", "Z_wdot", "Z_ww"):
         assert not found["coefficients"][name]["identified"]
-        assert "no sensor shows and nothing drives" in found["coefficients"][name]["reason"]
+        assert "nothing measures or drives" in found["coefficients"][name]["reason"]
     assert not found["coefficients"]["X_uu"]["identified"]
 
 

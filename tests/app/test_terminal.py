@@ -5,17 +5,20 @@ from __future__ import annotations
 import io
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rich.console import Console
 
+from towtank.app.tables.judging import show_residuals
+from towtank.app.terminal.output import Output
 from towtank.app.terminal.spark import error_spark, spark
 
 from .commands import Ran, command, process
 
 
-def fits(ran: Ran) -> None:
+def assert_fits(ran: Ran) -> None:
     assert ran.code == 0, ran
     assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f]", ran.out + ran.err), ran
     assert max(map(len, ran.out.splitlines())) <= 80, ran
@@ -24,16 +27,36 @@ def fits(ran: Ran) -> None:
 
 def test_every_command_fits_80_columns(workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    fits(command("learn", workshop / "yaw.csv", "--vehicle", "vlbv300", "--method", "paper", "--delay", 0))
-    fits(command("validate", workshop / "learned.toml", workshop / "yaw.csv"))
-    fits(command("inspect", workshop / "yaw.csv"))
+    assert_fits(command("learn", workshop / "yaw.csv", "--vehicle", "vlbv300", "--method", "paper", "--delay", 0))
+    assert_fits(command("validate", workshop / "learned.toml", workshop / "yaw.csv"))
+    assert_fits(command("inspect", workshop / "yaw.csv"))
 
 
 def test_a_pipe_of_an_old_terminal_gets_plain_ascii(workshop: Path) -> None:
     ran = process("validate", "learned.toml", "yaw.csv", cwd=workshop, COLUMNS="80", PYTHONIOENCODING="ascii")
-    fits(ran)
+    assert_fits(ran)
     assert ran.out.isascii()
     assert "Error over time" in ran.out
+
+
+def test_the_table_of_errors_is_not_cut(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The widest numbers that it may hold, in 80 columns."""
+    monkeypatch.setenv("COLUMNS", "80")
+    memory = SimpleNamespace(slow=0.0055, white=0.00017, noise_known=False, bias=-0.0061)
+    command = SimpleNamespace(share=0.73, p=0.0, lag=0.0, correlation=(), band=())
+    found = SimpleNamespace(
+        time=2.63,
+        time_std=0.62,
+        memory=memory,
+        command=command,
+        one_step_test=SimpleNamespace(p=0.0),
+        verdict=SimpleNamespace(text="yaw errors follow the command"),
+    )
+    show_residuals({"r": found}, Output())
+    head, _, row = capsys.readouterr().out.splitlines()[2:5]
+    assert head.split()[-2:] == ["One", "step"]
+    assert row.split()[-1] == "coloured"
+    assert row.split()[0] == "r"
 
 
 def test_a_spark_line_rises_with_its_values() -> None:

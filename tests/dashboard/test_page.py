@@ -204,6 +204,8 @@ def test_two_look_at_once(browser: Any, rig: Rig) -> None:
         for view in (one, two):
             frames = view.page.evaluate("window.towtank.frames")
             until(view.page, f"window.towtank.frames > {frames + 20}")
+            assert view.page.evaluate("document.body.dataset.sequence") != "0"
+        assert rig.page.pump.viewers == 2
 
 
 OVERLAPS = Path(__file__).with_name("overlaps.js").read_text()

@@ -49,7 +49,7 @@ def test_a_negative_added_mass_is_held_at_zero_and_drag_follows() -> None:
     assert violation.deviations == pytest.approx(6.2)
     assert violation.text == (
         "the data pull X_udot to +3.1 +- 0.5 kg, an added mass below zero by 6.2 deviations"
-        ": check the mass in the file, the thrusters' force scale or the delay; held at 0"
+        ": check the mass in the file, the thrusters' force scale or the delay; moved to 0"
     )
 
 
@@ -63,7 +63,7 @@ def test_drag_that_feeds_energy_in() -> None:
     )
     small = consistent(load_vehicle("vlbv300"), names, np.array([0.1, -0.8]), np.diag([0.04, 0.01]))
     assert small.messages == (
-        "N_r came out as +0.1 +- 0.2 N m s/rad, 0.5 deviations beyond what is physical; held at 0",
+        "N_r came out as +0.1 +- 0.2 N m s/rad, 0.5 deviations beyond what is physical; moved to 0",
     )
 
 

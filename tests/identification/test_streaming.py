@@ -32,7 +32,7 @@ def rows_of(log: Recording, vehicle: Vehicle, learner: PaperLearner) -> PaperLea
     return learner
 
 
-def same(a: PaperLearner, b: PaperLearner, tolerance: float) -> None:
+def assert_same(a: PaperLearner, b: PaperLearner, tolerance: float) -> None:
     one, two = a.estimate, b.estimate
     assert one.samples == two.samples
     assert one.identified == two.identified
@@ -48,7 +48,7 @@ def test_row_by_row_equals_run(sensors: str | Mocap) -> None:
     log = simulate(vehicle, commands=commands, sensors=sensors, disturbance=OrnsteinUhlenbeck(), seed=4)
     whole = PaperLearner(vehicle)
     whole.run(log)
-    same(whole, rows_of(log, vehicle, PaperLearner(vehicle)), 1e-9)
+    assert_same(whole, rows_of(log, vehicle, PaperLearner(vehicle)), 1e-9)
 
 
 def test_the_order_of_restarts_and_runs_does_not_matter() -> None:
@@ -62,7 +62,7 @@ def test_the_order_of_restarts_and_runs_does_not_matter() -> None:
         a.run(log)
         b.restart()
         rows_of(log, vehicle, b)
-    same(a, b, 1e-9)
+    assert_same(a, b, 1e-9)
     c = PaperLearner(vehicle)
     for log in reversed(logs):
         c.run(log)
@@ -155,9 +155,9 @@ def test_forgetting_streams_as_it_runs(scheme: str) -> None:
     whole = PaperLearner(vehicle, forgetting=0.995, scheme=scheme)  # type: ignore[arg-type]
     whole.run(log)
     rows = rows_of(log, vehicle, PaperLearner(vehicle, forgetting=0.995, scheme=scheme))  # type: ignore[arg-type]
-    same(whole, rows, 1e-7)
+    assert_same(whole, rows, 1e-7)
     copy = pickle.loads(pickle.dumps(whole))
-    same(whole, copy, 1e-12)
+    assert_same(whole, copy, 1e-12)
 
 
 def test_scheme_has_to_be_known() -> None:

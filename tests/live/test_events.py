@@ -147,7 +147,7 @@ def test_paused_marked_and_recorded(tmp_path: Path) -> None:
     session._stop.set()
     run.join()
     told = [event.text for event in session.status().events]
-    assert told == ["learning paused", "learning gone on with", "ballast on"]
+    assert told == ["learning paused", "learning resumed", "ballast on"]
     kept = read(tmp_path / "a.mcap")
     assert len(kept["x"]) == 11
     assert EVENT_TOPIC in {each.name for each in kept.contents}

@@ -117,6 +117,28 @@ def test_angles_beyond_a_turn_are_radians_where_the_pitch_says_so(tmp_path: Path
     assert columns == {"t": "t", "phi": "ekf_roll", "theta": "ekf_pitch", "psi": "ekf_yaw"}
 
 
+@pytest.mark.parametrize(
+    ("factor", "turns"), [(1.0, 0), (1.0, 3), (100.0, 0)], ids=["degrees", "unwrapped degrees", "hundredths"]
+)
+def test_the_angles_of_a_calm_vehicle_have_the_unit_of_its_heading(tmp_path: Path, factor: float, turns: int) -> None:
+    """Roll and pitch of a degree look like radians; the heading beside them does not."""
+    t = np.arange(0.0, 20.0, 0.1)
+    angles = {
+        "roll": 0.8 * np.sin(t),
+        "pitch": 1.2 * np.cos(t),
+        "yaw": 200.0 + 150.0 * np.sin(0.3 * t) + 18.0 * turns * t,
+    }
+    if factor > 1.0:
+        angles["pitch"] = 3.0 * angles["pitch"]
+    rows = zip(t, *(factor * values for values in angles.values()), strict=True)
+    path = tmp_path / "calm.csv"
+    path.write_text("t,roll,pitch,yaw\n" + "\n".join(",".join(repr(float(x)) for x in row) for row in rows) + "\n")
+    (tmp_path / "map.toml").write_text(mapping_skeleton(path).text)
+    recording = read(path, tmp_path / "map.toml")
+    for channel, name in (("phi", "roll"), ("theta", "pitch"), ("psi", "yaw")):
+        assert np.allclose(recording[channel].values, DEGREE * angles[name]), channel
+
+
 def test_gravity_tells_which_way_z_points(tmp_path: Path) -> None:
     rows = [f"{0.1 * k},{0.01 * (k % 3)},{9.8 + 0.01 * (k % 2)}" for k in range(100)]
     path = tmp_path / "up.csv"

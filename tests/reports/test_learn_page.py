@@ -63,7 +63,7 @@ def test_reasons_and_meanings_are_told(learned: Made) -> None:
     text = learned.page.text
     assert "Added inertia: yaw moment per yaw acceleration" in text
     assert "would narrow it" in text
-    assert "not identifiable" in text
+    assert "not identified" in text
     assert text.index("inertia to") < text.index("Coefficients")
 
 
@@ -128,6 +128,9 @@ def test_a_planar_vehicle_without_thrusters(tmp_path: Path) -> None:
     page = Page(path.read_text(encoding="utf-8"))
     page.self_contained()
     numbers_agree(page, document)
+    driven = {name: value for name, value in document["fit"].items() if value is not None}
+    assert {"u", "r"} <= driven.keys()
+    assert {key for key, _, _ in page.numbers if key.startswith("fit/")} >= {"fit/u", "fit/r"}
 
 
 def test_only_what_a_live_session_has(logs: Path) -> None:

@@ -93,12 +93,12 @@ def test_depth_alone_tells_of_heave() -> None:
         (
             [("surge", 30.0, 60.0), ("heave", 0.0, -3.0)],
             (),
-            "Usable for surge, up to 30 s; not for heave, predicted worse than by its mean",
+            "Usable for surge (up to 30 s); not usable for heave (predicted worse than by its mean)",
         ),
         (
             [("heave", 0.0, 20.0)],
             (),
-            "Not usable for prediction: heave, of which less than half is explained",
+            "Not usable for prediction: heave (less than half of its motion is explained)",
         ),
         ([], ("surge",), "Not usable for prediction: no axis was driven"),
     ],

@@ -77,7 +77,7 @@ def known_beforehand(vehicle: Vehicle, place: str) -> Vehicle:
     known = vehicle.posterior is not None or vehicle.prior
     if not known and not any(vehicle.deviation(name) for name in COEFFICIENTS):
         raise InputError(
-            f"{place}: no coefficient bears a std, so that nothing is known beforehand; write "
+            f"{place}: no coefficient bears a std, so the file holds no prior knowledge; write "
             "X_uu = { value = -40.0, std = 4.0 } in [hydrodynamics] or [prior], or give a model that learn wrote"
         )
     return vehicle
@@ -183,9 +183,11 @@ def counted(logs: Sequence[LogParts]) -> list[Recording]:
     parts = [part for log in logs for part in log.parts]
     if not parts:
         reasons = [
-            f"{each.log}: nothing of it counts ({'; '.join(cut.text for cut in each.left_out)})" for each in logs
+            f"{each.log}: no part of it shows the vehicle moving freely in water "
+            f"({'; '.join(cut.text for cut in each.left_out)})"
+            for each in logs
         ]
-        raise InputError(f"{'; '.join(reasons)}; --keep-all takes it all the same")
+        raise InputError(f"{'; '.join(reasons)}; --keep-all uses it all the same")
     return parts
 
 

@@ -195,7 +195,7 @@ def _inspected(log: LogParts, vehicle: Vehicle | None, progress: Progress) -> In
     grid = max(grids, key=len)
     told = [(axis, each.witnesses) for axis, each in zip(AXES, known_by(*parts), strict=True)]
     commanded = grid.command_t.size > 0 if vehicle is None else uses_commands(vehicle, grid)
-    reason = "" if log.parts else "nothing of the log counts (--keep-all takes it all the same)"
+    reason = "" if log.parts else "no part of the log shows the vehicle moving freely (--keep-all uses it all the same)"
     if not commanded and not grid.wrench_t.size:
         reason = "no inputs recorded: neither thruster commands (cmd_...) nor a wrench (X Y Z K M N)"
     if reason:
@@ -256,7 +256,7 @@ def _by_explained(axis: Any, told: tuple[Witness, ...], share: float) -> AxisVer
         return _no(
             axis.velocity,
             told,
-            f"its speed is not measured; {joined([each.by for each in told])} tells learning of it: give --vehicle",
+            f"its speed is not measured; what {joined([each.by for each in told])} shows of it needs --vehicle",
         )
     if share < DRIVEN:
         return _no(

@@ -261,6 +261,7 @@ class Judgement:
     Attributes:
         name: of the model, as it was given. model: the vehicle. judged: its scores, and what its errors are.
         parts: of the logs, what counts. horizon, delay: [s] as asked for, None where not.
+        warnings: in plain words. required: fit [%] that every axis driven and measured must reach, None where none is.
     """
 
     name: str
@@ -269,6 +270,8 @@ class Judgement:
     parts: tuple[LogParts, ...]
     horizon: float | None = None
     delay: float | None = None
+    warnings: tuple[str, ...] = ()
+    required: float | None = None
 
     def __repr__(self) -> str:
         fits = ", ".join(f"{name} {percent(value)}" for name, value in self.fit.items() if value is not None)
@@ -304,18 +307,47 @@ class Judgement:
         """What is to be known first, in a sentence."""
         return self.judged.verdict(self.name).text
 
+    @property
+    def lacking(self) -> tuple[str, ...]:
+        """What does not reach the fit that is required, in words; nothing where none is."""
+        return () if self.required is None else self.judged.lacking(self.required)
+
+    @property
+    def met(self) -> bool | None:
+        """Whether every axis that was driven and measured reaches the fit that is required; None where none is."""
+        return None if self.required is None else not self.lacking
+
+    @property
+    def merged(self) -> list[dict[str, object]]:
+        """How further files were merged into the logs."""
+        return merged_in(self.parts)
+
     def document(self) -> dict[str, Any]:
         """Return everything as the document that `towtank validate --json` prints."""
-        about = {"verdict": self.verdict, "usable": usable_document(self.judged.use), "model": self.name}
-        scores = {"logs": list(self.logs), "fit": self.fit, "rmse": self.rmse, "window": self.window}
-        asked = {"horizon_s": self.horizon, "delay_s": self.delay, "merged": merged_in(self.parts)}
-        return {**about, **scores, **asked, **left_out_document(self.parts), **self.judged.document}
+        about: dict[str, Any] = {"verdict": self.verdict, "usable": usable_document(self.judged.use)}
+        about |= {
+            "model": self.name,
+            "logs": list(self.logs),
+            "required": self.required,
+            "met": self.met,
+            "merged": self.merged,
+        }
+        scores = {"fit": self.fit, "rmse": self.rmse, "window": self.window}
+        asked = {"horizon_s": self.horizon, "delay_s": self.delay}
+        told = {**left_out_document(self.parts), **self.judged.document, "warnings": list(self.warnings)}
+        return {**about, **scores, **asked, **told}
 
     def report(self, path: str | os.PathLike[str], commands: Sequence[str] = ()) -> None:
         """Write the report, `.html` or `.pdf`; as `LearnedModel.report`."""
         report_place(place := Path(path))
         recordings, left_out = counted(self.parts), left_out_lines(self.parts)
-        further = {"horizon": self.horizon, "delay": self.delay, "recordings": recordings, "left_out": left_out}
+        further = {
+            "horizon": self.horizon,
+            "delay": self.delay,
+            "warnings": self.warnings,
+            "recordings": recordings,
+            "left_out": left_out,
+        }
         write_validate_report(place, self.name, self.model, self.judged, _files(self.logs), commands, further)
 
     def to_pandas(self) -> Any:
@@ -338,7 +370,7 @@ class Judgement:
             (f"{name} ({NAMES[name]})", percent(value), short(self.rmse[name], 3), STANDARD[name].unit)
             for name, value in self._known.items()
         ]
-        table = html_table(self.verdict, ("Channel", ">Fit %", ">RMS error", "Unit"), rows)
+        table = html_table(self.verdict, ("Channel", ">Fit %", ">RMS error", "Unit"), rows, self.warnings)
         return table + _prediction_html(self.scores)
 
 

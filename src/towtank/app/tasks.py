@@ -7,7 +7,10 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias, overload
 
-from towtank.app.commands.arguments import LogPlace, Window
+import numpy as np
+from numpy.typing import NDArray
+
+from towtank.app.commands.arguments import LogPlace, Window, is_number, positive_option, reachable_fit
 from towtank.app.commands.learn import names_of
 from towtank.app.files import LogParts, counted, known_beforehand, parts_of, read_logs
 from towtank.app.inspection import Inspection, inspect_recording
@@ -27,6 +30,7 @@ __all__ = ["inspect", "learn", "validate"]
 _LOG = (str, os.PathLike, Recording)
 Logs: TypeAlias = Log | Sequence[Log]
 Stretch: TypeAlias = "tuple[float | None, float | None]"
+Windows: TypeAlias = "Stretch | Sequence[Stretch] | NDArray[Any]"
 
 
 def learn(
@@ -35,7 +39,7 @@ def learn(
     *,
     method: str = "joint",
     free: str | Collection[str] | None = None,
-    window: Stretch | Sequence[Stretch] | None = None,
+    window: Windows | None = None,
     mapping: AnyMapping | None = None,
     delay: float | None = None,
     prior: AnyVehicle | LearnedModel | None = None,
@@ -58,8 +62,10 @@ def learn(
         progress: called with a text and the share done, 0 .. 1.
 
     Raises:
-        InputError: a file that cannot be read, a vehicle or name that there is not, or nothing to learn from.
+        InputError: a file that cannot be read, a vehicle or name that there is not, a negative delay, or nothing to
+            learn from.
     """
+    positive_option("delay", delay, zero=True)
     known, report = _vehicle(vehicle), progress or _silent
     beforehand = None if prior is None else known_beforehand(_vehicle(prior), f"prior {_named(prior)}")
     every = _several(logs)
@@ -87,11 +93,12 @@ def validate(
     model: AnyVehicle | LearnedModel,
     logs: Logs,
     *,
-    window: Stretch | Sequence[Stretch] | None = None,
+    window: Windows | None = None,
     horizon: float | None = None,
     mapping: AnyMapping | None = None,
     delay: float | None = None,
     keep_all: bool = False,
+    require: float | None = None,
     progress: Progress | None = None,
 ) -> Judgement:
     """Predict logs from their commands alone and compare with what was measured, as `towtank validate` does.
@@ -101,17 +108,23 @@ def validate(
         logs, window, mapping, keep_all, progress: as of `learn`; logs that the model was not learned from.
         horizon: set the prediction back to the measured state every so many seconds; never where omitted.
         delay: from command to force [s]; the model's own where omitted.
+        require: fit [%] that every axis driven and measured must reach; `met` of the result says whether they do.
 
     Raises:
-        InputError: a file that cannot be read, nothing measured, no commands, or a horizon that is not positive.
+        InputError: a file that cannot be read, nothing measured, no commands, a horizon that is not positive, a
+            negative delay, or more than 100 % required.
     """
+    positive_option("horizon", horizon)
+    positive_option("delay", delay, zero=True)
+    reachable_fit("require", require)
     vehicle, report = _vehicle(model), progress or _silent
     every = _several(logs)
     parts = _parts(every, mapping, window, vehicle, keep_all, report)
     recordings = counted(parts)
     judged = alone(vehicle, recordings, {"horizon": horizon, "delay": delay}, report)
     judged = with_wiring(judged, vehicle, recordings)
-    return Judgement(_named(model), vehicle, judged, tuple(parts), horizon, delay)
+    warnings = tuple(rate_warnings(parts))
+    return Judgement(_named(model), vehicle, judged, tuple(parts), horizon, delay, warnings, require)
 
 
 @overload
@@ -119,7 +132,7 @@ def inspect(  # type: ignore[overload-overlap]  # a text is a path, not a sequen
     logs: Log,
     vehicle: AnyVehicle | LearnedModel | None = None,
     *,
-    window: Stretch | Sequence[Stretch] | None = None,
+    window: Windows | None = None,
     mapping: AnyMapping | None = None,
     keep_all: bool = False,
     progress: Progress | None = None,
@@ -131,7 +144,7 @@ def inspect(
     logs: Sequence[Log],
     vehicle: AnyVehicle | LearnedModel | None = None,
     *,
-    window: Stretch | Sequence[Stretch] | None = None,
+    window: Windows | None = None,
     mapping: AnyMapping | None = None,
     keep_all: bool = False,
     progress: Progress | None = None,
@@ -142,7 +155,7 @@ def inspect(
     logs: Logs,
     vehicle: AnyVehicle | LearnedModel | None = None,
     *,
-    window: Stretch | Sequence[Stretch] | None = None,
+    window: Windows | None = None,
     mapping: AnyMapping | None = None,
     keep_all: bool = False,
     progress: Progress | None = None,
@@ -203,7 +216,7 @@ def _names(logs: Sequence[Log]) -> tuple[str, ...]:
 def _parts(
     logs: Sequence[Log],
     mapping: AnyMapping | None,
-    window: Stretch | Sequence[Stretch] | None,
+    window: Windows | None,
     vehicle: Vehicle | None,
     keep_all: bool,
     progress: Progress,
@@ -221,12 +234,13 @@ def _parts(
     return parts_of(places, recordings, vehicle, keep_all=keep_all)
 
 
-def _windows(window: Stretch | Sequence[Stretch] | None, count: int) -> list[Window | None]:
+def _windows(window: Windows | None, count: int) -> list[Window | None]:
     """Return the window of each of `count` logs. Raises InputError."""
     if window is None:
         return [None] * count
-    parts = list(window)
-    if len(parts) == 2 and all(part is None or isinstance(part, int | float) for part in parts):
+    given = window.tolist() if isinstance(window, np.ndarray) else window
+    parts = list(given) if isinstance(given, Sequence) else []
+    if len(parts) == 2 and all(part is None or is_number(part) for part in parts):
         return [_window(tuple(parts))] * count
     if len(parts) != count:
         expected = f"(start, end) in seconds, or one such pair for each log ({count})"

@@ -164,7 +164,7 @@ def wiring_findings(vehicle: Vehicle, recordings: Sequence[Recording], done: str
 
 
 def as_wired(
-    request: LearningRequest, done: str = "learning takes them so"
+    request: LearningRequest, done: str = "learning uses them as they act"
 ) -> tuple[LearningRequest, tuple[Finding, ...]]:
     """Return the question with its thrusters wired as the recordings have them, and what differs from the file.
 

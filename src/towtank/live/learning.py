@@ -287,7 +287,7 @@ class Learning:
         self._learn_held()
         self._resumed = math.isfinite(self._last)
         if self._resumed:
-            self._events.add(Event(self._last, "resume", f"gone on with, {self._taken} instants learned from again"))
+            self._events.add(Event(self._last, "resume", f"resumed, {self._taken} instants learned from again"))
         self.now = self._read_learner()
 
     def start(self) -> None:
@@ -298,7 +298,7 @@ class Learning:
         """Halt learning, or go on; samples are recorded and shown all the same."""
         if paused != self._paused:
             self._paused = paused
-            word = "paused" if paused else "gone on with"
+            word = "paused" if paused else "resumed"
             self._events.add(Event(max(self._pending_t, 0.0), "mark", f"learning {word}"))
 
     def join(self) -> None:

@@ -32,6 +32,7 @@ __all__ = ["MINIMUM_SAMPLES", "Carried", "assemble", "in_standard_frames", "name
 MINIMUM_SAMPLES = 4
 _RESTART_OVERLAP = 1.0  # s that two stretches of a channel must share before the clock counts as restarted
 _RESTART_SAMPLES = 20
+_DRAFT = "towtank inspect LOG --map-skeleton -o FILE.toml writes a first draft"
 ReadNumbers = Callable[[Sequence[str]], Mapping[str, Array]]
 
 
@@ -227,12 +228,12 @@ def _by_name(path: Path, names: Sequence[str], read: ReadNumbers, carried: Carri
         hint = " (standard names are case sensitive)" if "T" in names else ""
         raise InputError(
             f'{path}:1: no column "t" (time in s){hint}; found {name_list(names)}; '
-            "name the columns with --map FILE.toml"
+            f"name the columns with --map FILE.toml; {_DRAFT}"
         )
     if not needed:
         raise InputError(
             f"{path}:1: no column with a standard name (u, psi, cmd_..., ...); found {name_list(names)}; "
-            "name the columns with --map FILE.toml"
+            f"name the columns with --map FILE.toml; {_DRAFT}"
         )
     _check_once(path, names, ["t", *needed])
     ignored = [name for name in names if name and name != "t" and name not in needed]

@@ -214,7 +214,8 @@ def bind_thrusters(recording: Recording, thrusters: Sequence[str]) -> Recording:
             many = "thruster" if len(commanded) == 1 else "thrusters"
             raise InputError(
                 f"{prefix}found commands of {len(commanded)} {many}, the vehicle has {len(thrusters)} "
-                f"({', '.join(thrusters) or 'none'})"
+                f"({', '.join(thrusters) or 'none'}); choose the vehicle that made the log, towtank vehicle list shows "
+                "the thrusters of each"
             )
         names = {str(k): name for k, name in enumerate(thrusters, 1)}
     else:

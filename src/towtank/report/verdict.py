@@ -46,7 +46,7 @@ def state_of(each: Learned) -> tuple[str, str]:
     """Return a word on what is known of a coefficient, and its grade.
 
     "known" to 10 %, "roughly known" to 50 %, "sign only" to 100 %, "near zero" beyond; and of those that were not
-    learned "merged" (another one stands for it), "zero", "held" (at the vehicle's value) or "not identifiable".
+    learned "merged" (another one stands for it), "zero", "held" (at the vehicle's value) or "not identified".
     """
     if not each.identified:
         reason = each.reason or ""
@@ -54,7 +54,7 @@ def state_of(each: Learned) -> tuple[str, str]:
             return "merged", ""
         if "not different from 0" in reason:
             return "zero", ""
-        return ("held", "") if "held at the vehicle" in reason else ("not identifiable", "")
+        return ("held", "") if "held at the vehicle" in reason else ("not identified", "")
     share = each.std / abs(each.value) if each.value else float("inf")
     if share <= _SURE:
         return "known", "good"
@@ -119,7 +119,7 @@ def usable_text(use: Usability) -> Verdict:
 
     >>> surge, yaw = AxisUse("surge", "u", 30.0, 71.0), AxisUse("yaw", "r", 0.0, -12.0)
     >>> usable_text(Usability((surge, yaw), (), (), 90.0)).text
-    'Usable for surge, up to 30 s; not for yaw, predicted worse than by its mean'
+    'Usable for surge (up to 30 s); not usable for yaw (predicted worse than by its mean)'
     """
     if not use.axes:
         why = "no axis that was driven was measured" if use.unmeasured else "no axis was driven"
@@ -132,8 +132,8 @@ def usable_text(use: Usability) -> Verdict:
     if not use.poor:
         told = " and ".join(f"{span} ({joined(axes)})" for span, axes in spans)
         return Verdict("good", f"Usable for prediction {told}")
-    told = ", and ".join(f"{joined(axes)}, {span}" for span, axes in spans)
-    return Verdict("fair", f"Usable for {told}; not for {_failures(use.poor)}")
+    told = " and ".join(f"{joined(axes)} ({span})" for span, axes in spans)
+    return Verdict("fair", f"Usable for {told}; not usable for {_failures(use.poor)}")
 
 
 def _spans(good: Sequence[AxisUse]) -> list[tuple[str, list[str]]]:
@@ -149,13 +149,13 @@ def _failures(poor: Sequence[AxisUse]) -> str:
     said: dict[str, list[str]] = {}
     for each in poor:
         said.setdefault(_why(each), []).append(each.axis)
-    return "; ".join(f"{joined(axes)}, {why}" for why, axes in said.items())
+    return " and ".join(f"{joined(axes)} ({why})" for why, axes in said.items())
 
 
 def _why(each: AxisUse) -> str:
     if each.fit < 0.0:
         return "predicted worse than by its mean"
-    return "no nearer than the last measured value" if each.held else "of which less than half is explained"
+    return "no better than the last measured value" if each.held else "less than half of its motion is explained"
 
 
 def _next(use: Usability, known: Sequence[_Known], estimate: Estimate) -> str:
@@ -263,7 +263,8 @@ def _judged(name: str, fit: Mapping[str, float | None], errors: Sequence[str], u
         text += f"; {len(good)} of {len(fits)} reach a fit of {_GOOD:.0f} %"
     lacking = sum(kind == "follows the command" for kind in errors)
     if lacking:
-        text += f". The errors of {lacking} follow the command: there the model lacks something"
+        many = f"{lacking} channels follow" if lacking > 1 else "1 channel follow"
+        text += f". The errors of {many} the command: the model lacks something there"
     grade = "good" if len(good) == len(fits) and not lacking else "poor" if len(poor) == len(fits) else "fair"
     if use is not None:
         able = usable_text(use)

@@ -281,7 +281,7 @@ class Configurations:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise InputError(f"{self.folder}: cannot be made a folder ({error.strerror}); choose another one") from None
+            raise InputError(f"{self.folder}: cannot create this folder ({error.strerror}); choose another") from None
         with locked(self.folder):
             entries = self._entries()
             for entry in entries:

@@ -7,6 +7,7 @@ import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -32,10 +33,12 @@ __all__ = [
     "Window",
     "WindowTexts",
     "command_text",
+    "is_number",
     "log_places",
     "numbers",
     "output_place",
     "positive_option",
+    "reachable_fit",
     "report_place",
 ]
 
@@ -48,7 +51,8 @@ Map = Annotated[
     typer.Option(
         "--map",
         metavar="MAPPING",
-        help="TOML file that says which column of the log is which channel, or which TABLE.field.",
+        help="TOML file that names the column (or TABLE.field) of the log for each channel; inspect --map-skeleton "
+        "writes a first draft.",
     ),
 ]
 Merge = Annotated[
@@ -56,8 +60,9 @@ Merge = Annotated[
     typer.Option(
         "--merge",
         metavar="FILE[@SECONDS]",
-        help="A second file of the same run, as motion capture beside the autopilot's log; may be repeated. The offset "
-        "of its clock is found from the motion that both saw, or said: mocap.csv@+12.3 adds 12.3 s to its times.",
+        help="A second file of the same run, such as motion capture beside the autopilot's log; may be repeated. The "
+        "offset of its clock is found from the motion that both files show. To give it yourself: mocap.csv@+12.3 adds "
+        "12.3 s to the file's times.",
     ),
 ]
 MergeMap = Annotated[
@@ -65,7 +70,7 @@ MergeMap = Annotated[
     typer.Option(
         "--merge-map",
         metavar="MAPPING",
-        help="As --map, of the files of --merge: one for all of them, or one for each in their order.",
+        help="Mapping for the files of --merge: one for all of them, or one for each, in the same order.",
     ),
 ]
 WindowTexts = Annotated[
@@ -73,16 +78,17 @@ WindowTexts = Annotated[
     typer.Option(
         "--window",
         metavar="START,END",
-        help="Use this stretch of time only, in seconds of the log's own clock; either may be left out (10, or ,60), "
-        "and a negative one counts from the end. May be repeated. Of one log alone: dive.BIN@12,178@200,260.",
+        help="Use only this stretch of time, in seconds of the log's own clock. Either end may be left out (10, or "
+        ",60); "
+        "a negative number counts from the end. May be repeated. For a single log of several: dive.BIN@12,178@200,260.",
     ),
 ]
 KeepAll = Annotated[
     bool,
     typer.Option(
         "--keep-all",
-        help="Use all of it: also where the vehicle is disarmed, at the surface or out of the water, upside down, in a "
-        "mode of its own, or without commands, all of which is left out otherwise.",
+        help="Use the whole log. Without this option, stretches are left out in which the vehicle is disarmed, at the "
+        "surface or out of the water, upside down, in a mode that ignores commands, or without commands.",
     ),
 ]
 Report = Annotated[
@@ -90,7 +96,7 @@ Report = Annotated[
     typer.Option(
         "--report",
         metavar="FILE.html",
-        help="Report to write, one page with tables and figures; .pdf where Chromium, Chrome or Edge is installed.",
+        help="Report to write: one page with tables and figures. FILE.pdf needs Chromium, Chrome or Edge.",
     ),
 ]
 
@@ -118,8 +124,9 @@ class Window:
         """Return a window; `found` begins the InputError where its end is not after its start, or one is no number."""
         found = found or f"window: found ({start}, {end})"
         for edge in (start, end):
-            if edge is not None and not (isinstance(edge, int | float) and math.isfinite(edge)):
+            if edge is not None and not (is_number(edge) and math.isfinite(edge)):
                 raise InputError(f"{found}, expected finite numbers of seconds, None where it is open")
+        start, end = (None if edge is None else float(edge) for edge in (start, end))
         if start is not None and end is not None and (start < 0.0) == (end < 0.0) and not end > start:
             raise InputError(f"{found}, expected an end after the start")
         return cls(start, end)
@@ -230,10 +237,26 @@ def _number(option: str, text: str) -> float:
     return value
 
 
+def is_number(value: object) -> bool:
+    """Whether a value is a real number, NumPy's own included; truth values are none."""
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
 def positive_option(option: str, value: float | None, *, zero: bool = False) -> float | None:
     """Return the value of an option. Raises InputError unless it is a finite number above 0 (or 0)."""
-    if value is not None and not (math.isfinite(value) and (value > 0.0 or (zero and value == 0.0))):
-        raise InputError(f"{option}: found {value:g}, expected a number {'of 0 or more' if zero else 'above 0'}")
+    if value is not None and not (
+        is_number(value) and math.isfinite(value) and (value > 0.0 or (zero and value == 0.0))
+    ):
+        found = f"{value:g}" if is_number(value) else repr(value)
+        raise InputError(f"{option}: found {found}, expected a number {'of 0 or more' if zero else 'above 0'}")
+    return value
+
+
+def reachable_fit(option: str, value: float | None) -> float | None:
+    """Return a fit [%] that is required. Raises InputError unless it is a number of at most 100."""
+    if value is not None and not (is_number(value) and value <= 100.0):
+        found = f"{value:g}" if is_number(value) else repr(value)
+        raise InputError(f"{option}: found {found}, expected a fit in percent, 100 at most")
     return value
 
 

@@ -23,7 +23,8 @@ _Folder = Annotated[
         metavar="DIR",
         envvar="TOWTANK_CONFIGURATIONS",
         show_envvar=False,
-        help="Folder of the configurations; default configurations, or what TOWTANK_CONFIGURATIONS says.",
+        help="Folder of the configurations; default: the environment variable TOWTANK_CONFIGURATIONS, else "
+        "configurations.",
         show_default=False,
     ),
 ]
@@ -53,11 +54,15 @@ def save(
     model: Annotated[
         str, typer.Argument(metavar="MODEL.toml", autocompletion=vehicles, help="Vehicle file, as learn writes it.")
     ],
-    name: Annotated[str, typer.Option("--name", metavar="NAME", help="What to call it.")],
-    note: Annotated[str, typer.Option("--note", metavar="TEXT", help="What to remember.", show_default=False)] = "",
+    name: Annotated[str, typer.Option("--name", metavar="NAME", help="Name of the configuration.")],
+    note: Annotated[
+        str, typer.Option("--note", metavar="TEXT", help="A note to keep with it.", show_default=False)
+    ] = "",
     log: Annotated[
         list[Path] | None,
-        typer.Option("--log", metavar="FILE", help="Log that it was learned from, for its hash; repeatable."),
+        typer.Option(
+            "--log", metavar="FILE", help="Log that it was learned from, of which a hash is kept; may be repeated."
+        ),
     ] = None,
     folder: _Folder = _FOLDER,
     json: Json = False,
@@ -106,7 +111,7 @@ def show(
 @commands.command("compare", cls=PlainCommand)
 def compare(
     base: Annotated[str, typer.Argument(metavar="A", help="Name of the configuration to compare with.")],
-    others: Annotated[list[str], typer.Argument(metavar="B...", help="Names of the others.")],
+    others: Annotated[list[str], typer.Argument(metavar="B", help="Names of the others.")],
     folder: _Folder = _FOLDER,
     json: Json = False,
 ) -> None:

@@ -20,13 +20,16 @@ def demo(
     seconds: Annotated[
         float | None, typer.Option("--seconds", metavar="S", help="Length of the session in simulated seconds.")
     ] = None,
-    fast: Annotated[bool, typer.Option("--fast", help="Do not wait for the clock.")] = False,
+    fast: Annotated[bool, typer.Option("--fast", help="Run as fast as possible, not in real time.")] = False,
     browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", help="Open the live page, or the page of figures at the end.")
+        bool,
+        typer.Option(
+            "--browser/--no-browser", help="Open the live page in a browser, or the page of figures at the end."
+        ),
     ] = True,
     payload: Annotated[
         bool,
-        typer.Option("--payload", help="Afterwards all axes move at once, and the vehicle takes up a payload."),
+        typer.Option("--payload", help="Add 60 s in which all axes move at once and the vehicle takes up a payload."),
     ] = False,
     page: PageOption = None,
     json: Json = False,
@@ -35,7 +38,7 @@ def demo(
 
     A small ROV is driven along one axis after the other under a motion capture system with noise and dropped markers.
     A table shows truth, estimate and deviation of every coefficient as they settle. With --payload the vehicle becomes
-    heavier, which the learner notices, tells, and learns.
+    heavier; the learner detects this, reports it and learns the new values.
 
     \b
     Example:

@@ -36,7 +36,7 @@ def inspect(
             "--vehicle",
             metavar="VEHICLE",
             autocompletion=vehicles,
-            help="Catalog name or vehicle file, for verdicts by coefficient.",
+            help="Catalog name or vehicle file; with it, the result says how well each coefficient will be known.",
         ),
     ] = None,
     window: WindowTexts = None,
@@ -45,20 +45,24 @@ def inspect(
         bool,
         typer.Option(
             "--map-skeleton",
-            help="Write a mapping for --map instead: every column or message of the log, and which channel it may be.",
+            help="Write a first draft of a mapping for --map instead: every column or message of the log, with the "
+            "channel that it may be.",
         ),
     ] = False,
     file: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", metavar="FILE", help="With --map-skeleton: the mapping file; else it is printed."
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="With --map-skeleton: the mapping file to write; without it the draft is printed.",
         ),
     ] = None,
     json: Json = False,
 ) -> None:
-    """Show what is in a log: its messages and channels, clock trouble, command delay, which axes can be identified.
+    """Show what is in a log: messages, channels, clock problems, command delay, and which axes can be identified.
 
-    That, from what shows the vehicle moving freely in water; what does not is listed with the reason.
+    Only stretches in which the vehicle moves freely in water are used. The others are listed with the reason.
 
     \b
     Examples:
@@ -66,8 +70,17 @@ def inspect(
       towtank inspect surge.csv --map-skeleton -o map.toml
     """
     if map_skeleton:
-        unused = {"--map": mapping, "--vehicle": vehicle, "--window": window}
-        _write_skeleton(log, file, [name for name, value in unused.items() if value is not None], json=json)
+        [place] = log_places([log], None)
+        unused = {
+            "--map": mapping,
+            "--vehicle": vehicle,
+            "--window": window,
+            f"the window in {log.name}": place.windows,
+            "--keep-all": keep_all,
+            "--merge": merge,
+            "--merge-map": merge_map,
+        }
+        _write_skeleton(place.path, file, [name for name, value in unused.items() if value], json=json)
         return
     if file is not None:
         raise InputError(f"--output {file}: only --map-skeleton writes a file; give it too, or leave --output out")
@@ -96,7 +109,9 @@ def inspect(
 def _write_skeleton(log: Path, file: Path | None, unused: list[str], *, json: bool) -> None:
     """Write or print a mapping to fill in. Raises InputError."""
     if unused:
-        raise InputError(f"--map-skeleton and {unused[0]}: found both; the skeleton is of the log as it stands")
+        raise InputError(
+            f"--map-skeleton and {unused[0]}: found both; a skeleton is of one whole file, leave the other out"
+        )
     output_place("--output", file, (".toml",))
     from towtank.app.terminal.output import Output
     from towtank.outputs import write_text

@@ -32,7 +32,7 @@ __all__ = ["learn", "names_of"]
 
 def learn(
     logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG", help=f"Log files ({LOG_KINDS}); of one alone LOG@START,END.")
+        list[Path], typer.Argument(metavar="LOG", help=f"Log files ({LOG_KINDS}). LOG@START,END uses a part of one.")
     ],
     vehicle: Annotated[
         str,
@@ -40,8 +40,8 @@ def learn(
             "--vehicle",
             metavar="VEHICLE",
             autocompletion=vehicles,
-            help="Catalog name or file: body, thrusters, and what is supposed of coefficients. From a file that was "
-            "learned, learning goes on.",
+            help="Catalog name or vehicle file: the body, the thrusters, and what is assumed about the coefficients "
+            "before any data. Given a file that learn wrote, learning continues from it.",
         ),
     ],
     method: Annotated[
@@ -50,9 +50,10 @@ def learn(
             "--method",
             metavar="METHOD",
             autocompletion=methods,
-            help='"joint": one Kalman filter over motion, disturbance and all that is unknown, from what is supposed '
-            'before; free runs speak where they predict better. "output-error": free runs in any case. "paper": least '
-            "squares on filtered regressors, one axis after the other.",
+            help='"joint": one Kalman filter estimates motion, disturbance and all unknowns together, starting from '
+            "the "
+            'prior; free-running simulations replace it where they predict better. "output-error": always free-running '
+            'simulations. "paper": least squares on filtered regressors, one axis after the other.',
         ),
     ] = "joint",
     free: Annotated[
@@ -60,7 +61,8 @@ def learn(
         typer.Option(
             "--free",
             metavar="NAME,...",
-            help="Learn only these, as X_udot,X_uu, and the delay; all others are fixed at what is supposed of them.",
+            help="Learn only these coefficients, for example X_udot,X_uu, and the delay. All others stay at their "
+            "prior values.",
         ),
     ] = None,
     window: WindowTexts = None,
@@ -74,7 +76,7 @@ def learn(
     delay: Annotated[
         float | None,
         typer.Option(
-            "--delay", metavar="S", help="From command to thruster, in seconds; default: found from the logs."
+            "--delay", metavar="S", help="Delay from command to thruster, in seconds; default: estimated from the logs."
         ),
     ] = None,
     report: Report = None,
@@ -84,27 +86,32 @@ def learn(
             "--prior",
             metavar="VEHICLE",
             autocompletion=vehicles,
-            help="What is known beforehand: a vehicle that was learned, with a std on coefficients, or with [prior].",
+            help="Further prior knowledge: a vehicle file that learn wrote, that gives a std for coefficients, or "
+            "that has a table [prior].",
         ),
     ] = None,
     current: Annotated[
         bool,
         typer.Option(
             "--current",
-            help="Without effect: the current of the water is estimated wherever heading and position or speed over "
-            "ground are measured.",
+            help="Has no effect any more: the water current is always estimated where heading and either position or "
+            "speed over ground are measured.",
         ),
     ] = False,
     allow_empty: Annotated[
-        bool, typer.Option("--allow-empty", help="Write the model even where nothing was learned; else exit code 1.")
+        bool,
+        typer.Option(
+            "--allow-empty",
+            help="Write the model even if nothing was learned; without this option the exit code is then 1.",
+        ),
     ] = False,
     json: Json = False,
 ) -> None:
     """Learn a model from one or several logs.
 
-    Every plausible coefficient is learned, from what is supposed of it (towtank vehicle prior). Each comes with its
-    standard deviation and the interval that holds it in 95 of 100 cases; what these logs hardly tell, with the reason.
-    Only water counts: disarmed, on deck, at the surface or without commands is left out, and said.
+    Every plausible coefficient is learned, starting from a prior (see towtank vehicle prior). The result gives each
+    coefficient with its standard deviation and 95 % interval. Where the logs say little about one, it gives the reason.
+    Stretches in which the vehicle is disarmed, on deck, at the surface or without commands are left out and listed.
 
     \b
     Examples:
@@ -171,6 +178,7 @@ def learn(
                 "--delay": delay,
                 "--prior": prior,
                 "--current": current,
+                "--allow-empty": allow_empty,
                 "-o": model_file,
             }
             learned.report(report, [command_text("learn", named, again), judge])

@@ -23,8 +23,8 @@ def live(
             metavar="SOURCE",
             help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, /dev/NAME,BAUD (MAVLink); ros2:[DOMAIN], "
             "dds:[DOMAIN] (ROS 2); qtm:HOST[/BODY], natnet:HOST[/BODY] (motion capture); json:HOST:PORT, - (JSON lines "
-            "over UDP, on standard input); replay:FILE[@SPEED] (a log, @0 as fast as possible). Of "
-            "several, the one named first is learned from where both measure the same.",
+            "over UDP, or on standard input); replay:FILE[@SPEED] (a log; @0: as fast as possible). "
+            "Where several sources measure the same quantity, the one named first is used.",
         ),
     ],
     vehicle: Annotated[
@@ -33,8 +33,8 @@ def live(
             "--vehicle",
             metavar="VEHICLE",
             autocompletion=vehicles,
-            help="Catalog name or file: body, thrusters, and what is supposed of coefficients. From a file that was "
-            "learned, learning goes on.",
+            help="Catalog name or vehicle file: the body, the thrusters, and what is assumed about the coefficients "
+            "before any data. Given a file that learn wrote, learning continues from it.",
         ),
     ],
     record: Annotated[
@@ -42,12 +42,14 @@ def live(
         typer.Option(
             "--record",
             metavar="FILE.mcap",
-            help="Record everything that comes; what was learned is kept beside it in FILE.mcap.state.",
+            help="Record everything that is received. What was learned is saved beside it, in FILE.mcap.state.",
         ),
     ] = None,
     resume: Annotated[
         bool,
-        typer.Option("--resume", help="Go on with FILE.mcap and with what was learned from it; begin it where absent."),
+        typer.Option(
+            "--resume", help="Continue FILE.mcap and what was learned from it; if there is no such file, start it."
+        ),
     ] = False,
     method: Annotated[
         str,
@@ -55,20 +57,21 @@ def live(
             "--method",
             metavar="METHOD",
             autocompletion=streaming_methods,
-            help='"joint": one Kalman filter over motion, disturbance and all coefficients. "paper": least squares on '
-            "filtered regressors, one axis after the other.",
+            help='"joint": one Kalman filter estimates motion, disturbance and all coefficients together. "paper": '
+            "least "
+            "squares on filtered regressors, one axis after the other.",
         ),
     ] = "joint",
     seconds: Annotated[
-        float | None, typer.Option("--for", metavar="S", help="End after so many seconds; default: at Ctrl-C.")
+        float | None, typer.Option("--for", metavar="S", help="Stop after this many seconds; default: at Ctrl-C.")
     ] = None,
     window: Annotated[
         float,
         typer.Option(
             "--window",
             metavar="S",
-            help="Hold samples back for so long, so that late ones are learned from in their place; later ones are "
-            "recorded only.",
+            help="Hold samples back for this time, so that late ones can be sorted in. Samples that are later still "
+            "are recorded but not learned from.",
         ),
     ] = 0.1,
     free: Annotated[
@@ -76,7 +79,8 @@ def live(
         typer.Option(
             "--free",
             metavar="NAME,...",
-            help="Learn only these, as X_udot,X_uu, and the delay; all others are fixed at what is supposed of them.",
+            help="Learn only these coefficients, for example X_udot,X_uu, and the delay. All others stay at their "
+            "prior values.",
         ),
     ] = None,
     prior: Annotated[
@@ -85,18 +89,20 @@ def live(
             "--prior",
             metavar="VEHICLE",
             autocompletion=vehicles,
-            help="What is known beforehand: a vehicle that was learned, with a std on coefficients, or with [prior].",
+            help="Further prior knowledge: a vehicle file that learn wrote, that gives a std for coefficients, or "
+            "that has a table [prior].",
         ),
     ] = None,
     no_changes: Annotated[
-        bool, typer.Option("--no-changes", help="Do not watch for changes of the vehicle, as a payload taken up.")
+        bool, typer.Option("--no-changes", help="Do not watch for changes of the vehicle, such as a payload taken up.")
     ] = False,
     configurations: Annotated[
         Path | None,
         typer.Option(
             "--configurations",
             metavar="DIR",
-            help="Configurations (towtank config) that the vehicle may become: they are recognised.",
+            help="Folder of configurations (see towtank config): when the vehicle changes into one of them, it is "
+            "recognised.",
         ),
     ] = None,
     mapping: Map = None,
@@ -106,7 +112,7 @@ def live(
             "--output",
             "-o",
             metavar="MODEL.toml",
-            help="Vehicle file to write at the end; default: beside the recording, where there is one.",
+            help="Vehicle file to write at the end; default: beside the recording, if there is one.",
         ),
     ] = None,
     report: Report = None,
@@ -116,15 +122,17 @@ def live(
     json: Json = False,
     json_lines: Annotated[
         bool,
-        typer.Option("--json-lines", help="Print one line of JSON a second, and the whole document as the last line."),
+        typer.Option(
+            "--json-lines", help="Print one line of JSON per second, and the whole document as the last line."
+        ),
     ] = False,
 ) -> None:
     """Learn from what a vehicle is sending, while it drives.
 
-    Coefficients and their deviations are shown as they settle, with what comes from each link. Only water counts:
-    disarmed, at the surface, upside down or before the first command is recorded, not learned from, and said. A payload
-    taken up, lost ballast or a fouled thruster is noticed, told, and learned. Ctrl-C ends in order: the recording is
-    closed, the model written. Nothing is ever commanded.
+    The coefficients and their deviations are shown as they settle, with the state of each link. Only free motion in
+    water is learned from; disarmed, at the surface, upside down or before the first command is recorded and reported.
+    A payload taken up, lost ballast or a fouled thruster is detected, reported and learned. Ctrl-C stops the session,
+    closes the recording and writes the model. The vehicle is never commanded.
 
     \b
     Examples:
@@ -141,7 +149,7 @@ def live(
     if resume and record is None:
         raise InputError("--resume: expected --record FILE.mcap, the recording to go on with")
     if no_changes and configurations is not None:
-        raise InputError("--no-changes and --configurations: found both; what changes is recognised, if it is watched")
+        raise InputError("--no-changes and --configurations: found both; configurations are recognised by changes")
     if len(set(sources)) < len(sources):
         raise InputError(f"SOURCE: found one of {', '.join(sources)} twice")
     positive_option("--for", seconds)

@@ -26,8 +26,8 @@ FoxgloveOption = Annotated[
     typer.Option(
         "--foxglove",
         metavar="[HOST:PORT]",
-        help=f"Serve the session to Foxglove, default {_FOXGLOVE}. Its protocol knows no token: at any other address "
-        "whoever is on the network may look.",
+        help=f"Serve the session to Foxglove; default: {_FOXGLOVE}. Its protocol has no token: at any other address "
+        "anybody on the network can look.",
     ),
 ]
 PageOption = Annotated[
@@ -35,8 +35,9 @@ PageOption = Annotated[
     typer.Option(
         _OPTION,
         metavar="[HOST:PORT]",
-        help=f"Show the session in a browser, default {_DEFAULT}. Whoever is on the network may look only with the "
-        "token that is printed; a host by its name is given as --page=NAME:PORT.",
+        help=f"Show the session in a browser; default: {_DEFAULT}. Others on the network need the token that is "
+        f"printed. "
+        "Give a host by name as --page=NAME:PORT.",
     ),
 ]
 
@@ -86,7 +87,7 @@ def serving(page: Page | None, say: Callable[[str], None], *, browser: bool = Fa
     with page:
         say(f"page: {page.url}")
         if not page.address.loopback:
-            say("page: whoever has this address with its token may look and steer; it is sent in the clear")
+            say("page: anyone with this address and its token can watch and control; the connection is not encrypted")
         if browser:
             import webbrowser
 

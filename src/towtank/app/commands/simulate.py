@@ -81,7 +81,7 @@ def simulate(
         Path, typer.Option("--output", "-o", metavar="FILE", help="Log to write, .csv, .parquet or .mcap.")
     ],
     duration: Annotated[
-        float | None, typer.Option("--duration", metavar="S", help="Seconds; default the manoeuvre's own.")
+        float | None, typer.Option("--duration", metavar="S", help="Duration in seconds; default: the manoeuvre's own.")
     ] = None,
     rate: Annotated[
         float, typer.Option("--rate", metavar="HZ", help="Rate of the commands and of perfect sensors.")
@@ -90,17 +90,19 @@ def simulate(
         Literal["perfect", "mocap", "ins", "ins-water"],
         typer.Option(
             "--sensors",
-            help="What measures: everything exactly, motion capture, IMU with DVL and depth, and speed through the "
-            "water besides.",
+            help="Sensors: perfect measures everything exactly; mocap is motion capture; ins is an IMU with DVL and "
+            "depth; ins-water adds the speed through the water.",
         ),
     ] = "perfect",
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="The same seed gives the same file.")] = 0,
     delay: Annotated[
         float | None,
-        typer.Option("--delay", metavar="S", help="From command to thruster, in seconds; default the vehicle's."),
+        typer.Option(
+            "--delay", metavar="S", help="Delay from command to thruster, in seconds; default: the vehicle's."
+        ),
     ] = None,
     current: Annotated[
-        str | None, typer.Option("--current", metavar="N,E,D", help="Velocity of the water in m/s, north east down.")
+        str | None, typer.Option("--current", metavar="N,E,D", help="Velocity of the water in m/s: north, east, down.")
     ] = None,
     disturbance: Annotated[
         float | None,

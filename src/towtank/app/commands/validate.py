@@ -21,6 +21,7 @@ from towtank.app.commands.arguments import (
     command_text,
     log_places,
     positive_option,
+    reachable_fit,
     report_place,
 )
 from towtank.app.terminal.completion import methods, vehicles
@@ -43,11 +44,17 @@ def validate(
     keep_all: KeepAll = False,
     horizon: Annotated[
         float | None,
-        typer.Option("--horizon", metavar="S", help="Restart the prediction from the measured state every S seconds."),
+        typer.Option(
+            "--horizon",
+            metavar="S",
+            help="Restart the prediction from the measured state every S seconds; default: never.",
+        ),
     ] = None,
     delay: Annotated[
         float | None,
-        typer.Option("--delay", metavar="S", help="From command to thruster, in seconds; default: the model's own."),
+        typer.Option(
+            "--delay", metavar="S", help="Delay from command to thruster, in seconds; default: the model's own."
+        ),
     ] = None,
     against: Annotated[
         list[str] | None,
@@ -63,14 +70,17 @@ def validate(
         typer.Option(
             "--folds",
             metavar="K",
-            help="Cross-validate: cut the logs into K windows, learn MODEL's coefficients anew on all but one and "
-            "predict that one, for each in turn.",
+            help="Cross-validate: cut the logs into K windows; for each window, learn MODEL's coefficients anew from "
+            "the others and predict it.",
         ),
     ] = None,
     method: Annotated[
         str | None,
         typer.Option(
-            "--method", metavar="METHOD", autocompletion=methods, help="With --folds: how to learn, as in learn."
+            "--method",
+            metavar="METHOD",
+            autocompletion=methods,
+            help="With --folds: the method to learn with, as for learn.",
         ),
     ] = None,
     mapping: Map = None,
@@ -82,15 +92,15 @@ def validate(
         typer.Option(
             "--require",
             metavar="PCT",
-            help="Exit with code 1 unless every axis that was driven and measured is predicted with this fit at least.",
+            help="Exit with code 1 unless every axis that was driven and measured is predicted with at least this fit.",
         ),
     ] = None,
     json: Json = False,
 ) -> None:
     """Predict logs from their commands alone and compare with what was measured.
 
-    A fit of 100 % is perfect, 0 no better than the mean of the measurement. Then: what the errors are, slow
-    disturbances, noise, or the trace of something that the model lacks.
+    A fit of 100 % is perfect; 0 % is no better than the mean of the measurement. The result also says what the errors
+    are: sensor noise, slow disturbances, or something that the model lacks.
 
     \b
     Examples:
@@ -104,24 +114,21 @@ def validate(
     named, places = logs, log_places(logs, window)
     logs = [place.path for place in places]
     merged = Merged.parse(merge, merge_map, logs)
-    if require is not None and not require <= 100.0:
-        raise InputError(f"--require: found {require:g}, expected a fit in percent, 100 at most")
+    reachable_fit("--require", require)
     models = _models(model, against or [])
     _folds_alone(folds, method, against)
     report_place(report)
 
     from towtank.app.files import counted, parts_of, read_logs, read_vehicle
-    from towtank.app.judging import against_others, alone, by_folds, learn_by, with_wiring, write_validate_report
-    from towtank.app.tables.fits import usable_document
-    from towtank.app.tables.free_motion import left_out_document, left_out_lines, rate_warnings, show_left_out
+    from towtank.app.judging import against_others, alone, by_folds, learn_by, with_wiring
+    from towtank.app.results import Judgement
+    from towtank.app.tables.free_motion import rate_warnings, show_left_out
     from towtank.app.terminal.output import Output
     from towtank.digits import short
-    from towtank.recording.merging.merge import merges_of
 
     output = Output(json=json)
     with output.progress("predicting") as progress:
         read = read_logs(logs, mapping, progress, merged)
-        merges = [each for run in read for each in merges_of(run)]
         vehicles = {name: read_vehicle(name, output) for name in models}
         parts = parts_of(places, read, vehicles[model], keep_all=keep_all)
         recordings = counted(parts)
@@ -136,8 +143,8 @@ def validate(
         else:
             judged = alone(vehicles[model], recordings, options, progress)
         judged = with_wiring(judged, vehicles[model], recordings)
-        found, verdict = judged.found, judged.verdict(model)
-        lacking = () if require is None else judged.lacking(require)
+        warnings = tuple(output.warnings)
+        judgement = Judgement(model, vehicles[model], judged, tuple(parts), horizon, delay, warnings, require)
         if report is not None:
             progress("report", 0.95)
             again = {
@@ -151,51 +158,25 @@ def validate(
                 "--map": mapping,
                 "--merge": merge,
                 "--merge-map": merge_map,
+                "--require": require,
             }
-            facts = {
-                "horizon": horizon,
-                "delay": delay,
-                "warnings": tuple(output.warnings),
-                "recordings": recordings,
-                "left_out": left_out_lines(parts),
-            }
-            write_validate_report(
-                report, model, vehicles[model], judged, logs, [command_text("validate", [model, *named], again)], facts
-            )
-    output.line(verdict.text, "bold")
+            judgement.report(report, [command_text("validate", [model, *named], again)])
+    output.line(judgement.verdict, "bold")
     output.line()
     output.line(f"{model} on {', '.join(log.name for log in logs)}", "bold")
-    restart = "" if horizon is None else f", set back to the measured state every {short(horizon)} s"
+    restart = "" if horizon is None else f", restarted from the measured state every {short(horizon)} s"
     late = "" if delay is None else f", delay {1e3 * delay:.4g} ms"
-    output.line(f"{short(found.window[0])} to {short(found.window[1])} s{restart}{late}")
-    for each in merges:
+    output.line(f"{short(judgement.window[0])} to {short(judgement.window[1])} s{restart}{late}")
+    for each in judgement.merged:
         output.line(str(each["text"]))
     judged.show(output)
     show_left_out(parts, output)
     if report is not None:
         output.line()
         output.line(f"report written to {report}")
-    output.document(
-        {
-            "verdict": verdict.text,
-            "usable": usable_document(judged.use),
-            "model": model,
-            "logs": logs,
-            "required": require,
-            "met": None if require is None else not lacking,
-            "merged": merges,
-            "fit": found.fit,
-            "rmse": found.rmse,
-            "window": found.window,
-            "horizon_s": horizon,
-            "delay_s": delay,
-            **left_out_document(parts),
-            **judged.document,
-            "warnings": output.warnings,
-        }
-    )
-    if lacking:
-        output.warn(f"--require {short(require)}: {'; '.join(lacking)}")
+    output.document(judgement.document())
+    if require is not None and judgement.lacking:
+        output.warn(f"--require {short(require)}: {'; '.join(judgement.lacking)}")
         raise typer.Exit(1)
 
 

@@ -44,7 +44,7 @@ def show(
     ],
     json: Json = False,
 ) -> None:
-    """Show a vehicle: body, coefficients with their sources, thrusters, what is doubtful.
+    """Show a vehicle: body, coefficients with their sources, thrusters, and doubts about them.
 
     \b
     Example:
@@ -65,9 +65,11 @@ def copy(
     name: Annotated[str, typer.Argument(metavar="NAME", autocompletion=catalog, help="Name in the catalog.")],
     file: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="Vehicle file to write; default NAME.toml, here."),
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="Vehicle file to write; default: NAME.toml in the working directory."
+        ),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Write over a file that is there and differs.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file that differs.")] = False,
     json: Json = False,
 ) -> None:
     """Copy a vehicle of the catalog into a file of your own, with every comment and source.
@@ -98,10 +100,10 @@ def prior(
     ],
     json: Json = False,
 ) -> None:
-    """Show what is supposed of a vehicle before any data: what learning begins from.
+    """Show the prior of a vehicle: what learning assumes before it has seen any data.
 
-    Every unknown with its mean, deviation and 95 % interval, and where they come from: the file, physics, what was
-    learned before. Lines of a table [prior] in the file take the place of these.
+    Lists every unknown with its mean, deviation, 95 % interval and source: the vehicle file, physics, or earlier
+    learning. A table [prior] in the file replaces single lines.
 
     \b
     Example:
@@ -127,8 +129,8 @@ def check(
 ) -> None:
     """Check a vehicle file: can it be read, is it physical?
 
-    Warnings do not change the exit code: 0 where the file can be read, 2 where it cannot. In the document `ok` is
-    false where the vehicle is not physical.
+    The exit code is 0 if the file can be read, even with warnings, and 2 if it cannot. In the JSON document `ok` is
+    false if the vehicle is not physical.
 
     \b
     Example:
@@ -169,11 +171,17 @@ def fit(
     degree: Annotated[int, typer.Option("--degree", metavar="N", help="Degree of the polynomials.")] = 2,
     supply: Annotated[
         float | None,
-        typer.Option("--supply", metavar="V", help="Voltage at which to fit; default the middle one measured."),
+        typer.Option(
+            "--supply",
+            metavar="V",
+            help="Supply voltage to fit the curve for; default: the middle one of those measured.",
+        ),
     ] = None,
     command: Annotated[str | None, typer.Option("--command", metavar="COLUMN", help="Column of the command.")] = None,
     force: Annotated[str | None, typer.Option("--force", metavar="COLUMN", help="Column of the force.")] = None,
-    voltage: Annotated[str | None, typer.Option("--voltage", metavar="COLUMN", help="Column of the supply.")] = None,
+    voltage: Annotated[
+        str | None, typer.Option("--voltage", metavar="COLUMN", help="Column of the supply voltage.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Fit a thruster curve to a bench test and print it as it goes into a vehicle file.

@@ -146,7 +146,7 @@ class DemoFeed:
         """Halt learning, or go on; the vehicle moves on."""
         if paused != self._paused:
             self._paused = paused
-            self.mark("learning paused" if paused else "learning gone on with")
+            self.mark("learning paused" if paused else "learning resumed")
 
     def mark(self, text: str) -> None:
         """Add an event of somebody's own."""

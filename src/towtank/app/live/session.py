@@ -240,11 +240,11 @@ def _log(options: LiveOptions, vehicle: Vehicle, epoch: float, *, going_on: bool
 
 def _gone_on(options: LiveOptions, before: Earlier, session: Session) -> str:
     if before.recording is None:
-        return f"{options.record}: nothing was recorded yet; it is gone on with"
+        return f"{options.record}: nothing was recorded yet; recording starts now"
     instants = session.learning.now.instants
     how = "once more" if before.learner is None else "after its checkpoint"
     recorded = f"{before.recording.duration:.5g} s recorded"
-    return f"{options.record}: gone on with, {recorded}, {instants} instants learned from {how}"
+    return f"{options.record}: resumed, {recorded}, {instants} instants learned from {how}"
 
 
 def _run(
@@ -317,7 +317,7 @@ def _end(
     if place is not None:
         output.line(f"model written to {place}")
     else:
-        output.line("no model is kept: -o MODEL.toml or --record keeps one", "dim")
+        output.line("the model is not saved; -o MODEL.toml or --record saves it", "dim")
     if options.report is not None:
         output.line(f"report written to {options.report}")
     if options.record is not None:

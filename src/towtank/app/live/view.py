@@ -183,10 +183,10 @@ class LiveView:
         parts: list[object] = [*head, *noted, *facts, Text()]
         if not rows:
             parts.append(Text("no coefficient is known yet", style="dim"))
-        elif len(rows) <= room:
-            parts.append(next(filter(self._fits, (self._table(status, rows, course=c) for c in (True, False))), Text()))
         else:
-            parts += self._columns(status, rows, max(room - 1, 1))
+            whole = (self._table(status, rows, course=c) for c in (True, False) if len(rows) <= room)
+            fitting = next(filter(self._fits, whole), None)
+            parts += self._columns(status, rows, max(room - 1, 1)) if fitting is None else [fitting]
         return Group(*parts, *unknown, *happened)  # type: ignore[arg-type]
 
     def _lines(self, text: str, style: str = "", first: str = "") -> list[Text]:
@@ -254,22 +254,28 @@ class LiveView:
         return table
 
     def _columns(self, status: Status, rows: Sequence[Row], room: int) -> list[object]:
-        """Return a table without units, of two coefficients in a row where that fits, and how many it leaves out."""
+        """Return as many coefficients as there is room for, without units, and what is left out.
+
+        Two of them in a row where that fits, else one, else without its relative deviation, else line by line.
+        """
         self._history(status)
         header = ("Coefficient", self._estimate, ">Rel. std")
-        shown: Sequence[Row] = ()
-        table = self._output.table(*header)
-        for across in (2, 1):
-            shown, table = rows[: across * room], self._output.table(*header * across)
+        for across, columns in ((2, 3), (1, 3), (1, 2)):
+            shown, table = rows[: across * room], self._output.table(*header[:columns] * across)
             half = -(-len(shown) // across)
             for k in range(half):
-                cells = [shown[j][:3] if j < len(shown) else ("", "", "") for j in range(k, across * half, half)]
+                cells = [
+                    shown[j][:columns] if j < len(shown) else ("",) * columns for j in range(k, across * half, half)
+                ]
                 table.add_row(*(cell for each in cells for cell in each))
             if self._fits(table):
-                break
-        left = len(rows) - len(shown)
-        more = f"{left} more and the units: in a taller window" if left else "units: in a taller window"
-        return [table, Text(more, style="dim")]
+                return [table, *self._left_out(len(rows) - len(shown))]
+        lines = [line for name, estimate, *_ in rows for line in self._lines(f"{name} {estimate}")][: room + _HEADING]
+        return [*lines, *self._left_out(len(rows) - sum(" " in line.plain for line in lines))]
+
+    def _left_out(self, count: int) -> list[Text]:
+        """Return what a larger window shows: so many coefficients more, and the units."""
+        return self._lines(f"{f'{count} more and the' if count else 'the'} units: in a larger window", "dim")
 
     def _fits(self, table: Table) -> bool:
         """Whether a table fits the window's width without anything broken."""

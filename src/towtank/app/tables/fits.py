@@ -52,8 +52,8 @@ def show_own_fits(fit: Mapping[str, float | None], output: Output) -> None:
     shown = {name: fit[name] for name in judged_by([name for name, value in fit.items() if value is not None])}
     show_fits(shown, None, output)
     if any((shown.get(name) or 0.0) < 0.0 for name in _POSITIONS):
-        output.line("Positions add up every push of the water, whatever the model:", "dim")
-        output.line("towtank validate --horizon 10 sets the prediction back to what was measured every 10 s.", "dim")
+        output.line("Errors of position add up every push of the water, whatever the model:", "dim")
+        output.line("towtank validate --horizon 10 restarts the prediction from the measurement every 10 s.", "dim")
 
 
 def usable_document(use: Usability | None) -> dict[str, Any] | None:

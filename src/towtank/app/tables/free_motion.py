@@ -17,12 +17,12 @@ __all__ = ["left_out_document", "left_out_lines", "rate_warnings", "show_left_ou
 _MOST = 12  # lines
 _SELDOM = 15.0  # Hz: thrusters follow a new command within 0.1 s or so, which slower records do not see
 _OUTPUTS = {
-    "RCOU": "ArduPilot writes RCOU at 10 Hz at most, and only with bit 10 (1024) of LOG_BITMASK set",
+    "RCOU": "ArduPilot writes RCOU at 10 Hz at most, and only if bit 10 (1024) of LOG_BITMASK is set",
     "SERVO_OUTPUT_RAW": "Set SRn_RC_CHAN (in newer firmware MAVn_RC_CHAN) of that link to 50, or the interval of "
-    "message 36 to 20000 us; the autopilot's own .BIN has 10 Hz",
+    "message 36 to 20000 us. The autopilot's own .BIN has 10 Hz",
 }
-_ASKED_FOR = "towtank live udpin:0.0.0.0:14550 --record FILE.mcap asks the autopilot for 50 Hz by itself"
-_ELSEWHERE = "Record what the thrusters are told at 50 Hz, or whenever it changes"
+_ASKED_FOR = "To record at 50 Hz: towtank live udpin:0.0.0.0:14550 --record FILE.mcap asks the autopilot for it"
+_ELSEWHERE = "Record the thruster commands at 50 Hz, or whenever they change"
 
 
 def left_out_lines(logs: Sequence[LogParts]) -> list[str]:
@@ -32,7 +32,7 @@ def left_out_lines(logs: Sequence[LogParts]) -> list[str]:
         if each.left_out:
             name = f"{each.log.name} " if len(logs) > 1 else ""
             kept, cut = (sum(b - a for a, b in _spans(each, which)) for which in ("parts", "left_out"))
-            lines.append(f"{name}{short(kept, 4)} of {short(kept + cut, 4)} s count")
+            lines.append(f"{name}{short(kept, 4)} of {short(kept + cut, 4)} s are used")
             lines += [f"left out {name}{cut.text}" for cut in each.left_out]
     return lines
 
@@ -46,12 +46,12 @@ def show_left_out(logs: Sequence[LogParts], output: Output) -> None:
     lines = left_out_lines(logs)
     if not lines:
         return
-    output.heading("What of the log counts: the vehicle moving freely in water")
+    output.heading("What is used of the log: the vehicle moving freely in water")
     for text in lines[:_MOST]:
         output.item(text)
     if len(lines) > _MOST:
-        output.item(f"and {len(lines) - _MOST} further lines, which --json and the report have")
-    output.line("--keep-all takes all of it.", "dim")
+        output.item(f"and {len(lines) - _MOST} further lines, see --json or the report")
+    output.line("--keep-all uses the whole log.", "dim")
 
 
 def left_out_document(logs: Sequence[LogParts]) -> dict[str, Any]:
@@ -78,11 +78,12 @@ def rate_warnings(logs: Sequence[LogParts]) -> list[str]:
             known = table in _OUTPUTS
             step = 1e3 / rate
             out.append(
-                f"{each.log.name}: commands come at {short(rate, 2)} Hz{f' ({table})' if table else ''}"
-                f"{': ' if known else '; unless that is every change of them, '}each counts up to {step:.0f} ms too "
-                f"long: delay and lag are told to no better than about {0.5 * step:.0f} ms, and what happens within "
-                f"{2e-3 * step:.2g} s, as when an autopilot steadies the vehicle, is learned poorly or not at all, "
-                f"slow manoeuvres well. {f'{_OUTPUTS[table]}; {_ASKED_FOR}' if known else _ELSEWHERE}"
+                f"{each.log.name}: commands come at {short(rate, 2)} Hz{f' ({table})' if table else ''}. "
+                f"{'Each' if known else 'Unless every change of a command is recorded, each'} is taken to last up to "
+                f"{step:.0f} ms too long. So delay and lag are known to about {0.5 * step:.0f} ms at best. Motion "
+                f"faster "
+                f"than {2e-3 * step:.2g} s, as when an autopilot steadies the vehicle, is learned poorly or not at "
+                f"all; slow manoeuvres are learned well. {f'{_OUTPUTS[table]}. {_ASKED_FOR}' if known else _ELSEWHERE}"
             )
     return out
 

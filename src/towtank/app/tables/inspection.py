@@ -45,7 +45,7 @@ def show_inspection(found: Inspection, output: Output) -> None:
             output.item(text)
     if found.delay_from == "correlation":
         output.line()
-        output.line("With --vehicle VEHICLE it says so of each coefficient, and how well it will be known.", "dim")
+        output.line("With --vehicle VEHICLE the result is by coefficient, and says how well each will be known.", "dim")
 
 
 def _show_channels(channels: Sequence[ChannelFacts], noise: Mapping[str, NoiseLevel], output: Output) -> None:
@@ -84,7 +84,7 @@ def _about_noise(noise: Mapping[str, NoiseLevel]) -> list[str]:
         lines.append(f"noise of the attitude in rad: {', '.join(attitude)}")
     wild = [f"{name} {100.0 * each.share_of_outliers:.2g} %" for name, each in noise.items() if _wild(each)]
     if wild:
-        lines.append(f"samples that stand off (spikes, hidden markers): {', '.join(wild)}")
+        lines.append(f"outliers (spikes, hidden markers): {', '.join(wild)}")
     coarse = [f"{name} {each.quantum:.2g}" for name, each in noise.items() if each.quantum > 0.0]
     if coarse:
         lines.append(f"coarse steps: {', '.join(coarse)}")
@@ -117,7 +117,7 @@ def _delay(found: Inspection) -> str:
 def _show_disturbance(found: Inspection, output: Output) -> None:
     if found.levels is None:
         return
-    output.heading("Disturbance (standard deviation of the force that nothing explains)")
+    output.heading("Disturbance (standard deviation of the unexplained force)")
     table = output.table(*(f">{axis.name}" for axis in AXES), "Unit")
     table.add_row(*disturbance_cells(found.levels, [] if found.grid is None else [found.grid]), "N, N m")
     output.show(table)
@@ -125,11 +125,20 @@ def _show_disturbance(found: Inspection, output: Output) -> None:
 
 def _show_axes(found: Inspection, output: Output) -> None:
     output.heading("What can be identified")
+    whole = {verdict.reason for verdict in found.axes.values()}
+    common = next(iter(whole)) if len(whole) == 1 else None
     table = output.table("Axis", "Known by", "Verdict", wrap="Verdict")
     for name, verdict in found.axes.items():
         told = [each.text for each in verdict.known_by] or ["other axes" if verdict.identifiable else "nothing"]
-        table.add_row(name, "\n".join(told), _verdict(verdict))
+        table.add_row(name, "\n".join(told), "no" if common else _verdict(verdict))
     output.show(table)
+    if common:
+        output.line()
+        output.item(f"no axis: {common}")
+        if any(note.startswith("ignored columns") for note in found.recording.notes):
+            output.item(
+                f"ignored columns need a mapping: towtank inspect {found.log} --map-skeleton writes a first draft"
+            )
     reasons: dict[str, list[str]] = {}
     for verdict in found.axes.values():
         if verdict.identifiable:
@@ -154,7 +163,9 @@ def _show_forecast(found: Inspection, output: Output) -> None:
             output.item(", ".join([lines[0], *(line.replace(" will be known to", " to") for line in lines[1:])]))
     if not found.whole:
         stretches = ", ".join(f"{start:.0f} .. {end:.0f}" for start, end in found.windows)
-        output.line(f"Told from where most happens, {stretches} s; all that counts tells more.", "dim")
+        output.line(
+            f"Computed from the stretches with the most thrust, {stretches} s; the whole log tells more.", "dim"
+        )
 
 
 def _verdict(verdict: AxisVerdict) -> str:

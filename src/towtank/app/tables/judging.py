@@ -182,7 +182,7 @@ def show_residuals(found: Mapping[str, Residual], output: Output) -> None:
         return
     output.heading("What the errors are")
     table = output.table(
-        "Channel", ">Last for s", ">± std", ">Slow", ">Noise", ">Constant", "Unit", ">Command", "One step"
+        "Channel", ">Lasts s", ">± std", ">Slow", ">Noise", ">Constant", "Unit", ">Command", "One step"
     )
     for name, one in found.items():
         lasts = ("-", "") if one.time is None else measured(one.time, one.time_std)

@@ -160,7 +160,7 @@ def show_learning(
         output.line(known_text(known))
     whose = " as the joint filter sees them" if learning.method == "output-error" else ""
     show_levels(learning.levels, learning.grids, output, whose=whose)
-    output.heading("Fit of the free-running prediction on these very logs")
+    output.heading("Fit of the free-running prediction on the same logs")
     show_own_fits(fit, output)
     output.heading(f"How it was learned: {_METHODS.get(learning.method, learning.method)}")
     for text in (*learning.remarks, *_choice(learning, asked)):
@@ -194,8 +194,8 @@ def _choice(learning: LogLearning, asked: str) -> list[str]:
     if learning.remarks:
         return []
     if asked == "joint":
-        return ["no free runs to compare with could be made of these logs"]
-    return ["as asked for (--method)"]
+        return ["these logs allow no free runs to compare with"]
+    return ["as chosen with --method"]
 
 
 def _show_coefficients(learning: LogLearning, output: Output) -> None:
@@ -267,12 +267,12 @@ def _show_input(learning: LogLearning, output: Output) -> None:
             output.line(f"lag {', '.join(short(1e3 * lag) for lag in lags)} ms, first order (of the vehicle file)")
     if learning.gains:
         gains = (f"{name} {gain:.3f} ± {std:.3f}" for name, (gain, std) in learning.gains.items())
-        output.line(f"gain of thrusters, times their curves: {', '.join(gains)}")
+        output.line(f"gain of each thruster, relative to its curve: {', '.join(gains)}")
     for text in late_texts(learning.latency):
         output.line(text)
     if learning.vehicle.scale_std and learning.vehicle.thrusters:
         output.line(
-            f"scale of thrust known to {100.0 * learning.vehicle.scale_std:.3g} %, within every deviation above"
+            f"scale of thrust known to {100.0 * learning.vehicle.scale_std:.3g} %, included in every deviation above"
         )
 
 

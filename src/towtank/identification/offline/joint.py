@@ -172,15 +172,15 @@ def _current(fit: JointFit) -> Current | None:
 def _remarks(
     request: LearningRequest, problem: JointProblem, fit: JointFit, current: Current | None
 ) -> tuple[str, ...]:
-    out = [f"{len(fit.free)} unknowns, all free from the prior; {fit.passes} passes of the joint filter"]
+    out = [f"{len(fit.free)} unknowns, all free from the prior; passes of the joint filter: {fit.passes}"]
     if request.free is not None:
         out = [f"free: {', '.join(fit.free.names)}; everything else is fixed at the prior's mean"]
     if not problem.learned.all():
         still = [axis.name for axis, moves in zip(AXES, problem.moving, strict=True) if not moves]
-        out.append(f"no sensor shows and nothing drives {', '.join(still)}: what acts there counts as what it may be")
+        out.append(f"nothing measures or drives {', '.join(still)}: the prior of what acts there is kept")
     if fit.disagreement > 1.2:
         times = f"{fit.disagreement:.1f} times"
-        out.append(f"windows of the data differ {times} as much as they should: deviations are widened by it")
+        out.append(f"windows of the data differ {times} as much as they should: deviations are widened by that")
     if current is not None and current.speed > max(_WORTH_SAYING, 3.0 * float(current.std[:2].max())):
         out.append(f"the water flows: {current.said}")
     if fit.levels.waves.any():

@@ -65,7 +65,7 @@ def not_narrowed(name: str, share: float) -> str:
         return left
     axis = AXES[part.row].name
     if part.kind == "restoring":
-        return f"{left}; larger angles would narrow it" if name.startswith("BG") else f"{left}; heave would narrow it"
+        return f"{left}; {'larger angles' if name.startswith('BG') else 'driving heave'} would narrow it"
     how = "faster and slower" if part.kind in ("linear", "quadratic") else "harder, to and fro"
     return f"{left}; driving {axis} {how} would narrow it"
 
@@ -74,12 +74,12 @@ def not_shown(name: str) -> str:
     """Return why a coefficient was not learned at all: no motion that it makes or answers to.
 
     >>> not_shown("K_pp")
-    'no sensor shows and nothing drives roll: it counts as what it may be'
+    'nothing measures or drives roll, so the prior is kept'
     """
     part = role(name)
     axes = list(dict.fromkeys(AXES[axis].name for axis in (part.row, part.column) if axis >= 0))
     of = " or ".join(axes) or "surge, sway and heave"
-    return f"no sensor shows and nothing drives {of}: it counts as what it may be"
+    return f"nothing measures or drives {of}, so the prior is kept"
 
 
 def label(name: str) -> str:
@@ -127,13 +127,13 @@ def phrase(name: str, names: Collection[str] = ()) -> str:
 
 def will_be_known(what: str, value: float) -> str:
     """A line of `inspect`."""
-    return f"{what} will be known to {percent(value / 100.0)}" if value < 100.0 else f"{what} will not be known"
+    return f"{what} will be known to {percent(value / 100.0)}" if value < 100.0 else f"{what} cannot be told from 0"
 
 
 def diagonal(kind: str, row: int, name: str, value: float, std: float, deviations: float, to: float) -> str:
     """One coefficient beyond its bound."""
     measured = f"{value:+.3g} +- {std:.2g} {unit(name)}"
-    held = "held at 0" if to == 0.0 else f"moved to {to:.3g}"
+    held = f"moved to {to:.3g}"
     if deviations < _NOISE:
         return f"{name} came out as {measured}, {deviations:.1f} deviations beyond what is physical; {held}"
     by = f"by {deviations:.2g} deviations" if deviations < float("inf") else "without any deviation"

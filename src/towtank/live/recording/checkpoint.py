@@ -220,4 +220,4 @@ def _epoch(path: Path, attributes: Mapping[str, str]) -> float:
     try:
         return datetime.fromisoformat(attributes["epoch"]).timestamp()
     except (KeyError, ValueError):
-        raise InputError(f"{path}: does not say when it began, so that it cannot be gone on with") from None
+        raise InputError(f"{path}: does not say when it began, so it cannot be resumed") from None

@@ -34,6 +34,7 @@ _TABLES = {
 _COLUMNS = {"CSV": "towtank.recording.tables.csv", "Parquet": "towtank.recording.tables.parquet"}
 _DEGREE, _G = 0.017453292519943295, 9.80665
 _UPRIGHT, _TURNS = 1.65, 25.0  # rad: a pitch, and a roll or heading over several turns, beyond it is in degrees
+_STEEP, _MANY_TURNS, _TURN = 95.0, 3600.0, 400.0  # degrees: beyond it a pitch or a heading is in hundredths of them
 _FAST = 25.0  # rad/s: a rate beyond it is in degrees or thousandths
 _OTHERS = 2  # further candidates of a channel that are shown
 _FEW = 12  # fields of a message that are listed with their ranges
@@ -50,6 +51,7 @@ _GROUPS = (
     ("force and moment of the thrusters, where they are recorded", ("X", "Y", "Z", "K", "M", "N")),
     ("supply", ("voltage",)),
 )
+_ANGLES = ("phi", "theta", "psi")
 _USUAL = tuple(names for _, names in _GROUPS if names[0] in ("x", "phi", "u", "p", "ax"))  # asked for where absent
 
 
@@ -300,11 +302,8 @@ def _scale(each: _Candidate) -> tuple[float, str]:
     if said.unit:
         return said.scale, f", in {said.unit}" if said.scale != 1.0 else ""
     most = float(np.abs(values).max()) if values.size else 0.0
-    if said.channel in ("phi", "theta", "psi"):
-        pitch = _most_pitch(each)
-        if most > _TURNS if pitch is None else pitch > _UPRIGHT:
-            hundredths = most > 400.0
-            return (0.01 * _DEGREE, ": hundredths of a degree?") if hundredths else (_DEGREE, ": degrees?")
+    if said.channel in _ANGLES:
+        return _scale_of_angles(each)
     if said.channel in ("p", "q", "r") and most > _FAST:
         return (1e-3, ": thousandths of rad/s?") if "gyro" in each.column.path.lower() else (_DEGREE, ": degrees/s?")
     if said.channel == "az" and values.size:
@@ -316,14 +315,28 @@ def _scale(each: _Candidate) -> tuple[float, str]:
     return said.scale, ", turned round: down is positive" if said.scale < 0.0 else ""
 
 
-def _most_pitch(each: _Candidate) -> float | None:
-    """Return how far the pitch goes that belongs to an angle, in the unit of its column; None where there is none."""
+def _scale_of_angles(each: _Candidate) -> tuple[float, str]:
+    """Return what to multiply an angle by, and why: all angles of a family have one unit, which the largest tells.
+
+    A calm vehicle's roll and pitch are small in any unit; its heading still goes round.
+    """
+    most = {name: _most(each, name) for name in _ANGLES}
+    pitch, largest = most["theta"], max(most.values())
+    if largest > _MANY_TURNS or (pitch > _STEEP if pitch else largest > _TURN):
+        return 0.01 * _DEGREE, ": hundredths of a degree?"
+    if largest > _TURNS or pitch > _UPRIGHT:
+        return _DEGREE, ": degrees?"
+    return 1.0, ""
+
+
+def _most(each: _Candidate, channel: str) -> float:
+    """Return how far an angle of the family of `each` goes, in the unit of its column; 0 where there is none."""
     for column in each.table.columns:
         said = suggestion(column.path, each.table.name, each.table.kind)
-        family = said is not None and said.channel == "theta" and said.family == each.said.family
+        family = said is not None and said.channel == channel and said.family == each.said.family
         if family and np.isfinite(column.values).any():
             return float(np.nanmax(np.abs(column.values)))
-    return None
+    return 0.0
 
 
 def _entry(name: str, each: _Candidate, scale: float) -> str:

@@ -56,7 +56,7 @@ def interrupted(path: Path) -> Interrupted:
             end = stream.seek(0, io.SEEK_END)
             stream.seek(0)
             if stream.read(len(MAGIC)) != MAGIC:
-                raise InputError(f"{path}: not MCAP, so that it cannot be gone on with")
+                raise InputError(f"{path}: not MCAP, so it cannot be resumed")
             before = _scan(stream, end)
     except FileNotFoundError:
         raise InputError(f"{path}: no such recording to resume") from None
@@ -65,9 +65,9 @@ def interrupted(path: Path) -> Interrupted:
     except (ValueError, McapError, struct.error, KeyError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{path}: damaged, cannot be gone on with ({error})") from error
+        raise InputError(f"{path}: damaged, cannot be resumed ({error})") from error
     if ABOUT not in {entry.name for entry in before.summary.metadata if isinstance(entry, MetadataIndex)}:
-        raise InputError(f"{path}: not a recording of towtank, so that it cannot be gone on with")
+        raise InputError(f"{path}: not a recording of towtank, so it cannot be resumed")
     return before
 
 

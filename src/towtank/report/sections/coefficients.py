@@ -157,10 +157,14 @@ def held_section(facts: LearnFacts) -> str:
                     cell(f'<span class="tag {grade}">{word}</span>'),
                 ]
             )
-    note = "These stay in the model as they were, or at zero where another coefficient stands for them."
+    note = (
+        "The log says little about these. The model has them all the same, with values near those of the prior."
+        if facts.supposed
+        else "The model keeps the vehicle file's values for these, or zero where another coefficient stands for them."
+    )
     return section(
         "held",
         "Not learned, and why",
         paragraph(note, "note"),
-        table(["Coefficient", ">Kept at", "Unit", "Verdict"], rows),
+        table(["Coefficient", ">In the model", "Unit", "Verdict"], rows),
     )

@@ -17,9 +17,9 @@ _WIDTH = 1.959963984540054  # of the 95 % band, in deviations
 _SETTLING = 0.25  # share of the log that may lie outside the picture
 _METHODS = {
     "joint": "the joint filter's",
-    "output-error": "the joint filter's, beside which the free runs that had the last word may lie",
-    "paper": "that of plain least squares at the delay found; the result lies where instruments took its bias out, "
-    "and its interval holds what the delay leaves open, too",
+    "output-error": "the joint filter's; the result comes from free runs and may lie beside it",
+    "paper": "that of plain least squares at the delay found; in the result, instruments have removed its bias, "
+    "and the interval includes the uncertainty of the delay",
 }
 
 
@@ -32,9 +32,9 @@ def convergence_section(facts: LearnFacts) -> str:
     cuts = " Vertical lines: from one log to the next." if curve.ends else ""
     cuts += " Vertical lines: the vehicle changed." if _changes(facts) else ""
     note = (
-        f"Estimate and 95 % band while the log went by, from wide ignorance at the start; the course is "
+        f"Estimate and 95 % band over the time of the log, wide at the start. The course is "
         f"{_METHODS.get(facts.method, 'the filter’s')}. The dot at the right is the result in the table with its 95 % "
-        f"interval. A band that still narrows at the end: a longer log would tell more.{cuts}"
+        f"interval. Where the band still narrows at the end, a longer log would tell more.{cuts}"
     )
     legend = (
         '<div class="legend"><span><i class="estimate"></i>estimate</span><span><i class="band"></i>95 % band</span>'

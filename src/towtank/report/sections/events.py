@@ -23,7 +23,7 @@ _WORDS = {
     "overload": "too many samples",
     "clock": "clock",
     "mark": "mark",
-    "resume": "gone on with",
+    "resume": "resumed",
 }
 
 

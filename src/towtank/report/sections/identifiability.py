@@ -80,8 +80,8 @@ def identifiability_section(estimate: Estimate) -> str:
         for a, b, r in pairs[:_TOLD]
     ]
     note = (
-        "Correlation of the errors of two estimates. Near zero (pale): told apart. Near +1 (blue) or −1 (orange): an "
-        "error in one is made up for by the other, and only a more varied run separates them."
+        "Correlation of the errors of two estimates. Near zero (pale) the log tells them apart. Near +1 (blue) or −1 "
+        "(orange) an error in one is balanced by an error in the other; only a more varied run separates them."
     )
     calm = "" if pairs else paragraph(f"No two coefficients are correlated beyond {_STRONG:g}: all are told apart.")
     drawing = f'<figure class="wide" tabindex="0">{heatmap_svg(names, matrix)}</figure>'

@@ -88,7 +88,7 @@ def _levels(noise: Mapping[str, Mapping[str, object]], disturbance: Mapping[str,
     parts = []
     for title, levels, key, said in (
         ("Disturbance", disturbance, "disturbance", "The random force and moment that the model does not explain: "),
-        ("Noise of the sensors, as learning saw it", noise, "noise", "Standard deviation of one sample: "),
+        ("Noise of the sensors, as estimated while learning", noise, "noise", "Standard deviation of one sample: "),
     ):
         items = []
         for name, level in levels.items():

@@ -43,7 +43,7 @@ def prediction_section(
     if not any(value is not None for value in fit.values()):
         return ""
     note = (
-        f"The model alone, from one measured state on, driven by the commands of {predicted}. A fit of 100 % is "
+        f"The model runs freely from one measured state, driven only by the commands of {predicted}. A fit of 100 % is "
         "perfect, 0 % no better than the mean of the measurement."
     )
     return section(

@@ -23,7 +23,7 @@ def input_section(facts: LearnFacts) -> str:
             [
                 ("Delay", _delay(facts)),
                 ("Lag of the thrusters", _lag(facts)),
-                ("Gain of thrusters, times their curves", _gains(facts)),
+                ("Gain of each thruster, relative to its curve", _gains(facts)),
                 ("Sensors that are late", _latencies(facts)),
                 (
                     "Scale of thrust",

@@ -1,0 +1,88 @@
+"""`make demo` makes every part once and says what fails; stand-ins for npm and Python write their calls down."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+NPM = """#!/bin/bash
+echo "npm $1" >> "$CALLS"
+if [ "$1" = run ]; then {build}; fi
+"""
+PYTHON = """#!/bin/bash
+echo "compile ${@: -1}" >> "$CALLS"
+[ "${@: -1}" != "$FAILING" ] || { echo "ValueError: no such kernel" >&2; exit 1; }
+"""
+TOWTANK = """#!/bin/bash
+echo "towtank $1" >> "$CALLS"
+"""
+BUILT = "mkdir -p ../src/towtank/dashboard/static; touch ../src/towtank/dashboard/static/index.html"
+
+
+@pytest.fixture
+def clone(tmp_path: Path) -> Path:
+    """A folder with the Makefile, an environment that is ready, and nothing built."""
+    if shutil.which("make") is None:
+        pytest.skip("make is not installed")
+    shutil.copy(REPOSITORY / "Makefile", tmp_path)
+    for name in ("pyproject.toml", "requirements.lock", "src/towtank/a.py", "web/package.json"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    executable(tmp_path / "bin/npm", NPM.replace("{build}", BUILT))
+    executable(tmp_path / ".venv/bin/python", PYTHON)
+    executable(tmp_path / ".venv/bin/towtank", TOWTANK)
+    (tmp_path / ".venv/.ready").touch()
+    return tmp_path
+
+
+def executable(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    path.chmod(0o755)
+
+
+def make_demo(clone: Path, *options: str, failing: str = "") -> tuple[str, list[str]]:
+    """Run `make demo` and return what it printed, and which parts were called."""
+    calls = clone / "calls"
+    calls.unlink(missing_ok=True)
+    known = {"PATH": f"{clone / 'bin'}:/usr/bin:/bin", "CALLS": str(calls), "FAILING": failing}
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("MAKE")} | known
+    done = subprocess.run(
+        ["make", *options, "demo"], cwd=clone, env=environment, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done
+    return done.stdout, calls.read_text().splitlines()
+
+
+@pytest.mark.parametrize("options", [(), ("-j",)], ids=["one after the other", "jobs beside each other"])
+def test_every_part_is_made_once(clone: Path, options: tuple[str, ...]) -> None:
+    parts = ["compile filter", "compile rest", "npm ci", "npm run"]
+    out, calls = make_demo(clone, *options)
+    assert sorted(calls[:-1]) == parts
+    assert calls[-1] == "towtank demo"
+    assert out.count("the live page (npm)") == out.count("kernels of the demo") == 1
+    assert out.count("ok ") == 2
+    assert make_demo(clone, *options)[1] == ["towtank demo"]  # nothing has changed since
+
+
+@pytest.mark.parametrize("options", [(), ("-j",)], ids=["one after the other", "jobs beside each other"])
+def test_a_page_that_cannot_be_built_is_tried_once(clone: Path, options: tuple[str, ...]) -> None:
+    executable(clone / "bin/npm", NPM.replace("{build}", "exit 1"))
+    out, calls = make_demo(clone, *options)
+    assert calls.count("npm ci") == out.count("there is no live page") == 1
+    assert calls[-1] == "towtank demo"
+
+
+def test_kernels_that_cannot_be_compiled_are_told_and_tried_again(clone: Path) -> None:
+    out, calls = make_demo(clone, failing="rest")
+    [line] = [each for each in out.splitlines() if "kernels of the demo" in each]
+    assert "FAILED after" in line
+    assert "ok" not in line
+    assert "ValueError: no such kernel" in out
+    assert calls[-1] == "towtank demo"
+    assert "compile rest" in make_demo(clone)[1]
