@@ -113,7 +113,7 @@ def read_logs(
     recordings = []
     for k, log in enumerate(logs):
         progress(f"reading {log.name}", k / len(logs))
-        recording = read(log, columns)
+        recording = replace(read(log, columns), source=str(log))  # whatever it says of itself: messages name the file
         recordings.append(with_body_velocity(merged_with(recording, merged)))
     return recordings
 

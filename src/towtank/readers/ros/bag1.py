@@ -201,5 +201,5 @@ def _unpack(record: _Record, packed: bytes) -> bytes:
             unpacked: bytes = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size)
             return unpacked
     except (OSError, EOFError, RuntimeError) as error:
-        raise ValueError(f"it cannot be unpacked ({error})") from error
+        raise ValueError("it cannot be unpacked") from error
     raise ValueError(f'its compression "{compression}" is not known')

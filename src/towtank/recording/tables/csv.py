@@ -175,7 +175,10 @@ def _read_header(path: Path) -> tuple[str, ...]:
     try:
         names = tuple(name.strip() for name in next(csv.reader([line]), []))
     except csv.Error as error:
-        raise InputError(f"{path}:1: cannot be read as a line of column names ({error})") from error
+        raise InputError(
+            f"{path}:1: found a line of {len(line)} characters that names no columns, expected names with commas "
+            "between them, the line ended by LF or CR LF"
+        ) from error
     check_header(path, line, names)
     return names
 
