@@ -1,10 +1,10 @@
 """An attack on everything that reads files: whatever a file holds, it is read or refused in one line.
 
-    python benchmarks/studies/attack_files.py [--runs 20000] [--seed 1] [--only tlog,csv] [--workers 2] [--output a.json]
+    python benchmarks/studies/attack_files.py [--runs 20000] [--seed 1] [--only tlog,csv] [--workers 2]
 
 Files of every kind that can be read are made here and broken: bytes flipped, cut, spliced and lengths overwritten
-(`mutations`), values, times, names and lengths that no vehicle yields (`hostile_logs`), and storms of tiny records. Each
-is read, inspected (`inspect --json`), and one in ten is learned from (`learn --json -o`). Counted are tracebacks,
+(`mutations`), values, times, names and lengths that no vehicle yields (`hostile_logs`), and storms of tiny records.
+Each is read, inspected (`inspect --json`), and one in ten is learned from (`learn --json -o`). Counted are tracebacks,
 warnings of libraries, more than 60 s, more than 2 GB, outputs that are half written, and refusals that are no line
 that names the file and what was expected. None of them is allowed: the exit code is 1 where there is one. Seeded by
 the number of the file, so that a finding can be repeated: `--seed N --runs 1`.
@@ -54,7 +54,10 @@ _FOREIGN = re.compile(
     r"cannot be read as .*\(|out of range|cannot convert|codec can't|object has no|NoneType|not supported between|"
     r"has no attribute|must be |invalid literal|list index|KeyError|ValueError|unpack requires|broadcast|Errno"
 )
-_SAYS = re.compile(r"expected|cannot|--map|--window|no such|no message|no sample|not a readable|damaged|hold|measured")
+_SAYS = re.compile(
+    r"expected|cannot|--map|--window|no such|no message|no sample|not a readable|damaged|hold|measured|counts|"
+    r"vehicle has"
+)
 FAULTS = ("traceback", "library warning", "over 60 s", "over 2 GB", "half written", "refusal not said")
 
 
@@ -96,8 +99,7 @@ class Outcome:
 
 def attacked(seeds: Sequence[int], kinds: Sequence[str]) -> Outcome:
     """Make the files of some seeds, read, inspect and learn from them."""
-    resource.setrlimit(resource.RLIMIT_AS, (_ADDRESSES, resource.getrlimit(resource.RLIMIT_AS)[1]))
-    signal.signal(signal.SIGALRM, _hang)
+    limit_process()
     found = Outcome()
     for seed in seeds:
         kind = kinds[seed % len(kinds)]
@@ -107,6 +109,12 @@ def attacked(seeds: Sequence[int], kinds: Sequence[str]) -> Outcome:
             path.write_bytes(data)
             _attack(found, path, f"seed {seed}, {kind}, {name}", kind, learns=seed // len(kinds) % 10 == 0)
     return found
+
+
+def limit_process() -> None:
+    """Bound the memory of this process, and let an alarm end what hangs."""
+    resource.setrlimit(resource.RLIMIT_AS, (_ADDRESSES, resource.getrlimit(resource.RLIMIT_AS)[1]))
+    signal.signal(signal.SIGALRM, _hang)
 
 
 def _file(kind: str, rng: random.Random) -> tuple[str, str, bytes]:
@@ -184,7 +192,9 @@ def _check_outputs(found: Outcome, path: Path, name: str, model: Path, code: int
     if left:
         found.faults.append(Fault("half written", name, f"left behind: {left}"))
     if model.exists() != (code == 0):
-        found.faults.append(Fault("half written", name, f"exit code {code}, model {'' if model.exists() else 'not '}there"))
+        found.faults.append(
+            Fault("half written", name, f"exit code {code}, model {'' if model.exists() else 'not '}there")
+        )
     if model.exists():
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -307,7 +317,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     by_detail: dict[tuple[str, str], list[Fault]] = {}
     for fault in found.faults:
         by_detail.setdefault((fault.kind, re.sub(r"/tmp/\S*?/|\d+", "", fault.detail)), []).append(fault)
-    for same in sorted(by_detail.values(), key=len, reverse=True)[:_SHOWN * 4]:
+    for same in sorted(by_detail.values(), key=len, reverse=True)[: _SHOWN * 4]:
         show(f"{len(same)} x {same[0].kind}: {same[0].name}: {same[0].detail}".replace("[", "\\["))
     show(f"slowest: {found.slowest_s:.1f} s ({found.slowest}); most memory: {found.memory / 1e6:.0f} MB")
     show(_table(found, options.runs))

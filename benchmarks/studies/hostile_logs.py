@@ -106,7 +106,7 @@ def _spoil_times(table: Table, rng: random.Random) -> None:
         lambda: t.__imul__(rng.choice((1e-9, 1e-12, 1e-300, 1e3, 1e6, 1e9, 1e300, 0.0, -1.0))),
         lambda: t.__setitem__(slice(None), t[::-1].copy()),
         lambda: t.__setitem__(slice(t.size // 2, None), t[: t.size - t.size // 2].copy()),
-        lambda: t.__setitem__(slice(t.size // 2, None), t[t.size // 2 :] + rng.choice((3600.0, 1e6, 1e9, 1.7e9, -50.0))),
+        lambda: t[t.size // 2 :].__iadd__(rng.choice((3600.0, 1e6, 1e9, 1.7e9, -50.0))),
         lambda: t.__setitem__(slice(None), np.repeat(t[::10], 10)[: t.size]),
         lambda: t.__setitem__(slice(None), rng.choice(t.tolist())),
         lambda: t.__setitem__(slice(None), rng.sample(t.tolist(), t.size)),
@@ -163,8 +163,8 @@ def _csv(path: Path, table: Table, rng: random.Random) -> None:
         cells = [f"{table.t[i]!r}" if i < table.t.size else ""]
         cells += [repr(float(values[i])) if i < values.size else "" for _, values in table.columns]
         lines.append(",".join(cells).replace("np.float64(", "").replace(")", ""))
-    encoding = rng.choice(("utf-8", "utf-8", "utf-8", "utf-8-sig", "latin-1", "utf-16", "utf-32"))
-    path.write_bytes(rng.choice(("\n", "\n", "\r\n", "\r")).join(lines).encode(encoding, errors="replace"))
+    encoding = rng.choice((*["utf-8"] * 8, "utf-8-sig", "latin-1", "utf-16", "utf-32"))
+    path.write_bytes(rng.choice((*["\n"] * 8, "\r\n", "\r")).join(lines).encode(encoding, errors="replace"))
 
 
 def _parquet(path: Path, table: Table, rng: random.Random) -> None:
@@ -337,13 +337,12 @@ def _said(table: Table) -> list[Any]:
         stamp = {"sec": _whole(t + 1.7e9, -(2**31), 2**31 - 1), "nanosec": 2**32 - 1 if t > 1e8 else 0}
         imu["header"]["stamp"] = stamp if abs(t) >= 1e8 else imu["header"]["stamp"]
         log_time = min(max(t, -1.6e9), 7.5e9) if np.isfinite(t) else 0.0
+        commands = ros.multi_array([of(f"cmd_{n}") for n in range(1, 7)])
         said += [
             ros.Said("/imu", log_time, "sensor_msgs/msg/Imu", imu),
             ros.Said("/odom", log_time, "nav_msgs/msg/Odometry", odometry),
-            ros.Said(
-                "/cmd", log_time, "std_msgs/msg/Float64MultiArray", ros.multi_array([of(f"cmd_{n}") for n in range(1, 7)])
-            ),
-        ]  # fmt: skip
+            ros.Said("/cmd", log_time, "std_msgs/msg/Float64MultiArray", commands),
+        ]
     return said
 
 
@@ -479,13 +478,18 @@ def _storm_mcap(rng: random.Random, size: int) -> bytes:
     if way == 0:
         return head + channel + message * (size // len(message))
     if way == 1:  # a chunk for each message
-        packed = record(6, struct.pack("<QQQI", 0, 0, len(message), 0) + text(b"") + struct.pack("<Q", len(message)) + message)
+        packed = record(
+            6, struct.pack("<QQQI", 0, 0, len(message), 0) + text(b"") + struct.pack("<Q", len(message)) + message
+        )
         return head + channel + packed * (size // len(packed))
     if way == 2:
         broken = record(6, struct.pack("<QQQI", 0, 0, 99, 7) + text(b"zstd") + struct.pack("<Q", 4) + b"abcd")
         return head + channel + broken * (size // len(broken))
     if way == 3:
-        made = [record(4, struct.pack("<HH", k % 65536, 0) + text(f"/{k}".encode()) + text(b"json") + b"\0" * 4) for k in range(size // 32)]
+        made = [
+            record(4, struct.pack("<HH", k % 65536, 0) + text(f"/{k}".encode()) + text(b"json") + b"\0" * 4)
+            for k in range(size // 32)
+        ]
         return head + b"".join(made)
     return head + b"\x05\0\0\0\0\0\0\0\0" * (size // 9)
 

@@ -83,7 +83,14 @@ def blueos_messages(count: int) -> list[tuple[str, float, Any]]:
     said = [("mavlink/out", 0.0, _said("HEARTBEAT", custom_mode=19, base_mode={"bits": 81}))]
     for k in range(count):
         t = 0.05 * k
-        attitude = {"roll": 0.01 * k, "pitch": 0.2, "yaw": 1.0, "rollspeed": 0.1, "pitchspeed": 0.0, "yawspeed": 0.1 * t}
+        attitude = {
+            "roll": 0.01 * k,
+            "pitch": 0.2,
+            "yaw": 1.0,
+            "rollspeed": 0.1,
+            "pitchspeed": 0.0,
+            "yawspeed": 0.1 * t,
+        }
         outputs = {f"servo{n}_raw": 1500 + n * k % 400 for n in range(1, 9)}
         said.append(("mavlink/out", t, _said("ATTITUDE", time_boot_ms=5000 + 50 * k, **attitude)))
         said.append(("mavlink/out", t, _said("SERVO_OUTPUT_RAW", time_usec=5_000_000 + 50_000 * k, port=0, **outputs)))

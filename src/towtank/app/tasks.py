@@ -9,7 +9,7 @@ from typing import Any, TypeAlias, overload
 
 from towtank.app.commands.arguments import LogPlace, Window
 from towtank.app.commands.learn import names_of
-from towtank.app.files import LogParts, counted, known_beforehand, parts_of, read_logs
+from towtank.app.files import LogParts, counted, known_beforehand, naming_logs, parts_of, read_logs
 from towtank.app.inspection import Inspection, inspect_recording
 from towtank.app.judging import alone
 from towtank.app.results import Judgement, LearnedModel, Log
@@ -66,15 +66,16 @@ def learn(
     parts = _parts(every, mapping, window, known, keep_all, report)
     recordings = counted(parts)
     names = names_of(free, "free") if isinstance(free, str) else free
-    learning = learn_recordings(
-        known,
-        recordings,
-        method=method,
-        free=names,
-        delay=delay,
-        prior=beforehand,
-        progress=lambda text, share: report(text, 0.9 * share),
-    )
+    with naming_logs(parts):
+        learning = learn_recordings(
+            known,
+            recordings,
+            method=method,
+            free=names,
+            delay=delay,
+            prior=beforehand,
+            progress=lambda text, share: report(text, 0.9 * share),
+        )
     report("predicting", 0.9)
     named = None if prior is None else _named(prior)
     warnings = [*rate_warnings(parts), *learning_warnings(learning, recordings)]

@@ -22,11 +22,11 @@ from towtank.recording.channel import Channel, read_only, standard_channel
 from towtank.recording.frames.conversion import to_ned_frd
 from towtank.recording.frames.lever_arm import marker_to_origin
 from towtank.recording.frames.world_velocity import with_body_velocity
-from towtank.recording.tables.gate import admitted
 from towtank.recording.mapping import Column, ColumnMapping, load_mapping
 from towtank.recording.recording import Recording
 from towtank.recording.repairs import Content, Repairs
 from towtank.recording.standard import WORLD_VELOCITY, is_standard
+from towtank.recording.tables.gate import admitted
 
 __all__ = ["MINIMUM_SAMPLES", "Carried", "assemble", "in_standard_frames", "name_list", "recording_of_columns"]
 

@@ -172,7 +172,7 @@ def samples_of(bound: Recording, vehicle: Vehicle) -> Samples:
             columns.append((j, channel.t, channel.values))
     columns = [column for column in columns if column[1].size]
     if not columns:
-        raise InputError(f"{prefix}no motion in it (pose, velocity, rates or specific force)")
+        raise InputError(f"{prefix}no motion in it, expected pose, velocity, rates or specific force")
     check_span([column[1] for column in columns], _COARSEST, prefix)
     t, rows = _instants([column[1] for column in columns])
     values = np.full((t.size, N_MEASURED), np.nan)

@@ -106,7 +106,7 @@ class Collector:
 
     def add(self, log_time: int, message: bytes) -> None:
         """Add one message, recorded at `log_time` [ns]."""
-        self._times.append(min(max(log_time, -(2**63)), 2**63 - 1))
+        self._times.append(min(log_time, 2**63 - 1))
         if self._wanted:
             self._messages.append(message)
 

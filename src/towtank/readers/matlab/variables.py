@@ -200,7 +200,7 @@ def load_variables(path: Path) -> tuple[dict[str, Any], int]:
     try:
         return load_5(path.read_bytes())
     except ValueError as error:
-        raise InputError(f"{path}: {error}; expected a .mat file as MATLAB saves it with -v7") from error
+        raise InputError(f"{path}: {error}; expected a .mat file; save it in MATLAB with -v7") from error
 
 
 def _load_73(path: Path) -> dict[str, Any]:

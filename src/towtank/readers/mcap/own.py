@@ -14,11 +14,11 @@ from towtank.readers.common.tables import Table, Tables
 from towtank.readers.mcap.scan import McapContent
 from towtank.recording.channel import Channel, read_only
 from towtank.recording.columns import MINIMUM_SAMPLES, assemble
-from towtank.recording.tables.gate import admitted
 from towtank.recording.grids.timing import sampling_rate
 from towtank.recording.mcap.format import ABOUT, RAW_ENCODING, About, SourceFormat, decode_samples
 from towtank.recording.recording import Recording
 from towtank.recording.repairs import Content, Repairs
+from towtank.recording.tables.gate import admitted
 
 __all__ = ["own_recording", "own_tables"]
 

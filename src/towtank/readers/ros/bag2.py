@@ -90,7 +90,7 @@ def _scan_database(path: Path, shown: Path, wanted: Wanted) -> tuple[list[Topic]
             return _read(database, shown, wanted)
     except (sqlite3.Error, UnicodeDecodeError) as error:
         raise InputError(
-            f"{shown}: not a readable ROS 2 bag: its database is damaged or cut off, expected a whole one; copy it again"
+            f"{shown}: not a readable ROS 2 bag: its database is damaged or cut, expected a whole one; copy it again"
         ) from error
 
 
@@ -128,6 +128,8 @@ def _read(database: sqlite3.Connection, shown: Path, wanted: Wanted) -> tuple[li
             continue
         _, number, stamp, message = row
         try:
+            if not stamp >= 0:
+                raise ValueError("recorded before 1970")
             collectors[number].add(int(stamp), _plain(message or b""))
         except (KeyError, TypeError, ValueError, OverflowError, zstandard.ZstdError):  # infinite times among them
             damaged += 1

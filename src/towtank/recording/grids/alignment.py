@@ -72,7 +72,7 @@ def align(
     prefix = f"{recording.source}: " if recording.source else ""
     if not series:
         raise InputError(
-            f"{prefix}no motion in it (pose, velocity, rates or specific force); found {_names(recording)}"
+            f"{prefix}no motion in it, expected pose, velocity, rates or specific force; found {_names(recording)}"
         )
     inputs = [recording[name] for name in _command_channels(recording, commands, prefix)]
     details: list[str] = []

@@ -69,7 +69,9 @@ def read_slowly(path: Path, names: Sequence[str], needed: Sequence[str]) -> dict
                         column.append(_number(path, line, i + 1, name, row[i]))
                 line = reader.line_num + 1
         except csv.Error as error:
-            raise InputError(f"{path}:{line}: not readable as CSV ({error})") from error
+            raise InputError(
+                f"{path}:{line}: found a cell or a quotation that does not end, expected a number in each cell"
+            ) from error
     return {name: np.array(column) for name, column in zip(needed, columns, strict=True)}
 
 

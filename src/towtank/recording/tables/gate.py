@@ -146,7 +146,9 @@ def _distinct(t: Array) -> Array:
     """Return times (n,) of which none are nearer to one another than a nanosecond and yet different."""
     if t.size < 2:
         return t
-    steps = np.abs(np.diff(t))
+    steps = np.diff(t)
+    if not (steps > 0.0).all():
+        steps = np.diff(np.sort(t))
     if not ((steps > 0.0) & (steps < _FINEST)).any():
         return t
     whole: Array = np.round(t / _FINEST) * _FINEST
