@@ -110,3 +110,15 @@ def test_our_own_recordings_pass_the_gate_as_well(tmp_path: Path) -> None:
     run = read(tmp_path / "a.mcap")
     assert run.repairs.beyond == 1
     assert len(run["u"]) == 49
+
+
+def test_our_own_recording_is_named_where_no_time_can_be_one(tmp_path: Path) -> None:
+    from towtank.recording.mcap.format import Quantity
+    from towtank.recording.mcap.log import McapLog
+
+    with McapLog.open(tmp_path / "a.mcap") as log:
+        log.source("dvl", [Quantity("u", "m/s", "FRD")])
+        for k in range(50):
+            log.write("dvl", 2.6e11 + 0.02 * k, 0.1 * k)
+    with pytest.raises(InputError, match=r"a\.mcap: /dvl: found times from 2\.6e\+11"):
+        read(tmp_path / "a.mcap")

@@ -44,13 +44,12 @@ class _Source:
         t, values = decode_samples(raw.matrix(rows))
         return cls(topic, form, t, values, len(raw) - rows.size)
 
-    @property
-    def as_written(self) -> bool:
+    def as_written(self, place: str) -> bool:
         """Whether the samples can be taken as they are: in order, none twice, nothing that the gate keeps out."""
         t = self.t
         if not (np.isfinite(t).all() and (t[1:] > t[:-1]).all()):
             return False
-        passed = admitted(t, self.columns, place=self.topic.name)
+        passed = admitted(t, self.columns, place=place)
         return not (passed.untimed or passed.infinities or passed.beyond) and bool((passed.t == t).all())
 
     @property
@@ -144,7 +143,8 @@ def _about(content: McapContent) -> tuple[About, list[str]]:
 def _channels(path: Path, source: _Source) -> tuple[list[Channel], Repairs, list[str]]:
     """Return the channels of a source, what was repaired, and notes."""
     quantities = source.form.quantities
-    if source.as_written:
+    place = f"{path}: {source.topic.name}"
+    if source.as_written(place):
         t = read_only(source.t)
         columns = np.ascontiguousarray(source.values.T)
         columns.flags.writeable = False
@@ -152,7 +152,6 @@ def _channels(path: Path, source: _Source) -> tuple[list[Channel], Repairs, list
             return [Channel(each.name, t, columns[k], *each[1:]) for k, each in enumerate(quantities)], Repairs(), []
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
-    place = f"{path}: {source.topic.name}"
     if len(source.t) < MINIMUM_SAMPLES:
         return [], Repairs(), [f"{source.topic.name}: {len(source.t)} samples, out of order; left out"]
     units = {each.name: (each.unit, each.frame) for each in quantities}
