@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from towtank.core.arrays import Array
 from towtank.recording import Recording
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "tests" / "readers"))
 
 from encoders import dive_bin, dive_tlog
 
-__all__ = ["SMALL_LOGS", "small_logs"]
+__all__ = ["SMALL_LOGS", "blueos_messages", "small_logs", "write_json", "write_matlab_73"]
 
 _PARAMETERS = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 7)} | {"BARO2_GND_PRESS": 1e5, "MOT_1_DIRECTION": -1.0}
 
@@ -26,7 +29,8 @@ def _run() -> Recording:
         "u": np.sin(t),
         "r": np.cos(t),
         "z": 1.0 + 0.1 * t,
-        "cmd_1": np.sign(np.sin(3.0 * t)),
+        "X": 20.0 * np.sign(np.sin(3.0 * t)),
+        "N": 5.0 * np.sign(np.cos(2.0 * t)),
         "voltage": 16.0 - t,
     }
     columns["z"][::2] = np.nan
@@ -46,7 +50,78 @@ def _written(folder: Path, name: str, data: bytes) -> Path:
     return folder / name
 
 
-def _ros(kind: str) -> Callable[[Path], Path]:
+def _live(folder: Path) -> Path:
+    """A live session's file: samples of several rates, raw packets, an event."""
+    from towtank.recording.event import Event
+    from towtank.recording.mcap.format import Quantity
+    from towtank.recording.mcap.log import McapLog
+
+    with McapLog.open(folder / "live.mcap") as log:
+        log.source("gyro", [Quantity("r", "rad/s", "FRD")])
+        log.source("dvl", [Quantity("u", "m/s", "FRD"), Quantity("v", "m/s", "FRD")])
+        log.source("force", [Quantity("X", "N", "FRD"), Quantity("N", "N m", "FRD")])
+        for k in range(300):
+            t = 0.01 * k
+            log.write("gyro", t, float(np.sin(3.0 * t)))
+            log.write_raw("udp", t, bytes(k % 9))
+            if k % 10 == 0:
+                log.write("dvl", t, float(np.sin(t)), np.nan)
+                log.write("force", t, 20.0 * float(np.sign(np.sin(3.0 * t))), 1.0)
+            if k % 100 == 0:
+                log.flush()
+        log.write_event(Event(1.0, "mark", "a word"))
+    return folder / "live.mcap"
+
+
+def _blueos(folder: Path) -> Path:
+    """MAVLink in JSON in MCAP, as BlueOS records it."""
+    return write_json(folder / "blueos.mcap", blueos_messages(60))
+
+
+def blueos_messages(count: int) -> list[tuple[str, float, Any]]:
+    """Return topic, time [s] and content of the messages of a short dive."""
+    said = [("mavlink/out", 0.0, _said("HEARTBEAT", custom_mode=19, base_mode={"bits": 81}))]
+    for k in range(count):
+        t = 0.05 * k
+        attitude = {
+            "roll": 0.01 * k,
+            "pitch": 0.2,
+            "yaw": 1.0,
+            "rollspeed": 0.1,
+            "pitchspeed": 0.0,
+            "yawspeed": 0.1 * t,
+        }
+        outputs = {f"servo{n}_raw": 1500 + n * k % 400 for n in range(1, 9)}
+        said.append(("mavlink/out", t, _said("ATTITUDE", time_boot_ms=5000 + 50 * k, **attitude)))
+        said.append(("mavlink/out", t, _said("SERVO_OUTPUT_RAW", time_usec=5_000_000 + 50_000 * k, port=0, **outputs)))
+    return said
+
+
+def _said(kind: str, **fields: Any) -> dict[str, Any]:
+    header = {"system_id": 1, "component_id": 1, "sequence": 0}
+    return {"header": header, "message": {"type": kind, **fields}}
+
+
+def write_json(path: Path, messages: Sequence[tuple[str, float, Any]]) -> Path:
+    """Write messages of JSON, or bytes as they are, by mcap's own writer."""
+    from mcap.writer import Writer
+
+    with path.open("wb") as stream:
+        writer = Writer(stream, chunk_size=20_000)
+        writer.start()
+        schema = writer.register_schema("mavlink", "jsonschema", b"{}")
+        channels: dict[str, int] = {}
+        for topic, t, content in messages:
+            if topic not in channels:
+                channels[topic] = writer.register_channel(topic, "json", schema)
+            data = content if isinstance(content, bytes) else json.dumps(content).encode()
+            moment = min(max(1_700_000_000_000_000_000 + round(t * 1e9), 0), 2**64 - 1)
+            writer.add_message(channels[topic], moment, data, moment)
+        writer.finish()
+    return path
+
+
+def _ros(kind: str, **more: Any) -> Callable[[Path], Path]:
     def write(folder: Path) -> Path:
         import ros_bags as ros
 
@@ -63,9 +138,9 @@ def _ros(kind: str) -> Callable[[Path], Path]:
             said.append(ros.Said("/odom", t, "nav_msgs/msg/Odometry", pose))
             said.append(ros.Said("/cmd", t, "std_msgs/msg/Float64MultiArray", ros.multi_array([0.1, t])))
         if kind == "bag":
-            return ros.write_bag1(folder / "run.bag", said)
+            return ros.write_bag1(folder / "run.bag", said, **more)
         if kind == "mcap":
-            return ros.write_mcap2(folder / "ros.mcap", said)
+            return ros.write_mcap2(folder / "ros.mcap", said, **more)
         return next(ros.write_bag2(folder / "bag", said).glob("*.db3"))
 
     return write
@@ -82,6 +157,25 @@ def _matlab(folder: Path) -> Path:
     return folder / "run.mat"
 
 
+def _matlab_73(folder: Path) -> Path:
+    run = _run()
+    columns = {name: channel.values for name, channel in run.channels.items() if name != "z"}
+    return write_matlab_73(folder / "run73.mat", {"t": run["u"].t, **columns})
+
+
+def write_matlab_73(path: Path, variables: Mapping[str, Array]) -> Path:
+    """Write vectors as version 7.3 does: HDF5 behind a block of text, arrays transposed."""
+    import h5py
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in variables.items():
+            file.create_dataset(name, data=np.atleast_2d(values).T).attrs["MATLAB_class"] = np.bytes_("double")
+    data = bytearray(path.read_bytes())
+    data[:19] = b"MATLAB 7.3 MAT-file"
+    path.write_bytes(data)
+    return path
+
+
 SMALL_LOGS: dict[str, Callable[[Path], Path]] = {
     "csv": _of_ours(".csv"),
     "parquet": _of_ours(".parquet"),
@@ -94,9 +188,15 @@ SMALL_LOGS: dict[str, Callable[[Path], Path]] = {
     ),
     "mcap": _of_ours(".mcap"),
     "mcap-ros": _ros("mcap"),
+    "mcap-ros-cut": _ros("mcap", end=False),
+    "mcap-live": _live,
+    "mcap-json": _blueos,
     "ros1": _ros("bag"),
+    "ros1-bz2": _ros("bag", compression="BZ2"),
+    "ros1-lz4": _ros("bag", compression="LZ4"),
     "ros2": _ros("db3"),
     "matlab": _matlab,
+    "matlab-7.3": _matlab_73,
 }
 
 

@@ -12,11 +12,22 @@ from collections.abc import Iterable
 __all__ = ["InputError", "nearest"]
 
 
+_LONGEST = 1500  # characters of a message; names from a broken file have no end
+
+
 class InputError(ValueError):
-    """The input or the arguments are wrong; the message is one line that says what to mend."""
+    """The input or the arguments are wrong; the message is one line that says what to mend.
+
+    What names from a file bring along that cannot be printed stands as escapes.
+    """
 
     def __init__(self, message: str) -> None:
-        super().__init__(" ".join(message.split()))
+        line = "".join(each if each.isprintable() else _escaped(each) for each in " ".join(message.split()))
+        super().__init__(line if len(line) <= _LONGEST else f"{line[: _LONGEST - 300]} [...] {line[-280:]}")
+
+
+def _escaped(character: str) -> str:
+    return character.encode("unicode_escape").decode("ascii")
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -115,3 +115,18 @@ def test_a_terminal_that_knows_ascii_only(tmp_path: Path) -> None:
     ran = process("vehicle", "show", "seamor", cwd=tmp_path, PYTHONIOENCODING="ascii")
     assert ran.code == 0, ran
     assert ran.out.isascii()
+
+
+def test_a_librarys_numeric_warning_is_not_the_users_to_read(capsys: pytest.CaptureFixture[str]) -> None:
+    import warnings
+
+    from towtank.vehicle import VehicleWarning
+
+    def run() -> None:
+        warnings.warn("overflow encountered in square", RuntimeWarning, stacklevel=1)
+        warnings.warn("x.toml: drag feeds energy in", VehicleWarning, stacklevel=1)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        assert guarded(run) == 0
+    assert capsys.readouterr().err == "towtank: warning: x.toml: drag feeds energy in\n"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import re
+import sys
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,6 +14,7 @@ import pytest
 from rich.console import Console
 
 from towtank.app.tables.judging import show_residuals
+from towtank.app.terminal import output
 from towtank.app.terminal.output import Output
 from towtank.app.terminal.spark import error_spark, spark
 
@@ -74,7 +77,6 @@ def test_errors_start_from_nothing() -> None:
 
 
 def test_a_bar_tells_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    from towtank.app.terminal import output
 
     written = io.StringIO()
     monkeypatch.setattr(written, "isatty", lambda: True)
@@ -87,3 +89,22 @@ def test_a_bar_tells_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
             tell("learning", 0.2 * k)
     assert "left" in written.getvalue()
     assert "learning" in written.getvalue()
+
+
+def test_a_bar_appears_in_the_midst_of_a_long_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file is read in one step: whoever waits sees what for, though no share of it is told."""
+
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(output, "_PATIENCE", 0.05)
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with output.Output(json=True).progress("inspecting") as tell:
+        tell("reading dive.bag", 0.0)
+        end = time.monotonic() + 20.0
+        while "reading dive.bag" not in sys.stderr.getvalue() and time.monotonic() < end:
+            time.sleep(0.02)
+        shown = sys.stderr.getvalue()
+    assert "reading dive.bag" in shown

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from towtank.errors import InputError
 from towtank.recording import Channel, ColumnMapping, Content, Recording, Repairs, read_parquet, standard_channel
 
-FLOATS = st.floats(allow_nan=False, allow_infinity=False)
-TIMES = st.lists(FLOATS, min_size=4, max_size=12, unique=True).map(sorted)
+FLOATS = st.floats(-1e4, 1e4)  # what every unit can be
+INSTANTS = st.integers(-(10**15), 10**15).map(lambda ns: 1e-9 * ns)
+TIMES = st.lists(INSTANTS, min_size=4, max_size=12, unique=True).map(sorted)
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +24,7 @@ __all__ = [
     "counted",
     "known_beforehand",
     "merged_with",
+    "naming_logs",
     "parts_of",
     "read_configurations",
     "read_logs",
@@ -113,7 +115,7 @@ def read_logs(
     recordings = []
     for k, log in enumerate(logs):
         progress(f"reading {log.name}", k / len(logs))
-        recording = read(log, columns)
+        recording = replace(read(log, columns), source=str(log))  # whatever it says of itself: messages name the file
         recordings.append(with_body_velocity(merged_with(recording, merged)))
     return recordings
 
@@ -189,6 +191,21 @@ def counted(logs: Sequence[LogParts]) -> list[Recording]:
         ]
         raise InputError(f"{'; '.join(reasons)}; --keep-all uses it all the same")
     return parts
+
+
+@contextlib.contextmanager
+def naming_logs(parts: Sequence[LogParts]) -> Iterator[None]:
+    """Say of which logs it is where learning ends in numbers that are none, as forces do that no vehicle has."""
+    try:
+        yield
+    except InputError as error:
+        if not str(error).startswith("posterior:"):
+            raise
+        logs = ", ".join(str(each.log) for each in parts)
+        raise InputError(
+            f"{logs}: learning ended without numbers, expected commands or forces and motion that fit the vehicle; "
+            "check their units, or leave that part out with --window START,END"
+        ) from error
 
 
 def merged_with(recording: Recording, merged: Sequence[Merged]) -> Recording:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from towtank.app.commands.arguments import LogPlace, Window, is_number, positive_option, reachable_fit
 from towtank.app.commands.learn import names_of
-from towtank.app.files import LogParts, counted, known_beforehand, parts_of, read_logs
+from towtank.app.files import LogParts, counted, known_beforehand, naming_logs, parts_of, read_logs
 from towtank.app.inspection import Inspection, inspect_recording
 from towtank.app.judging import alone, with_wiring
 from towtank.app.results import Judgement, LearnedModel, Log
@@ -72,15 +72,16 @@ def learn(
     parts = _parts(every, mapping, window, known, keep_all, report)
     recordings = counted(parts)
     names = names_of(free, "free") if isinstance(free, str) else free
-    learning = learn_recordings(
-        known,
-        recordings,
-        method=method,
-        free=names,
-        delay=delay,
-        prior=beforehand,
-        progress=lambda text, share: report(text, 0.9 * share),
-    )
+    with naming_logs(parts):
+        learning = learn_recordings(
+            known,
+            recordings,
+            method=method,
+            free=names,
+            delay=delay,
+            prior=beforehand,
+            progress=lambda text, share: report(text, 0.9 * share),
+        )
     report("predicting", 0.9)
     named = None if prior is None else _named(prior)
     warnings = [*rate_warnings(parts), *learning_warnings(learning, recordings)]

@@ -1,8 +1,8 @@
 """From the columns of a table to a Recording, by standard names or by a mapping: what all readers of tables share.
 
-Rows are put in order of time, rows of one time are merged (the last value that is not NaN wins), infinities count as
-missing, and every repair is counted. Columns may hold several rates interleaved: a channel keeps the times where it has
-a value.
+What cannot have been measured is kept out (`gate`), rows are put in order of time, rows of one time are merged (the
+last value that is not NaN wins), and every repair is counted. Columns may hold several rates interleaved: a channel
+keeps the times where it has a value.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from towtank.recording.mapping import Column, ColumnMapping, load_mapping
 from towtank.recording.recording import Recording
 from towtank.recording.repairs import Content, Repairs
 from towtank.recording.standard import WORLD_VELOCITY, is_standard
+from towtank.recording.tables.gate import admitted
 
 __all__ = ["MINIMUM_SAMPLES", "Carried", "assemble", "in_standard_frames", "name_list", "recording_of_columns"]
 
@@ -59,16 +60,13 @@ def assemble(
         units: unit and frame of the channels that are not standard ones.
 
     Raises:
-        InputError: fewer than 4 times, no values at all, or a clock that restarts within the file.
+        InputError: fewer than 4 times, no values at all, columns of unequal length, or a clock that restarts.
     """
     remarks = list(notes)
     if not columns:
         raise InputError(f"{place}: no column with a measurement; map its columns with --map FILE.toml")
-    timed = np.isfinite(t)
-    untimed = int(t.size - np.count_nonzero(timed))
-    if untimed:
-        t = t[timed]
-        columns = {name: column[timed] for name, column in columns.items()}
+    passed = admitted(t, columns, place=place)
+    t, columns = passed.t, passed.columns
     times, order = _ordered_times(t)
     if times.size < MINIMUM_SAMPLES:
         raise InputError(f"{place}: found {times.size} samples, expected at least {MINIMUM_SAMPLES}")
@@ -90,10 +88,11 @@ def assemble(
     repaired = (repairs or Repairs()) + Repairs(
         disorder=table.disorder,
         duplicates=table.duplicates,
-        untimed=untimed,
+        untimed=passed.untimed,
         nan=0 if known_holes else table.missing,
-        infinities=table.infinities,
-        details=tuple(table.details),
+        infinities=passed.infinities,
+        beyond=passed.beyond,
+        details=passed.details,
     )
     return Recording(channels, source, tuple(remarks), attributes or {}, repaired, contents)
 
@@ -115,8 +114,7 @@ class _Table:
         self._stamps: dict[bytes, Array] = {}
         self._late = np.zeros(t.size if order is not None else 0, dtype=np.bool_)
         self._repeated = np.zeros_like(self._late)
-        self.missing = self.infinities = 0
-        self.details: list[str] = []
+        self.missing = 0
 
     @property
     def disorder(self) -> int:
@@ -128,11 +126,6 @@ class _Table:
 
     def channel(self, name: str, column: Array) -> tuple[Array, Array]:
         """Times and values of a column where it is measured, in order, one value a time."""
-        infinite = int(np.count_nonzero(np.isinf(column)))
-        if infinite:
-            column = np.where(np.isinf(column), np.nan, column)
-            self.infinities += infinite
-            self.details.append(f'{infinite} infinite in "{name}"')
         if self._order is None:
             known = ~np.isnan(column)
             values = column[known]

@@ -18,10 +18,11 @@ class Repairs:
     Attributes:
         disorder: samples whose stamp was earlier than one before them; sorted.
         duplicates: samples with the stamp of another one; merged, the last value that is not NaN wins.
-        untimed: rows without a finite time; dropped.
+        untimed: rows without a time that can be one; dropped.
         nan: values missing in the middle of a channel (NaN or an empty cell); interpolated if the hole is
             short.
         infinities: infinite values; treated as not measured.
+        beyond: values beyond what their unit can be; treated as not measured.
         spikes: isolated outliers of one sample; treated as not measured.
         gaps: holes too long to interpolate over; left as NaN.
         damaged: messages that could not be decoded, of a broken or cut file; left out.
@@ -34,6 +35,7 @@ class Repairs:
     untimed: int = 0
     nan: int = 0
     infinities: int = 0
+    beyond: int = 0
     spikes: int = 0
     gaps: int = 0
     damaged: int = 0
@@ -49,6 +51,7 @@ class Repairs:
             untimed=self.untimed + other.untimed,
             nan=self.nan + other.nan,
             infinities=self.infinities + other.infinities,
+            beyond=self.beyond + other.beyond,
             spikes=self.spikes + other.spikes,
             gaps=self.gaps + other.gaps,
             damaged=self.damaged + other.damaged,
@@ -69,6 +72,7 @@ class Repairs:
             (self.untimed, "row without a time (dropped)", "rows without a time (dropped)"),
             (self.nan, "missing value", "missing values"),
             (self.infinities, "infinite value (taken as missing)", "infinite values (taken as missing)"),
+            (self.beyond, "value that cannot be (taken as missing)", "values that cannot be (taken as missing)"),
             (self.spikes, "spike (taken as missing)", "spikes (taken as missing)"),
             (self.gaps, "gap (not bridged)", "gaps (not bridged)"),
         ]

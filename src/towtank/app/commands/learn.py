@@ -130,7 +130,7 @@ def learn(
     positive_option("--delay", delay, zero=True)
     wanted = names_of(free)
 
-    from towtank.app.files import counted, parts_of, read_logs, read_prior, read_vehicle
+    from towtank.app.files import counted, naming_logs, parts_of, read_logs, read_prior, read_vehicle
     from towtank.app.results import LearnedModel
     from towtank.app.tables.free_motion import rate_warnings, show_left_out
     from towtank.app.tables.learning import show_learning
@@ -144,7 +144,7 @@ def learn(
         beforehand = None if prior is None else read_prior(prior, output)
         parts = parts_of(places, read_logs(logs, mapping, progress, merged), known, keep_all=keep_all)
         recordings = counted(parts)
-        with output.telling_compilation():
+        with output.telling_compilation(), naming_logs(parts):
             learning = learn_recordings(
                 known,
                 recordings,

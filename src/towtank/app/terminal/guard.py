@@ -133,7 +133,8 @@ def _meant(kind: str, word: str, context: Any) -> str:
 
 
 def _warning_line(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-    if not issubclass(category, DeprecationWarning | PendingDeprecationWarning | ResourceWarning):
+    """Say a warning of our own; those of libraries, of numbers that overflow above all, are no words for a person."""
+    if issubclass(category, UserWarning) and category.__module__.startswith("towtank"):
         sys.stderr.write(f"towtank: warning: {' '.join(str(message).split())}\n")
 
 

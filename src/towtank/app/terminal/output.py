@@ -9,7 +9,7 @@ import contextlib
 import json
 import math
 import sys
-import time
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import PurePath
 from typing import Any
@@ -154,17 +154,21 @@ class Output:
         columns = (TextColumn("{task.description}"), BarColumn(bar_width=20), *times)
         with ProgressBar(*columns, console=console, transient=True) as bar:
             task = bar.add_task(text, total=1.0, visible=False)
-            began = time.monotonic()
+            late = threading.Timer(_PATIENCE, lambda: bar.update(task, visible=True))  # in the midst of a step, too
+            late.daemon = True
+            late.start()
 
             def show(text: str, share: float) -> None:
-                late = time.monotonic() - began > _PATIENCE
-                bar.update(task, description=text, completed=share, **({"visible": True} if late else {}))
+                bar.update(task, description=text, completed=share)
 
             def compiling() -> None:
                 bar.update(task, description=COMPILING, visible=True)
 
-            with watching_compilation(compiling):
-                yield show
+            try:
+                with watching_compilation(compiling):
+                    yield show
+            finally:
+                late.cancel()
 
 
 @contextlib.contextmanager

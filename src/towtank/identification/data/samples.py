@@ -19,7 +19,7 @@ from towtank.errors import InputError
 from towtank.recording import Recording, bind_thrusters, with_body_velocity
 from towtank.recording.grids.grid import stack_held
 from towtank.recording.grids.stretches import input_rows
-from towtank.recording.grids.timing import quaternion_samples
+from towtank.recording.grids.timing import check_span, quaternion_samples
 from towtank.recording.standard import MEASURED, QUATERNION, WRENCH, is_command
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
 
@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 N_MEASURED = len(MEASURED)
-_TOGETHER = 1e-6  # s: stamps closer than this are one instant
+_TOGETHER, _COARSEST = 1e-6, 10.0  # s: stamps closer than this are one instant; Hz of the coarsest grid on the way
 _FIRST_ROWS = 1024  # room of an empty buffer
 
 
@@ -172,7 +172,8 @@ def samples_of(bound: Recording, vehicle: Vehicle) -> Samples:
             columns.append((j, channel.t, channel.values))
     columns = [column for column in columns if column[1].size]
     if not columns:
-        raise InputError(f"{prefix}no motion in it (pose, velocity, rates or specific force)")
+        raise InputError(f"{prefix}no motion in it, expected pose, velocity, rates or specific force")
+    check_span([column[1] for column in columns], _COARSEST, prefix)
     t, rows = _instants([column[1] for column in columns])
     values = np.full((t.size, N_MEASURED), np.nan)
     for (j, _, measured), row in zip(columns, rows, strict=True):

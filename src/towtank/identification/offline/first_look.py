@@ -43,8 +43,9 @@ def lowpass(x: Array, dt: float, a: float) -> Array:
     from scipy.signal import lfilter  # slow to import, seldom needed
 
     keep = np.exp(-a * dt)
-    start = keep * x[:1] if x.ndim == 2 else keep * x[0]
-    smooth, _ = lfilter([1.0 - keep], [1.0, -keep], x, axis=0, zi=np.atleast_1d(start))
+    if not len(x):
+        return x
+    smooth, _ = lfilter([1.0 - keep], [1.0, -keep], x, axis=0, zi=keep * x[:1])
     return np.asarray(smooth)
 
 
@@ -169,8 +170,7 @@ class _Motion:
         whole = np.column_stack([filled(self.nu[:, i]) for i in range(6)])
         for _ in range(self.passes):
             whole = lowpass(whole, dt, DERIVED_CORNER)
-        smooth = lowpass(whole, dt, self.a)
-        acceleration = self.a * (whole - smooth)
+        acceleration = self.a * (whole - lowpass(whole, dt, self.a))
         pairs = [whole[:, i] * whole[:, j] for i in range(6) for j in range(i)]
         columns = [whole, whole * np.abs(whole), np.column_stack(pairs), lowpass(whole, dt, _LEAK)]
         if self.grid.tilt_known.any():

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
+from towtank.recording.tables.gate import LATEST
 
-__all__ = ["OneClock", "one_clock"]
+__all__ = ["OneClock", "epoch_of", "one_clock"]
 
 _NEIGHBOURS = 5
 _STRAY = 2.0  # s off the messages around, or back
@@ -28,6 +30,12 @@ class OneClock:
     keep: NDArray[np.bool_]
     stray: int
     note: str
+
+
+def epoch_of(unix: float) -> dict[str, str]:
+    """Return an instant [s] on the Unix clock as the attribute "epoch"; nothing where it cannot be one: before 1970 or
+    from 2100 on, as a damaged stamp or a clock that was never set gives it."""
+    return {"epoch": datetime.fromtimestamp(unix, UTC).isoformat()} if 0.0 <= unix < LATEST else {}
 
 
 def one_clock(t: Array, *, absolute: bool) -> OneClock:

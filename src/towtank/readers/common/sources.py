@@ -10,6 +10,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.recording.columns import MINIMUM_SAMPLES
+from towtank.recording.tables.gate import is_plausible
 
 __all__ = ["QUANTITIES", "Choice", "Quantity", "Source", "choose"]
 
@@ -57,10 +58,10 @@ class Source:
 
     @property
     def samples(self) -> int:
-        """Rows with a finite time in which something is measured."""
+        """Rows with a finite time in which something is measured that can be."""
         known = np.zeros(self.t.shape, dtype=np.bool_)
-        for values in self.channels.values():
-            known |= np.isfinite(values)
+        for name, values in self.channels.items():
+            known |= is_plausible(name, values)
         return int(np.count_nonzero(known & np.isfinite(self.t)))
 
 

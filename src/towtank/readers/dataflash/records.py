@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import re
 from array import array
+from collections import Counter
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -54,6 +55,7 @@ LETTERS: dict[str, tuple[str, float | None]] = {
 _NAME = re.compile(r"[A-Za-z]\w{0,3}")
 _COLUMN = re.compile(r"\w+")
 _PADDING = b"\0\xff"
+_MOST_FORMATS = 8  # that one number may have in turn; a log states each once, two logs in one file twice
 
 
 @dataclass(frozen=True)
@@ -144,10 +146,11 @@ def scan(data: bytes) -> Scan:
     """Find the records of a log."""
     size, at, damaged, skipped = len(data), 0, 0, 0
     lengths = [0] * 256
-    layouts = [_Layout(FMT)]
-    places: list[array[int]] = [layouts[0].offsets] * 256
+    stated: dict[bytes, MessageFormat | None] = {}  # by the record that states it, None where it cannot be one
+    layouts: dict[MessageFormat, _Layout] = {}
+    anew = Counter[int]()
+    places: list[array[int]] = [array("q")] * 256
     lengths[FMT_KIND] = FMT.length
-    current: dict[int, MessageFormat] = {FMT_KIND: FMT}
     while at + 3 <= size:
         kind = data[at + 2]
         end = at + lengths[kind]
@@ -162,16 +165,21 @@ def scan(data: bytes) -> Scan:
         if kind != FMT_KIND:
             places[kind].append(at)
         else:
-            form = parse_fmt(data, at)
-            if form is None:
+            record = data[at:end]
+            if record not in stated:
+                stated[record] = parse_fmt(data, at)
+            form = stated[record]
+            if form is None or (form not in layouts and anew[form.kind] >= _MOST_FORMATS):
                 damaged, skipped = damaged + 1, skipped + FMT.length
-            elif form.kind != FMT_KIND and form != current.get(form.kind):
-                current[form.kind] = form
+            elif form.kind != FMT_KIND:
+                if form not in layouts:
+                    layouts[form] = _Layout(form)
+                    anew[form.kind] += 1
                 lengths[form.kind] = form.length
-                layouts.append(_Layout(form))
-                places[form.kind] = layouts[-1].offsets
+                places[form.kind] = layouts[form].offsets
         at = end
-    records = tuple((each.form, np.array(each.offsets, dtype=np.int64)) for each in layouts if each.offsets)
+    found = layouts.values()
+    records = tuple((each.form, np.array(each.offsets, dtype=np.int64)) for each in found if each.offsets)
     return Scan(records, damaged, skipped)
 
 

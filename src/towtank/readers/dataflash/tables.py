@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
-from towtank.readers.common.clock import one_clock
+from towtank.readers.common.clock import epoch_of, one_clock
 from towtank.readers.common.tables import RecordColumns, Table, Tables
 from towtank.recording.repairs import Repairs
 
@@ -111,7 +110,7 @@ def tables_of(source: str, read: Read) -> Tables:
     attributes = {"clock": f"autopilot; t = 0 is {start:.6f} s after its start", "since_boot_s": f"{start:.6f}"}
     epoch = _epoch(tables)
     if epoch is not None:
-        attributes["epoch"] = datetime.fromtimestamp(epoch, UTC).isoformat()
+        attributes |= epoch_of(epoch)
     return Tables(
         source=source,
         tables=tables,
@@ -170,7 +169,12 @@ def _joined(first: Table, second: Table) -> Table:
         for name in dict.fromkeys([*first.text, *second.text])
     }
     t = np.concatenate((first.t, second.t))
-    return Table(first.name, t, {name: column(name) for name in names}, KIND, text=texts)
+    joined = Table(first.name, t, {name: column(name) for name in names}, KIND, text=texts)
+    if not all(sizes) or second.t[0] >= first.t[-1]:
+        return joined
+    order = np.argsort(t, kind="stable")  # the log went to and fro between the two
+    texts = {name: tuple(each[i] for i in order) for name, each in texts.items()}
+    return Table(first.name, t[order], {name: joined[name][order] for name in names}, KIND, text=texts)
 
 
 def _epoch(tables: Mapping[str, Table]) -> float | None:
@@ -181,5 +185,5 @@ def _epoch(tables: Mapping[str, Table]) -> float | None:
             unix = _GPS_EPOCH + _WEEK * table["GWk"] + 1e-3 * table["GMS"] - _LEAP_SECONDS - table.t
             if fixed.any():
                 found = float(np.median(unix[fixed]))
-                return found if found < 4e9 else None
+                return found
     return None

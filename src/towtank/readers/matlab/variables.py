@@ -200,7 +200,7 @@ def load_variables(path: Path) -> tuple[dict[str, Any], int]:
     try:
         return load_5(path.read_bytes())
     except ValueError as error:
-        raise InputError(f"{path}: {error}; save it in MATLAB with -v7") from error
+        raise InputError(f"{path}: {error}; expected a .mat file; save it in MATLAB with -v7") from error
 
 
 def _load_73(path: Path) -> dict[str, Any]:
@@ -215,8 +215,10 @@ def _load_73(path: Path) -> dict[str, Any]:
         with h5py.File(path, "r") as file:
             return {name: _item(h5py, file, file[name], 0) for name in file if not name.startswith("#")}
     except Exception as error:  # h5py raises many kinds for damaged files
-        text = (str(error).strip() or type(error).__name__).splitlines()[0][:200]
-        raise InputError(f"{path}: not a readable MATLAB file of version 7.3 ({text})") from error
+        raise InputError(
+            f"{path}: not a readable MATLAB file of version 7.3: it is damaged or cut off, expected a whole one; "
+            "copy it again"
+        ) from error
 
 
 def _item(h5py: Any, file: Any, item: Any, depth: int) -> Any:

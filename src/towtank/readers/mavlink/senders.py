@@ -95,7 +95,8 @@ def autopilot_of(tables: Mapping[str, Table], senders: Mapping[str, Sender]) -> 
     if not able:
         able = [sender for sender, count in typical.items() if count and sender not in kinds]
     chosen = max(able, key=lambda sender: (typical[sender], busy[sender]), default=None)
-    others = {sender: _what(sender, kinds, sender in able) for sender in busy if sender != chosen}
+    rivals = frozenset(able)
+    others = {sender: _what(sender, kinds, sender in rivals) for sender in busy if sender != chosen}
     is_ardupilot = chosen not in kinds or kinds[chosen][0] in (_GENERIC, _ARDUPILOT)
     return Autopilot(chosen, others, is_ardupilot)
 

@@ -12,13 +12,12 @@ from array import array
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
 from towtank.errors import InputError
-from towtank.readers.common.clock import one_clock
+from towtank.readers.common.clock import epoch_of, one_clock
 from towtank.readers.common.mapped_tables import mapped_recording
 from towtank.readers.common.tables import Table, Tables
 from towtank.readers.mavlink.autopilot import with_autopilot
@@ -163,15 +162,19 @@ def decode(data: bytes, source: str) -> tuple[Tables, dict[str, Sender]]:
             for instance, table in tables_by_instance(known[number], payloads, t):
                 pieces.append((Sender(system, component), instance, table))
     tables, senders = named_tables(pieces)
+    epoch = epoch_of(first * 1e-6)
+    notes = [found.note] if found.note else []
+    if not epoch:
+        notes.append(
+            f"the first stamp is {first * 1e-6:.6g} s after 1970, expected one before 2100: the ground station's clock "
+            "was wrong, and the date is not known"
+        )
     whole = Tables(
         source=source,
         tables=tables,
-        notes=(found.note,) if found.note else (),
+        notes=tuple(notes),
         repairs=_repairs(packets, found.stray, known),
-        attributes={
-            "clock": "ground station",
-            "epoch": datetime.fromtimestamp(first * 1e-6, UTC).isoformat(),
-        },
+        attributes={"clock": "ground station", **epoch},
     )
     return whole, senders
 

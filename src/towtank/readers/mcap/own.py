@@ -19,6 +19,7 @@ from towtank.recording.grids.timing import sampling_rate
 from towtank.recording.mcap.format import ABOUT, RAW_ENCODING, About, SourceFormat, decode_samples
 from towtank.recording.recording import Recording
 from towtank.recording.repairs import Content, Repairs
+from towtank.recording.tables.gate import admitted
 
 __all__ = ["own_recording", "own_tables"]
 
@@ -44,11 +45,18 @@ class _Source:
         t, values = decode_samples(raw.matrix(rows))
         return cls(topic, form, t, values, len(raw) - rows.size)
 
-    @property
-    def as_written(self) -> bool:
-        """Whether the samples can be taken as they are: in order, none twice, no infinity."""
+    def as_written(self, place: str) -> bool:
+        """Whether the samples can be taken as they are: in order, none twice, nothing that the gate keeps out."""
         t = self.t
-        return bool(np.isfinite(t).all() and (t[1:] > t[:-1]).all() and not np.isinf(self.values).any())
+        if not (np.isfinite(t).all() and (t[1:] > t[:-1]).all()):
+            return False
+        passed = admitted(t, self.columns, place=place)
+        return not (passed.untimed or passed.infinities or passed.beyond) and bool((passed.t == t).all())
+
+    @property
+    def columns(self) -> dict[str, Array]:
+        """The values (n,) by name."""
+        return {each.name: self.values[:, k] for k, each in enumerate(self.form.quantities)}
 
 
 def own_recording(path: Path, content: McapContent) -> Recording:
@@ -71,7 +79,7 @@ def own_recording(path: Path, content: McapContent) -> Recording:
                 channels[channel.name] = channel
     if not any(len(channel) for channel in channels.values()):
         lost = "; ".join(repairs.lines)
-        raise InputError(f"{path}: no sample in it" + (f" ({lost})" if lost else ""))
+        raise InputError(f"{path}: no sample in it{f' ({lost})' if lost else ''}, expected a recording of towtank")
     recorded = [each.name for source in sources for each in source.form.quantities]
     order = dict.fromkeys([*about.order, *recorded])
     contents = _contents(content, sources, channels) if about.contents is None else about.contents
@@ -97,7 +105,7 @@ def own_tables(path: Path, content: McapContent) -> Tables:
         source.topic.name: Table(
             source.topic.name,
             source.t,
-            {each.name: source.values[:, k] for k, each in enumerate(source.form.quantities)},
+            source.columns,
             kind="towtank",
         )
         for source in sources
@@ -137,7 +145,8 @@ def _about(content: McapContent) -> tuple[About, list[str]]:
 def _channels(path: Path, source: _Source) -> tuple[list[Channel], Repairs, list[str]]:
     """Return the channels of a source, what was repaired, and notes."""
     quantities = source.form.quantities
-    if source.as_written:
+    place = f"{path}: {source.topic.name}"
+    if source.as_written(place):
         t = read_only(source.t)
         columns = np.ascontiguousarray(source.values.T)
         columns.flags.writeable = False
@@ -145,12 +154,10 @@ def _channels(path: Path, source: _Source) -> tuple[list[Channel], Repairs, list
             return [Channel(each.name, t, columns[k], *each[1:]) for k, each in enumerate(quantities)], Repairs(), []
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
-    place = f"{path}: {source.topic.name}"
     if len(source.t) < MINIMUM_SAMPLES:
         return [], Repairs(), [f"{source.topic.name}: {len(source.t)} samples, out of order; left out"]
-    numbers = {each.name: source.values[:, k] for k, each in enumerate(quantities)}
     units = {each.name: (each.unit, each.frame) for each in quantities}
-    piece = assemble(source.t, numbers, place=place, source=str(path), units=units)
+    piece = assemble(source.t, source.columns, place=place, source=str(path), units=units)
     return list(piece.channels.values()), piece.repairs, [f"{source.topic.name}: {note}" for note in piece.notes]
 
 

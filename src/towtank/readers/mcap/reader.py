@@ -68,7 +68,7 @@ def _scanned(path: Path, wanted: Callable[[str, str], bool]) -> McapContent:
     content = scan_mcap(path, kept)
     if not any(len(topic) for topic in content.topics):
         lost = "; ".join(content.repairs.lines)
-        raise InputError(f"{path}: no message in it" + (f" ({lost})" if lost else ""))
+        raise InputError(f"{path}: no message in it{f' ({lost})' if lost else ''}, expected samples, ROS or MAVLink")
     return content
 
 

@@ -182,14 +182,14 @@ def _unpack(compression: str, packed: bytes, size: int) -> bytes:
             with zstandard.ZstdDecompressor().stream_reader(packed) as stream:
                 return stream.read(size)
         except zstandard.ZstdError as error:
-            raise ValueError(f"it cannot be unpacked ({error})") from error
+            raise ValueError("it cannot be unpacked") from error
     if compression == "lz4":
         import lz4.frame
 
         try:
             unpacked: bytes = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size)
         except (RuntimeError, EOFError) as error:
-            raise ValueError(f"it cannot be unpacked ({error})") from error
+            raise ValueError("it cannot be unpacked") from error
         return unpacked
     raise ValueError(f'its compression "{compression}" is not known')
 

@@ -24,6 +24,7 @@ from towtank.recording.repairs import Repairs
 __all__ = ["Heading", "McapContent", "scan_mcap"]
 
 Wanted = Callable[["Heading"], bool]
+_MOST_NAMED = 6  # chunks that cannot be read are named one by one
 
 
 class Heading(NamedTuple):
@@ -99,7 +100,7 @@ class _Scan:
         self._chunk: Record | None = None  # waits for its index
         self._index: list[bytes] = []
         self._loose: list[bytes] = []  # messages outside of any chunk
-        self._twice = self._damaged = self._strange = self._lost_bytes = 0
+        self._twice = self._damaged = self._broken = self._strange = self._lost_bytes = 0
         self._expected: int | None = None
         self._ended = False
         self._details: list[str] = []
@@ -190,7 +191,9 @@ class _Scan:
             records = chunk.records(cut=record.cut)
         except ValueError as error:
             self._damaged += max(count(index), 1)
-            self._details.append(f"chunk at byte {record.at} left out: {error}")
+            self._broken += 1
+            if self._broken <= _MOST_NAMED:
+                self._details.append(f"chunk at byte {record.at} left out: {error}")
             return
         self._seen.add(key)
         buffer = np.frombuffer(records, dtype=np.uint8)

@@ -31,6 +31,9 @@ _LENGTH = struct.Struct("<I")
 _TIME = struct.Struct("<II")
 _CHUNK_MARK = re.compile(re.escape(b"\x04\x00\x00\x00op=\x05"))
 _LONGEST_HEADER = 1 << 16
+_BEFORE_MARK = 100  # bytes of a chunk's header before the mark
+_MOST_NAMED = 6  # chunks that are named one by one
+_MOST_VAIN = 20_000  # marks of chunks where none was
 _ALWAYS_ALLOWED, _LARGEST_GAIN = 1 << 26, 1024  # bytes that a chunk may unpack to, or times its size
 
 
@@ -68,7 +71,7 @@ class _Scan:
         self._connections: dict[int, Collector] = {}
         self._collectors: dict[tuple[str, str], Collector] = {}
         self._damaged = self._lost_bytes = 0
-        self._chunks = self._listed = 0
+        self._chunks = self._listed = self._vain = 0
         self._details: list[str] = []
 
     def file(self, data: mmap, at: int) -> None:
@@ -76,8 +79,7 @@ class _Scan:
         while at < len(data):
             record = _record(data, at, len(data))
             if record is None or (record.cut and record.opcode != _CHUNK):
-                new = _next_chunk(data, at + 1)
-                new = len(data) if new is None else new
+                new = self._next_chunk(data, at + 1)
                 self._lost_bytes += new - at
                 at = new
                 continue
@@ -103,7 +105,8 @@ class _Scan:
             records = _unpack(record, packed)
         except ValueError as error:
             self._damaged += 1
-            self._details.append(f"chunk at byte {at} left out: {error}")
+            if self._damaged <= _MOST_NAMED:
+                self._details.append(f"chunk at byte {at} left out: {error}")
             return
         place = 0
         while place < len(records):
@@ -125,6 +128,19 @@ class _Scan:
                 self._listed += 1
         except (KeyError, ValueError, struct.error):
             self._damaged += 1
+
+    def _next_chunk(self, data: mmap, at: int) -> int:
+        """Return where the next chunk begins; the size of the file where none does, or too many marks were of none."""
+        for mark in _CHUNK_MARK.finditer(data, at):
+            for start in _header_starts(data, mark.start(), at):
+                record = _record(data, start, len(data))
+                if record is not None and record.opcode == _CHUNK and b"compression" in record.header:
+                    return start
+            self._vain += 1
+            if self._vain > _MOST_VAIN:
+                self._details.append("the file is mostly something else; the search for messages was given up")
+                break
+        return len(data)
 
     def _connect(self, record: _Record, body: bytes) -> None:
         about = _header(body)
@@ -172,18 +188,14 @@ def _header(text: bytes) -> dict[bytes, bytes] | None:
     return fields
 
 
-def _next_chunk(data: mmap, at: int) -> int | None:
-    """Return where the next chunk begins."""
-    for mark in _CHUNK_MARK.finditer(data, at):
-        for start in _header_starts(mark.start(), at):
-            record = _record(data, start, len(data))
-            if record is not None and record.opcode == _CHUNK and b"compression" in record.header:
-                return start
-    return None
-
-
-def _header_starts(mark: int, at: int) -> Iterator[int]:
-    yield from range(mark - 4, max(mark - 100, at - 1), -1)
+def _header_starts(data: mmap, mark: int, at: int) -> Iterator[int]:
+    """Yield where a header may begin whose length takes in the mark, the nearest first."""
+    first = max(mark - _BEFORE_MARK + 1, at)
+    before = data[first : mark + 4]
+    for start in range(mark - 4, first - 1, -1):
+        (length,) = _LENGTH.unpack_from(before, start - first)
+        if mark - start + 4 <= length <= _LONGEST_HEADER:
+            yield start
 
 
 def _unpack(record: _Record, packed: bytes) -> bytes:
@@ -201,5 +213,5 @@ def _unpack(record: _Record, packed: bytes) -> bytes:
             unpacked: bytes = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size)
             return unpacked
     except (OSError, EOFError, RuntimeError) as error:
-        raise ValueError(f"it cannot be unpacked ({error})") from error
+        raise ValueError("it cannot be unpacked") from error
     raise ValueError(f'its compression "{compression}" is not known')

@@ -79,7 +79,7 @@ def _unpacked(file: Path) -> Iterator[Path]:
             with file.open("rb") as source, plain.open("wb") as target:
                 zstandard.ZstdDecompressor().copy_stream(source, target)
         except zstandard.ZstdError as error:
-            raise InputError(f"{file}: cannot be unpacked ({error})") from error
+            raise InputError(f"{file}: cannot be unpacked, expected zstd; it is damaged or cut off") from error
         yield plain
 
 
@@ -88,8 +88,10 @@ def _scan_database(path: Path, shown: Path, wanted: Wanted) -> tuple[list[Topic]
     try:
         with closing(_connect(path)) as database:
             return _read(database, shown, wanted)
-    except (sqlite3.Error, UnicodeDecodeError) as error:  # sqlite3 words its errors with names from the file
-        raise InputError(f"{shown}: not a readable ROS 2 bag ({error})") from error
+    except (sqlite3.Error, UnicodeDecodeError) as error:
+        raise InputError(
+            f"{shown}: not a readable ROS 2 bag: its database is damaged or cut, expected a whole one; copy it again"
+        ) from error
 
 
 def _connect(path: Path) -> sqlite3.Connection:
@@ -126,8 +128,10 @@ def _read(database: sqlite3.Connection, shown: Path, wanted: Wanted) -> tuple[li
             continue
         _, number, stamp, message = row
         try:
+            if not stamp >= 0:
+                raise ValueError("recorded before 1970")
             collectors[number].add(int(stamp), _plain(message or b""))
-        except (KeyError, TypeError, ValueError, zstandard.ZstdError):
+        except (KeyError, TypeError, ValueError, OverflowError, zstandard.ZstdError):  # infinite times among them
             damaged += 1
     if damaged:
         details.append("pages of the database are broken")

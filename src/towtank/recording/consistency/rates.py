@@ -18,6 +18,7 @@ from towtank.digits import joined, short
 from towtank.recording.channel import standard_channel
 from towtank.recording.cleaning import find_spikes
 from towtank.recording.consistency.signals import SMOOTHED, Signal, measured, memory_of, smooth_means, turning
+from towtank.recording.grids.timing import is_sparse
 from towtank.recording.recording import Recording
 from towtank.recording.standard import EULER, RATES
 
@@ -117,7 +118,7 @@ def _scale(name: str, rate: Signal, turned: Signal) -> RateScale | None:
     tracks = (*rate.tracks, *turned.tracks)
     start, end = max(float(track.t[0]) for track in tracks), min(float(track.t[-1]) for track in tracks)
     dt = max(_CELL, max(track.step for track in tracks) / _PER_STEP)
-    if not (end - start) / dt > _LEAST_CELLS:
+    if not (end - start) / dt > _LEAST_CELLS or is_sparse([track.t for track in tracks], 1.0 / dt):
         return None
     x, y = smooth_means([rate, turned], np.arange(start, end, dt)).T
     longest = round(_LAG / dt)

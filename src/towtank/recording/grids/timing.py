@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
+from towtank.errors import InputError
 from towtank.recording.channel import Channel
 from towtank.recording.frames.rotations import interpolate_rotation, normalised
 from towtank.recording.recording import Recording
@@ -16,16 +17,19 @@ from towtank.recording.standard import QUATERNION
 
 __all__ = [
     "Weights",
+    "check_span",
     "common_samples",
     "find_gaps",
     "gap_limit",
     "interpolation_weights",
+    "is_sparse",
     "median_step",
     "quaternion_samples",
     "sampling_rate",
 ]
 
 _MINIMUM_GAP = 0.15  # s; shorter holes are always bridged
+_MOST_CELLS = 20, 1_000_000  # of a grid: for each sample, and in any case
 _COINCIDENT = 1e-4  # of a step: a time this close to a sample is the sample's
 
 
@@ -65,6 +69,26 @@ def sampling_rate(t: Array) -> float:
     rate = 1.0 / (mean if mean > 1.5 * usual else usual)
     whole = round(rate)
     return float(whole) if whole and abs(rate - whole) <= 1e-6 * rate else rate
+
+
+def is_sparse(stamps: Sequence[Array], rate: float) -> bool:
+    """Return whether a grid of this rate [Hz] over all times (n,) would hold hardly any sample, and far too many cells.
+
+    A clock that jumps by days makes that of a log of minutes.
+    """
+    known = [t for t in stamps if t.size]
+    span = max(float(t[-1]) for t in known) - min(float(t[0]) for t in known) if known else 0.0
+    return span * rate > _MOST_CELLS[0] * sum(t.size for t in known) + _MOST_CELLS[1]
+
+
+def check_span(stamps: Sequence[Array], rate: float, prefix: str) -> None:
+    """Raise InputError where the times (n,) of some channels are too sparse for a grid of this rate [Hz]."""
+    if is_sparse(stamps, rate):
+        span = max(float(t[-1]) for t in stamps) - min(float(t[0]) for t in stamps)
+        raise InputError(
+            f"{prefix}the motion spans {span:.6g} s but is measured for little of it, expected one run without a pause "
+            "of days: its clocks disagree or jump; mend the times, or choose a part with --window START,END"
+        )
 
 
 def common_samples(channels: Sequence[Channel]) -> tuple[Array, Array]:

@@ -114,11 +114,13 @@ class SourceFormat:
             return None
         if metadata[KEY] != _VERSION:
             raise ValueError(f'channel "{topic}" is of version {metadata[KEY]} of the format, expected {_VERSION}')
-        columns = json.loads(metadata.get("columns", "null"))
         try:
+            columns = json.loads(metadata.get("columns", "null"))
             quantities = tuple(Quantity(*(_text(part) for part in column)) for column in columns)
-        except TypeError as error:
-            raise ValueError(f'channel "{topic}" does not say its columns') from error
+        except (TypeError, ValueError, RecursionError) as error:
+            raise ValueError(
+                f'channel "{topic}" does not say its columns, expected [[name, unit, frame], ...]; the file is damaged'
+            ) from error
         return cls(topic, quantities)
 
     @classmethod

@@ -69,7 +69,9 @@ def read_slowly(path: Path, names: Sequence[str], needed: Sequence[str]) -> dict
                         column.append(_number(path, line, i + 1, name, row[i]))
                 line = reader.line_num + 1
         except csv.Error as error:
-            raise InputError(f"{path}:{line}: not readable as CSV ({error})") from error
+            raise InputError(
+                f"{path}:{line}: found a cell or a quotation that does not end, expected a number in each cell"
+            ) from error
     return {name: np.array(column) for name, column in zip(needed, columns, strict=True)}
 
 
@@ -175,7 +177,10 @@ def _read_header(path: Path) -> tuple[str, ...]:
     try:
         names = tuple(name.strip() for name in next(csv.reader([line]), []))
     except csv.Error as error:
-        raise InputError(f"{path}:1: cannot be read as a line of column names ({error})") from error
+        raise InputError(
+            f"{path}:1: found a line of {len(line)} characters that names no columns, expected names with commas "
+            "between them, the line ended by LF or CR LF"
+        ) from error
     check_header(path, line, names)
     return names
 

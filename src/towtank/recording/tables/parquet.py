@@ -62,7 +62,7 @@ def read_parquet(
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except (pa.ArrowInvalid, OSError) as error:
-        raise InputError(f"{path}: not a readable Parquet file ({_first_line(error)})") from error
+        raise InputError(_damaged(path)) from error
     units = {field.name: _unit(field) for field in schema if field.metadata and b"unit" in field.metadata}
     if mapping is None:
         _check_units(path, units)
@@ -80,7 +80,7 @@ def read_columns(path: Path) -> dict[str, Array]:
     try:
         schema = arrow_parquet.read_schema(path)
     except (pa.ArrowInvalid, OSError) as error:
-        raise InputError(f"{path}: not a readable Parquet file ({_first_line(error)})") from error
+        raise InputError(_damaged(path)) from error
     kinds = {field.name: field.type for field in schema}
     numbers = [name for name, kind in kinds.items() if pa.types.is_floating(kind) or pa.types.is_integer(kind)]
     return _read_numbers(path, schema, numbers)
@@ -94,7 +94,7 @@ def _read_numbers(path: Path, schema: pa.Schema, needed: Sequence[str]) -> dict[
     try:
         table = arrow_parquet.read_table(path, columns=list(needed))
     except (pa.ArrowInvalid, OSError) as error:
-        raise InputError(f"{path}: the file is damaged ({_first_line(error)})") from error
+        raise InputError(_damaged(path)) from error
     numbers = {
         name: np.array(table.column(name).cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
         for name in needed
@@ -135,9 +135,10 @@ def _carried(path: Path, schema: pa.Schema, units: Mapping[str, tuple[str, str]]
         return Carried(about["source"], tuple(about["notes"]), about["attributes"], Repairs(**repairs), own, contents)
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise InputError(
-            f"{path}: the file is damaged where it tells its notes and repairs ({_first_line(error)})"
+            f"{path}: the file is damaged where it tells its notes and repairs, expected them as it was written with; "
+            "copy it again"
         ) from error
 
 
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__
+def _damaged(path: Path) -> str:
+    return f"{path}: not a readable Parquet file: it is damaged or cut off, expected a whole one; copy it again"
