@@ -8,19 +8,20 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 from towtank.digits import some_of
 from towtank.identification import Learner
 from towtank.live.events import EventLog
 from towtank.live.learning import Learning
 from towtank.live.links.source import Raw, Sample, Source
-from towtank.live.pipeline.clock import SourceClock
+from towtank.live.pipeline.clock import HostClock, SourceClock, steady_time
 from towtank.live.pipeline.hearing import Hearing, no_data
 from towtank.live.pipeline.lane import Lane
 from towtank.live.pipeline.sorter import Arrival, Sorter
 from towtank.live.recording.checkpoint import Checkpoint
 from towtank.live.recording.messages import Kept
-from towtank.live.recording.recorder import Recorder, RecordingState
+from towtank.live.recording.recorder import Disk, Recorder, RecordingState
 from towtank.live.status import SourceStatus, Status
 from towtank.recording.event import Event
 from towtank.recording.mcap.log import McapLog
@@ -72,6 +73,14 @@ class CommandNames:
         return found
 
 
+class _Early(NamedTuple):
+    """A sample, the moment it came, and its time [s of the session]; NaN until the clock of its source has settled."""
+
+    sample: Sample
+    moment: float
+    t: float
+
+
 class Session:
     """Puts links, recording and learner together.
 
@@ -110,8 +119,10 @@ class Session:
         self._lane = Lane(room)
         self._sorter = Sorter(window, len(self._sources), patient=self._patient)
         self._recorder = None if log is None else Recorder(log)
+        self._host = HostClock()
         self._checkpoint = checkpoint
         self.events = EventLog(None if self._recorder is None else self._recorder.put_event)
+        self._disk = None if self._recorder is None else Disk(self._recorder)
         self.learning = Learning(
             vehicle,
             learner,
@@ -224,6 +235,13 @@ class Session:
             event = None if source.patient or source.state().ended else hearing.notice()
             if event is not None:
                 self.events.add(event)
+        set_by = self._host.stepped()
+        if set_by:
+            way = "forward" if set_by > 0.0 else "back"
+            text = f"this computer's clock was set {way} by {abs(set_by):.0f} s; the session's times go on as before"
+            self.events.add(Event(max(self._newest, 0.0), "clock", text, {"seconds": set_by}))
+        for event in () if self._disk is None else self._disk.notice(max(self._newest, 0.0)):
+            self.events.add(event)
 
     def _warnings(self, recording: RecordingState | None, sources: Sequence[SourceStatus]) -> tuple[str, ...]:
         found = [text for text in (self.learning.now.trouble, *self._faults.values()) if text]
@@ -249,23 +267,26 @@ class Session:
         """Read one link until the session ends or it does."""
         text, source = self._sources[rank]
         clock, commands = self._clocks[rank], self._commands[rank]
-        early: list[tuple[Sample, float]] = []  # until the clock has settled
+        early: list[_Early] = []  # until the clock has settled
         since = math.inf
+        restarts = 0
         try:
             ended = False
             while not (ended or self._stop.is_set()):
                 items = source.read(_READ)
-                came, now = time.monotonic(), time.time()
-                restarts = clock.restarts
+                came, now = time.monotonic(), steady_time()
                 raw = [(item.received - self._epoch, item) for item in items if isinstance(item, Raw)]
                 if len(raw) < len(items):
                     newest = max(item.received for item in items if not isinstance(item, Raw))
                     self._hearings[rank].heard(newest - self._epoch, came)
                 for item in items:
                     if not isinstance(item, Raw) and clock.believes(item.t, item.received):
-                        early.append((commands.bound(item), came - min(max(now - item.received, 0.0), 1.0)))
-                if clock.restarts > restarts:
+                        t = clock.place(item.t, item.received) - self._epoch if clock.settled else math.nan
+                        early.append(_Early(commands.bound(item), came - min(max(now - item.received, 0.0), 1.0), t))
+                if clock.restarts + source.state().restarts > restarts:
+                    restarts = clock.restarts + source.state().restarts
                     self.events.add(Event(max(self._newest, 0.0), "clock", f"{text}: its clock was set anew"))
+                    self._lane.break_off()
                 ended = not items and source.state().ended
                 since = min(since, came) if early else math.inf
                 waits = not clock.settled and came - since < _SETTLING
@@ -273,7 +294,7 @@ class Session:
                     self._hand_over(rank, [], raw)
                     continue
                 held = since < came
-                samples = [(sample, came if held else moment) for sample, moment in early if sample.names]
+                samples = [each._replace(moment=came) if held else each for each in early if each.sample.names]
                 early, since = [], math.inf
                 ended = not self._hand_over(rank, self._placed(rank, samples), raw) or ended
             self._hand_over(rank, self._placed(rank, early), [])
@@ -281,12 +302,17 @@ class Session:
             self._faults[rank] = f"{text}: the link has failed ({type(error).__name__}: {' '.join(str(error).split())})"
         self._lane.ended(rank)
 
-    def _placed(self, rank: int, samples: Sequence[tuple[Sample, float]]) -> list[Arrival]:
-        """Return samples, each with the moment it came, on the session's clock."""
+    def _placed(self, rank: int, samples: Sequence[_Early]) -> list[Arrival]:
+        """Return samples on the session's clock; those that came before that was known, as it is known now."""
         clock = self._clocks[rank]
         return [
-            Arrival(clock.place(sample.t, sample.received) - self._epoch, moment, rank, sample)
-            for sample, moment in samples
+            Arrival(
+                clock.place(sample.t, sample.received) - self._epoch if t != t else t,
+                moment,
+                rank,
+                sample,
+            )
+            for sample, moment, t in samples
         ]
 
     def _hand_over(self, rank: int, arrivals: list[Arrival], raw: list[tuple[float, Raw]]) -> bool:

@@ -155,7 +155,7 @@ class LiveView:
         self._output, self._console = output, output.console
         self._title = f"{vehicle.name}, method {method}"
         self._readings = readings
-        self._printed, self._silent = time.monotonic(), False
+        self._printed, self._state = time.monotonic(), (False, False)
         self._histories: dict[str, list[float]] = {}
 
     @contextlib.contextmanager
@@ -289,10 +289,10 @@ class LiveView:
         return self._histories
 
     def _line(self, status: Status) -> None:
-        now, silent = time.monotonic(), status.silent is not None
-        if now - self._printed < _LINE and silent == self._silent:
+        now, state = time.monotonic(), (status.silent is not None, status.in_trouble)
+        if now - self._printed < _LINE and state == self._state:
             return
-        self._printed, self._silent = now, silent
+        self._printed, self._state = now, state
         rows, _ = coefficient_rows(status.learnt, ascii_only=self._output.ascii)
         known = ", ".join(f"{name} {estimate}" for name, estimate, _, _ in rows) or "no coefficient known yet"
         rates = sum(sum(each.state.rates.values()) for each in status.sources)
