@@ -88,6 +88,31 @@ def test_microseconds_of_32_bits_begin_anew() -> None:
     np.testing.assert_allclose([sample.t - EPOCH for sample in found], 2.012 + np.arange(20) / 20, atol=2e-3, rtol=0)
 
 
+def test_the_counter_of_milliseconds_begins_anew_after_fifty_days_and_nothing_starts() -> None:
+    autopilot, heard = Autopilot(boot=2.0**32 * 1e-3 - 2.5), Heard()
+    heard.take(_attitudes(autopilot, 0.0, 2.0))
+    heard.decide(2.0)
+    found = heard.take(_attitudes(autopilot, 2.0, 4.0))
+    assert heard.samples.restarts == 0
+    assert heard.samples.strange == 0
+    np.testing.assert_allclose([sample.t - EPOCH for sample in found], 2.01 + np.arange(40) / 20, atol=2e-3, rtol=0)
+
+
+def _attitudes(autopilot: Autopilot, start: float, end: float) -> list[tuple[float, bytes]]:
+    times = np.arange(start, end - 1e-9, 0.05).tolist()
+    return [(start, autopilot.heartbeat()), *((t, autopilot.attitude(t, 0.1, 0.5)) for t in times)]
+
+
+def test_a_message_whose_stamp_cannot_be_is_passed_over() -> None:
+    autopilot, heard = Autopilot(), Heard()
+    heard.take(second(autopilot, 0.0) + second(autopilot, 1.0))
+    heard.decide(2.0)
+    strange = Autopilot(boot=50_000.0)  # another vehicle on the same line, under the same number
+    found = heard.take(second(autopilot, 2.0) + [(t, strange.attitude(t, 3.0)) for t in (2.3, 2.6)])
+    assert np.abs(channel(found, "psi") - 3.0).min() > 0.5
+    assert heard.samples.strange == 2
+
+
 def test_what_is_held_up_keeps_its_stamp() -> None:
     autopilot, heard = Autopilot(), Heard()
     heard.take(second(autopilot, 0.0) + second(autopilot, 1.0))

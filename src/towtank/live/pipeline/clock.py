@@ -23,7 +23,7 @@ _SLEW = 1e-3  # s per s by which the offset follows what is found, after the fir
 _LATE, _EARLY = 10.0, 0.25  # s by which a stamp is off that is not believed,
 _CONVINCED = 20  # unless so many follow each other: then the source's clock was set anew;
 _BACK = 0.25  # or so many lie so far [s] before the newest
-_SPAN, _BEHIND = 5.0, 1.0  # s: over two such spans all were so late, and not less and less: it was set back as well
+_SPAN, _BEHIND = 5.0, 0.25  # s: over two such spans all were so late, and not less and less: it was set back as well
 _STEP = 1.0  # s by which the computer's clock moves against ours before it counts as set
 
 
@@ -161,7 +161,8 @@ class SourceClock:
             self._floor = (t, late)
             target = late
         if t - self._block_start >= _BLOCK or t < self._block_start:
-            self._blocks.append(self._quickest)
+            if self._quickest[1] - self.offset <= _BEHIND:  # what a link held up tells nothing of the clock
+                self._blocks.append(self._quickest)
             self._quickest, self._block_start = (t, late), t
             self._fit()
             target = self._floor[1] + self.drift * (t - self._floor[0])
@@ -179,4 +180,5 @@ class SourceClock:
             spread = sum((t - mean_t) ** 2 for t, _ in self._blocks)
             slope = sum((t - mean_t) * (late - mean) for t, late in self._blocks) / spread if spread else 0.0
             self.drift = min(max(slope, -_FASTEST_DRIFT), _FASTEST_DRIFT)
-        self._floor = min(self._blocks, key=lambda block: block[1] - self.drift * block[0])
+        if self._blocks:
+            self._floor = min(self._blocks, key=lambda block: block[1] - self.drift * block[0])
