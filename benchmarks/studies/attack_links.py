@@ -48,6 +48,7 @@ from rich.table import Table
 from rosbags.typesys import Stores, get_typestore
 
 from towtank import load_vehicle
+from towtank.live import session as live_session
 from towtank.live.links.json import JsonSource
 from towtank.live.links.mavlink import source as mavlink_source
 from towtank.live.links.mavlink.source import MavlinkSource
@@ -72,7 +73,9 @@ LONGEST = 2.0  # s of work on what came at once
 RATE, SECONDS = 50.0, 30.0  # Hz, s
 EPOCH = 1.7e9
 _BEFORE = 4.0  # s of the vehicle alone
-_FORGED = 10  # datagrams between two of the vehicle that may bear its address and stamps that cannot be; see docs/live.md
+_FORGED = (
+    10  # datagrams between two of the vehicle that may bear its address and stamps that cannot be; see docs/live.md
+)
 _OWN, _OTHER = ("10.0.0.2", 14550), ("10.0.0.9", 14550)
 _ODOMETRY, _WRENCH = "nav_msgs/msg/Odometry", "geometry_msgs/msg/WrenchStamped"
 _STORE = get_typestore(Stores.ROS2_HUMBLE)
@@ -353,6 +356,7 @@ def played(kind: str, tape: Batches) -> Outcome:
         link = Ros2Source("dds:0")
         link._link = player
     mavlink_source.steady_time = ros2_source.steady_time = lambda: player.now  # type: ignore[assignment]
+    live_session._SETTLING = math.inf  # the time of a tape is not that of the clock
     learner = new_learner(vehicle, "joint", FREE, changes=False)
     session = Session([(kind, Played(link, player))], vehicle, learner, epoch=EPOCH)
     session.open()
@@ -608,7 +612,7 @@ def flood(seconds: float, seed: int) -> Row:
     vehicle = load_vehicle("seamor")
     chance = random.Random(seed)
     good = json_of(drive("seamor", 2.0, seed), lambda t: t)
-    noise = [chance.randbytes(1400) for _ in range(100)]
+    noise = [chance.randbytes(1400).translate(None, b"\r\n") for _ in range(100)]  # one line each
     with tempfile.TemporaryDirectory() as folder, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
         out.bind(("127.0.0.1", 0))
         port = out.getsockname()[1] + 1
@@ -626,6 +630,10 @@ def flood(seconds: float, seed: int) -> Row:
             for data in (*noise, good[sent % len(good)][1][0][0]):
                 out.sendto(data, ("127.0.0.1", port))
                 sent += 1
+        for _ in range(3):  # the system tells with the next one what it has dropped
+            time.sleep(2.0)
+            out.sendto(good[-1][1][0][0], ("127.0.0.1", port))
+            sent += 1
         time.sleep(1.0)
         stop.set()
         thread.join()

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -304,10 +305,10 @@ def _end(
         note = f"learned live from {', '.join(options.sources)} ({status.learnt.estimate.duration:.5g} s)"
         provenance = Provenance(source=kept.provenance.source, notes=(*kept.provenance.notes, note))
         model = kept.model_copy(update={"provenance": provenance})
-        place = _written(place, lambda: save_vehicle(model, place), failed)
+        place = _written(place, partial(save_vehicle, model, place), failed)
     report = options.report
     if reports is not None and report is not None:
-        report = _written(report, lambda: reports.write(report, output.warnings), failed)
+        report = _written(report, partial(reports.write, report, output.warnings), failed)
     fit = judged(session.learning, None if status.recording is None else status.recording.path)
     warnings = [*output.warnings, *failed]
     document = live_document(status, learner, options.sources, options.prior, options.method, warnings, fit)

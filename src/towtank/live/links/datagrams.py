@@ -46,7 +46,7 @@ class Datagrams:
             timeout: for which the first one is waited for [s].
         """
         found: list[tuple[bytes, float, Any]] = []
-        if not select.select([self.socket], [], [], timeout)[0]:
+        if self.socket.fileno() < 0 or not select.select([self.socket], [], [], timeout)[0]:
             return found
         for _ in range(_MOST):  # errors count, lest an unreachable peer keep us here
             try:
@@ -68,7 +68,7 @@ class Datagrams:
         return data, address
 
     def close(self) -> None:
-        """Free the port."""
+        """Free the port; the count stays."""
         self.socket.close()
 
     @property

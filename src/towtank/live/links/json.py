@@ -264,7 +264,6 @@ class JsonSource:
         """Stop listening."""
         if self._link is not None:
             self._link.close()
-            self._link = None
         self._input = -1
 
     def _datagrams(self, link: Datagrams, timeout: float) -> list[Sample | Raw]:

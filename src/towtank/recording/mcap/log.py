@@ -18,6 +18,7 @@ import struct
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
@@ -45,6 +46,7 @@ _LONGEST = 1 << 20  # bytes of messages after which a chunk is closed
 _LATEST = 2**63 - 1  # ns
 _PATIENCE = 1 << 25  # bytes that wait for a disk that takes nothing
 _PIECE = 1 << 20  # bytes copied at once
+_MOST_EVENTS = 1000  # that wait for a topic
 
 
 @dataclass
@@ -92,6 +94,7 @@ class McapLog:
         self.incidents: list[str] = []
         self._untaken = self._unsynced = ""  # what the disk said to the last write, and to the last sync
         self._moved = False
+        self._events: deque[Event] = deque(maxlen=_MOST_EVENTS)
         self._descriptor, self._about, self._interval = descriptor, about, interval
         self._written = 0 if before is None else before.length  # bytes of the file that are whole
         if before is None:
@@ -251,9 +254,16 @@ class McapLog:
         self._add(self._raw[name], t, data)
 
     def write_event(self, event: Event) -> None:
-        """Append an event, as JSON on a topic of its own."""
-        if not self.write_text(EVENT_TOPIC, EVENT_SCHEMA, event.t, event_json(event)):
-            self.lost += 1
+        """Append an event, as JSON on a topic of its own; where a full disk does not take the topic, it waits."""
+        self._events.append(event)
+        self._write_events()
+
+    def _write_events(self) -> None:
+        while self._events:
+            event = self._events.popleft()
+            if not self.write_text(EVENT_TOPIC, EVENT_SCHEMA, event.t, event_json(event)):
+                self._events.appendleft(event)
+                return
 
     def write_text(self, topic: str, schema: tuple[str, str, bytes], t: float, text: str) -> bool:
         """Append JSON of time t [s] on a topic of its own, described by a schema (name, encoding, text).
@@ -300,6 +310,7 @@ class McapLog:
     def _written_out(self) -> bool:
         """Hand what waits to the system; return whether it took everything."""
         self._flushed = time.monotonic()
+        self._write_events()
         pending = self._pending
         try:
             self._look_after_file()
@@ -382,7 +393,7 @@ class McapLog:
         if self._syncing is not None:
             self._syncing.join()
         self.flush()
-        self.lost += self._pending.count
+        self.lost += self._pending.count + len(self._events)
         lost = [f"{self.lost} samples could not be written ({self.trouble or 'the disk was full'})"] * bool(self.lost)
         try:
             if notes or lost:

@@ -296,7 +296,6 @@ class UdpIn:
         """Free the port."""
         if self._link is not None:
             self._link.close()
-            self._link = None
 
 
 class UdpOut(UdpIn):
