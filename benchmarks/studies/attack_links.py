@@ -73,9 +73,7 @@ LONGEST = 2.0  # s of work on what came at once
 RATE, SECONDS = 50.0, 30.0  # Hz, s
 EPOCH = 1.7e9
 _BEFORE = 4.0  # s of the vehicle alone
-_FORGED = (
-    10  # datagrams between two of the vehicle that may bear its address and stamps that cannot be; see docs/live.md
-)
+_FORGED = 10  # datagrams between two of the vehicle may bear its address and stamps that cannot be: docs/live.md
 _OWN, _OTHER = ("10.0.0.2", 14550), ("10.0.0.9", 14550)
 _ODOMETRY, _WRENCH = "nav_msgs/msg/Odometry", "geometry_msgs/msg/WrenchStamped"
 _STORE = get_typestore(Stores.ROS2_HUMBLE)

@@ -234,3 +234,17 @@ def test_a_flood_of_senders_keeps_memory_bounded() -> None:
     assert len(heard.samples._history) <= 200
     heard.decide(1.0)
     assert heard.samples.autopilot.sender is not None
+
+
+def test_a_flood_of_senders_does_not_silence_the_autopilot_that_is_followed() -> None:
+    autopilot, heard = Autopilot(), Heard()
+    heard.take(second(autopilot, 0.0) + second(autopilot, 1.0))
+    heard.decide(2.0)
+    for system in range(2, 250):
+        heard.take([(2.0, Autopilot(system=system).attitude(1.0))])
+    heard.take([(2.1, autopilot.pack(dialect.MAVLink_raw_imu_message(2_100_000, *[1] * 9)))])  # its first one
+    assert (dialect.MAVLINK_MSG_ID_RAW_IMU, autopilot_sender(heard)) in heard.samples._history
+
+
+def autopilot_sender(heard: Heard) -> object:
+    return heard.samples.autopilot.sender

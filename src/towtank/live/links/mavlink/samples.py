@@ -148,7 +148,7 @@ class MavlinkSamples:
         for i, (frame, received) in enumerate(arrivals):
             key = frame.number, frame.sender
             if key not in self._history:
-                if len(self._history) >= _MOST_KEYS:
+                if len(self._history) >= _MOST_KEYS and frame.sender != self.autopilot.sender:
                     continue
                 self._history[key] = deque(maxlen=_MOST_ROWS)
                 self._origin = self._origin or received
