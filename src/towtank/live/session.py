@@ -350,6 +350,10 @@ class Session:
                 note += f", our clock less its own {each.offset:.6f} s, drift {1e6 * each.drift:.1f} ppm"
             if each.state.bad:
                 note += f", {each.state.bad} bad messages"
+            if each.state.dropped:
+                note += f", {each.state.dropped} datagrams dropped by the system"
+            if each.state.foreign:
+                note += f", {each.state.foreign} messages and values of others passed over"
             if each.strange:
                 note += f", {each.strange} stamps not believed"
             notes.append(f"live {each.text}: {note}")
