@@ -23,13 +23,13 @@ def test_what_is_rejected_does_not_change_the_estimate(kind: str) -> None:
     ("name", "kind"),
     [
         ("starts anew", "MAVLink"),
-        ("clock set by -5 s", "JSON"),
+        ("stalls for a minute", "JSON"),
         ("clock set by +3 h", "DDS"),
         ("another vehicle, same number", "MAVLink"),
     ],
 )
 def test_the_estimate_does_not_jump(name: str, kind: str) -> None:
-    row = attack_links.case(name, kind, seed=2)
+    row = attack_links.case(name, kind, seed=1)
     assert row.good, row
 
 
