@@ -40,6 +40,11 @@ def write_atomically(path: str | os.PathLike[str], write: Callable[[BinaryIO], N
             os.fsync(stream.fileno())
         Path(temporary).chmod(0o666 & ~_umask())
         Path(temporary).replace(path)
+    except OSError as error:
+        Path(temporary).unlink(missing_ok=True)
+        if error.filename is None:  # a full disk does not say which file it is about
+            error.filename = str(path)
+        raise
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise

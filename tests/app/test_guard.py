@@ -35,7 +35,7 @@ def raising(error: BaseException) -> Callable[[], None]:
 def test_every_error_is_one_line(
     error: BaseException, code: int, line: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("towtank.app.terminal.guard._drop_output", lambda: None)
+    monkeypatch.setattr("towtank.app.terminal.guard.drop_output", lambda: None)
     assert guarded(raising(error)) == code
     err = capsys.readouterr().err
     assert err.startswith(line)

@@ -35,7 +35,7 @@ class Autopilot:
         return self.pack(dialect.MAVLink_scaled_pressure2_message(boot, hectopascals, 0.0, 2000))
 
     def attitude(self, t: float, yaw: float = 0.0, yaw_rate: float = 0.0) -> bytes:
-        boot = round(1e3 * (self.boot + t))
+        boot = round(1e3 * (self.boot + t)) % 2**32
         return self.pack(dialect.MAVLink_attitude_message(boot, 0.01, -0.02, yaw, 0.0, 0.0, yaw_rate))
 
     def outputs(self, t: float, pulses: list[int], port: int = 0) -> bytes:
@@ -44,7 +44,7 @@ class Autopilot:
         return self.pack(dialect.MAVLink_servo_output_raw_message(boot, port, *sixteen))
 
     def position(self, t: float, xyz: tuple[float, ...], velocity: tuple[float, ...]) -> bytes:
-        boot = round(1e3 * (self.boot + t))
+        boot = round(1e3 * (self.boot + t)) % 2**32
         return self.pack(dialect.MAVLink_local_position_ned_message(boot, *xyz, *velocity))
 
     def filter_status(self, flags: int) -> bytes:

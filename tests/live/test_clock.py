@@ -8,7 +8,8 @@ from itertools import pairwise
 
 import pytest
 
-from towtank.live.pipeline.clock import SourceClock
+from towtank.live.pipeline import clock as clocks
+from towtank.live.pipeline.clock import HostClock, SourceClock, steady_time
 
 DAYS = 5.96 * 86400.0
 
@@ -68,3 +69,61 @@ def test_a_clock_settles_within_a_second() -> None:
     assert not any(told[:100])
     assert all(told[102:])
     assert clock.place(1.19, math.nan) == pytest.approx(51.19, abs=1e-6)
+
+
+def steady(clock: SourceClock, start: float, count: int, offset: float, late: float = 0.0) -> list[float]:
+    """Return the instants of stamps that come ten times a second, by clocks `offset` apart."""
+    return [clock.ours(start + 0.1 * k, start + 0.1 * k + offset + late) for k in range(count)]
+
+
+def test_what_a_stalled_link_held_back_keeps_its_times() -> None:
+    clock = SourceClock()
+    steady(clock, 0.0, 100, 1000.0)
+    backlog = [clock.ours(10.0 + 0.1 * k, 1070.0 + 1e-4 * k) for k in range(600)]  # a minute, all at once
+    assert backlog == pytest.approx([1010.0 + 0.1 * k for k in range(600)], abs=1e-3)
+    assert steady(clock, 70.0, 100, 1000.0) == pytest.approx([1070.0 + 0.1 * k for k in range(100)], abs=1e-3)
+    assert (clock.restarts, clock.strange) == (0, 0)
+
+
+@pytest.mark.parametrize("step", [-10_800.0, -5.0, 0.5, 10_800.0])
+def test_a_clock_that_is_set_is_followed_at_once(step: float) -> None:
+    clock = SourceClock()
+    steady(clock, 20_000.0, 100, 1000.0)
+    after = steady(clock, 20_010.0 + step, 100, 1000.0 - step)
+    assert clock.restarts == 1
+    assert after[30:] == pytest.approx([21_010.0 + 0.1 * k for k in range(30, 100)], abs=1e-3)
+
+
+def test_a_clock_that_is_set_back_by_less_is_found_by_all_being_late() -> None:
+    clock = SourceClock()
+    steady(clock, 0.0, 100, 1000.0)
+    after = steady(clock, 9.5, 300, 1000.5)
+    assert clock.restarts == 1
+    assert after[-100:] == pytest.approx([1010.0 + 0.1 * k for k in range(200, 300)], abs=1e-3)
+
+
+def test_a_clock_that_was_set_back_in_a_silence_is_found_by_all_being_late() -> None:
+    clock = SourceClock()
+    steady(clock, 0.0, 100, 1000.0)
+    after = steady(clock, 45.0, 300, 1030.0)  # 65 s of silence, in which it was set back by 30 s
+    assert clock.restarts == 1
+    assert after[-100:] == pytest.approx([1075.0 + 0.1 * k for k in range(200, 300)], abs=1e-3)
+
+
+def test_single_messages_that_are_late_do_not_set_a_clock() -> None:
+    clock = SourceClock()
+    for k in range(1000):
+        clock.believes(0.1 * k, 1000.0 + 0.1 * k)
+        clock.believes(0.1 * k - 2.0, 1000.0 + 0.1 * k)  # an acoustic fix tells of two seconds ago
+    assert (clock.restarts, clock.strange) == (0, 0)
+
+
+@pytest.mark.parametrize("step", [10_800.0, -10_800.0])
+def test_setting_this_computers_clock_moves_no_time(step: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    honest, watch = clocks.time.time, HostClock()
+    before = steady_time()
+    assert watch.stepped() == 0.0
+    monkeypatch.setattr(clocks.time, "time", lambda: honest() + step)
+    assert 0.0 <= steady_time() - before < 60.0
+    assert watch.stepped() == pytest.approx(step, abs=0.5)
+    assert watch.stepped() == 0.0

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import json
 import math
+import socket
 
 import numpy as np
 import pytest
 
-from towtank.live.links.json import JsonMessages
+from towtank.live import Raw, Sample
+from towtank.live.links.datagrams import Allowance
+from towtank.live.links.json import JsonMessages, JsonSource
 from towtank.recording import Column, ColumnMapping, Marker, Recording, marker_to_origin, to_ned_frd
 from towtank.recording.channel import standard_channel
+from towtank.vehicle import load_vehicle
+
+from .mavlink_peer import free_port
 
 THRUSTERS = ("port", "stbd")
 
@@ -128,3 +134,35 @@ def test_keys_that_mean_nothing_do_not_fill_the_memory() -> None:
 def test_not_a_number_is_not_measured() -> None:
     messages = JsonMessages(THRUSTERS)
     assert messages.decode(b'{"x": NaN, "y": 1}') == (pytest.approx(np.nan, nan_ok=True), ("y",), (1.0,))
+
+
+def test_of_two_senders_of_one_channel_the_first_is_followed() -> None:
+    port = free_port()
+    source = JsonSource(f"json:127.0.0.1:{port}", load_vehicle("seamor"))
+    source.open()
+    found: list[Sample | Raw] = []
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as pose,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+    ):
+        for k in range(20):
+            pose.sendto(json.dumps({"x": float(k), "y": 0.0}).encode(), ("127.0.0.1", port))
+            found += source.read(0.5)
+            other.sendto(json.dumps({"x": 99.0, "voltage": 15.0}).encode(), ("127.0.0.1", port))
+            found += source.read(0.5)
+    source.close()
+    samples = [each for each in found if isinstance(each, Sample)]
+    pairs = [pair for each in samples for pair in zip(each.names, each.values, strict=True)]
+    assert [value for name, value in pairs if name == "x"] == [float(k) for k in range(20)]
+    assert [value for name, value in pairs if name == "voltage"] == [15.0] * 20  # which nobody else tells
+    assert source.state().foreign == 20
+    assert any("sends channels that come from another sender already: 20" in text for text in source.state().said)
+    assert len(found) - len(samples) == 40  # all of it is recorded as it came
+
+
+def test_noise_is_recorded_up_to_a_bound_and_counted_beyond() -> None:
+    allowance = Allowance()
+    taken = sum(allowance.takes(bytes(1000)) for _ in range(5000))
+    assert 1000 <= taken <= 1500
+    assert allowance.passed_over == 5000 - taken
+    assert "not recorded" in allowance.said[0]

@@ -88,6 +88,31 @@ def test_microseconds_of_32_bits_begin_anew() -> None:
     np.testing.assert_allclose([sample.t - EPOCH for sample in found], 2.012 + np.arange(20) / 20, atol=2e-3, rtol=0)
 
 
+def test_the_counter_of_milliseconds_begins_anew_after_fifty_days_and_nothing_starts() -> None:
+    autopilot, heard = Autopilot(boot=2.0**32 * 1e-3 - 2.5), Heard()
+    heard.take(_attitudes(autopilot, 0.0, 2.0))
+    heard.decide(2.0)
+    found = heard.take(_attitudes(autopilot, 2.0, 4.0))
+    assert heard.samples.restarts == 0
+    assert heard.samples.strange == 0
+    np.testing.assert_allclose([sample.t - EPOCH for sample in found], 2.01 + np.arange(40) / 20, atol=2e-3, rtol=0)
+
+
+def _attitudes(autopilot: Autopilot, start: float, end: float) -> list[tuple[float, bytes]]:
+    times = np.arange(start, end - 1e-9, 0.05).tolist()
+    return [(start, autopilot.heartbeat()), *((t, autopilot.attitude(t, 0.1, 0.5)) for t in times)]
+
+
+def test_a_message_whose_stamp_cannot_be_is_passed_over() -> None:
+    autopilot, heard = Autopilot(), Heard()
+    heard.take(second(autopilot, 0.0) + second(autopilot, 1.0))
+    heard.decide(2.0)
+    strange = Autopilot(boot=50_000.0)  # another vehicle on the same line, under the same number
+    found = heard.take(second(autopilot, 2.0) + [(t, strange.attitude(t, 3.0)) for t in (2.3, 2.6)])
+    assert np.abs(channel(found, "psi") - 3.0).min() > 0.5
+    assert heard.samples.strange == 2
+
+
 def test_what_is_held_up_keeps_its_stamp() -> None:
     autopilot, heard = Autopilot(), Heard()
     heard.take(second(autopilot, 0.0) + second(autopilot, 1.0))
@@ -246,3 +271,17 @@ def test_a_depth_by_pressure_is_that_below_the_surface() -> None:
     found = deep.take([(2.0, autopilot.pressure(2.0, 1013.0 + 98.0 * 2.0))])
     assert channel(found, "z") == pytest.approx([2.0])
     assert deep.samples.attributes["depth"] == "below the water's surface, by pressure"
+
+
+def test_a_flood_of_senders_does_not_silence_the_autopilot_that_is_followed() -> None:
+    autopilot, heard = Autopilot(), Heard()
+    heard.take(second(autopilot, 0.0) + second(autopilot, 1.0))
+    heard.decide(2.0)
+    for system in range(2, 250):
+        heard.take([(2.0, Autopilot(system=system).attitude(1.0))])
+    heard.take([(2.1, autopilot.pack(dialect.MAVLink_raw_imu_message(2_100_000, *[1] * 9)))])  # its first one
+    assert (dialect.MAVLINK_MSG_ID_RAW_IMU, autopilot_sender(heard)) in heard.samples._history
+
+
+def autopilot_sender(heard: Heard) -> object:
+    return heard.samples.autopilot.sender

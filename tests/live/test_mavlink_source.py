@@ -259,8 +259,11 @@ def test_valid_messages_with_any_content_never_raise(udp: tuple[MavlinkSource, W
         wire.link.sendto(_framed(kind, rng.randbytes(rng.randrange(1, size + 1)), k), wire.to or ("", 0))
         if k % 20 == 0:
             source.read(0.0)
+    time.sleep(0.5)  # until it is told
     source.read(0.05)
-    assert source.state().bad == 0
+    state = source.state()
+    passed_over = [int(text.split()[0]) for text in state.said if "stamps cannot be" in text]
+    assert state.bad == sum(passed_over)  # no message was taken to be damaged
     wire.autopilot.boot = 1.0  # what the garbage said of the clock gives way
     assert any(isinstance(each, Sample) for each in run(source, wire, 1.2))
 
@@ -301,6 +304,33 @@ def test_a_port_that_is_taken_is_one_line() -> None:
 def test_a_server_that_is_not_there_is_one_line() -> None:
     with pytest.raises(InputError, match="cannot connect"):
         source_of(f"tcp:127.0.0.1:{free_port(socket.SOCK_STREAM)}").open()
+
+
+def test_two_vehicles_of_one_number_are_not_mixed(udp: tuple[MavlinkSource, Wire]) -> None:
+    source, wire = udp
+    other = Autopilot(boot=9000.0)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+
+        def rival(seconds: float) -> list[Sample | Raw]:
+            found: list[Sample | Raw] = []
+            end = time.monotonic() + seconds
+            while time.monotonic() < end:
+                link.sendto(other.attitude(time.monotonic(), 3.0), wire.to or ("", 0))
+                found += run(source, wire, 0.02)
+            return found
+
+        run(source, wire, 1.0)
+        found = rival(1.0)
+    angles = [dict(zip(each.names, each.values, strict=True)).get("psi") for each in found if isinstance(each, Sample)]
+    known = [psi for psi in angles if psi is not None]
+    assert known
+    assert min(abs(psi - 3.0) for psi in known) > 1e-6
+    time.sleep(0.5)
+    source.read(0.0)
+    state = source.state()
+    assert state.foreign > 10
+    assert any("another vehicle bears a number that is taken (1.1 at 127.0.0.1:" in text for text in state.said)
+    assert state.restarts == 0
 
 
 def test_a_slow_line_is_not_flooded() -> None:

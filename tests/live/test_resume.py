@@ -15,7 +15,7 @@ from towtank import Learner, load_vehicle
 from towtank.errors import InputError
 from towtank.live.links.source import Sample
 from towtank.live.pipeline.instants import rows_of
-from towtank.live.recording.checkpoint import Checkpoint, earlier
+from towtank.live.recording.checkpoint import Checkpoint, Earlier, earlier
 from towtank.live.session import Session
 from towtank.live.warm_up import new_learner
 from towtank.recording import Recording
@@ -193,3 +193,14 @@ def test_a_recording_of_other_thrusters_is_refused(vehicle: Vehicle, run: Record
     learned(part(run, 0.0, 1.0), vehicle, new_learner(vehicle, "joint", FREE), path)
     with pytest.raises(InputError, match="thruster"):
         earlier(path, load_vehicle("bluerov2_heavy"), Checkpoint(path, {}))
+
+
+def test_a_computer_whose_clock_lies_behind_the_recording_goes_on_from_its_end(
+    run: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = Earlier(EPOCH, recording=run)
+    now = EPOCH + run.end + 5.0
+    monkeypatch.setattr("towtank.live.recording.checkpoint.steady_time", lambda: now)
+    assert before.now_epoch() == EPOCH
+    now = EPOCH - 86_400.0
+    assert now - before.now_epoch() == pytest.approx(run.end + 3.0, abs=1e-3)

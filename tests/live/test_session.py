@@ -214,6 +214,9 @@ def test_a_full_disk_costs_samples_of_the_recording_and_is_said(
     assert any("No space left on device" in text and "learning goes on" in text for text in told)
     assert status.learnt.instants == len(every)
     assert status.warnings == ()  # what waited was written when there was room again
+    told_of = [event for event in status.events if event.kind == "recording"]
+    assert [event.details["state"] for event in told_of] == ["trouble", "back"]
+    assert "nothing lost" in told_of[1].text
     assert len(read(tmp_path / "a.mcap")["x"]) == len(every)
 
 

@@ -22,14 +22,8 @@ from towtank.vehicle import Vehicle, allocatable_axes
 
 __all__ = ["COUNTED", "AxisKnowledge", "axes_known", "notes", "predicted", "verdict"]
 
-COUNTED = (
-    "mended",
-    "link",
-    "occlusion",
-    "overload",
-    "clock",
-    "left out",
-)  # kinds of events that are noted with how often
+# kinds of events that are noted with how often
+COUNTED = ("mended", "link", "occlusion", "overload", "clock", "left out", "recording")
 _SLOWEST = 1e-3  # m/s, rad/s
 _LEAST = 0.05  # N, N m: what is asked for below that is what an allocation leaves over
 

@@ -22,7 +22,7 @@ import numpy as np
 from towtank.identification import Estimate, Learner
 from towtank.live.events import EventLog, Sight
 from towtank.live.pipeline.instants import Instants, Row
-from towtank.live.pipeline.lane import Ended, Errands, Gap, Lane
+from towtank.live.pipeline.lane import Break, Ended, Errands, Gap, Lane
 from towtank.live.pipeline.measures import Excitation, Latency
 from towtank.live.pipeline.sorter import Arrival, Preference, Sorter
 from towtank.live.recording.checkpoint import Checkpoint
@@ -337,10 +337,11 @@ class Learning:
         for item in items:
             if isinstance(item, Arrival):
                 self._sorter.put(item)
-            elif isinstance(item, Gap):
+            elif isinstance(item, Break):
                 self._drain(math.inf)
-                text = "learning could not keep up: samples are passed over"
-                self._events.add(Event(max(self._last, 0.0), "overload", text))
+                if isinstance(item, Gap):
+                    text = "learning could not keep up: samples are passed over"
+                    self._events.add(Event(max(self._last, 0.0), "overload", text))
                 self._break_off()
             elif isinstance(item, Ended):
                 self._sorter.ended(item.rank)

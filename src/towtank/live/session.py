@@ -8,19 +8,20 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 from towtank.digits import some_of
 from towtank.identification import Learner
 from towtank.live.events import EventLog
 from towtank.live.learning import Learning
 from towtank.live.links.source import Raw, Sample, Source
-from towtank.live.pipeline.clock import SourceClock
+from towtank.live.pipeline.clock import HostClock, SourceClock, steady_time
 from towtank.live.pipeline.hearing import Hearing, no_data
 from towtank.live.pipeline.lane import Lane
 from towtank.live.pipeline.sorter import Arrival, Sorter
 from towtank.live.recording.checkpoint import Checkpoint
 from towtank.live.recording.messages import Kept
-from towtank.live.recording.recorder import Recorder, RecordingState
+from towtank.live.recording.recorder import Disk, Recorder, RecordingState
 from towtank.live.status import SourceStatus, Status
 from towtank.recording.event import Event
 from towtank.recording.grids.free_motion import DEPTH_BELOW_SURFACE
@@ -83,6 +84,14 @@ def _of_states(sample: Sample) -> bool:
     return all(name in STATES for name in sample.names)
 
 
+class _Early(NamedTuple):
+    """A sample, the moment it came, and its time [s of the session]; NaN until the clock of its source has settled."""
+
+    sample: Sample
+    moment: float
+    t: float
+
+
 class Session:
     """Puts links, recording and learner together.
 
@@ -123,8 +132,10 @@ class Session:
         self._lane = Lane(room)
         self._sorter = Sorter(window, len(self._sources), patient=self._patient)
         self._recorder = None if log is None else Recorder(log)
+        self._host = HostClock()
         self._checkpoint = checkpoint
         self.events = EventLog(None if self._recorder is None else self._recorder.put_event)
+        self._disk = None if self._recorder is None else Disk(self._recorder)
         self.learning = Learning(
             vehicle,
             learner,
@@ -244,6 +255,14 @@ class Session:
                 self.events.add(event)
         self._describe()
 
+        set_by = self._host.stepped()
+        if set_by:
+            way = "forward" if set_by > 0.0 else "back"
+            text = f"this computer's clock was set {way} by {abs(set_by):.0f} s; the session's times go on as before"
+            self.events.add(Event(max(self._newest, 0.0), "clock", text, {"seconds": set_by}))
+        for event in () if self._disk is None else self._disk.notice(max(self._newest, 0.0)):
+            self.events.add(event)
+
     def _describe(self) -> None:
         """Let the recording say what the links say of their samples, for whoever reads it as a log."""
         said = [source.state().attributes for _, source in self._sources]
@@ -281,23 +300,26 @@ class Session:
         """Read one link until the session ends or it does."""
         text, source = self._sources[rank]
         clock, commands = self._clocks[rank], self._commands[rank]
-        early: list[tuple[Sample, float]] = []  # until the clock has settled
+        early: list[_Early] = []  # until the clock has settled
         since = math.inf
+        restarts = 0
         try:
             ended = False
             while not (ended or self._stop.is_set()):
                 items = source.read(_READ)
-                came, now = time.monotonic(), time.time()
-                restarts = clock.restarts
+                came, now = time.monotonic(), steady_time()
                 raw = [(item.received - self._epoch, item) for item in items if isinstance(item, Raw)]
                 measured = [item.received for item in items if not isinstance(item, Raw) and not _of_states(item)]
                 if measured:
                     self._hearings[rank].heard(max(measured) - self._epoch, came)
                 for item in items:
                     if not isinstance(item, Raw) and clock.believes(item.t, item.received):
-                        early.append((commands.bound(item), came - min(max(now - item.received, 0.0), 1.0)))
-                if clock.restarts > restarts:
+                        t = clock.place(item.t, item.received) - self._epoch if clock.settled else math.nan
+                        early.append(_Early(commands.bound(item), came - min(max(now - item.received, 0.0), 1.0), t))
+                if clock.restarts + source.state().restarts > restarts:
+                    restarts = clock.restarts + source.state().restarts
                     self.events.add(Event(max(self._newest, 0.0), "clock", f"{text}: its clock was set anew"))
+                    self._lane.break_off()
                 ended = not items and source.state().ended
                 since = min(since, came) if early else math.inf
                 waits = not clock.settled and came - since < _SETTLING
@@ -305,7 +327,7 @@ class Session:
                     self._hand_over(rank, [], raw)
                     continue
                 held = since < came
-                samples = [(sample, came if held else moment) for sample, moment in early if sample.names]
+                samples = [each._replace(moment=came) if held else each for each in early if each.sample.names]
                 early, since = [], math.inf
                 ended = not self._hand_over(rank, self._placed(rank, samples), raw) or ended
             self._hand_over(rank, self._placed(rank, early), [])
@@ -313,12 +335,17 @@ class Session:
             self._faults[rank] = f"{text}: the link has failed ({type(error).__name__}: {' '.join(str(error).split())})"
         self._lane.ended(rank)
 
-    def _placed(self, rank: int, samples: Sequence[tuple[Sample, float]]) -> list[Arrival]:
-        """Return samples, each with the moment it came, on the session's clock."""
+    def _placed(self, rank: int, samples: Sequence[_Early]) -> list[Arrival]:
+        """Return samples on the session's clock; those that came before that was known, as it is known now."""
         clock = self._clocks[rank]
         return [
-            Arrival(clock.place(sample.t, sample.received) - self._epoch, moment, rank, sample)
-            for sample, moment in samples
+            Arrival(
+                clock.place(sample.t, sample.received) - self._epoch if t != t else t,
+                moment,
+                rank,
+                sample,
+            )
+            for sample, moment, t in samples
         ]
 
     def _hand_over(self, rank: int, arrivals: list[Arrival], raw: list[tuple[float, Raw]]) -> bool:
@@ -358,6 +385,10 @@ class Session:
                 note += f", our clock less its own {each.offset:.6f} s, drift {1e6 * each.drift:.1f} ppm"
             if each.state.bad:
                 note += f", {each.state.bad} bad messages"
+            if each.state.dropped:
+                note += f", {each.state.dropped} datagrams dropped by the system"
+            if each.state.foreign:
+                note += f", {each.state.foreign} messages and values of others passed over"
             if each.strange:
                 note += f", {each.strange} stamps not believed"
             notes.append(f"live {each.text}: {note}")

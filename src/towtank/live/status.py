@@ -81,6 +81,11 @@ class Status:
         return min(found) if found and len(found) == len(left) else None
 
     @property
+    def in_trouble(self) -> bool:
+        """Whether the recording cannot be written at present."""
+        return self.recording is not None and bool(self.recording.trouble)
+
+    @property
     def state(self) -> str:
         """In words: "learning", "paused", "not learning: disarmed since 12 s", "no data since 12 s", "learning has
         stopped", "ending" or "ended".

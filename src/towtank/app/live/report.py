@@ -98,6 +98,8 @@ def live_part(status: Status) -> dict[str, Any]:
                 "asked_hz": each.state.asked,
                 "bad": each.state.bad,
                 "late": each.state.late,
+                "dropped_by_system": each.state.dropped,
+                "foreign": each.state.foreign,
                 "strange_stamps": each.strange,
                 "clock_offset_s": each.offset,
                 "clock_drift": each.drift,

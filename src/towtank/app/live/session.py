@@ -8,27 +8,32 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
+import typer
+
 from towtank.app.commands.page_option import new_page, serving
 from towtank.app.files import read_configurations, read_prior, read_vehicle
-from towtank.app.live.facts import judged
+from towtank.app.live.facts import LiveFit, judged
 from towtank.app.live.judge import Driven, Judge, Moment
 from towtank.app.live.readings import Readings
 from towtank.app.live.report import live_document, live_line, show_end
 from towtank.app.live.view import LiveView
 from towtank.app.tables.fits import usable_document
+from towtank.app.terminal.guard import FAULT, drop_output
 from towtank.app.terminal.output import Output
 from towtank.dashboard.prediction import warm_up as warm_prediction_up
 from towtank.errors import InputError
 from towtank.identification import Learner
 from towtank.identification.posterior.thrusters import with_gains_of
 from towtank.live.links.urls import open_source
+from towtank.live.pipeline.clock import steady_time
 from towtank.live.recording.checkpoint import Checkpoint, Earlier, earlier
 from towtank.live.session import Session
 from towtank.live.status import Status
@@ -112,7 +117,12 @@ def run_live(options: LiveOptions, output: Output) -> None:
             from towtank.app.live.reports import warm_up as warm_reports_up
 
             warm_reports_up(vehicle)
-    epoch = round(time.time(), 3) if before is None else before.epoch
+    epoch = round(steady_time(), 3) if before is None else before.now_epoch()
+    if before is not None and epoch != before.epoch:
+        output.warn(
+            f"this computer's clock is {before.epoch - epoch:.0f} s behind the end of {options.record}: "
+            "the recording's times go on from its end"
+        )
     learner = learner if before is None or before.learner is None else before.learner
     log = _log(options, vehicle, epoch, going_on=before is not None)
     session = Session(
@@ -256,25 +266,46 @@ def _run(
     output: Output,
 ) -> Status:
     if options.json_lines and readings is not None:
-        lines = JsonLines(readings)
-        return session.run(stop, seconds=options.seconds, show=lines.show, period=_SHOWN)
+        shown = Audience(JsonLines(readings).show, session)
+        return session.run(stop, seconds=options.seconds, show=shown, period=_SHOWN)
     view = LiveView(output, vehicle, options.method, readings)
     with view.showing() as show:
-        return session.run(stop, seconds=options.seconds, show=show, period=_SHOWN)
+        audience = None if show is None else Audience(show, session)
+        return session.run(stop, seconds=options.seconds, show=audience, period=_SHOWN)
+
+
+class Audience:
+    """Shows a session while somebody looks: a terminal or a reader that is gone ends neither recording nor learning."""
+
+    def __init__(self, show: Callable[[Status], None], session: Session) -> None:
+        self._show, self._session = show, session
+        self._gone = False
+
+    def __call__(self, status: Status) -> None:
+        """Show how things stand, as long as that can be written."""
+        if self._gone:
+            return
+        try:
+            self._show(status)
+        except OSError as error:
+            self._gone = True
+            drop_output()
+            text = f"nobody reads the output any more ({error.strerror or error}); the session goes on"
+            self._session.events.add(Event(max(status.learnt.t, 0.0), "output", text))
 
 
 class JsonLines:
-    """Writes a line a second; at once where data stop coming or to count, or do so again."""
+    """Writes a line a second; at once where data stop coming or to count, or the recording is in trouble, and after."""
 
     def __init__(self, readings: Readings) -> None:
         self._readings = readings
         self._written: tuple[Event, ...] = ()
-        self._state, self._due = (False, ""), 0.0
+        self._state, self._due = (False, "", False), 0.0
 
     def show(self, status: Status) -> None:
         """Write a line where one is due."""
         cut, now = status.learnt.left_out, time.monotonic()
-        state = status.silent is not None, "" if cut is None else cut.kind
+        state = status.silent is not None, "" if cut is None else cut.kind, status.in_trouble
         if now < self._due and state == self._state:
             return
         self._state, self._due = state, now + _LINES
@@ -293,36 +324,88 @@ def _end(
     judge: Judge,
     output: Output,
 ) -> None:
-    """Write the model and the report, print what was learned."""
+    """Write the model and the report, print what was learned; end with a fault where something could not be kept."""
     learner = session.learning.learner
+    failed = _not_kept(session, status)
     place = _model_place(options, status)
     if place is not None:
         kept = learner.model()
         note = f"learned live from {', '.join(options.sources)} ({status.learnt.estimate.duration:.5g} s)"
         provenance = Provenance(source=kept.provenance.source, notes=(*kept.provenance.notes, note))
-        save_vehicle(kept.model_copy(update={"provenance": provenance}), place)
-    if reports is not None and options.report is not None:
-        reports.write(options.report, output.warnings)
-    fit = judged(session.learning, options.record, keep_all=options.keep_all)
-    use = {"verdict": judge.text, "usable": usable_document(judge.use)}
-    document = use | live_document(
-        status, learner, options.sources, options.prior, options.method, output.warnings, fit
+        model = kept.model_copy(update={"provenance": provenance})
+        place = _written(place, partial(save_vehicle, model, place), failed)
+    report = options.report
+    if reports is not None and report is not None:
+        report = _written(report, partial(reports.write, report, output.warnings), failed)
+    fit = judged(
+        session.learning, None if status.recording is None else status.recording.path, keep_all=options.keep_all
     )
-    if options.json_lines and readings is not None:
-        _write(live_line(status, readings.read(status)) | {"final": True, **document})
-        return
-    output.line()
-    output.line(judge.text, "bold")
+    use = {"verdict": judge.text, "usable": usable_document(judge.use)}
+    warnings = [*output.warnings, *failed]
+    document = use | live_document(status, learner, options.sources, options.prior, options.method, warnings, fit)
+    try:
+        if options.json_lines and readings is not None:
+            _write(live_line(status, readings.read(status)) | {"final": True, **document})
+        else:
+            output.line()
+            output.line(judge.text, "bold")
+            _show_end(status, vehicle, options, fit, place, report, output)
+            output.document(document)
+            sys.stdout.flush()
+    except OSError as error:
+        drop_output()
+        failed.append(f"the output could not be written ({error.strerror or error})")
+    if any(event.kind == "output" for event in status.events):
+        failed.append("nobody read the output to its end")
+    if failed:
+        with contextlib.suppress(OSError):
+            sys.stderr.write(f"towtank: {'; '.join(failed)}\n")
+        raise typer.Exit(FAULT)
+
+
+def _show_end(
+    status: Status,
+    vehicle: Vehicle,
+    options: LiveOptions,
+    fit: LiveFit,
+    place: Path | None,
+    report: Path | None,
+    output: Output,
+) -> None:
+    """Print what was learned, and which files there are."""
     show_end(status, vehicle, options.method, fit, output)
     if place is not None:
         output.line(f"model written to {place}")
-    else:
+    elif options.model_file is None:
         output.line("the model is not saved; -o MODEL.toml or --record saves it", "dim")
-    if options.report is not None:
-        output.line(f"report written to {options.report}")
-    if options.record is not None:
-        output.line(f"Next: towtank learn {options.record} --vehicle {options.vehicle} -o MODEL.toml", "dim")
-    output.document(document)
+    if report is not None:
+        output.line(f"report written to {report}")
+    if status.recording is not None:
+        output.line(f"Next: towtank learn {status.recording.path} --vehicle {options.vehicle} -o MODEL.toml", "dim")
+
+
+def _not_kept(session: Session, status: Status) -> list[str]:
+    """Return what of a session was not kept: losses of the recording, learning that has stopped."""
+    failed, recording = [], status.recording
+    if recording is not None and recording.lost:
+        failed.append(f"{recording.path}: {recording.lost} samples and packets were not recorded")
+    if recording is not None and not recording.complete:
+        why = f" ({recording.trouble})" if recording.trouble else ""
+        failed.append(f"{recording.path}: could not be closed{why}; what is in it can be read")
+    return [*failed, status.learnt.trouble] if status.learnt.trouble else failed
+
+
+def _written(place: Path, write: Callable[[], object], failed: list[str]) -> Path | None:
+    """Return where something was written; None where that failed, which is added to `failed`."""
+    try:
+        write()
+    except InputError as error:
+        failed.append(str(error))
+    except OSError as error:
+        failed.append(f"{place}: cannot be written ({error.strerror or error})")
+    else:
+        return place
+    return None
 
 
 def _model_place(options: LiveOptions, status: Status) -> Path | None:
@@ -348,16 +431,26 @@ def _write(line: dict[str, object]) -> None:
 
 @contextlib.contextmanager
 def _ends() -> Iterator[threading.Event]:
-    """Yield what Ctrl-C and SIGTERM set; a second one ends at once."""
+    """Yield what Ctrl-C, SIGTERM and SIGHUP set; a second Ctrl-C or SIGTERM ends at once.
+
+    A terminal that closes sends SIGHUP more than once: from the first on it is ignored, so that the end is in order. It
+    is ignored all along where it was before, as `nohup` has it.
+    """
     stop = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield stop
         return
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    wanted = [signal.SIGINT, signal.SIGTERM]
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        wanted.append(signal.SIGHUP)
+    before = {number: signal.getsignal(number) for number in wanted}
 
     def asked(number: int, frame: FrameType | None) -> None:
         stop.set()
-        signal.signal(number, before[signal.Signals(number)])
+        if number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, before[signal.Signals(number)])
+        else:
+            before[signal.Signals(number)] = signal.SIG_IGN
 
     for number in before:
         signal.signal(number, asked)

@@ -155,7 +155,7 @@ class LiveView:
         self._output, self._console = output, output.console
         self._title = f"{vehicle.name}, method {method}"
         self._readings = readings
-        self._printed, self._stopped = time.monotonic(), (False, False)
+        self._printed, self._stopped = time.monotonic(), (False, False, False)
         self._histories: dict[str, list[float]] = {}
 
     @contextlib.contextmanager
@@ -299,7 +299,8 @@ class LiveView:
         return self._histories
 
     def _line(self, status: Status) -> None:
-        now, stopped = time.monotonic(), (status.silent is not None, status.learnt.left_out is not None)
+        now = time.monotonic()
+        stopped = (status.silent is not None, status.learnt.left_out is not None, status.in_trouble)
         if now - self._printed < _LINE and stopped == self._stopped:
             return
         self._printed, self._stopped = now, stopped

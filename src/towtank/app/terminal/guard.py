@@ -18,7 +18,17 @@ from typer.core import TyperCommand, TyperGroup
 
 from towtank.errors import InputError, nearest
 
-__all__ = ["FAULT", "INTERRUPTED", "ORDER", "WRONG_INPUT", "Commands", "PlainCommand", "guarded", "wants_traceback"]
+__all__ = [
+    "FAULT",
+    "INTERRUPTED",
+    "ORDER",
+    "WRONG_INPUT",
+    "Commands",
+    "PlainCommand",
+    "drop_output",
+    "guarded",
+    "wants_traceback",
+]
 
 FAULT, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 ORDER = ("demo", "vehicle", "manoeuvre", "simulate", "inspect", "learn", "live", "validate", "config", "convert")
@@ -80,7 +90,7 @@ def guarded(run: Callable[[], Any]) -> int:
     except (KeyboardInterrupt, typer.Abort):
         return INTERRUPTED
     except BrokenPipeError:
-        _drop_output()
+        drop_output()
         return FAULT
     except Exception as error:
         if hasattr(error, "format_message"):
@@ -102,6 +112,8 @@ def _report(line: str, code: int) -> int:
 
 
 def _fault_line(error: Exception) -> str:
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return f"towtank: {error.filename}: {error.strerror}"
     what = " ".join(str(error).split())
     kind = "out of memory" if isinstance(error, MemoryError) else type(error).__name__
     reason = f"{kind}: {what}" if what else kind
@@ -138,7 +150,7 @@ def _warning_line(message: Warning | str, category: type[Warning], *_: Any, **__
         sys.stderr.write(f"towtank: warning: {' '.join(str(message).split())}\n")
 
 
-def _drop_output() -> None:
+def drop_output() -> None:
     """Send what is still to be flushed nowhere, so that the interpreter ends in silence."""
     try:
         nowhere = os.open(os.devnull, os.O_WRONLY)

@@ -5,7 +5,6 @@ A line is a sample: `{"t": 12.34, "x": 0.1, "psi": 1.2, "cmd": [1500, 1620]}`; d
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import os
@@ -14,12 +13,13 @@ import select
 import socket
 import stat
 import sys
-import time
 from collections.abc import Sequence
 from typing import Any
 
 from towtank.errors import InputError
+from towtank.live.links.datagrams import Allowance, Datagrams, received_from
 from towtank.live.links.source import Rates, Raw, Sample, SourceState
+from towtank.live.pipeline.clock import steady_time
 from towtank.live.pipeline.frames import MarkerArm, to_ned_frd
 from towtank.recording.mapping import Column, ColumnMapping
 from towtank.recording.standard import COMMAND_PREFIX, STANDARD, STATES, is_command
@@ -34,9 +34,9 @@ _STEP = re.compile(r"\[(\d+)\]")
 _FRAMES = {"body": ("FRD", "FLU"), "world": ("NED", "ENU")}
 Decoded = tuple[float, tuple[str, ...], tuple[float, ...]]
 _LONGEST = 65536  # bytes of a datagram, or of a line
-_BUFFER = 1 << 23  # bytes that the system is asked to hold for us
-_BATCH = 256  # datagrams taken at once
 _KEPT = 4096  # bytes of a bad message that are recorded
+_SILENT = 1.0  # s after which another sender may tell a channel
+_MOST_OWNED = 1000  # channels whose sender is remembered
 
 
 class JsonMessages:
@@ -198,7 +198,10 @@ class JsonSource:
         self._messages = JsonMessages([each.name for each in vehicle.thrusters], mapping)
         self._rates = Rates()
         self._senders: dict[str, None] = {}
-        self._socket: socket.socket | None = None
+        self._owners: dict[str, tuple[Any, float]] = {}  # channel -> its sender, and when that sent it last [s]
+        self._foreign, self._rival = 0, ""
+        self._noise = Allowance()
+        self._link: Datagrams | None = None
         self._input = -1
         self._rest = b""
         self._ended = False
@@ -215,24 +218,20 @@ class JsonSource:
             return
         family = socket.AF_INET6 if ":" in self._address[0] else socket.AF_INET
         link = socket.socket(family, socket.SOCK_DGRAM)
-        with contextlib.suppress(OSError):
-            link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
         try:
             link.bind(self._address)
         except OSError as error:
             link.close()
             raise InputError(f'source "{self._text}": cannot listen there ({error.strerror or error})') from None
-        link.setblocking(False)
-        self._socket = link
+        self._link = Datagrams(link)
 
     def read(self, timeout: float) -> Sequence[Sample | Raw]:
         """Return what has come; waits at most `timeout` [s]."""
-        handle = self._input if self._socket is None else self._socket.fileno()
-        if self._ended or handle < 0:
+        if self._link is not None:
+            return self._datagrams(self._link, timeout)
+        if self._ended or self._input < 0 or not select.select([self._input], [], [], timeout)[0]:
             return []
-        if not select.select([handle], [], [], timeout)[0]:
-            return []
-        return self._lines_of_input() if self._socket is None else self._datagrams(self._socket)
+        return self._lines_of_input()
 
     def state(self) -> SourceState:
         """Return how it fares."""
@@ -243,42 +242,44 @@ class JsonSource:
         if messages.unknown:
             keys = ", ".join(list(messages.unknown)[:5])
             said.append(f"unknown keys passed over: {keys} ({sum(messages.unknown.values())} times)")
+        if self._foreign:
+            said.append(
+                f"{self._rival} sends channels that come from another sender already: "
+                f"{self._foreign} values passed over"
+            )
+        said += self._noise.said
+        if self._link is not None:
+            said += self._link.said
         if not self._rates.counts:
             said.append("nothing has come yet")
         return SourceState(
             said=tuple(said),
             rates=self._rates.now(),
             bad=messages.bad,
+            dropped=0 if self._link is None else self._link.dropped,
+            foreign=self._foreign,
             senders=tuple(self._senders),
             ended=self._ended,
         )
 
     def close(self) -> None:
         """Stop listening."""
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
+        if self._link is not None:
+            self._link.close()
         self._input = -1
 
-    def _datagrams(self, link: socket.socket) -> list[Sample | Raw]:
+    def _datagrams(self, link: Datagrams, timeout: float) -> list[Sample | Raw]:
         out: list[Sample | Raw] = []
-        for _ in range(_BATCH):
-            try:
-                data, sender = link.recvfrom(_LONGEST)
-            except (BlockingIOError, InterruptedError):
-                break
-            except OSError:
-                self._messages.bad += 1
-                break
+        for data, received, sender in link.receive(timeout):
             if len(self._senders) < 8:
-                self._senders.setdefault(f"{sender[0]}:{sender[1]}")
-            self._take(data, time.time(), out)
+                self._senders.setdefault(received_from(sender))
+            self._take(data, received, out, sender)
         return out
 
     def _lines_of_input(self) -> list[Sample | Raw]:
         data = os.read(self._input, _LONGEST)
         out: list[Sample | Raw] = []
-        now = time.time()
+        now = steady_time()
         if not data:
             self._ended = True
             self._take(self._rest, now, out)
@@ -292,19 +293,37 @@ class JsonSource:
             self._rest = b""
         return out
 
-    def _take(self, data: bytes, received: float, out: list[Sample | Raw]) -> None:
+    def _take(self, data: bytes, received: float, out: list[Sample | Raw], sender: Any = None) -> None:
         """Append what a datagram holds, as it came and decoded."""
-        before = self._messages.bad
+        bad, meant = self._messages.bad, False
         for line in data.splitlines():
             if line.strip():
                 decoded = self._messages.decode(line)
-                if decoded is not None:
+                meant = meant or decoded is not None
+                if decoded is not None and (own := self._own(decoded, received, sender))[1]:
                     self._rates.add(self._topic)
-                    t = self._from_now(decoded[0], received) if self.keeps_time else decoded[0]
-                    out.append(Sample(self.name, self._topic, t, received, decoded[1], decoded[2]))
+                    t = self._from_now(own[0], received) if self.keeps_time else own[0]
+                    out.append(Sample(self.name, self._topic, t, received, own[1], own[2]))
         if data:
-            kept = data if self._messages.bad == before else data[:_KEPT]
-            out.append(Raw(self.name, self._topic, received, kept))
+            kept = data if self._messages.bad == bad else data[:_KEPT]
+            if meant or self._noise.takes(kept):
+                out.append(Raw(self.name, self._topic, received, kept))
+
+    def _own(self, decoded: Decoded, received: float, sender: Any) -> Decoded:
+        """Return a message without the channels that another sender is telling: two vehicles are never mixed."""
+        kept: list[int] = []
+        for k, name in enumerate(decoded[1]):
+            owner, last = self._owners.get(name, (sender, received))
+            if owner != sender and received - last <= _SILENT:
+                continue
+            if name in self._owners or len(self._owners) < _MOST_OWNED:
+                self._owners[name] = sender, received
+            kept.append(k)
+        if len(kept) == len(decoded[1]):
+            return decoded
+        self._foreign += len(decoded[1]) - len(kept)
+        self._rival = received_from(sender)
+        return decoded[0], tuple(decoded[1][k] for k in kept), tuple(decoded[2][k] for k in kept)
 
     def _from_now(self, t: float, received: float) -> float:
         """Return a time of a file as if its first sample were of now."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from towtank.errors import InputError
 from towtank.live.links.source import Rates, Raw, Sample, SourceState
+from towtank.live.pipeline.clock import steady_time
 from towtank.live.pipeline.instants import Row, rows_of
 from towtank.recording.grids.free_motion import DEPTH_BELOW_SURFACE
 from towtank.recording.mapping import ColumnMapping
@@ -51,7 +52,7 @@ class ReplaySource:
         self._rows = rows_of(recording)
         self._next = next(self._rows, None)
         self._start = 0.0 if self._next is None else self._next[0]
-        self._base = round(time.time(), 6)
+        self._base = round(steady_time(), 6)
         self._begun = time.monotonic()
         told = ("modes", DEPTH_BELOW_SURFACE[0])
         self._attributes = {key: recording.attributes[key] for key in told if key in recording.attributes}
@@ -72,7 +73,7 @@ class ReplaySource:
                             time.sleep(max(give_up - now, 0.0))
                         break
                     time.sleep(due - now)
-            out.append(Sample(self.name, _TOPIC, self._base + (t - self._start), time.time(), names, values))
+            out.append(Sample(self.name, _TOPIC, self._base + (t - self._start), steady_time(), names, values))
             self._next = next(self._rows, None)
         self._rates.add(_TOPIC, len(out))
         return out

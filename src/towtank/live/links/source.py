@@ -59,6 +59,9 @@ class SourceState:
         said: lines for a person: whom it hears, what it asked for, what is wrong.
         asked: rate [Hz] that was asked for, by topic. rates: that came lately [Hz], by topic.
         bad: datagrams or messages that could not be decoded. late: those dropped by the source itself as too old.
+        dropped: datagrams for which the system had no room, because more came than was read.
+        foreign: messages and values of others that give themselves out for the one that is followed; passed over.
+        restarts: how often the clock of the one that is followed began anew, where the source itself keeps time.
         senders: who sends.
         ended: nothing will come any more.
         attributes: of the samples, as of a recording: names of modes, and where z is the depth by pressure.
@@ -69,6 +72,9 @@ class SourceState:
     rates: Mapping[str, float] = field(default_factory=dict)
     bad: int = 0
     late: int = 0
+    dropped: int = 0
+    foreign: int = 0
+    restarts: int = 0
     senders: tuple[str, ...] = ()
     ended: bool = False
     attributes: Mapping[str, str] = field(default_factory=dict)

@@ -3,14 +3,17 @@
 The smallest difference between receipt and stamp over the last half minute leads from one clock to the other; a line
 below the smallest of every second tells how one drifts against the other. So every source's samples stand on one clock,
 freed from what a link, a router or a busy computer held up; what the quickest message takes remains.
+
+Our own clock never jumps, whatever becomes of the computer's: it is the time of day once, and counts on from there.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections import deque
 
-__all__ = ["SourceClock"]
+__all__ = ["HostClock", "SourceClock", "steady_time"]
 
 _BLOCK = 1.0  # s of which the quickest message is kept
 _BLOCKS = 30
@@ -18,7 +21,38 @@ _FEWEST = 8  # blocks that tell a drift
 _FASTEST_DRIFT = 1e-3
 _SLEW = 1e-3  # s per s by which the offset follows what is found, after the first second
 _LATE, _EARLY = 10.0, 0.25  # s by which a stamp is off that is not believed,
-_CONVINCED = 20  # unless so many follow each other: then the source's clock was set anew
+_CONVINCED = 20  # unless so many follow each other: then the source's clock was set anew;
+_BACK = 0.25  # or so many lie so far [s] before the newest
+_SPAN, _BEHIND = 5.0, 0.25  # s: over two such spans all were so late, and not less and less: it was set back as well
+_STEP = 1.0  # s by which the computer's clock moves against ours before it counts as set
+
+
+def _counting() -> float:
+    """Return seconds that count on through every setting of the clock, and while the computer sleeps."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic()
+
+
+_BEGAN = time.time() - _counting()
+
+
+def steady_time() -> float:
+    """Return Unix time [s] as it was when this was imported, counted on since: no setting of the clock moves it."""
+    return _BEGAN + _counting()
+
+
+class HostClock:
+    """Notices that the computer's clock was set."""
+
+    def __init__(self) -> None:
+        self._ahead = time.time() - steady_time()
+
+    def stepped(self) -> float:
+        """Return by how much [s] it was set since the last call; 0 where it was not."""
+        before, ahead = self._ahead, time.time() - steady_time()
+        if abs(ahead - before) < _STEP:
+            return 0.0
+        self._ahead = ahead
+        return ahead - before
 
 
 class SourceClock:
@@ -39,12 +73,13 @@ class SourceClock:
         self.offset, self.drift, self.restarts, self.strange = math.nan, 0.0, 0, 0
         self._keeps_time = keeps_time
         self._in_a_row = 0
+        self._span_start, self._least, self._least_before = 0.0, math.inf, 0.0  # s: of the span, lateness in it, before
         self._forget()
 
     @property
     def settled(self) -> bool:
-        """Whether the offset is known well enough to be followed slowly from here on."""
-        return self._first is None or self._last - self._first > _BLOCK
+        """Whether the offset is known well enough to be followed slowly from here on, and nothing contradicts it."""
+        return self._first is None or (self._last - self._first > _BLOCK and not self._in_a_row)
 
     def believes(self, t: float, received: float) -> bool:
         """Take the stamp t [s] of what was received at `received` [s, ours]; return whether it can be believed."""
@@ -57,18 +92,43 @@ class SourceClock:
         first = t if self._first is None else self._first
         if self._first is None:
             self._begin(t, late)
-        elif not -_EARLY <= late - self.offset <= _LATE:
+        elif self._cannot_be(t, late):
             self.strange += 1
             self._in_a_row += 1
             if self._in_a_row < _CONVINCED:
                 return False
-            self.restarts += 1
-            self._forget()
-            self._begin(t, late)
-            first = t
-        self._in_a_row = 0
+            first = self._begin_anew(t, late)
+        elif t < self._last - _BACK:  # late on its way, unless all that follow are
+            self._in_a_row += 1
+            if self._in_a_row >= _CONVINCED:
+                first = self._begin_anew(t, late)
+        else:
+            self._in_a_row = 0
+            if self._stays_behind(late - self.offset, received):
+                first = self._begin_anew(t, late)
         self._see(t, late, t - first)
         return True
+
+    def _cannot_be(self, t: float, late: float) -> bool:
+        """Whether a stamp is ahead of its receipt, or far behind and before others; what a link held up goes on."""
+        return late - self.offset < -_EARLY or (late - self.offset > _LATE and t <= self._last)
+
+    def _stays_behind(self, lateness: float, received: float) -> bool:
+        """Whether everything is late for so long, and by so much, that the source's clock was set back."""
+        if received - self._span_start < _SPAN:
+            self._least = min(self._least, lateness)
+            return False
+        before, least = self._least_before, self._least
+        self._span_start, self._least_before, self._least = received, least, lateness
+        return min(before, least) > _BEHIND and least > before - _EARLY
+
+    def _begin_anew(self, t: float, late: float) -> float:
+        """Take that the source's clock was set; return its first stamp."""
+        self.restarts += 1
+        self._in_a_row = 0
+        self._forget()
+        self._begin(t, late)
+        return t
 
     def ours(self, t: float, received: float) -> float:
         """Take a stamp t [s] and return its instant on our clock; NaN where it cannot be believed."""
@@ -90,6 +150,7 @@ class SourceClock:
         self._quickest = (t, late)
         self._floor = (t, late)  # the line: lateness at a stamp, rising by `drift`
         self.offset = late
+        self._span_start, self._least, self._least_before = t + late, math.inf, 0.0
 
     def _see(self, t: float, late: float, known: float) -> None:
         """Follow a stamp t [s]; known: since the first one [s]."""
@@ -100,7 +161,8 @@ class SourceClock:
             self._floor = (t, late)
             target = late
         if t - self._block_start >= _BLOCK or t < self._block_start:
-            self._blocks.append(self._quickest)
+            if self._quickest[1] - self.offset <= _BEHIND:  # what a link held up tells nothing of the clock
+                self._blocks.append(self._quickest)
             self._quickest, self._block_start = (t, late), t
             self._fit()
             target = self._floor[1] + self.drift * (t - self._floor[0])
@@ -118,4 +180,5 @@ class SourceClock:
             spread = sum((t - mean_t) ** 2 for t, _ in self._blocks)
             slope = sum((t - mean_t) * (late - mean) for t, late in self._blocks) / spread if spread else 0.0
             self.drift = min(max(slope, -_FASTEST_DRIFT), _FASTEST_DRIFT)
-        self._floor = min(self._blocks, key=lambda block: block[1] - self.drift * block[0])
+        if self._blocks:
+            self._floor = min(self._blocks, key=lambda block: block[1] - self.drift * block[0])

@@ -14,12 +14,16 @@ from typing import Any, TypeVar
 
 from towtank.live.pipeline.sorter import Arrival
 
-__all__ = ["GAP", "Ended", "Errands", "Gap", "Item", "Lane"]
+__all__ = ["BREAK", "GAP", "Break", "Ended", "Errands", "Gap", "Item", "Lane"]
 
 _T = TypeVar("_T")
 
 
-class Gap:
+class Break:
+    """A new stretch begins here: what was in force before is not known any more."""
+
+
+class Gap(Break):
     """Samples were passed over here."""
 
 
@@ -30,10 +34,10 @@ class Ended:
     rank: int
 
 
-GAP = Gap()
+BREAK, GAP = Break(), Gap()
 
 
-Item = Arrival | Ended | Gap
+Item = Arrival | Ended | Break
 
 
 class Lane:
@@ -77,8 +81,15 @@ class Lane:
 
     def ended(self, rank: int) -> None:
         """Say that a source sends no more."""
+        self._say(Ended(rank))
+
+    def break_off(self) -> None:
+        """Say that a new stretch begins."""
+        self._say(BREAK)
+
+    def _say(self, item: Item) -> None:
         with self._changed:
-            self._items.append(Ended(rank))
+            self._items.append(item)
             self._changed.notify_all()
 
     def close(self) -> None:

@@ -27,6 +27,7 @@ import numpy as np
 
 from towtank.errors import InputError
 from towtank.identification import Learner
+from towtank.live.pipeline.clock import steady_time
 from towtank.live.pipeline.instants import Row, rows_of
 from towtank.readers import read
 from towtank.recording import Recording, bind_thrusters
@@ -37,6 +38,7 @@ from towtank.vehicle import Vehicle
 __all__ = ["Checkpoint", "Earlier", "earlier"]
 
 _VERSION = 1
+_PAUSE = 3.0  # s between the end of a recording and what follows it, where the clock does not tell: a new stretch
 _MEMORY = "/dev/shm"
 
 
@@ -173,6 +175,15 @@ class Earlier:
     since: float = -math.inf
     inputs: Mapping[str, float] = field(default_factory=dict)
     recording: Recording | None = None
+
+    def now_epoch(self) -> float:
+        """Return the Unix time [s] at which the session's time is 0, by this computer's clock.
+
+        It is the recording's own but where that clock is behind the end of the recording, as a computer without a
+        battery may be: then times go on from that end.
+        """
+        end = self.since if self.recording is None else max(self.recording.end, self.since)
+        return self.epoch if steady_time() - self.epoch > end else round(steady_time() - end - _PAUSE, 3)
 
     def rows(self, progress: Callable[[str, float], None]) -> Iterator[Row]:
         """Yield what was recorded after the checkpoint."""

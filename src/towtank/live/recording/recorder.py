@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from towtank.recording.mcap.format import Quantity
 from towtank.recording.mcap.log import McapLog
 from towtank.recording.standard import standard_of
 
-__all__ = ["Form", "Message", "Recorder", "RecordingState"]
+__all__ = ["Disk", "Form", "Message", "Recorder", "RecordingState"]
 
 _PATIENCE = 1 << 26  # bytes that wait for the disk
 _OFTEN = 0.2  # s between two looks at whether to flush
@@ -40,13 +41,21 @@ class Message:
 
 @dataclass(frozen=True)
 class RecordingState:
-    """How the recording fares: its file, bytes in it, samples and packets taken, those lost, and what is wrong."""
+    """How the recording fares.
+
+    Attributes:
+        path: its file. size: bytes in it. count: samples and packets taken. lost: of them, those not recorded.
+        trouble: what is wrong, "" where nothing is. incidents: what befell the file from outside.
+        complete: whether it was closed with its index.
+    """
 
     path: Path
     size: int
     count: int
     lost: int
     trouble: str
+    incidents: tuple[str, ...] = ()
+    complete: bool = False
 
 
 class Recorder:
@@ -111,7 +120,15 @@ class Recorder:
     def state(self) -> RecordingState:
         """Return how it fares."""
         log = self._log
-        return RecordingState(log.path, log.size, self._count, self._lost + log.lost, log.trouble or self._fault)
+        return RecordingState(
+            log.path,
+            log.size,
+            self._count,
+            self._lost + log.lost,
+            log.trouble or self._fault,
+            tuple(log.incidents),
+            log.complete,
+        )
 
     def close(self, notes: Sequence[str] = ()) -> None:
         """Write what waits, and end the file."""
@@ -176,3 +193,31 @@ class Recorder:
         self._columns[place] = tuple(channels)
         places.update(dict.fromkeys(channels, place))
         return True
+
+
+class Disk:
+    """Tells what becomes of a recording: that it cannot be written, that it goes on and what was lost, and so on."""
+
+    def __init__(self, recorder: Recorder) -> None:
+        self._recorder = recorder
+        self._since: float | None = None
+        self._lost = self._told = 0
+
+    def notice(self, t: float) -> list[Event]:
+        """Return the events that are new at time t [s of the session]."""
+        state, now = self._recorder.state(), time.monotonic()
+        found = [Event(t, "recording", text, {"state": "mended"}) for text in state.incidents[self._told :]]
+        self._told = len(state.incidents)
+        if self._since is None:
+            if state.trouble:
+                self._since = now
+                text = f"recording: {state.trouble}; what comes waits for the disk, learning goes on"
+                return [*found, Event(t, "recording", text, {"state": "trouble"})]
+            self._lost = state.lost
+        elif not state.trouble:
+            seconds, lost = now - self._since, state.lost - self._lost
+            self._since, self._lost = None, state.lost
+            losses = f"{lost} samples and packets lost" if lost else "nothing lost"
+            text = f"recording goes on after {seconds:.0f} s, {losses}"
+            found.append(Event(t, "recording", text, {"state": "back", "seconds": seconds, "lost": lost}))
+        return found

@@ -73,15 +73,26 @@ class Messages:
 
 @dataclass
 class Summary:
-    """What the end of the file repeats and counts."""
+    """What the end of the file repeats and counts.
+
+    A chunk is written every half second: their indexes, `chunks` of them, are kept as the bytes that end the file.
+    """
 
     schemas: list[McapRecord] = field(default_factory=list)
     channels: list[McapRecord] = field(default_factory=list)
-    chunks: list[McapRecord] = field(default_factory=list)
+    chunks: int = 0
+    chunk_indexes: bytearray = field(default_factory=bytearray)
     metadata: list[McapRecord] = field(default_factory=list)
     counts: dict[int, int] = field(default_factory=dict)
     start: int = 0
     end: int = 0
+
+    def add_chunk(self, entry: ChunkIndex) -> None:
+        """Take the index of a chunk."""
+        self.start = min(self.start, entry.message_start_time) if self.chunks else entry.message_start_time
+        self.end = max(self.end, entry.message_end_time)
+        self.chunks += 1
+        self.chunk_indexes += _bytes(entry)
 
 
 class McapFile:
@@ -155,11 +166,23 @@ class McapFile:
             uncompressed_size=len(records),
         )
         self._put(chunk + bytes(index))
-        summary.start = min(summary.start, start) if summary.chunks else start
-        summary.end = max(summary.end, end)
-        summary.chunks.append(entry)
+        summary.add_chunk(entry)
         for channel, each in messages.items():
             summary.counts[channel] = summary.counts.get(channel, 0) + len(each.offset)
+
+    @property
+    def summary(self) -> Summary:
+        """What was written so far."""
+        return self._summary
+
+    def describe_again(self, before: Summary) -> None:
+        """Write those schemas and channels of another summary that this file has not, under their ids."""
+        own = self._summary
+        schemas, channels = before.schemas[len(own.schemas) :], before.channels[len(own.channels) :]
+        if schemas or channels:
+            self._put(_bytes(*schemas, *channels))
+            own.schemas += schemas
+            own.channels += channels
 
     def metadata(self, name: str, content: Mapping[str, str]) -> None:
         """Write texts by key; a later record of the same name supersedes an earlier one."""
@@ -175,7 +198,7 @@ class McapFile:
             attachment_count=0,
             channel_count=len(summary.channels),
             channel_message_counts=summary.counts,
-            chunk_count=len(summary.chunks),
+            chunk_count=summary.chunks,
             message_count=sum(summary.counts.values()),
             metadata_count=len(summary.metadata),
             message_start_time=summary.start,
@@ -184,16 +207,15 @@ class McapFile:
         )
         end = _bytes(DataEnd(data_section_crc=0))
         start = self._length + len(end)
-        groups: dict[Opcode, list[McapRecord]] = {
-            Opcode.SCHEMA: summary.schemas,
-            Opcode.CHANNEL: summary.channels,
-            Opcode.STATISTICS: [statistics],
-            Opcode.CHUNK_INDEX: summary.chunks,
-            Opcode.METADATA_INDEX: summary.metadata,
+        groups: dict[Opcode, bytes] = {
+            Opcode.SCHEMA: _bytes(*summary.schemas),
+            Opcode.CHANNEL: _bytes(*summary.channels),
+            Opcode.STATISTICS: _bytes(statistics),
+            Opcode.CHUNK_INDEX: bytes(summary.chunk_indexes),
+            Opcode.METADATA_INDEX: _bytes(*summary.metadata),
         }
         text, offsets = b"", []
-        for opcode, records in groups.items():
-            group = _bytes(*records)
+        for opcode, group in groups.items():
             if group:
                 offsets.append(
                     SummaryOffset(group_opcode=opcode, group_start=start + len(text), group_length=len(group))

@@ -5,16 +5,20 @@
         log.write("pose", 0.02, 1.5, -0.3)       # NaN: not measured
         log.write_raw("udp:14550", 0.02, packet)
 
-The format is that of `write_mcap`. Samples may come late or out of order; reading sorts them, and counts.
+The format is that of `write_mcap`. Samples may come late or out of order; reading sorts them, and counts. A file that
+is removed while it is written is made anew from what the system still holds of it; of one that is cut, what is left is
+gone on with. One process writes a file: another one is refused.
 """
 
 from __future__ import annotations
 
-import contextlib
+import errno
 import os
 import struct
+import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
@@ -30,6 +34,9 @@ from towtank.recording.mcap.container import McapFile, Messages
 from towtank.recording.mcap.format import ABOUT, ENCODING, LIBRARY, RAW_ENCODING, About, Quantity, SourceFormat
 from towtank.recording.mcap.resume import Interrupted, interrupted
 
+if sys.platform != "win32":
+    import fcntl
+
 __all__ = ["McapLog", "Quantity"]
 
 _RECORD = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
@@ -38,6 +45,8 @@ _CDR = b"\x00\x01\x00\x00"
 _LONGEST = 1 << 20  # bytes of messages after which a chunk is closed
 _LATEST = 2**63 - 1  # ns
 _PATIENCE = 1 << 25  # bytes that wait for a disk that takes nothing
+_PIECE = 1 << 20  # bytes copied at once
+_MOST_EVENTS = 1000  # that wait for a topic
 
 
 @dataclass
@@ -73,14 +82,19 @@ class McapLog:
 
     Attributes:
         path: the file.
-        lost: samples and packets that could not be written.
-        trouble: what the disk said at the last flush.
+        lost: samples and packets that could not be written, or were cut off from outside.
+        incidents: what befell the file from outside, in words.
+        complete: whether it was closed with its index.
     """
 
     def __init__(
         self, path: Path, descriptor: int, about: About, interval: float, before: Interrupted | None = None
     ) -> None:
-        self.path, self.lost, self.trouble = path, 0, ""
+        self.path, self.lost, self.complete = path, 0, False
+        self.incidents: list[str] = []
+        self._untaken = self._unsynced = ""  # what the disk said to the last write, and to the last sync
+        self._moved = False
+        self._events: deque[Event] = deque(maxlen=_MOST_EVENTS)
         self._descriptor, self._about, self._interval = descriptor, about, interval
         self._written = 0 if before is None else before.length  # bytes of the file that are whole
         if before is None:
@@ -125,12 +139,13 @@ class McapLog:
             known["epoch"] = epoch.isoformat()
         base = 0 if epoch is None else max(round(epoch.timestamp() * 1e6) * 1000, 0)
         try:
-            descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
         except FileExistsError:
             raise InputError(f"{path}: exists already, and a recording is never overwritten; choose another") from None
         except OSError as error:
             raise InputError(f"{path}: cannot be created ({error.strerror})") from error
         try:
+            _lock(descriptor)
             log = cls(path, descriptor, About(source=source, attributes=known, base=base), interval)
         except OSError as error:
             os.close(descriptor)
@@ -149,14 +164,21 @@ class McapLog:
             InputError: there is no such file, it is no recording of ours, or it cannot be written.
         """
         path = Path(path)
-        before = interrupted(path)
+        interrupted(path)
         try:
             descriptor = os.open(path, os.O_RDWR)
         except OSError as error:
             raise InputError(f"{path}: cannot be written ({error.strerror})") from error
         try:
+            _lock(descriptor)
+            before = interrupted(path)  # as it is now that nobody else writes
             os.ftruncate(descriptor, before.length)
             os.lseek(descriptor, before.length, os.SEEK_SET)
+        except BlockingIOError:
+            os.close(descriptor)
+            raise InputError(
+                f"{path}: another session is recording to it; end that one first, or record to another file"
+            ) from None
         except OSError as error:
             os.close(descriptor)
             raise InputError(f"{path}: cannot be written ({error.strerror})") from error
@@ -174,6 +196,11 @@ class McapLog:
     def about(self) -> About:
         """What the file says of the recording."""
         return self._about
+
+    @property
+    def trouble(self) -> str:
+        """What is wrong with the disk, "" where nothing is."""
+        return self._untaken or self._unsynced
 
     @property
     def size(self) -> int:
@@ -208,7 +235,11 @@ class McapLog:
                 f'{self.path}: source "{name}": found columns {names}, expected one or more, all different'
             )
         form = SourceFormat(f"/{name.lstrip('/')}", tuple(quantities))
-        identity = self._file.channel(form.topic, ENCODING, form.metadata, form.schema)
+        try:
+            identity = self._file.channel(form.topic, ENCODING, form.metadata, form.schema)
+        except OSError as error:
+            self._untaken = self._said(error)
+            raise
         self._sources[name] = identity, struct.Struct(f"<4s{1 + len(names)}d"), len(names)
         self._columns[name] = tuple(names)
 
@@ -225,15 +256,22 @@ class McapLog:
             if name not in self._raw:
                 self._raw[name] = self._file.channel(f"/raw/{name.lstrip('/')}", RAW_ENCODING, {})
         except OSError as error:
-            self.trouble = f"{self.path}: {error.strerror or error}"
+            self._untaken = self._said(error)
             self.lost += 1
             return
         self._add(self._raw[name], t, data)
 
     def write_event(self, event: Event) -> None:
-        """Append an event, as JSON on a topic of its own."""
-        if not self.write_text(EVENT_TOPIC, EVENT_SCHEMA, event.t, event_json(event)):
-            self.lost += 1
+        """Append an event, as JSON on a topic of its own; where a full disk does not take the topic, it waits."""
+        self._events.append(event)
+        self._write_events()
+
+    def _write_events(self) -> None:
+        while self._events:
+            event = self._events.popleft()
+            if not self.write_text(EVENT_TOPIC, EVENT_SCHEMA, event.t, event_json(event)):
+                self._events.appendleft(event)
+                return
 
     def write_text(self, topic: str, schema: tuple[str, str, bytes], t: float, text: str) -> bool:
         """Append JSON of time t [s] on a topic of its own, described by a schema (name, encoding, text).
@@ -244,7 +282,7 @@ class McapLog:
             if topic not in self._texts:
                 self._texts[topic] = self._file.channel(topic, EVENT_ENCODING, {}, schema)
         except OSError as error:
-            self.trouble = f"{self.path}: {error.strerror or error}"
+            self._untaken = self._said(error)
             return False
         self._add(self._texts[topic], t, text.encode())
         return True
@@ -253,12 +291,8 @@ class McapLog:
         """Write what waits and see it to the disk; return whether everything is there now."""
         if not self._written_out():
             return False
-        try:
-            os.fsync(self._descriptor)
-        except OSError as error:
-            self.trouble = f"{self.path}: {error.strerror or error}"
-            return False
-        return True
+        self._sync()
+        return not self._unsynced
 
     def flush_if_due(self) -> None:
         """Flush where the last time was longer than the interval ago; to be called when nothing arrives."""
@@ -274,25 +308,90 @@ class McapLog:
     def _sync(self) -> None:
         try:
             os.fsync(self._descriptor)
+            self._unsynced = ""
         except OSError as error:
-            self.trouble = f"{self.path}: {error.strerror or error}"
+            self._unsynced = self._said(error)
+
+    def _said(self, error: OSError) -> str:
+        return f"{self.path}: {error.strerror or error}"
 
     def _written_out(self) -> bool:
         """Hand what waits to the system; return whether it took everything."""
         self._flushed = time.monotonic()
+        self._write_events()
         pending = self._pending
         try:
+            self._look_after_file()
             if pending.count:
                 self._file.chunk(bytes(pending.records), pending.messages)
                 self._pending = _Pending()
+                self._untaken = ""
         except OSError as error:
-            self.trouble = f"{self.path}: {error.strerror or error}"
+            self._untaken = self._said(error)
             if len(pending.records) >= _PATIENCE:
                 self.lost += pending.count
                 self._pending = _Pending()
             return False
-        self.trouble = ""
         return True
+
+    def _look_after_file(self) -> None:
+        """See whether the file is still what was written, and mend it where it is not. Raises OSError."""
+        found = os.fstat(self._descriptor)
+        if found.st_size < self._written:
+            self._go_on_behind_cut(found.st_size)
+        if not found.st_nlink:
+            self._make_anew()
+        elif not self._moved and not self.path.exists():
+            self._moved = True
+            self.incidents.append(f"{self.path} was moved; it is written on under its new name")
+
+    def _go_on_behind_cut(self, size: int) -> None:
+        """Keep the whole records that somebody has left of the file, and describe again what follows them."""
+        gone, before = self._written - size, self._file.summary
+        try:
+            left = interrupted(self.path)
+        except InputError:  # not even its beginning
+            left = Interrupted()
+        os.ftruncate(self._descriptor, left.length)
+        os.lseek(self._descriptor, left.length, os.SEEK_SET)
+        self._written = left.length
+        if left.length:
+            self._file = McapFile.resumed(self._append, left.length, left.summary)
+        else:
+            self._file = McapFile(self._append, LIBRARY)
+            self._file.metadata(ABOUT, self._about.metadata())
+        self._file.describe_again(before)
+        lost = sum(before.counts.values()) - sum(left.summary.counts.values())
+        self.lost += lost
+        self.incidents.append(
+            f"{gone} bytes were cut off {self.path} from outside, {lost} samples and packets in them; it goes on"
+        )
+
+    def _make_anew(self) -> None:
+        """Write the file again, under its name or a free one, from what the system holds of it while it is open."""
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        place, number = self.path, 2
+        while place.exists():
+            place = self.path.with_name(f"{self.path.stem}-{number}{self.path.suffix}")
+            number += 1
+        fresh = os.open(place, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+        try:
+            _lock(fresh)
+            at = 0
+            while at < self._written:
+                piece = memoryview(os.pread(self._descriptor, min(_PIECE, self._written - at), at))
+                at += len(piece)
+                while piece:
+                    piece = piece[os.write(fresh, piece) :]
+            os.dup2(fresh, self._descriptor, inheritable=False)
+        except OSError:
+            place.unlink(missing_ok=True)
+            raise
+        finally:
+            os.close(fresh)
+        name = "under its name" if place == self.path else f"as {place}"
+        self.incidents.append(f"{self.path} was removed from outside; what it held is written anew {name}")
+        self.path = place
 
     def close(self, notes: Sequence[str] = ()) -> None:
         """Flush, add notes and what was lost, and write the index; a file without it is read all the same."""
@@ -302,13 +401,16 @@ class McapLog:
         if self._syncing is not None:
             self._syncing.join()
         self.flush()
-        self.lost += self._pending.count
+        self.lost += self._pending.count + len(self._events)
         lost = [f"{self.lost} samples could not be written ({self.trouble or 'the disk was full'})"] * bool(self.lost)
-        with contextlib.suppress(OSError):
+        try:
             if notes or lost:
                 self._file.metadata(ABOUT, replace(self._about, notes=(*self._about.notes, *notes, *lost)).metadata())
             self._file.finish()
             os.fsync(self._descriptor)
+            self.complete = True
+        except OSError as error:
+            self._untaken = self._said(error)
         os.close(self._descriptor)
 
     def __enter__(self) -> Self:
@@ -337,3 +439,16 @@ class McapLog:
             os.lseek(self._descriptor, self._written, os.SEEK_SET)
             raise
         self._written += len(data)
+
+
+def _lock(descriptor: int) -> None:
+    """Keep other processes from writing a file, where the system can. Raises BlockingIOError where one does."""
+    if sys.platform == "win32":
+        return
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError as error:  # network disks without locks
+        if error.errno in (errno.EACCES, errno.EAGAIN):
+            raise BlockingIOError(error.errno, error.strerror) from error

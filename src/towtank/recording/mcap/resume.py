@@ -82,10 +82,9 @@ def _scan(stream: BinaryIO, end: int) -> Interrupted:
         if not opcode or opcode == Opcode.DATA_END or at + RECORD_HEAD.size + size > end:
             break
         if opcode == Opcode.CHUNK:
+            if last is not None:
+                summary.add_chunk(last)
             last = _chunk(stream, at, size)
-            summary.start = min(summary.start, last.message_start_time) if summary.chunks else last.message_start_time
-            summary.end = max(summary.end, last.message_end_time)
-            summary.chunks.append(last)
         elif opcode == Opcode.MESSAGE_INDEX and last is not None:
             index = MessageIndex.read(ReadDataStream(stream))
             last.message_index_offsets[index.channel_id] = at
@@ -94,6 +93,8 @@ def _scan(stream: BinaryIO, end: int) -> Interrupted:
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA):
             _take(before, opcode, stream, at, size)
         before.length += RECORD_HEAD.size + size
+    if last is not None:
+        summary.add_chunk(last)
     return before
 
 

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from towtank.errors import InputError
+from towtank.live.links.datagrams import Datagrams
+from towtank.live.pipeline.clock import steady_time
 
 __all__ = ["Address", "Connection", "UdpIn", "UdpOut", "connection_of"]
 
@@ -23,8 +25,6 @@ _PATIENCE = 5.0  # s for TCP to connect
 _AGAIN = 1.0  # s between attempts at a connection that broke
 _BAUD = 115200
 _TURN = 0.05  # s that a serial line is waited for, or takes to send
-_MOST = 256  # datagrams taken at once
-_BUFFER = 1 << 21
 _EXPECTED = "expected udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or /dev/NAME,BAUD"
 
 
@@ -47,6 +47,7 @@ class _Stream:
     speaks_first = False
     bandwidth = 0.0
     broken = ""
+    dropped = 0
     _tried = 0.0
 
     def _connect(self, patience: float) -> None:
@@ -80,7 +81,7 @@ class _Stream:
         if not data:
             self._break("the other end has closed")
             return []
-        return [(data, time.time(), None)]
+        return [(data, steady_time(), None)]
 
     def _reconnected(self, timeout: float) -> bool:
         if time.monotonic() - self._tried < _AGAIN:
@@ -205,12 +206,18 @@ class Connection(Protocol):
         stream: whether messages come in pieces. speaks_first: whether nothing comes until we have spoken.
         bandwidth: bytes per second that it carries, where that is little; 0 where it is plenty.
         broken: why nothing comes at present, "" where it may.
+        dropped: datagrams for which the system had no room, because more came than was read.
     """
 
     stream: bool
     speaks_first: bool
     bandwidth: float
     broken: str
+
+    @property
+    def dropped(self) -> int:
+        """Datagrams for which the system had no room."""
+        ...
 
     def open(self) -> None:
         """Begin. Raises InputError in one line where that cannot be."""
@@ -254,54 +261,41 @@ class UdpIn:
     speaks_first = False
     bandwidth = 0.0
     broken = ""
-    _socket: socket.socket | None = None
+    _link: Datagrams | None = None
+
+    @property
+    def dropped(self) -> int:
+        """Datagrams for which the system had no room."""
+        return 0 if self._link is None else self._link.dropped
 
     def open(self) -> None:
         """Bind the port."""
         family, address = resolved(self.text, self.host, self.port, socket.SOCK_DGRAM)
-        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        link = socket.socket(family, socket.SOCK_DGRAM)
         try:
-            self._socket.bind(address)
+            link.bind(address)
         except OSError as error:
-            self.close()
+            link.close()
             raise InputError(
                 f'source "{self.text}": cannot listen there ({error.strerror or error}); '
                 "does a ground station hold the port? Let it forward to another one"
             ) from error
-        self._ready(self._socket)
-
-    def _ready(self, link: socket.socket) -> None:
-        with contextlib.suppress(OSError):
-            link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
-        link.setblocking(False)
+        self._link = Datagrams(link)
 
     def receive(self, timeout: float) -> list[tuple[bytes, float, Address]]:
         """Return the datagrams that wait, each with its time of receipt [s] and where it came from."""
-        found: list[tuple[bytes, float, Address]] = []
-        link = self._socket
-        if link is None or not select.select([link], [], [], timeout)[0]:
-            return found
-        while len(found) < _MOST:
-            try:
-                data, address = link.recvfrom(_LARGEST)
-            except (BlockingIOError, InterruptedError):
-                break
-            except OSError:  # nobody listens at the other end, yet
-                continue
-            found.append((data, time.time(), address))
-        return found
+        return [] if self._link is None else self._link.receive(timeout)
 
     def send(self, data: bytes, to: Address) -> None:
         """Send to where something came from; an unreachable one is no error of ours."""
-        if self._socket is not None and to is not None:
+        if self._link is not None and to is not None:
             with contextlib.suppress(OSError):
-                self._socket.sendto(data, to)
+                self._link.socket.sendto(data, to)
 
     def close(self) -> None:
         """Free the port."""
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
+        if self._link is not None:
+            self._link.close()
 
 
 class UdpOut(UdpIn):
@@ -313,8 +307,7 @@ class UdpOut(UdpIn):
         """Find the host; UDP knows no more of whether somebody listens."""
         family, address = resolved(self.text, self.host, self.port, socket.SOCK_DGRAM)
         self._to: Address = address
-        self._socket = socket.socket(family, socket.SOCK_DGRAM)
-        self._ready(self._socket)
+        self._link = Datagrams(socket.socket(family, socket.SOCK_DGRAM))
 
     def send(self, data: bytes, to: Address) -> None:
         """Send to the host, or to where it answered from."""

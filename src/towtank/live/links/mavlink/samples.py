@@ -7,6 +7,7 @@ decided here from the last seconds, again and again. The stamps of each sender a
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -41,7 +42,9 @@ __all__ = ["Arrival", "MavlinkSamples"]
 
 _BOOT = "time_boot_ms"
 _FIELDS = {_BOOT: 1e-3, "time_usec": 1e-6, "usec": 1e-6}  # s
-_WRAP = 2.0**32 * 1e-6  # s, where microseconds have 32 bits
+_TURN = 2.0**32  # counts after which a counter of 32 bits begins anew: 71 minutes of microseconds, 50 days of ms
+_STEP = 0.1  # s of messages whose stamps are followed type by type, before the first decision,
+_AT_ONCE = 32  # and messages afterwards; more would stand too far out of order
 _SAME = 2.0  # s within which a stamp is of the clock that is known
 Arrival = tuple[Frame, float]  # a message and when it came [s]
 _Key = tuple[int, Sender]
@@ -54,13 +57,20 @@ _PLACE = ("VISO_POS_X", "VISO_POS_Y", "VISO_POS_Z")
 
 
 class MavlinkStamps:
-    """Follows the clocks of all senders: of each the time since it started, and another one where it gives that."""
+    """Follows the clocks of all senders: of each the time since it started, and another one where it gives that.
+
+    Attributes:
+        strange: stamps that were not believed.
+    """
 
     def __init__(self) -> None:
         self._clocks: dict[tuple[Sender, str], SourceClock] = {}
+        self.strange = 0
 
     def of(self, table: Table, sender: Sender, received: Array) -> Array:
         """Return the stamps (n,) [s] of messages, NaN where there is none.
+
+        A stamp that cannot be is infinite: what bears it is of another vehicle, or damaged.
 
         Args:
             table: messages of one type. sender: who sent them.
@@ -69,25 +79,32 @@ class MavlinkStamps:
         field = next((each for each in _FIELDS if each in table), None)
         if field is None:
             return np.full(received.shape, np.nan)
-        own = _FIELDS[field] * table[field]
+        unit = _FIELDS[field]
         clock = self._clocks.setdefault((sender, _BOOT), SourceClock())
-        if field != _BOOT:
-            own = _unwrapped(own, received - clock.offset)
-            if not abs(received[-1] - own[-1] - clock.offset) <= _SAME:
-                clock = self._clocks.setdefault((sender, field), SourceClock())
-                own = _unwrapped(_FIELDS[field] * table[field], received - clock.offset)
-        stamps = zip(own.tolist(), received.tolist(), strict=True)
-        return np.array([clock.ours(each, at) if each > 0.0 else np.nan for each, at in stamps])
+        own = _unwrapped(unit * table[field], received - clock.offset, unit * _TURN)
+        if field != _BOOT and not abs(received[-1] - own[-1] - clock.offset) <= _SAME:
+            clock = self._clocks.setdefault((sender, field), SourceClock())
+            own = _unwrapped(unit * table[field], received - clock.offset, unit * _TURN)
+        stamps = [self._stamp(clock, *each) for each in zip(own.tolist(), received.tolist(), strict=True)]
+        return np.array(stamps)
+
+    def _stamp(self, clock: SourceClock, own: float, received: float) -> float:
+        if not own > 0.0:
+            return math.nan
+        if clock.believes(own, received):
+            return clock.place(own, received)
+        self.strange += 1
+        return math.inf
 
     def restarts(self, sender: Sender | None) -> int:
         """Return how often a sender's clock has started anew."""
         return self._clocks[sender, _BOOT].restarts if sender and (sender, _BOOT) in self._clocks else 0
 
 
-def _unwrapped(own: Array, expected: Array) -> Array:
-    """Return stamps that begin anew every 4295 s as if they did not; others as they are."""
-    known = np.isfinite(expected) & (own < _WRAP)
-    return np.where(known, own + _WRAP * np.rint(np.where(known, expected - own, 0.0) / _WRAP), own)
+def _unwrapped(own: Array, expected: Array, turn: float) -> Array:
+    """Return stamps that begin anew every `turn` [s] as if they did not; others as they are."""
+    known = np.isfinite(expected) & (own < turn)
+    return np.where(known, own + turn * np.rint(np.where(known, expected - own, 0.0) / turn), own)
 
 
 class MavlinkSamples:
@@ -127,13 +144,22 @@ class MavlinkSamples:
         """How often the autopilot's clock has started anew."""
         return self._stamps.restarts(self.autopilot.sender)
 
+    @property
+    def strange(self) -> int:
+        """Messages that were passed over because their stamps cannot be."""
+        return self._stamps.strange
+
     def take(self, arrivals: Sequence[Arrival]) -> list[Sample]:
         """Return the samples in some messages, once it has been decided what is used."""
+        parts = (arrivals[k : k + _AT_ONCE] for k in range(0, len(arrivals), _AT_ONCE))
+        return [sample for part in parts for sample in self._take(part)]
+
+    def _take(self, arrivals: Sequence[Arrival]) -> list[Sample]:
         groups: dict[_Key, list[int]] = {}
         for i, (frame, received) in enumerate(arrivals):
             key = frame.number, frame.sender
             if key not in self._history:
-                if len(self._history) >= _MOST_KEYS:
+                if len(self._history) >= _MOST_KEYS and frame.sender != self.autopilot.sender:
                     continue
                 self._history[key] = deque(maxlen=_MOST_ROWS)
                 self._origin = self._origin or received
@@ -173,8 +199,8 @@ class MavlinkSamples:
                 names = tuple(channels)
                 for k, i in enumerate(places):
                     values = tuple(float(each[k]) for each in channels.values())
-                    if not np.isnan(values).all():
-                        stamp, at = float(stamps[k]), float(received[k])
+                    stamp, at = float(stamps[k]), float(received[k])
+                    if not np.isnan(values).all() and not math.isinf(stamp):
                         yield int(i), Sample("mavlink", layout.name, stamp, at, names, values)
 
     def _channels(self, table: Table, *, own: bool) -> dict[str, Array]:
@@ -227,10 +253,10 @@ class MavlinkSamples:
                 continue
             t = np.array([received for received, _ in rows]) - self._origin
             for instance, table in tables_by_instance(self._layouts[number], [payload for _, payload in rows], t):
-                if not self.decided:  # the clocks settle before the first sample is handed over
-                    self._stamps.of(table, sender, table.t + self._origin)
                 pieces.append((sender, instance, table))
                 keys.append((number, sender, instance))
+        if not self.decided:
+            self._settle_clocks(pieces)
         tables, senders = named_tables(pieces)
         undecided = not self.decided
         self._names = dict(zip(keys, tables, strict=True))
@@ -248,6 +274,16 @@ class MavlinkSamples:
                 received, payload = self._history[number, sender][-1]
                 self._beat = (Frame(number, sender, payload, 2), received) if undecided else None
         self.decided, self.hurry = True, False
+
+    def _settle_clocks(self, pieces: Sequence[tuple[Sender, str, Table]]) -> None:
+        """Follow the clocks through what came before the first decision, in its order."""
+        ends = [float(t) for _, _, table in pieces for t in (table.t[0], table.t[-1])]
+        for start in np.arange(min(ends, default=0.0), max(ends, default=0.0), _STEP):
+            for sender, _, table in pieces:
+                first, last = np.searchsorted(table.t, (start, start + _STEP)).tolist()
+                if last > first:
+                    part = table.rows(first, last)
+                    self._stamps.of(part, sender, part.t + self._origin)
 
     def _autopilot(self, tables: Mapping[str, Table], senders: Mapping[str, Sender]) -> Autopilot:
         """Return the autopilot: the one that was followed while it is heard, however busy another one is."""

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from towtank.live.links.datagrams import Allowance, received_from
 from towtank.live.links.mavlink.connection import Address, connection_of
 from towtank.live.links.mavlink.frames import Frame, Framer
 from towtank.live.links.mavlink.requests import SYSTEM, Requests, parameter_of
 from towtank.live.links.mavlink.samples import Arrival, MavlinkSamples
 from towtank.live.links.source import Raw, Sample, SourceState
+from towtank.live.pipeline.clock import steady_time
 from towtank.readers.mavlink.format import layouts
 from towtank.readers.mavlink.senders import Sender
 from towtank.vehicle import Vehicle
@@ -26,6 +27,7 @@ _FIRST, _EVERY, _AT_LEAST = 1.0, 5.0, 0.5  # s until the first decision, between
 _SETTLED = 6.0  # s after which parameters are not waited for any longer
 _STATE = 0.5  # s between two looks at rates
 _MOST_SENDERS = 100
+_SILENT = 3.0  # s after which a sender's messages may come from another address
 _RAW = "raw"
 
 
@@ -57,12 +59,15 @@ class MavlinkSource:
         self._opened = self._first = self._aimed = math.nan
         self._heard = self._next_decision = self._looked = -math.inf
         self._restarts = 0
+        self._spoken: dict[Sender, float] = {}  # when each was heard last [s], at the address that it is followed at
+        self._foreign: dict[str, int] = {}  # messages of a sender from another address, by both
+        self._noise = Allowance()
         self._state = SourceState()
 
     def open(self) -> None:
         """Open the connection. Raises InputError where that cannot be."""
         self._connection.open()
-        self._opened = self._heard = time.time()
+        self._opened = self._heard = steady_time()
         self._look(self._opened)
 
     def read(self, timeout: float) -> Sequence[Sample | Raw]:
@@ -74,12 +79,13 @@ class MavlinkSource:
         found: list[Sample | Raw] = []
         arrivals: list[Arrival] = []
         for data, received, address in self._connection.receive(timeout):
-            found.append(Raw(self.name, _RAW, received, data))
-            for frame in self._framer.feed(data):
-                if frame.sender.system != SYSTEM:
-                    self._hear(frame, address)
+            frames = self._framer.feed(data)
+            if frames or self._connection.stream or self._noise.takes(data):
+                found.append(Raw(self.name, _RAW, received, data))
+            for frame in frames:
+                if frame.sender.system != SYSTEM and self._hear(frame, received, address):
                     arrivals.append((frame, received))
-        now = time.time()
+        now = steady_time()
         if arrivals:
             self._heard = now
             self._first = now if math.isnan(self._first) else self._first
@@ -88,14 +94,23 @@ class MavlinkSource:
         target = self._requests.target
         for message in self._requests.due(now, self._heard):
             self._connection.send(message, None if target is None else self._addresses.get(target))
-        if now - self._looked >= _STATE:
+        if now - self._looked >= _STATE or self._samples.restarts > self._state.restarts:
             self._look(now)
         return found
 
-    def _hear(self, frame: Frame, address: Address) -> None:
-        """Take note of who speaks from where, and of what answers a question."""
+    def _hear(self, frame: Frame, received: float, address: Address) -> bool:
+        """Take note of who speaks from where, and of what answers a question; return whether it is who it says.
+
+        Two vehicles may bear one number. The one that was heard first is followed while it speaks.
+        """
+        before = self._addresses.get(frame.sender, address)
+        if before != address and received - self._spoken.get(frame.sender, -math.inf) <= _SILENT:
+            who = f"{frame.sender} at {received_from(address)}"
+            who = who if who in self._foreign or len(self._foreign) < _MOST_SENDERS else "others"
+            self._foreign[who] = self._foreign.get(who, 0) + 1
+            return False
         if frame.sender in self._addresses or len(self._addresses) < _MOST_SENDERS:
-            self._addresses[frame.sender] = address
+            self._addresses[frame.sender], self._spoken[frame.sender] = address, received
             self._versions[frame.sender] = max(frame.version, self._versions.get(frame.sender, 1))
         layout = self._layouts[frame.number]
         if layout.name == "COMMAND_ACK":
@@ -107,6 +122,7 @@ class MavlinkSource:
             value = parameter_of(name, float(row["param_value"]), float(row["param_type"]))
             if math.isfinite(value) and self._requests.learn(name, value):
                 self._samples.hurry = True
+        return True
 
     def _decide(self, now: float) -> None:
         """Decide anew what is used where it is time for it."""
@@ -140,11 +156,23 @@ class MavlinkSource:
             said.append(f"the autopilot has started anew ({self._restarts} times)")
         if self._framer.unknown:
             said.append(f"{self._framer.unknown} messages of unknown numbers")
+        if self._foreign:
+            who = max(self._foreign, key=lambda each: self._foreign[each])
+            count = sum(self._foreign.values())
+            said.append(f"another vehicle bears a number that is taken ({who}): {count} messages passed over")
+        if self._samples.strange:
+            said.append(f"{self._samples.strange} messages passed over whose stamps cannot be")
+        said += self._noise.said
+        if self._connection.dropped:
+            said.append(f"{self._connection.dropped} datagrams dropped by the system: more came than can be read")
         self._state = SourceState(
             said=tuple(said),
             asked={} if self._requests.target is None else dict(self._requests.asked),
             rates=self._samples.rates(now),
-            bad=self._framer.bad,
+            bad=self._framer.bad + self._samples.strange,
+            dropped=self._connection.dropped,
+            foreign=sum(self._foreign.values()),
+            restarts=self._samples.restarts,
             senders=tuple(str(sender) for sender in sorted(self._addresses)),
             attributes=self._samples.attributes,
         )
@@ -156,4 +184,4 @@ class MavlinkSource:
     def close(self) -> None:
         """Close the connection."""
         self._connection.close()
-        self._look(time.time())
+        self._look(steady_time())

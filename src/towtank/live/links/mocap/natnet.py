@@ -17,6 +17,7 @@ from typing import Any
 from towtank.errors import InputError
 from towtank.live.links.mocap.tracked_body import TrackedBody, body_named, capture_address
 from towtank.live.links.source import Rates, Raw, Sample, SourceState
+from towtank.live.pipeline.clock import steady_time
 from towtank.recording.mapping import ColumnMapping
 
 __all__ = ["NatnetSource"]
@@ -93,7 +94,7 @@ class NatnetSource:
                     self._bad += 1
                     break
                 if sender[0] == self._server:
-                    self._take(data, time.time(), out)
+                    self._take(data, steady_time(), out)
         return out
 
     def state(self) -> SourceState:

@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 from towtank.errors import InputError
 from towtank.live.links.mocap.tracked_body import TrackedBody, body_named, capture_address, quaternion_of_matrix
 from towtank.live.links.source import Rates, Raw, Sample, SourceState
+from towtank.live.pipeline.clock import steady_time
 from towtank.recording.mapping import ColumnMapping
 
 __all__ = ["QtmSource"]
@@ -127,7 +128,7 @@ class QtmSource:
                 link.disconnect()
 
     def _keep(self, packet: Any) -> None:
-        self._came.append((time.time(), packet))
+        self._came.append((steady_time(), packet))
         self._arrived.set()
 
     async def _wait(self, timeout: float) -> None:

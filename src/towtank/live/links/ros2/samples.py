@@ -46,7 +46,7 @@ class Ros2Samples:
         self.quantities = Quantities()
         self.notes: tuple[str, ...] = ()
         self.decided = mapping is not None
-        self.bad = 0
+        self.bad = self.strange = 0
 
     @property
     def attributes(self) -> dict[str, str]:
@@ -93,7 +93,7 @@ class Ros2Samples:
         names = tuple(channels)
         for k, i in enumerate(rows):
             values = tuple(float(each[k]) for each in channels.values())
-            if names and not all(map(math.isnan, values)):
+            if names and not all(map(math.isnan, values)) and not math.isinf(stamps[k]):
                 yield i, self._standard(Sample("ros2", topic, stamps[k], received[k], names, values))
 
     def _table(self, messages: Sequence[Message]) -> tuple[Table, int]:
@@ -134,7 +134,7 @@ class Ros2Samples:
         return Sample(sample.source, sample.topic, sample.t, sample.received, tuple(known), tuple(known.values()))
 
     def _stamps(self, table: Table, received: Sequence[float]) -> list[float]:
-        """Return the messages' own stamps [s] on our clock, NaN where there is none.
+        """Return the messages' own stamps [s] on our clock, NaN where there is none, infinity where one cannot be.
 
         Topics stamped by one computer get one offset, so that what separates them in time is kept.
         """
@@ -143,10 +143,16 @@ class Ros2Samples:
         clock = self._clocks.setdefault(table.name, SourceClock())
         base = self._origin * 1e-9
         stamps = [base + each for each in table.stamp.tolist()]
-        known = [clock.believes(t, at) and t == t for t, at in zip(stamps, received, strict=True)]
+        known = [clock.believes(t, at) for t, at in zip(stamps, received, strict=True)]
+        self.strange += len(known) - sum(known)
         near = [each.offset for each in self._clocks.values() if abs(each.offset - clock.offset) < _SAME]
         offset = min(near, default=clock.offset)
-        return [t + offset if good else math.nan for t, good in zip(stamps, known, strict=True)]
+        return [t + offset if good else math.inf for t, good in zip(stamps, known, strict=True)]
+
+    @property
+    def restarts(self) -> int:
+        """How often a topic's clock has started anew."""
+        return max((each.restarts for each in self._clocks.values()), default=0)
 
     def decide(self, now: float) -> None:
         """Look at the last seconds and decide what is used for what; a mapping has decided before."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from towtank.live.links.ros2.samples import Ros2Samples
 from towtank.live.links.ros2.transports import link_of
 from towtank.live.links.source import Rates, Raw, Sample, SourceState
+from towtank.live.pipeline.clock import steady_time
 from towtank.readers.ros.tables import is_wanted
 from towtank.recording.mapping import ColumnMapping
 
@@ -47,11 +47,11 @@ class Ros2Source:
         """Join the system. Raises InputError where that cannot be."""
         self._link.open()
         self._opened = True
-        self._tell(time.time())
+        self._tell(steady_time())
 
     def read(self, timeout: float) -> Sequence[Sample | Raw]:
         """Return what has come, as bytes and as samples, their stamps on our clock."""
-        now = time.time()
+        now = steady_time()
         if now - self._looked >= _LOOK:
             self._looked = now
             self._look()
@@ -64,7 +64,7 @@ class Ros2Source:
             if messages:
                 self._first = messages[0].received if math.isnan(self._first) else self._first
                 found += self._samples.take(messages)
-            now = time.time()
+            now = steady_time()
             if now - self._first >= _FIRST and now - self._decided >= _EVERY:
                 self._decided = now
                 self._samples.decide(now)
@@ -93,7 +93,8 @@ class Ros2Source:
         self._state = SourceState(
             said=tuple(said),
             rates=self._rates.now(),
-            bad=self._samples.bad,
+            bad=self._samples.bad + self._samples.strange,
+            restarts=self._samples.restarts,
             senders=tuple(heard),
             attributes=self._samples.attributes,
         )
@@ -106,5 +107,5 @@ class Ros2Source:
         """Leave the system."""
         if self._opened:
             self._opened = False
-            self._tell(time.time())
+            self._tell(steady_time())
             self._link.close()

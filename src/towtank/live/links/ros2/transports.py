@@ -19,6 +19,7 @@ from typing import Any, NamedTuple, Protocol
 from rosbags.interfaces import Nodetype
 
 from towtank.errors import InputError
+from towtank.live.pipeline.clock import steady_time
 from towtank.readers.ros.types import Types, types_of
 
 __all__ = ["DdsLink", "Message", "RclpyLink", "Ros2Link", "ZenohLink", "link_of", "topic_of_key", "topic_of_token"]
@@ -149,7 +150,7 @@ class RclpyLink:
         profile = qos.QoSProfile(depth=_DEPTH, reliability=qos.ReliabilityPolicy.BEST_EFFORT)
 
         def keep(data: bytes) -> None:
-            self._came.append(Message(topic, kind, time.time(), bytes(data)))
+            self._came.append(Message(topic, kind, steady_time(), bytes(data)))
 
         self._node.create_subscription(message, topic, keep, profile, raw=True)
         return ""
@@ -216,7 +217,7 @@ class ZenohLink:
         key = f"{self._number}/{topic.strip('/')}/{package}::msg::dds_::{name}_/**"
 
         def keep(sample: Any) -> None:
-            self._came.append(Message(topic, kind, time.time(), sample.payload.to_bytes()))
+            self._came.append(Message(topic, kind, steady_time(), sample.payload.to_bytes()))
 
         try:
             self._subscriptions.append(self._session.declare_subscriber(key, keep))
@@ -346,7 +347,7 @@ class DdsLink:
             self._waiting.wait(round(timeout * _NANO))
         else:
             time.sleep(timeout)
-        received = time.time()
+        received = steady_time()
         return [
             Message(topic, kind, received, each.data)
             for topic, kind, reader, _ in self._readers

@@ -1,0 +1,768 @@
+"""Links under attack: hostile datagrams, two vehicles of one number, stalls, clocks that are set, floods, hours on end.
+
+    python benchmarks/studies/attack_links.py [--runs 1000000] [--seed 1] [--hours 2] [--speed 10]
+                                              [--only PART,...] [--output FILE]
+
+A simulated vehicle drives for half a minute and is heard over JSON, MAVLink and DDS, by the links of `towtank live`
+with a session and a learner behind them; what comes over the wire, and when, is played from a tape, so that two runs
+of the same tape learn the same to the last digit.
+
+Hostile: `--runs` datagrams, shared by the three links, come between those of the vehicle: cut, flipped, spliced,
+random bytes, absurd JSON, wrong checksums, numbers and stamps that cannot be, another vehicle under the same number.
+Nothing may be raised, and the estimate must be that of the tape without them, to the last digit.
+
+Cases: the link stalls for a minute and delivers all of it at once; the vehicle starts anew; its clock is set by hours
+or seconds; its counter of milliseconds begins anew after 50 days; this computer's clock is set by hours. Each must be
+counted or said, and no coefficient may end farther than half a deviation from the tape that nothing befell.
+
+Flood: for some seconds a socket gets what it can hold. What is dropped must be said, and noise must not fill the
+disk.
+
+Hours: `towtank live replay:LOG@SPEED` runs `--hours` of a log; memory may grow by 5 MB once it is warm, and the
+number of open files not at all. Size: what an hour of 50 signals at 100 Hz takes on the disk. The exit code is 1
+where a bound is broken.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import random
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+from rich.console import Console
+from rich.table import Table
+from rosbags.typesys import Stores, get_typestore
+
+from towtank import load_vehicle
+from towtank.live import session as live_session
+from towtank.live.links.json import JsonSource
+from towtank.live.links.mavlink import source as mavlink_source
+from towtank.live.links.mavlink.source import MavlinkSource
+from towtank.live.links.ros2 import source as ros2_source
+from towtank.live.links.ros2.source import Ros2Source
+from towtank.live.links.ros2.transports import Message
+from towtank.live.links.source import Raw, Sample, SourceState
+from towtank.live.pipeline import clock as host
+from towtank.live.pipeline.instants import rows_of
+from towtank.live.session import Session
+from towtank.live.status import Status
+from towtank.live.warm_up import new_learner
+from towtank.outputs import write_text
+from towtank.readers import read
+from towtank.recording import Recording
+from towtank.recording.mcap.log import McapLog, Quantity
+from towtank.simulation import Mocap, manoeuvre, simulate
+
+FREE = ("X_udot", "X_uu")
+CHANGED, GROWTH, NOISE = 0.5, 5.0, 2.0  # deviations, MB, MB of a flood of noise that may be recorded
+LONGEST = 2.0  # s of work on what came at once
+RATE, SECONDS = 50.0, 30.0  # Hz, s
+EPOCH = 1.7e9
+_BEFORE = 4.0  # s of the vehicle alone
+_FORGED = 10  # datagrams between two of the vehicle may bear its address and stamps that cannot be: docs/live.md
+_OWN, _OTHER = ("10.0.0.2", 14550), ("10.0.0.9", 14550)
+_ODOMETRY, _WRENCH = "nav_msgs/msg/Odometry", "geometry_msgs/msg/WrenchStamped"
+_STORE = get_typestore(Stores.ROS2_HUMBLE)
+_ABSURD = (
+    b"\n",
+    b"null",
+    b"[1, 2]",
+    b"{}",
+    b'{"t": null}',
+    b'{"t": 1e308, "x": 1}',
+    b'{"t": -1e308, "x": 1}',
+    b'{"t": "now", "x": 1}',
+    b'{"t": true, "x": false}',
+    b'{"t": 1e999, "psi": NaN}',
+    b'{"x": Infinity, "y": -Infinity}',
+    b'{"x": 1' + b"0" * 400 + b"}",
+    b'{"cmd": [1]}',
+    b'{"cmd": {"nobody": 1, "": 2}}',
+    b'{"cmd": {"aft_port": {"a": 1}}}',
+    b'{"frame": 3}',
+    b'{"frame": {"body": [], "world": {}}}',
+    b'{"qw": 0, "qx": 0, "qy": 0, "qz": 0}',
+    b'{"qw": 1e200, "qx": 1e200, "qy": 0, "qz": 0}',
+    b"[" * 60_000,
+    b'{"a":' * 10_000,
+    b'{"\xff\xfe": 1}',
+    b'"\\ud800"',
+    b'{"cmd_\\ud800": 1, "x\\u0000": 2}',
+)
+
+
+class Heard(NamedTuple):
+    """What came over a link: when [s, Unix], its bytes, and from where, or on which topic."""
+
+    received: float
+    data: bytes
+    sender: Any
+
+
+Tape = list[list[Heard]]  # batches, as they are read
+Batches = Iterable[list[Heard]]
+
+
+class Player:
+    """Plays a tape in the place of a socket; the time is that of the tape."""
+
+    stream = speaks_first = False
+    bandwidth, broken, dropped = 0.0, "", 0
+    name = "tape"
+    said: tuple[str, ...] = ()
+
+    def __init__(self, tape: Batches) -> None:
+        self._batches = iter(tape)
+        self.now, self.ended, self.slowest = EPOCH, False, 0.0
+        self._handed = math.inf
+
+    def open(self) -> None:
+        """There is nothing to open."""
+
+    def receive(self, timeout: float) -> list[Any]:
+        """Return the next batch."""
+        self.slowest = max(self.slowest, time.thread_time() - self._handed)
+        batch = next(self._batches, None)
+        self.ended = batch is None
+        if batch:
+            self.now = batch[-1].received
+        self._handed = time.thread_time()
+        return [(each.data, each.received, each.sender) for each in batch or ()]
+
+    def send(self, data: bytes, to: Any) -> None:
+        """Say nothing."""
+
+    def close(self) -> None:
+        """There is nothing to close."""
+
+
+class Topics(Player):
+    """The same for topics of ROS 2."""
+
+    def receive(self, timeout: float) -> list[Any]:
+        """Return the next batch as messages."""
+        return [Message(*topic, received, data) for data, received, topic in super().receive(timeout)]
+
+    def topics(self) -> dict[str, str]:
+        """Return what is published."""
+        return {"/odom": _ODOMETRY, "/thrust": _WRENCH}
+
+    def subscribe(self, topic: str, kind: str) -> str:
+        """Listen."""
+        return ""
+
+
+class Played:
+    """A link whose tape ends, and which can wait, as a file can."""
+
+    patient = True
+
+    def __init__(self, link: Any, player: Player) -> None:
+        self._link, self._player = link, player
+        self.name, self.keeps_time = link.name, link.keeps_time
+
+    def open(self) -> None:
+        """Open the link."""
+        self._link.open()
+
+    def read(self, timeout: float) -> Sequence[Sample | Raw]:
+        """Read the link."""
+        found: Sequence[Sample | Raw] = self._link.read(timeout)
+        return found
+
+    def state(self) -> SourceState:
+        """Return how it fares, and whether the tape has ended."""
+        return replace(self._link.state(), ended=self._player.ended)
+
+    def close(self) -> None:
+        """Close the link."""
+        self._link.close()
+
+
+# What a vehicle says
+
+
+def drive(name: str, seconds: float, seed: int) -> Recording:
+    """Return a simulated run in surge."""
+    vehicle = load_vehicle(name)
+    plan = manoeuvre("surge-sine", vehicle, duration=seconds, dt=1.0 / RATE, seed=seed)
+    return simulate(vehicle, commands=plan.commands, dt=1.0 / RATE, sensors=Mocap(rate=RATE), seed=seed)
+
+
+Packed = list[tuple[float, list[tuple[bytes, Any]]]]  # time of the vehicle [s], and what it sends then
+Stamp = Callable[[float], float]
+
+
+def json_of(run: Recording, stamp: Stamp, sender: Any = _OWN) -> Packed:
+    """Return a run as JSON."""
+    return [
+        (t, [(json.dumps({"t": stamp(t), **dict(zip(names, values, strict=True))}).encode(), sender)])
+        for t, names, values in rows_of(run)
+    ]
+
+
+def mavlink_of(run: Recording, stamp: Stamp, sender: Any = _OWN) -> Packed:
+    """Return a run as an autopilot tells it; the stamp is the time since it started."""
+    encoder = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+    names = [name for name in run.names if name.startswith("cmd_")]
+    grid = run["x"].t
+    velocity = {name: np.gradient(run[name].values, grid) for name in ("x", "y", "z", "phi", "theta", "psi")}
+    found: Packed = []
+    for k, t in enumerate(grid.tolist()):
+        boot = stamp(t)
+        milli = round(1e3 * boot) % 2**32
+        angles = [float(run[name].values[k]) for name in ("phi", "theta", "psi")]
+        rates = [float(velocity[name][k]) for name in ("phi", "theta", "psi")]
+        place = [float(run[name].values[k]) for name in ("x", "y", "z")]
+        speed = [float(velocity[name][k]) for name in ("x", "y", "z")]
+        pulses = [round(float(np.interp(t, run[name].t, run[name].values))) for name in names]
+        said = [
+            dialect.MAVLink_attitude_message(milli, *angles, *rates),
+            dialect.MAVLink_local_position_ned_message(milli, *place, *speed),
+            dialect.MAVLink_servo_output_raw_message(round(1e6 * boot) % 2**32, 0, *pulses, *[0] * (16 - len(pulses))),
+        ]
+        if k % round(RATE) == 0:
+            said += [
+                dialect.MAVLink_heartbeat_message(12, 3, 0, 0, 4, 3),
+                dialect.MAVLink_ekf_status_report_message(63, 0.1, 0.1, 0.1, 0.1, 0.1),
+            ]
+        found.append((t, [(bytes(each.pack(encoder)), sender) for each in said]))
+    return found
+
+
+def ros2_of(run: Recording, stamp: Stamp, sender: Any = None) -> Packed:
+    """Return a run as Odometry and WrenchStamped, in ENU and FLU, with the force that it was driven by."""
+    grid = run["x"].t
+    speed = np.gradient(run["x"].values, grid)
+    found: Packed = []
+    for k, t in enumerate(grid.tolist()):
+        force = 30.0 * math.sin(0.6 * t)
+        found.append(
+            (
+                t,
+                [
+                    (odometry(stamp(t), float(run["x"].values[k]), float(speed[k])), ("/odom", _ODOMETRY)),
+                    (wrench(stamp(t), force), ("/thrust", _WRENCH)),
+                ],
+            )
+        )
+    return found
+
+
+def _made(kind: str, **fields: Any) -> Any:
+    return _STORE.types[kind](**fields)
+
+
+def _header(stamp: float, frame: str) -> Any:
+    seconds = math.floor(stamp)
+    moment = _made("builtin_interfaces/msg/Time", sec=seconds, nanosec=round(1e9 * (stamp - seconds)) % 10**9)
+    return _made("std_msgs/msg/Header", stamp=moment, frame_id=frame)
+
+
+def _vector(x: float, y: float, z: float, kind: str = "Vector3") -> Any:
+    return _made(f"geometry_msgs/msg/{kind}", x=x, y=y, z=z)
+
+
+def odometry(stamp: float, north: float, u: float) -> bytes:
+    """Return nav_msgs/Odometry of a vehicle that heads north."""
+    half = math.sqrt(0.5)
+    turn = _made("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=half, w=half)
+    pose = _made("geometry_msgs/msg/Pose", position=_vector(0.0, north, -1.0, "Point"), orientation=turn)
+    rate = _made("geometry_msgs/msg/Twist", linear=_vector(u, 0.0, 0.0), angular=_vector(0.0, 0.0, 0.0))
+    message = _made(
+        _ODOMETRY,
+        header=_header(stamp, "odom"),
+        child_frame_id="base_link",
+        pose=_made("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
+        twist=_made("geometry_msgs/msg/TwistWithCovariance", twist=rate, covariance=np.zeros(36)),
+    )
+    return bytes(_STORE.serialize_cdr(message, _ODOMETRY))
+
+
+def wrench(stamp: float, force: float) -> bytes:
+    """Return geometry_msgs/WrenchStamped of a force forward."""
+    both = _made("geometry_msgs/msg/Wrench", force=_vector(force, 0.0, 0.0), torque=_vector(0.0, 0.0, 0.0))
+    return bytes(_STORE.serialize_cdr(_made(_WRENCH, header=_header(stamp, "base_link"), wrench=both), _WRENCH))
+
+
+# Links, and what is learned
+
+
+@dataclass(frozen=True)
+class Link:
+    """A kind of link: its vehicle, how a run is said over it, and what a tape is played to."""
+
+    vehicle: str
+    says: Callable[..., Packed]
+    boot: float  # s on the vehicle's clock at t = 0
+
+
+LINKS = {
+    "JSON": Link("seamor", json_of, 100.0),
+    "MAVLink": Link("bluerov2_heavy", mavlink_of, 100.0),
+    "DDS": Link("seamor", ros2_of, EPOCH - 5e5),
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a tape taught.
+
+    Attributes:
+        values, std: of the coefficients. status: how the session ended. slowest: most work on one batch [s].
+    """
+
+    values: Any
+    std: Any
+    status: Status
+    slowest: float
+
+    @property
+    def told(self) -> str:
+        """All that a person is told."""
+        said = [text for each in self.status.sources for text in each.state.said]
+        return " | ".join([*said, *self.status.warnings, *(each.text for each in self.status.events)])
+
+
+def played(kind: str, tape: Batches) -> Outcome:
+    """Play a tape to a session; raises what a link or the learner raises."""
+    vehicle = load_vehicle(LINKS[kind].vehicle)
+    player: Player = Topics(tape) if kind == "DDS" else Player(tape)
+    link: Any
+    if kind == "JSON":
+        link = JsonSource("json:127.0.0.1:9", vehicle)
+        link.open = lambda: None
+        link._link = player
+    elif kind == "MAVLink":
+        link = MavlinkSource("udpin:127.0.0.1:9?listen", vehicle)
+        link._connection = player
+    else:
+        link = Ros2Source("dds:0")
+        link._link = player
+    mavlink_source.steady_time = ros2_source.steady_time = lambda: player.now  # type: ignore[assignment]
+    live_session._SETTLING = math.inf  # the time of a tape is not that of the clock
+    learner = new_learner(vehicle, "joint", FREE, changes=False)
+    session = Session([(kind, Played(link, player))], vehicle, learner, epoch=EPOCH)
+    session.open()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        status = session.run(threading.Event())
+    broken = [text for text in status.warnings if "stopped" in text or "failed" in text]
+    if broken:
+        raise RuntimeError(f"{kind}: {'; '.join(broken)}")
+    return Outcome(learner.estimate.values, learner.estimate.std, status, player.slowest)
+
+
+def tape_of(packed: Packed, *, quickest: float = 0.002, seed: int = 1) -> Tape:
+    """Return what comes of what is sent: each a little late, in its order."""
+    chance = random.Random(seed)
+    tape, last = [], 0.0
+    for t, said in packed:
+        last = max(EPOCH + t + quickest + chance.expovariate(500.0), last)
+        tape.append([Heard(last, data, sender) for data, sender in said])
+    return tape
+
+
+def usual(kind: str, seed: int, seconds: float = SECONDS) -> Tape:
+    """Return the tape of a link that nothing befalls."""
+    link = LINKS[kind]
+    return tape_of(link.says(drive(link.vehicle, seconds, seed), lambda t: link.boot + t), seed=seed)
+
+
+# Hostile
+
+
+def hostile_json(chance: random.Random, good: bytes, t: float, *, forged: bool) -> Heard:
+    """Return a datagram that holds nothing to be learned from."""
+    way = chance.randrange(6 if forged else 5)
+    if way == 0:
+        return Heard(t, good[: chance.randrange(1, len(good))], _OWN)  # no object without its last brace
+    if way == 1:
+        return Heard(t, chance.randbytes(chance.randint(1, 300)), _OWN)
+    if way == 2:
+        return Heard(t, good[:-1] + good[: chance.randrange(1, len(good))], _OWN)
+    if way == 3:
+        return Heard(t, json.dumps({f"k{chance.randrange(10**6)}": chance.random()}).encode(), _OWN)
+    if way == 4:
+        return Heard(t, good.replace(b'"x": ', b'"x": 4'), _OTHER)  # another vehicle on the same port
+    return Heard(t, chance.choice(_ABSURD), _OWN)
+
+
+def _signed(kind: Any, payload: bytes, sender: tuple[int, int], wrong: int = 0) -> bytes:
+    from pymavlink.generator.mavcrc import x25crc
+
+    head = bytes((len(payload), 0, 0, 7, *sender)) + kind.id.to_bytes(3, "little")
+    crc = x25crc(head + payload + bytes((kind.crc_extra,))).crc ^ wrong
+    return b"\xfd" + head + payload + int(crc).to_bytes(2, "little")
+
+
+_KINDS = list(dialect.mavlink_map.values())
+_ATTITUDE = dialect.mavlink_map[dialect.MAVLINK_MSG_ID_ATTITUDE]
+
+
+def hostile_mavlink(chance: random.Random, good: bytes, t: float, *, forged: bool) -> Heard:
+    """Return a datagram that holds nothing to be learned from."""
+    way = chance.randrange(6 if forged else 5)
+    if way == 0:
+        return Heard(t, good[: chance.randrange(1, len(good))], _OWN)
+    if way == 1:
+        return Heard(t, chance.randbytes(chance.randint(1, 280)), _OWN)
+    if way == 2:
+        return Heard(t, _signed(chance.choice(_KINDS), chance.randbytes(20), (1, 1), wrong=1), _OWN)
+    if way == 3:  # another vehicle under the same number
+        return Heard(t, _signed(chance.choice(_KINDS), chance.randbytes(20), (1, 1)), _OTHER)
+    if way == 4:  # another autopilot, as itself
+        return Heard(t, _signed(_ATTITUDE, chance.randbytes(28), (2, 1)), _OTHER)
+    stamp = chance.randrange(10**8, 2**31).to_bytes(4, "little")  # days ahead
+    return Heard(t, _signed(_ATTITUDE, stamp + chance.randbytes(24), (1, 1)), _OWN)
+
+
+def hostile_ros2(chance: random.Random, good: bytes, t: float, *, forged: bool) -> Heard:
+    """Return a message that holds nothing to be learned from."""
+    topic = ("/odom", _ODOMETRY)
+    way = chance.randrange(4 if forged else 3)
+    if way == 0:
+        return Heard(t, good[: chance.randrange(len(good) - 8)], topic)
+    if way == 1:
+        return Heard(t, chance.randbytes(chance.randint(0, 60)), topic)
+    if way == 2:
+        return Heard(t, chance.randbytes(chance.randint(0, 300)), ("/noise", "std_msgs/msg/Float32"))
+    return Heard(t, odometry(EPOCH + 1e6 * chance.random(), 5.0, 9.0), topic)  # days ahead
+
+
+_HOSTILE = {"JSON": hostile_json, "MAVLink": hostile_mavlink, "DDS": hostile_ros2}
+
+
+def among(kind: str, tape: Tape, count: int, seed: int) -> Iterator[list[Heard]]:
+    """Yield the batches of a tape with hostile datagrams before them; stamps are forged in the first of them alone."""
+    chance = random.Random(seed)
+    start = next(k for k, batch in enumerate(tape) if batch[0].received > EPOCH + _BEFORE)
+    each = count / (len(tape) - start)
+    make, owed = _HOSTILE[kind], 0.0
+    for k, batch in enumerate(tape):
+        before: list[Heard] = []
+        owed += each if k >= start else 0.0
+        while owed >= 1.0:
+            owed -= 1.0
+            before.append(make(chance, batch[0].data, batch[0].received - 1e-4, forged=len(before) < _FORGED))
+        yield [*before, *batch]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A line of the table: what was done, what was found, the bound, and whether it holds."""
+
+    what: str
+    found: str
+    bound: str
+    good: bool
+
+
+def hostile(kind: str, count: int, seed: int) -> Row:
+    """Play a tape with and without hostile datagrams."""
+    tape = usual(kind, seed)
+    calm = played(kind, tape)
+    storm = played(kind, among(kind, tape, count, seed))
+    same = np.array_equal(calm.values, storm.values) and np.array_equal(calm.std, storm.std)
+    state = storm.status.sources[0].state
+    counted = storm.status.bad + state.foreign
+    change = float(np.max(np.abs(calm.values - storm.values) / calm.std))
+    learned = bool(calm.status.learnt.instants) and bool(np.any(calm.std > 0.0))
+    found = (
+        f"{counted} counted, at most {storm.slowest:.2f} s of work at once, "
+        f"estimate {'the same' if same else f'off by {change:.3g} std'}"
+    )
+    good = same and learned and counted > 0 and storm.slowest <= LONGEST
+    return Row(f"{count} hostile datagrams, {kind}", found, "no escape, the same", good)
+
+
+# Cases
+
+
+def stalls(kind: str, seed: int) -> tuple[Tape, Tape, str]:
+    """The link stalls for a minute and then delivers everything at once."""
+    calm = usual(kind, seed, SECONDS + 60.0)
+    held: Tape = []
+    for batch in calm:
+        late = EPOCH + 75.0 + 1e-5 * len(held)
+        inside = EPOCH + 15.0 < batch[0].received < late
+        held.append([each._replace(received=late) for each in batch] if inside else batch)
+    return calm, held, ""
+
+
+def clock_set(seconds: float) -> Callable[[str, int], tuple[Tape, Tape, str]]:
+    """The vehicle's clock is set by so many seconds after half of the run."""
+
+    def case(kind: str, seed: int) -> tuple[Tape, Tape, str]:
+        link = LINKS[kind]
+        run = drive(link.vehicle, SECONDS, seed)
+        boot = link.boot + max(-seconds, 0.0)
+        calm = tape_of(link.says(run, lambda t: boot + t), seed=seed)
+        told = link.says(run, lambda t: boot + t + (seconds if t > SECONDS / 2 else 0.0))
+        return calm, tape_of(told, seed=seed), "its clock was set anew"
+
+    return case
+
+
+def starts_anew(kind: str, seed: int) -> tuple[Tape, Tape, str]:
+    """The vehicle starts anew, so that its clock begins again."""
+    link = LINKS[kind]
+    run = drive(link.vehicle, SECONDS, seed)
+    told = link.says(run, lambda t: link.boot + t if t < SECONDS / 2 else 1.0 + t - SECONDS / 2)
+    return usual(kind, seed), tape_of(told, seed=seed), "its clock was set anew"
+
+
+def counter_begins_anew(kind: str, seed: int) -> tuple[Tape, Tape, str]:
+    """The counter of milliseconds has 32 bits, and begins anew after 50 days."""
+    link = LINKS[kind]
+    run = drive(link.vehicle, SECONDS, seed)
+    boot = 2.0**32 * 1e-3 - SECONDS / 2
+    return usual(kind, seed), tape_of(link.says(run, lambda t: boot + t), seed=seed), ""
+
+
+def same_number(kind: str, seed: int) -> tuple[Tape, Tape, str]:
+    """Another vehicle speaks under the same number, on another course, as often, and with a clock of its own."""
+    link = LINKS[kind]
+    calm = usual(kind, seed)
+    other = link.says(drive(link.vehicle, SECONDS, seed + 1), lambda t: 7000.0 + t, _OTHER)
+    rival = tape_of([(t, said) for t, said in other if t > _BEFORE], seed=seed + 1)
+    both = sorted([*calm, *rival], key=lambda batch: batch[0].received)
+    return calm, both, "passed over"
+
+
+CASES: dict[str, tuple[Callable[[str, int], tuple[Tape, Tape, str]], tuple[str, ...]]] = {
+    "stalls for a minute": (stalls, ("JSON", "MAVLink")),
+    "starts anew": (starts_anew, ("JSON", "MAVLink")),
+    "clock set by +3 h": (clock_set(10_800.0), ("JSON", "MAVLink", "DDS")),
+    "clock set by -3 h": (clock_set(-10_800.0), ("JSON", "MAVLink", "DDS")),
+    "clock set by -5 s": (clock_set(-5.0), ("JSON",)),
+    "counter of ms begins anew": (counter_begins_anew, ("MAVLink",)),
+    "another vehicle, same number": (same_number, ("JSON", "MAVLink")),
+}
+
+
+def case(name: str, kind: str, seed: int) -> Row:
+    """Play a tape that something befell, and the one that nothing did."""
+    calm_tape, tape, words = CASES[name][0](kind, seed)
+    calm, found = played(kind, calm_tape), played(kind, tape)
+    change = float(np.max(np.abs(found.values - calm.values) / calm.std))
+    said = not words or words in found.told
+    text = f"off by {change:.3f} std" + ("" if said else f", not said: {words}")
+    good = said and change <= CHANGED and bool(found.status.learnt.instants)
+    return Row(f"{kind}: {name}", text, f"{CHANGED} std, said", good)
+
+
+def computer_clock(seed: int) -> Row:
+    """This computer's clock is set by three hours, forward and back, while a socket is read."""
+    vehicle = load_vehicle("seamor")
+    run = drive("seamor", 6.0, seed)
+    set_by = 0.0
+    honest = time.time
+    with tempfile.TemporaryDirectory() as folder, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        out.bind(("127.0.0.1", 0))
+        port = out.getsockname()[1] + 1
+        source = JsonSource(f"json:127.0.0.1:{port}", vehicle)
+        log = McapLog.open(Path(folder, "a.mcap"))
+        learner = new_learner(vehicle, "joint", FREE, changes=False)
+        session = Session([("JSON", source)], vehicle, learner, epoch=host.steady_time(), log=log)
+        session.open()
+        stop = threading.Event()
+        done: list[Status] = []
+        thread = threading.Thread(target=lambda: done.append(session.run(stop)))
+        thread.start()
+        time.time = lambda: honest() + set_by  # type: ignore[assignment]
+        try:
+            began = time.monotonic()
+            for t, said in json_of(run, lambda t: t):
+                time.sleep(max(began + t - time.monotonic(), 0.0))
+                set_by = 0.0 if t < 2.0 else 10_800.0 if t < 4.0 else -10_800.0
+                out.sendto(said[0][0], ("127.0.0.1", port))
+            time.sleep(1.0)
+        finally:
+            time.time = honest
+        stop.set()
+        thread.join()
+        times = read(Path(folder, "a.mcap"))["x"].t
+    said = sum("computer's clock was set" in event.text for event in done[0].events)
+    gap = float(np.max(np.diff(times)))
+    kept = len(times) / len(run["x"])
+    good = said == 2 and gap < 2.0 and kept == 1.0 and 5.0 < times[-1] - times[0] < 8.0
+    found = f"said {said} times, {100 * kept:.0f} % recorded over {times[-1] - times[0]:.1f} s"
+    return Row("this computer's clock set by +3 h, -6 h", found, "said, times go on", good)
+
+
+def flood(seconds: float, seed: int) -> Row:
+    """A socket gets as much noise as it can hold, with a vehicle's samples in it."""
+    vehicle = load_vehicle("seamor")
+    chance = random.Random(seed)
+    good = json_of(drive("seamor", 2.0, seed), lambda t: t)
+    noise = [chance.randbytes(1400).translate(None, b"\r\n") for _ in range(100)]  # one line each
+    with tempfile.TemporaryDirectory() as folder, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        out.bind(("127.0.0.1", 0))
+        port = out.getsockname()[1] + 1
+        log = McapLog.open(Path(folder, "a.mcap"))
+        learner = new_learner(vehicle, "joint", FREE, changes=False)
+        source = JsonSource(f"json:127.0.0.1:{port}", vehicle)
+        session = Session([("JSON", source)], vehicle, learner, epoch=host.steady_time(), log=log)
+        session.open()
+        stop = threading.Event()
+        done: list[Status] = []
+        thread = threading.Thread(target=lambda: done.append(session.run(stop)))
+        thread.start()
+        sent, end = 0, time.monotonic() + seconds
+        while time.monotonic() < end:
+            for data in (*noise, good[sent % len(good)][1][0][0]):
+                out.sendto(data, ("127.0.0.1", port))
+                sent += 1
+        for _ in range(3):  # the system tells with the next one what it has dropped
+            time.sleep(2.0)
+            out.sendto(good[-1][1][0][0], ("127.0.0.1", port))
+            sent += 1
+        time.sleep(1.0)
+        stop.set()
+        thread.join()
+        size = Path(folder, "a.mcap").stat().st_size / 1e6
+    state = done[0].sources[0].state
+    counted = state.bad + done[0].samples + state.dropped + done[0].sources[0].strange
+    found = f"{sent} sent, {state.bad} bad, {state.dropped} dropped by the system, {size:.1f} MB recorded"
+    bound = NOISE + 0.1 * seconds
+    told = not state.dropped or any("dropped by the system" in text for text in state.said)
+    good_one = told and size <= bound and counted >= 0.99 * sent and state.bad > 0
+    return Row(f"flood of noise, {seconds:.0f} s", found, f"counted, {bound:.1f} MB", good_one)
+
+
+# Hours
+
+
+def hours(length: float, speed: float, seed: int) -> Row:
+    """Run `towtank live` over hours of a log, so many times as fast; look at memory and open files once a second."""
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder, "log.parquet")
+        vehicle = load_vehicle("vlbv300")
+        part = 600.0
+        plan = manoeuvre("all-multisine", vehicle, duration=part, dt=0.01, seed=seed)
+        run = simulate(vehicle, commands=plan.commands, dt=0.01, sensors=Mocap(rate=100.0), seed=seed)
+        many = max(math.ceil(3600.0 * length / part), 1)
+        t = np.concatenate([run["x"].t + k * (part + 0.01) for k in range(many)])
+        names = [*run.names]
+        table = {name: np.tile(np.interp(run["x"].t, run[name].t, run[name].values), many) for name in names}
+        Recording.from_table(t, table, source="hours").window(0.0, 3600.0 * length).write(log)
+        command = [sys.executable, "-m", "towtank", "live", f"replay:{log}@{speed:g}", "--vehicle", "vlbv300"]
+        process = subprocess.Popen(
+            [*command, "--record", str(Path(folder, "a.mcap")), "--json-lines"], stdout=subprocess.PIPE, text=True
+        )
+        memory, handles, last = [], [], ""
+        for line in process.stdout or ():
+            last = line
+            if process.poll() is None and (usage := _usage(process.pid)) is not None:
+                memory.append(usage[0])
+                handles.append(usage[1])
+        process.wait()
+        document = json.loads(last)
+    warm = len(memory) // 4
+    tenth = max(len(memory) // 10, 1)
+    early, late = np.median(memory[warm : warm + tenth]), np.median(memory[-tenth:])
+    held = int(np.median(handles[warm : warm + tenth])), int(np.median(handles[-tenth:]))
+    dropped = document["live"]["dropped"]
+    found = f"{early:.1f} MB, then {late:.1f} MB; {held[0]} open files, then {held[1]}; {dropped} dropped in learning"
+    good = late - early <= GROWTH and held[1] <= held[0] and process.returncode == 0
+    return Row(f"{length:g} h at {speed:g} times the pace", found, f"+{GROWTH:g} MB, +0 files", good)
+
+
+def _usage(process: int) -> tuple[float, int] | None:
+    """Return resident memory [MB] and open files of a process."""
+    try:
+        status = Path(f"/proc/{process}/status").read_text()
+        resident = next(line for line in status.splitlines() if line.startswith("VmRSS"))
+        return float(resident.split()[1]) * 1.024e-3, len(list(Path(f"/proc/{process}/fd").iterdir()))
+    except (OSError, StopIteration):
+        return None
+
+
+def size_of_an_hour(minutes: float, seed: int) -> Row:
+    """Record 50 signals at 100 Hz as a session does, bytes and samples; return what an hour takes."""
+    rng = np.random.default_rng(seed)
+    names = [f"cmd_{k}" for k in range(50)]
+    count = round(6000 * minutes)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "a.mcap")
+        with McapLog.open(path, interval=1e9) as log:
+            log.source("json/port", [Quantity(name) for name in names])
+            for k in range(count):
+                values = np.round(rng.normal(size=50), 4).tolist()
+                data = json.dumps({"t": round(0.01 * k, 3), **dict(zip(names, values, strict=True))}).encode()
+                log.write_raw("json/port", 0.01 * k, data)
+                log.write("json/port", 0.01 * k, *values)
+                if k % 50 == 49:
+                    log.flush()
+        size = path.stat().st_size / 1e6 * 60.0 / minutes
+    return Row("an hour of 50 signals at 100 Hz, JSON and samples", f"{size:.0f} MB", "-", True)
+
+
+PARTS = ("hostile", "cases", "computer", "flood", "size", "hours")
+
+
+def perform(runs: int, seed: int, parts: Sequence[str], length: float, speed: float) -> list[Row]:
+    """Return the rows of the table."""
+    rows: list[Row] = []
+    steps: list[tuple[str, Callable[[], Row]]] = []
+    if "hostile" in parts:
+        share = {"JSON": 0.4, "MAVLink": 0.4, "DDS": 0.2}
+        steps += [(kind, lambda kind=kind: hostile(kind, round(share[kind] * runs), seed)) for kind in LINKS]  # type: ignore[misc]
+    if "cases" in parts:
+        for name, (_, kinds) in CASES.items():
+            steps += [(name, lambda name=name, kind=kind: case(name, kind, seed)) for kind in kinds]  # type: ignore[misc]
+    if "computer" in parts:
+        steps.append(("computer", lambda: computer_clock(seed)))
+    if "flood" in parts:
+        steps.append(("flood", lambda: flood(10.0, seed)))
+    if "size" in parts:
+        steps.append(("size", lambda: size_of_an_hour(6.0, seed)))
+    if "hours" in parts:
+        steps.append(("hours", lambda: hours(length, speed, seed)))
+    for name, step in steps:
+        print(f"{name} ...", file=sys.stderr, flush=True)
+        rows.append(step())
+    return rows
+
+
+def main() -> int:
+    """Run and judge."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=1_000_000, help="hostile datagrams")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--hours", type=float, default=2.0)
+    parser.add_argument("--speed", type=float, default=10.0)
+    parser.add_argument("--only", default=",".join(PARTS), help=f"of {', '.join(PARTS)}")
+    parser.add_argument("--output", type=Path)
+    asked = parser.parse_args()
+    rows = perform(asked.runs, asked.seed, asked.only.split(","), asked.hours, asked.speed)
+    table = Table(title="Links")
+    for column in ("attack", "found", "bound", ""):
+        table.add_column(column)
+    for row in rows:
+        table.add_row(row.what, row.found, row.bound, "ok" if row.good else "BROKEN")
+    Console(width=150).print(table)
+    if asked.output:
+        write_text(asked.output, json.dumps([asdict(row) for row in rows]))
+    good = all(row.good for row in rows)
+    print("every bound holds" if good else "A BOUND IS BROKEN")
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,143 @@
+"""What others do to the file of a recording under way: taken away, cut, moved, written by two."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from towtank.errors import InputError
+from towtank.readers import read
+from towtank.recording.mcap.log import McapLog, Quantity
+
+
+def begun(path: Path) -> McapLog:
+    log = McapLog.open(path, source="by hand", attributes={"vehicle": "seamor"})
+    log.source("gyro", [Quantity("r", "rad/s", "FRD")])
+    write(log, 0, 300)
+    log.write_raw("udp", 1.0, b"packet")
+    assert log.flush()
+    return log
+
+
+def write(log: McapLog, first: int, last: int) -> None:
+    for k in range(first, last):
+        log.write("gyro", 0.01 * k, float(k))
+        if k % 50 == 49:
+            log.flush()
+
+
+def independent(path: Path) -> list[float]:
+    """Return the times [s] that the package mcap finds by the file's index."""
+    with path.open("rb") as stream:
+        messages = make_reader(stream, validate_crcs=True).iter_messages(topics=["/gyro"])
+        return [message.log_time * 1e-9 for _, _, message in messages]
+
+
+def test_a_folder_that_is_removed_is_made_anew_with_all_that_was_recorded(tmp_path: Path) -> None:
+    (tmp_path / "dives").mkdir()
+    log = begun(tmp_path / "dives" / "a.mcap")
+    shutil.rmtree(tmp_path / "dives")
+    write(log, 300, 600)
+    log.close()
+    assert log.complete
+    assert log.lost == 0
+    assert [text.endswith("what it held is written anew under its name") for text in log.incidents] == [True]
+    run = read(tmp_path / "dives" / "a.mcap")
+    assert np.array_equal(run["r"].values, np.arange(600.0))
+    assert len(independent(tmp_path / "dives" / "a.mcap")) == 600
+
+
+def test_a_name_that_was_taken_meanwhile_is_left_to_its_owner(tmp_path: Path) -> None:
+    log = begun(tmp_path / "a.mcap")
+    (tmp_path / "a.mcap").unlink()
+    (tmp_path / "a.mcap").write_text("of somebody else")
+    write(log, 300, 400)
+    log.close()
+    assert (tmp_path / "a.mcap").read_text() == "of somebody else"
+    assert log.path == tmp_path / "a-2.mcap"
+    assert len(read(log.path)["r"]) == 400
+
+
+@pytest.mark.parametrize("left", [0.0, 0.001, 0.5, 0.9])
+def test_a_file_that_is_cut_goes_on_behind_what_is_left(left: float, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    log = begun(path)
+    size = path.stat().st_size
+    os.truncate(path, round(left * size))
+    write(log, 300, 600)
+    log.close(["ended"])
+    run = read(path)
+    assert log.complete
+    assert np.array_equal(run["r"].values[-300:], np.arange(300.0, 600.0))  # all that came afterwards
+    assert (run.attributes["vehicle"], run.source) == ("seamor", "by hand")
+    assert len(run["r"]) + log.lost >= 600  # what was cut off is counted, the packet with it
+    assert log.lost <= 301
+    assert f"{size - round(left * size)} bytes were cut off" in log.incidents[0]
+    assert len(independent(path)) == len(run["r"])
+
+
+def test_a_file_that_is_moved_is_written_on_under_its_new_name(tmp_path: Path) -> None:
+    log = begun(tmp_path / "a.mcap")
+    (tmp_path / "a.mcap").rename(tmp_path / "b.mcap")
+    write(log, 300, 600)
+    log.close()
+    assert log.incidents == [f"{tmp_path / 'a.mcap'} was moved; it is written on under its new name"]
+    assert len(read(tmp_path / "b.mcap")["r"]) == 600
+
+
+def test_a_second_writer_is_refused_and_the_first_one_unharmed(tmp_path: Path) -> None:
+    log = begun(tmp_path / "a.mcap")
+    before = (tmp_path / "a.mcap").read_bytes()
+    with pytest.raises(InputError, match="another session is recording to it"):
+        McapLog.resume(tmp_path / "a.mcap")
+    assert (tmp_path / "a.mcap").read_bytes() == before
+    log.close()
+    McapLog.resume(tmp_path / "a.mcap").close()
+
+
+def test_what_waits_for_a_full_disk_is_written_once_there_is_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = begun(tmp_path / "a.mcap")
+    honest, full = os.write, True
+
+    def no_room(descriptor: int, data: bytes) -> int:
+        if full:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return honest(descriptor, data)
+
+    monkeypatch.setattr("towtank.recording.mcap.log.os.write", no_room)
+    write(log, 300, 600)
+    assert not log.flush()
+    assert "No space left" in log.trouble
+    with pytest.raises(OSError, match="No space left"):
+        log.source("depth", [Quantity("z", "m", "NED")])
+    full = False
+    assert log.flush()
+    assert log.trouble == ""
+    log.close()
+    assert (log.lost, log.complete) == (0, True)
+    assert len(read(tmp_path / "a.mcap")["r"]) == 600
+
+
+def test_a_disk_that_stays_full_leaves_what_was_recorded_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = begun(tmp_path / "a.mcap")
+    before = (tmp_path / "a.mcap").read_bytes()
+
+    def no_room(descriptor: int, data: bytes) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("towtank.recording.mcap.log.os.write", no_room)
+    write(log, 300, 600)
+    log.close()
+    assert (log.lost, log.complete) == (300, False)
+    assert (tmp_path / "a.mcap").read_bytes() == before
+    assert len(read(tmp_path / "a.mcap")["r"]) == 300
