@@ -17,6 +17,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from towtank.errors import InputError, nearest
+from towtank.printable import printable
 
 __all__ = ["FAULT", "INTERRUPTED", "ORDER", "WRONG_INPUT", "Commands", "PlainCommand", "guarded", "wants_traceback"]
 
@@ -97,7 +98,7 @@ def wants_traceback() -> bool:
 def _report(line: str, code: int) -> int:
     if wants_traceback():
         traceback.print_exc()
-    sys.stderr.write(f"{line}\n")
+    sys.stderr.write(f"{printable(line)}\n")
     return code
 
 
@@ -134,7 +135,7 @@ def _meant(kind: str, word: str, context: Any) -> str:
 
 def _warning_line(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
     if not issubclass(category, DeprecationWarning | PendingDeprecationWarning | ResourceWarning):
-        sys.stderr.write(f"towtank: warning: {' '.join(str(message).split())}\n")
+        sys.stderr.write(f"towtank: warning: {printable(' '.join(str(message).split()))}\n")
 
 
 def _drop_output() -> None:
