@@ -37,7 +37,7 @@ from towtank.identification import Estimate, Learner
 from towtank.identification.logs import learn_recordings
 from towtank.methods import METHODS, STREAMING_METHODS
 from towtank.readers import read
-from towtank.recording import Recording
+from towtank.recording import Recording, align
 from towtank.recording.standard import ACCELERATIONS, LINEAR_VELOCITY, POSE, RATES, VELOCITIES
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, simulate
 from towtank.vehicle import COEFFICIENTS, Vehicle
@@ -307,10 +307,16 @@ def _learned(log: Log, out: Tried) -> Tried:
         recording = as_read(log, Path(folder))
     learning = learn_recordings(start, [recording], method=out.way.split()[1])
     known, wrong, fault = judged(learning.estimate, truth)
-    said = "; ".join(each.text for each in learning.findings if not each.allowed_for)
+    said = "; ".join([*(each.text for each in learning.findings if not each.allowed_for), *_dead(recording)])
     names = tuple(sorted(wrong))
     worst = max(wrong.values(), default=0.0)
     return replace(out, known=known, wrong=names, ever=names, worst=worst, said=said, fault=fault)
+
+
+def _dead(recording: Recording) -> list[str]:
+    """Return that sensors are dead, as `learn` says it."""
+    dead = align(recording).repairs.dead
+    return [f"dead: {', '.join(dead)}"] if dead else []
 
 
 def _streamed(log: Log, out: Tried) -> Tried:

@@ -243,7 +243,8 @@ def raw_in(text: str, *, terminal: bool) -> str:
 def file_names(folder: Path) -> list[Path]:
     """Return names of files that can be had, short enough, and hostile."""
     found = [text.replace("/", "_").replace("\x00", "")[:80] for text in STRINGS]
-    return [folder / f"{text}.csv" for text in found] + [folder / os.fsdecode(b"half \xff\xc3.csv")]
+    half = os.fsdecode(b"\x1b[2J\x1b]0;title\x07 half \xff.csv")  # not UTF-8
+    return [folder / f"{text}.csv" for text in found] + [folder / half]
 
 
 def command_checks(folder: Path, paths: Sequence[Path]) -> Iterator[Check]:
