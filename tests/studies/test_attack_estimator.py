@@ -25,7 +25,7 @@ def test_logs_that_tell_nothing_teach_nothing_wrong(abuse: str, way: str) -> Non
     assert found.ever == ()
 
 
-@pytest.mark.parametrize("abuse", ["degrees: angles", "repeated stamps", "spikes of 1e6", "half of all cells empty"])
+@pytest.mark.parametrize("abuse", ["degrees: angles", "half of all cells empty"])
 def test_what_is_learned_of_a_spoiled_log_is_right_or_withheld(abuse: str) -> None:
     found = attack_estimator.tried(abuse, "mocap", "learn joint", SECONDS, seed=1)
     assert found.fault == ""

@@ -26,7 +26,7 @@ _LEGEND = (
     '<div class="legend"><span><i class="measured"></i>measured</span>'
     '<span><i class="predicted"></i>predicted from the commands alone</span></div>'
 )
-_BAR = '<svg class="bar" viewBox="0 0 100 8" preserveAspectRatio="none"><rect width="{share:.0f}" height="8"/></svg>'
+_BAR = '<svg viewBox="0 0 100 8" class="bar" preserveAspectRatio="none"><rect width="{share:.0f}" height="8"/></svg>'
 _WORSE = '<small class="worse">worse than the mean</small>'
 _ANGLES = ("phi", "theta", "psi")
 _MOST_RESTARTS = 4  # logs that are drawn
