@@ -5,10 +5,10 @@ from __future__ import annotations
 import importlib
 import math
 from collections.abc import Iterable, Sequence
-from html import escape
 from typing import Any
 
 from towtank.errors import InputError
+from towtank.printable import escaped
 
 __all__ = ["Drawing", "html_table", "library", "spark_svg"]
 
@@ -39,15 +39,15 @@ def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], n
     right = [name.startswith(">") for name in head]
     cells = ["".join(_cell("td", *each) for each in zip(row, right, strict=True)) for row in rows]
     names = "".join(_cell("th", *each) for each in zip([name.removeprefix(">") for name in head], right, strict=True))
-    said = "".join(f'<div style="opacity:.75">{escape(note)}</div>' for note in notes)
+    said = "".join(f'<div style="opacity:.75">{escaped(note)}</div>' for note in notes)
     body = "".join(f"<tr>{row}</tr>" for row in cells)
     table = f"<table><thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>" if cells else ""
-    return f"<div><div><b>{escape(title)}</b></div>{table}{said}</div>"
+    return f"<div><div><b>{escaped(title)}</b></div>{table}{said}</div>"
 
 
 def _cell(tag: str, text: str, number: bool) -> str:
     broken = "" if len(text) > _LONG and not isinstance(text, Drawing) else ";white-space:nowrap"
-    html = text if isinstance(text, Drawing) else escape(text)
+    html = text if isinstance(text, Drawing) else escaped(text)
     return f'<{tag} style="{_CELL};text-align:{"right" if number else "left"}{broken}">{html}</{tag}>'
 
 
@@ -68,6 +68,6 @@ def spark_svg(values: Sequence[float], label: str) -> Drawing:
         for k, value in known
     )
     return Drawing(
-        f'<svg width="{_WIDTH}" height="{_HEIGHT}" role="img" aria-label="{escape(label, quote=True)}">'
+        f'<svg width="{_WIDTH}" height="{_HEIGHT}" role="img" aria-label="{escaped(label)}">'
         f'<polyline points="{points}" fill="none" stroke="#0072b2" stroke-width="1.2"/></svg>'
     )

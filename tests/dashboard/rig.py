@@ -26,6 +26,7 @@ from towtank.live.warm_up import new_learner
 from towtank.recording.event import Event
 from towtank.recording.mcap.log import McapLog
 from towtank.simulation import Mocap, manoeuvre, simulate
+from towtank.vehicle import Vehicle
 
 WEB = Path(__file__).resolve().parents[2] / "web"
 AXE = WEB / "node_modules" / "axe-core" / "axe.min.js"
@@ -96,17 +97,19 @@ class Noticing:
 class Rig:
     """A running session and its page."""
 
-    def __init__(self, folder: Path) -> None:
-        self.vehicle = load_vehicle(VEHICLE)
+    def __init__(
+        self, folder: Path, *, title: str = "a tank", vehicle: Vehicle | None = None, link: type[Paced] = Paced
+    ) -> None:
+        self.vehicle = load_vehicle(VEHICLE) if vehicle is None else vehicle
         plan = manoeuvre("all-multisine", self.vehicle, duration=SECONDS, dt=0.02, seed=1)
         run = simulate(self.vehicle, commands=plan.commands, dt=0.02, sensors=Mocap(rate=50.0), seed=1)
         samples = [Sample("test", "all", EPOCH + t, EPOCH + t, names, values) for t, names, values in rows_of(run)]
         self.learner: Any = Noticing(new_learner(self.vehicle, "joint", ("X_udot", "X_uu", "N_rdot", "N_rr")))
         self.recording = folder / "dive.mcap"
         log = McapLog.open(self.recording)
-        self.session = Session([("simulated", Paced(samples))], self.vehicle, self.learner, epoch=EPOCH, log=log)
+        self.session = Session([("simulated", link(samples))], self.vehicle, self.learner, epoch=EPOCH, log=log)
         before = {name: self.vehicle.coefficient(name) for name in self.vehicle.hydrodynamics}
-        self.about = About("a tank", self.vehicle, "joint", before)
+        self.about = About(title, self.vehicle, "joint", before)
         self.feed = LiveFeed(self.session, self.about)
         self.told: list[str] = []
         self.page = self.new_page()

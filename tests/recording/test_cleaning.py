@@ -118,6 +118,14 @@ def test_dead_sensors() -> None:
     assert dead_channels(Recording.from_table(T, {**alive, "r": died})) == ("r",)
 
 
+def test_a_sensor_that_dies_as_a_whole_is_dead() -> None:
+    noisy = {name: MOTION + RNG.normal(size=N) * 0.01 for name in ("x", "y", "z")}
+    dead = {name: np.where(T < 8, x, 0.123) for name, x in noisy.items()}
+    assert dead_channels(Recording.from_table(T, dead)) == ("x", "y", "z")
+    assert dead_channels(Recording.from_table(T, {**dead, "z": noisy["z"]})) == ("x", "y")
+    assert dead_channels(Recording.from_table(T, {"z": dead["z"]})) == ()  # a depth that is held, for all one can tell
+
+
 def test_what_stands_still_for_good_reason_is_not_dead() -> None:
     smooth = {"u": MOTION, "v": 0 * T, "w": 0 * T, "p": 0 * T, "q": 0 * T, "r": MOTION, "z": 0 * T + 5, "x": MOTION}
     assert dead_channels(Recording.from_table(T, smooth)) == ()

@@ -2,6 +2,7 @@
 
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
+import { draw } from "./dom";
 import { DASHES, onTheme, palette } from "./theme";
 
 export interface Line { name: string; colour?: number; dash?: number; width?: number }
@@ -145,7 +146,8 @@ export class Chart {
     this.settings.lines.forEach((line, k) => {
       if (!line.name) return;
       const item = document.createElement("li");
-      item.innerHTML = '<svg width="26" height="8" aria-hidden="true"><line x1="0" y1="4" x2="26" y2="4" stroke-width="2.5"/></svg>';
+      const stroke = draw("line", { x1: 0, y1: 4, x2: 26, y2: 4, "stroke-width": 2.5 });
+      item.append(draw("svg", { width: 26, height: 8, "aria-hidden": "true" }, stroke));
       item.dataset.colour = String(line.colour ?? k);
       item.querySelector("line")!.setAttribute("stroke-dasharray", DASHES[(line.dash ?? k) % DASHES.length].join(" "));
       item.append(line.name);

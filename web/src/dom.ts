@@ -6,6 +6,16 @@ export function byId<T extends HTMLElement>(id: string): T {
   return found as T;
 }
 
+/** Make an element of a drawing; the page never takes a text for HTML. */
+export function draw<K extends keyof SVGElementTagNameMap>(
+  name: K, attributes: Record<string, string | number> = {}, ...children: (Node | string)[]
+): SVGElementTagNameMap[K] {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, String(value));
+  made.append(...children);
+  return made;
+}
+
 export function write(element: Element, text: string): void {
   if (element.textContent !== text) element.textContent = text;
 }

@@ -1,7 +1,7 @@
 // The socket: it opens again by itself, later and later, and says so.
 
 import type { Frame, Message } from "./protocol";
-import { decode } from "./protocol";
+import { decode, parse } from "./protocol";
 
 const SHORTEST = 500; // ms
 const LONGEST = 8000;
@@ -49,7 +49,7 @@ export class Link {
       this.heard = performance.now();
       this.deadline = this.heard + SILENCE;
       if (typeof event.data === "string") {
-        this.listener.message(JSON.parse(event.data) as Message);
+        this.listener.message(parse(event.data));
       } else {
         const frame = decode(event.data);
         if (frame) this.listener.frame(frame);

@@ -47,6 +47,29 @@ export enum Kind { Signals = 1, Coefficients = 2, Prediction = 3, Track = 4 }
 
 export interface Frame { kind: Kind; sequence: number; t: Float64Array; columns: Float32Array[] }
 
+// Controls, marks of direction and what is not seen, as a terminal's output has them written out (towtank.printable).
+const STEERING = new RegExp(
+  "[\\u0000-\\u0008\\u000b-\\u001f\\u007f-\\u009f\\u061c\\u200e\\u200f\\u202a-\\u202e\\u2066-\\u2069" +
+  "\\u200b\\u2028\\u2029\\u2060-\\u2064\\ufeff\\ufff9-\\ufffb\\u{e0000}-\\u{e007f}\\ud800-\\udfff]",
+  "gu",
+);
+
+function printable(text: string): string {
+  return text.replace(STEERING, (each) => {
+    const code = each.codePointAt(0)!;
+    return code < 0x100 ? `\\x${code.toString(16).padStart(2, "0")}` : `\\u${code.toString(16).padStart(4, "0")}`;
+  });
+}
+
+/** Read a message, in which no text can turn a line round or hide: names and status texts are others'. */
+export function parse(data: string): Message {
+  return JSON.parse(data, (_, value: unknown) => {
+    if (typeof value === "string") return printable(value);
+    if (value === null || typeof value !== "object" || Array.isArray(value)) return value;
+    return Object.fromEntries(Object.entries(value).map(([key, each]) => [printable(key), each]));
+  }) as Message;
+}
+
 const HEADER = 16;
 const VERSION = 1;
 

@@ -25,8 +25,11 @@ export function showAxes(hello: Hello, state: State): void {
     const known = state.axes[axis.name]?.known;
     let meter = cell.querySelector<HTMLElement>(".bar");
     if (!meter) {
-      cell.innerHTML = '<div class="bar" aria-hidden="true"><i></i></div>';
-      meter = cell.querySelector<HTMLElement>(".bar")!;
+      meter = document.createElement("div");
+      meter.className = "bar";
+      meter.setAttribute("aria-hidden", "true");
+      meter.append(document.createElement("i"));
+      cell.replaceChildren(meter);
     }
     // 100 % and worse: empty; 0.1 %: full
     const share = known ? Math.min(Math.max(-Math.log10(known) / 3, 0.02), 1) : 0;

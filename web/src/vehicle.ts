@@ -1,5 +1,6 @@
 // The vehicle: an artificial horizon with a compass, and its track from above.
 
+import { draw } from "./dom";
 import { short } from "./numbers";
 import { palette } from "./theme";
 import type { Course, Recent } from "./series";
@@ -7,18 +8,30 @@ import type { Course, Recent } from "./series";
 const DEGREES = 180 / Math.PI;
 const PITCH = 1.6; // units of the drawing per degree
 
-const HORIZON = `
-<svg viewBox="-100 -100 200 200" role="img" aria-label="attitude not known yet">
-  <defs><clipPath id="disc"><circle r="74"/></clipPath></defs>
-  <g clip-path="url(#disc)"><g id="tilt">
-    <rect class="sky" x="-200" y="-300" width="400" height="300"/><rect class="sea" x="-200" y="0" width="400" height="300"/>
-    <line class="rim" x1="-200" x2="200" y1="0" y2="0"/>
-    ${[-40, -30, -20, -10, 10, 20, 30, 40].map((at) => `<line class="step" x1="-18" x2="18" y1="${-at * PITCH}" y2="${-at * PITCH}"/><text x="24" y="${-at * PITCH + 4}">${Math.abs(at)}</text>`).join("")}
-  </g></g>
-  <circle class="ring" r="74"/>
-  <g id="compass">${["N", "E", "S", "W"].map((name, k) => `<text class="point" transform="rotate(${90 * k}) translate(0,-81)" text-anchor="middle">${name}</text>`).join("")}</g>
-  <path class="craft" d="M-46 0h28l8 9M46 0h-28l-8 9M0-3v6"/><path class="index" d="M0-73l-6 12h12z"/>
-</svg><p class="value" id="attitude"></p>`;
+function horizon(): SVGSVGElement {
+  const steps = [-40, -30, -20, -10, 10, 20, 30, 40].flatMap((at) => [
+    draw("line", { class: "step", x1: -18, x2: 18, y1: -at * PITCH, y2: -at * PITCH }),
+    draw("text", { x: 24, y: -at * PITCH + 4 }, String(Math.abs(at))),
+  ]);
+  const points = ["N", "E", "S", "W"].map((name, k) =>
+    draw("text", { class: "point", transform: `rotate(${90 * k}) translate(0,-81)`, "text-anchor": "middle" }, name));
+  const tilt = draw(
+    "g", { id: "tilt" },
+    draw("rect", { class: "sky", x: -200, y: -300, width: 400, height: 300 }),
+    draw("rect", { class: "sea", x: -200, y: 0, width: 400, height: 300 }),
+    draw("line", { class: "rim", x1: -200, x2: 200, y1: 0, y2: 0 }),
+    ...steps,
+  );
+  return draw(
+    "svg", { viewBox: "-100 -100 200 200", role: "img", "aria-label": "attitude not known yet" },
+    draw("defs", {}, draw("clipPath", { id: "disc" }, draw("circle", { r: 74 }))),
+    draw("g", { "clip-path": "url(#disc)" }, tilt),
+    draw("circle", { class: "ring", r: 74 }),
+    draw("g", { id: "compass" }, ...points),
+    draw("path", { class: "craft", d: "M-46 0h28l8 9M46 0h-28l-8 9M0-3v6" }),
+    draw("path", { class: "index", d: "M0-73l-6 12h12z" }),
+  );
+}
 
 export class Horizon {
   private readonly svg: SVGSVGElement;
@@ -29,12 +42,13 @@ export class Horizon {
   private told = 0;
 
   constructor(private readonly figure: HTMLElement) {
-    figure.insertAdjacentHTML("beforeend", HORIZON);
-    this.svg = figure.querySelector("svg")!;
+    this.svg = figure.appendChild(horizon());
+    this.words = figure.appendChild(document.createElement("p"));
+    this.words.className = "value";
+    this.words.id = "attitude";
     this.tilt = figure.querySelector("#tilt")!;
     this.craft = figure.querySelector(".craft")!;
     this.compass = figure.querySelector("#compass")!;
-    this.words = figure.querySelector("#attitude")!;
     this.words.textContent = "not measured yet";
   }
 

@@ -50,6 +50,7 @@ _STYLE = """<style>
 .towtank .legend .predicted { border-color: var(--blue); }
 .towtank .chart text { font-size: 12px; fill: currentColor; opacity: .8; }
 .towtank .tx { text-anchor: middle; }
+.towtank .tx.end { text-anchor: end; }
 .towtank .ty { text-anchor: end; }
 .towtank .chart path { fill: none; }
 .towtank .chart .rule { stroke: var(--faint); }

@@ -34,7 +34,10 @@ _LONGEST = 2048  # bytes of a body
 _MARK = 200  # characters of a mark
 _PIECE = 1 << 18  # bytes of the recording that are read at once
 _SAFE = {
-    "content-security-policy": "default-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
+    "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; "
+    "require-trusted-types-for 'script'; trusted-types 'none'",
+    "permissions-policy": "camera=(), microphone=(), geolocation=(), usb=(), serial=()",
     "x-content-type-options": "nosniff",
     "x-frame-options": "DENY",
     "referrer-policy": "no-referrer",

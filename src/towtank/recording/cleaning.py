@@ -99,21 +99,22 @@ def dead_channels(recording: Recording) -> tuple[str, ...]:
     """Names of motion channels that stand exactly still, always or from some time to the end, as a dead
     sensor does.
 
-    Only reported where another channel of the same sensor carries noise: a simulated vehicle that does not roll,
-    a heading that is held, a channel without noise are not dead. A channel that dies must have carried noise
-    itself before.
+    Only reported where another channel of the same sensor carries noise, or all of them die together: a simulated
+    vehicle that does not roll, a heading that is held, a channel without noise are not dead. A channel that dies
+    must have carried noise itself before.
     """
     dead = []
     for group in _GROUPS:
         channels = [recording[name].measured for name in group if name in recording]
         noisy = [channel.name for channel in channels if _is_noisy(channel.values)]
+        died = [channel for channel in channels if _died(channel, len(channel) - _still_tail(channel))]
+        together = len(died) == len(channels) > 1
         for channel in channels:
             if len(channel) < 100:
                 continue
             still = _still_tail(channel)
             always = still == len(channel) and bool(noisy)
-            died = _died(channel, len(channel) - still) and _others_live(channels, channel, still)
-            if always or died:
+            if always or (channel in died and (together or _others_live(channels, channel, still))):
                 dead.append(channel.name)
     return tuple(dead)
 

@@ -26,7 +26,8 @@ class Repairs:
         spikes: isolated outliers of one sample; treated as not measured.
         gaps: holes too long to interpolate over; left as NaN.
         damaged: messages that could not be decoded, of a broken or cut file; left out.
-        dead: channels that stand still while their neighbours carry noise; reported, not changed.
+        dead: channels that stand still while their neighbours, or they themselves before, carry noise; reported, not
+            changed.
         details: further lines for a person, such as which channel had the spikes.
     """
 
@@ -78,7 +79,8 @@ class Repairs:
         ]
         lines = [_count(number, one, many) for number, one, many in counted if number]
         if self.dead:
-            lines.append(f"dead: {', '.join(self.dead)} (constant while the channels beside carry noise)")
+            why = "constant, while channels beside or they themselves before carry noise"
+            lines.append(f"dead: {', '.join(self.dead)} ({why})")
         return (*lines, *self.details)
 
     @property

@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from html import escape
 
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.printable import escaped
 
 __all__ = ["Band", "Chart", "Line", "Point", "Stem", "chart_svg", "decimated", "pieces", "ticks"]
 
@@ -169,7 +169,7 @@ def chart_svg(chart: Chart) -> str:
     right, floor = chart.width - _RIGHT, chart.height - _BOTTOM
     out = [
         f'<svg class="chart" viewBox="0 0 {chart.width} {chart.height}" role="img" '
-        f'aria-label="{escape(chart.label, quote=True)}">',
+        f'aria-label="{escaped(chart.label)}">',
     ]
     out += _grid(frame, chart.x_name)
     box = f"{_LEFT} {_TOP} {right - _LEFT} {floor - _TOP}"  # an inner <svg> clips what it holds
@@ -196,9 +196,9 @@ def _grid(frame: _Frame, x_name: str) -> list[str]:
     for value in places:
         x = float(frame.across(np.array(value)))
         unit = f" {x_name}" if x_name and value == places[-1] else ""
-        anchor = ' style="text-anchor:end"' if unit and x > right - 14 else ""
+        anchor = " end" if unit and x > right - 14 else ""
         x = min(x, right) if anchor else x
-        out.append(f'<text class="tx" x="{x:.1f}" y="{floor + 17}"{anchor}>{tick_text(value)}{unit}</text>')
+        out.append(f'<text class="tx{anchor}" x="{x:.1f}" y="{floor + 17}">{tick_text(value)}{unit}</text>')
     return out
 
 

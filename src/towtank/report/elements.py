@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
-from html import escape
 
 from towtank.digits import measured, percent, short
+from towtank.printable import escaped
 
 __all__ = [
     "Cell",
@@ -37,7 +37,7 @@ def _signed(text: str) -> str:
 
 def unit_text(unit: str) -> str:
     """Return a unit as it is printed, `kg m^2` as `kg m²`."""
-    return escape(unit).replace("^2", "²").replace("^3", "³").replace(" ", "\u202f")
+    return escaped(unit).replace("^2", "²").replace("^3", "³").replace(" ", "\u202f")
 
 
 def number(value: float | None, text: str | None = None, *, key: str = "") -> str:
@@ -49,8 +49,8 @@ def number(value: float | None, text: str | None = None, *, key: str = "") -> st
     """
     if value is None or not math.isfinite(value):
         return '<span class="none">–</span>'
-    shown = _signed(escape(short(value) if text is None else text))
-    where = f' data-key="{escape(key, quote=True)}"' if key else ""
+    shown = _signed(escaped(short(value) if text is None else text))
+    where = f' data-key="{escaped(key)}"' if key else ""
     return f'<data value="{value!r}" data-value="{value!r}"{where}>{shown}</data>'
 
 
@@ -73,7 +73,7 @@ def cell(html: str, style: str = "") -> Cell:
 def table(head: Sequence[str], rows: Iterable[Sequence[Cell]], *, caption: str = "", style: str = "") -> str:
     """Return a table; a head with a leading `>` stands over numbers. A row of one cell spans the table."""
     names = "".join(
-        f'<th scope="col" class="{"n" if name.startswith(">") else "t"}">{escape(name.removeprefix(">"))}</th>'
+        f'<th scope="col" class="{"n" if name.startswith(">") else "t"}">{escaped(name.removeprefix(">"))}</th>'
         for name in head
     )
     body = []
@@ -85,7 +85,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Cell]], *, caption: str =
             continue
         cells = [f'<td class="{kind}">{html}</td>' if kind else f"<td>{html}</td>" for kind, html in row]
         body.append(f"<tr>{''.join(cells)}</tr>")
-    said = f"<caption>{escape(caption)}</caption>" if caption else ""
+    said = f"<caption>{escaped(caption)}</caption>" if caption else ""
     return (
         f'<div class="scroll" tabindex="0"><table class="{style}">{said}<thead><tr>{names}</tr></thead>'
         f"<tbody>{''.join(body)}</tbody></table></div>"
@@ -101,7 +101,7 @@ def figure(svg: str, title: str, *, right: str = "", caption: str = "", style: s
     if not svg:
         return ""
     head = f'<div class="head"><b>{title}</b><span>{right}</span></div>'
-    below = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
+    below = f"<figcaption>{escaped(caption)}</figcaption>" if caption else ""
     return f'<figure class="{style}">{head}{svg}{below}</figure>'
 
 
@@ -114,7 +114,7 @@ def grid(figures: Iterable[str], style: str = "") -> str:
 def section(name: str, title: str, *parts: str) -> str:
     """Return a section with a heading; nothing where all of its parts are empty."""
     there = [part for part in parts if part]
-    return f'<section id="{name}"><h2>{escape(title)}</h2>{"".join(there)}</section>' if there else ""
+    return f'<section id="{name}"><h2>{escaped(title)}</h2>{"".join(there)}</section>' if there else ""
 
 
 def sentence(text: str) -> str:
@@ -122,7 +122,7 @@ def sentence(text: str) -> str:
     first = text.split(" ", 1)[0]
     capital = first.isalpha() and first.islower() and len(first) > 1
     said = (text[0].upper() + text[1:] if capital else text).replace("+-", "±")
-    return escape(_MINUS.sub("−", said))
+    return escaped(_MINUS.sub("−", said))
 
 
 def paragraph(text: str, style: str = "") -> str:
@@ -132,7 +132,7 @@ def paragraph(text: str, style: str = "") -> str:
 
 def facts(pairs: Iterable[tuple[str, str]]) -> str:
     """Return names beside values (HTML)."""
-    there = [f"<div><dt>{escape(name)}</dt><dd>{html}</dd></div>" for name, html in pairs if html]
+    there = [f"<div><dt>{escaped(name)}</dt><dd>{html}</dd></div>" for name, html in pairs if html]
     return f'<dl class="facts">{"".join(there)}</dl>' if there else ""
 
 

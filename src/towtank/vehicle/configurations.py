@@ -31,6 +31,7 @@ from pydantic import AfterValidator, BeforeValidator, ValidationError
 
 from towtank.errors import InputError, nearest
 from towtank.outputs import write_text
+from towtank.printable import toml_escaped
 from towtank.vehicle.base import Record, described, first_line
 from towtank.vehicle.files import VehicleWarning, load_vehicle, parse_vehicle, vehicle_text
 from towtank.vehicle.vehicle import Vehicle
@@ -170,7 +171,7 @@ def index_text(entries: Sequence[Entry]) -> str:
             table.add("logs", logs.multiline(True))
         tables.append(table)
     document.add("configuration", tables)
-    return tomlkit.dumps(document)
+    return toml_escaped(tomlkit.dumps(document))
 
 
 @contextlib.contextmanager

@@ -22,6 +22,7 @@ from tomlkit.items import InlineTable, Table
 
 from towtank.errors import InputError, nearest
 from towtank.outputs import write_text
+from towtank.printable import toml_escaped
 from towtank.vehicle.base import Record, described, first_line
 from towtank.vehicle.checks import faults
 from towtank.vehicle.names import RESTORING
@@ -174,7 +175,7 @@ def vehicle_text(vehicle: Vehicle) -> str:
     notes.extend(vehicle.provenance.notes)
     provenance.add("notes", notes.multiline(len(vehicle.provenance.notes) > 0))
     document.add("provenance", provenance)
-    text = tomlkit.dumps(document)
+    text = toml_escaped(tomlkit.dumps(document))
     return text if vehicle.posterior is None else f"{text}\n{_posterior(vehicle.posterior)}"
 
 

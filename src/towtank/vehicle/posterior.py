@@ -233,7 +233,8 @@ def _digested(covariance: Array) -> tuple[Array, list[list[float]]]:
     try:
         factor = np.linalg.cholesky(0.5 * (covariance + covariance.T) / np.outer(std, std))
     except np.linalg.LinAlgError:
-        raise InputError("posterior: the covariance is not positive definite") from None
+        cure = "where it was learned, check the units of the log with towtank inspect"
+        raise InputError(f"posterior: the covariance is not positive definite; {cure}") from None
     for digits in _DIGITS:
         whole = np.rint(10.0**digits * factor) + 0.0  # no negative zeros
         if np.all(np.diag(whole) > 0.0):

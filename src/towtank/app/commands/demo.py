@@ -45,14 +45,12 @@ def demo(
       towtank demo --fast --no-browser --output demo-output
       towtank demo --page --payload
     """
-    from rich.console import Console
-
     from towtank.app.demo.run import run_demo
-    from towtank.app.terminal.output import Output
+    from towtank.app.terminal.output import Output, TextConsole
 
     positive_option("--seconds", seconds)
     out = Output(json=json)
-    console = Console(stderr=json, highlight=False)
+    console = TextConsole(stderr=json)
     document = run_demo(
         output,
         seconds=seconds,

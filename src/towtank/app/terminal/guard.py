@@ -17,6 +17,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from towtank.errors import InputError, nearest
+from towtank.printable import printable
 
 __all__ = [
     "FAULT",
@@ -107,7 +108,7 @@ def wants_traceback() -> bool:
 def _report(line: str, code: int) -> int:
     if wants_traceback():
         traceback.print_exc()
-    sys.stderr.write(f"{line}\n")
+    sys.stderr.write(f"{printable(line)}\n")
     return code
 
 
@@ -147,7 +148,7 @@ def _meant(kind: str, word: str, context: Any) -> str:
 def _warning_line(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
     """Say a warning of our own; those of libraries, of numbers that overflow above all, are no words for a person."""
     if issubclass(category, UserWarning) and category.__module__.startswith("towtank"):
-        sys.stderr.write(f"towtank: warning: {' '.join(str(message).split())}\n")
+        sys.stderr.write(f"towtank: warning: {printable(' '.join(str(message).split()))}\n")
 
 
 def drop_output() -> None:

@@ -10,18 +10,21 @@ import json
 import math
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import PurePath
 from typing import Any
 
 from rich.box import ASCII, SIMPLE_HEAD
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as ProgressBar
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["COMPILING", "Output", "Progress", "json_text", "plain", "watching_compilation"]
+from towtank.printable import printable
+
+__all__ = ["COMPILING", "Output", "Progress", "TextConsole", "json_text", "plain", "watching_compilation"]
 
 Progress = Callable[[str, float], None]
 _PATIENCE = 0.7  # s that a person waits without a word
@@ -58,12 +61,29 @@ def json_text(document: Mapping[str, Any]) -> str:
     return json.dumps(plain(document), indent=2, allow_nan=False)
 
 
+class TextConsole(Console):
+    """A console to which texts are texts: nothing in them is markup, an emoji, or a command of the terminal.
+
+    Steering characters are written out where anything is rendered, so that cells are cut to their columns after it, and
+    whatever is shown, live views and bars too, goes through here.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(highlight=False, markup=False, emoji=False, **options)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """Yield the segments of something to show, with steering characters written out."""
+        for segment in super().render(renderable, options):
+            text, style, control = segment
+            yield segment if control else Segment(printable(text), style)
+
+
 class Output:
     """The two streams of one command. With `json` the tables are not printed, only the document is."""
 
     def __init__(self, *, json: bool = False) -> None:
         self.json = json
-        self.console = Console(highlight=False, markup=False, emoji=False, soft_wrap=False, quiet=json)
+        self.console: Console = TextConsole(soft_wrap=False, quiet=json)
         self.warnings: list[str] = []
 
     @property
@@ -79,11 +99,11 @@ class Output:
     def warn(self, text: str) -> None:
         """Say on standard error what a person had better know."""
         self.warnings.append(text)
-        sys.stderr.write(f"towtank: warning: {text}\n")
+        sys.stderr.write(f"towtank: warning: {printable(text)}\n")
 
     def say(self, text: str) -> None:
         """Say on standard error what is being done."""
-        sys.stderr.write(f"{text}\n")
+        sys.stderr.write(f"{printable(text)}\n")
         sys.stderr.flush()
 
     def line(self, text: str = "", style: str = "") -> None:
@@ -149,9 +169,9 @@ class Output:
         if not sys.stderr.isatty():
             yield lambda text, share: None
             return
-        console = Console(stderr=True, highlight=False, markup=False, emoji=False)
+        console = TextConsole(stderr=True)
         times = (TimeElapsedColumn(), TimeRemainingColumn(compact=True), TextColumn("left"))
-        columns = (TextColumn("{task.description}"), BarColumn(bar_width=20), *times)
+        columns = (TextColumn("{task.description}", markup=False), BarColumn(bar_width=20), *times)
         with ProgressBar(*columns, console=console, transient=True) as bar:
             task = bar.add_task(text, total=1.0, visible=False)
             late = threading.Timer(_PATIENCE, lambda: bar.update(task, visible=True))  # in the midst of a step, too

@@ -32,6 +32,7 @@ from towtank.recording.consistency.accounts import (
     of_wrench,
 )
 from towtank.recording.consistency.rates import rate_scales
+from towtank.recording.consistency.sizes import impossible_sizes
 from towtank.recording.consistency.tracks import FEWEST
 from towtank.recording.recording import Recording
 from towtank.recording.standard import RATES
@@ -84,7 +85,7 @@ def inconsistencies(recording: Recording, commanded: tuple[Array, Array] | None 
         commanded: times (n,) [s] and the wrench (n, 6) that the recorded commands make on the vehicle, to compare a
             recorded wrench with.
     """
-    found: list[tuple[int, Finding]] = []
+    found: list[tuple[int, Finding]] = [(0, Finding(*each)) for each in impossible_sizes(recording)]
     pairs = [make(recording) for make in (of_velocity, of_depth, of_rates, of_heading)]
     for pair in pairs:
         if pair is not None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from html import escape
 
 from towtank.digits import measured, short
 from towtank.identification.posterior.estimate import Learned
 from towtank.intervals import interval
+from towtank.printable import escaped
 from towtank.report.elements import Cell, cell, number, number_and_std, paragraph, section, sentence, table, unit_text
 from towtank.report.facts import LearnFacts
 from towtank.report.verdict import state_of
@@ -78,12 +78,12 @@ def _row(each: Learned, facts: LearnFacts) -> list[Cell]:
 
 
 def _name(name: str) -> Cell:
-    return cell(f"{escape(name)}<small>{escape(words_for(name))}</small>", "name")
+    return cell(f"{escaped(name)}<small>{escaped(words_for(name))}</small>", "name")
 
 
 def _off(value: float, truth: float, std: float) -> str:
     away = f"{abs(value - truth) / std:.1f} std" if std > 0.0 else "–"
-    return f"{escape(away)}"
+    return f"{escaped(away)}"
 
 
 def _prior(value: float, std: float, key: str) -> str:
@@ -95,7 +95,7 @@ def _before(vehicle: Vehicle, name: str) -> str:
     std = vehicle.deviation(name)
     if std:
         value, spread = measured(vehicle.coefficient(name), std)
-        return f"{escape(value)} ± {escape(spread)}".replace("-", "−")
+        return f"{escaped(value)} ± {escaped(spread)}".replace("-", "−")
     return number(vehicle.coefficient(name))
 
 
@@ -117,7 +117,7 @@ def _sums(facts: LearnFacts) -> str:
         interval_html = _interval(total.value, total.std, key)
         rows.append(
             [
-                cell(escape(total.name.replace(" - ", " − ")), "name"),
+                cell(escaped(total.name.replace(" - ", " − ")), "name"),
                 cell(value, "n"),
                 cell(std, "n"),
                 cell(interval_html, "n"),

@@ -6,9 +6,9 @@ In cross-validation every window is predicted by a model that has not seen it, w
 from __future__ import annotations
 
 import math
-from html import escape
 
 from towtank.digits import measured, percent, short
+from towtank.printable import escaped
 from towtank.recording.standard import STANDARD
 from towtank.report.elements import Cell, bullets, cell, number, paragraph, section, table, unit_text
 from towtank.report.verdict import NAMES
@@ -29,7 +29,7 @@ def comparison_section(found: Comparison | None) -> str:
             fit, error = judged.fit[channel], judged.rmse[channel]
             rows.append(
                 [
-                    cell(escape(name), "name"),
+                    cell(escaped(name), "name"),
                     cell(number(fit, percent(fit), key=f"comparison/fit/{place}/{channel}"), "n"),
                     cell(number(error, short(error, 3), key=f"comparison/rmse/{place}/{channel}"), "n"),
                     cell(_words(one, name)),
@@ -73,7 +73,7 @@ def fold_section(found: CrossValidation | None) -> str:
             for log, start, end in fold.windows
         )
         key = f"cross_validation/folds/{k}/fit"
-        rows.append([cell(escape(where)), *(_fit(fold.fit[name], f"{key}/{name}") for name in channels)])
+        rows.append([cell(escaped(where)), *(_fit(fold.fit[name], f"{key}/{name}") for name in channels)])
     rows.append([cell("<b>all windows</b>"), *(_fit(found.scores.fit[name], f"fit/{name}") for name in channels)])
     key = "cross_validation/fit_seen"
     rows.append([cell("seen while learning"), *(_fit(found.seen.fit[name], f"{key}/{name}") for name in channels)])
@@ -103,7 +103,7 @@ def _coefficients(found: CrossValidation) -> str:
         key = f"cross_validation/coefficients/{one.name}"
         rows.append(
             [
-                cell(escape(one.name), "name"),
+                cell(escaped(one.name), "name"),
                 cell(number(one.value, value, key=f"{key}/value"), "n"),
                 cell(number(one.claimed, claimed, key=f"{key}/std"), "n"),
                 cell(number(one.spread, short(one.spread, 2), key=f"{key}/folds_std"), "n"),

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from html import escape
 
 from towtank.digits import short
+from towtank.printable import escaped
 from towtank.recording.event import Event
 from towtank.report.elements import Cell, cell, number, section, sentence, table
 
@@ -49,4 +49,4 @@ def _row(event: Event, epoch: float) -> list[Cell]:
     late = noticed - event.t if isinstance(noticed, float) else math.nan
     said = f"<small>noticed {short(late, 2)} s later</small>" if late > 0.0 else ""
     word = _WORDS.get(event.kind, event.kind)
-    return [*when, cell(escape(word)), cell(sentence(event.text) + said)]
+    return [*when, cell(escaped(word)), cell(sentence(event.text) + said)]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 
 import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.posterior.estimate import Estimate
+from towtank.printable import escaped
 from towtank.report.elements import bullets, paragraph, section
 
 __all__ = ["correlation", "heatmap_svg", "identifiability_section", "strongest"]
@@ -40,14 +40,14 @@ def heatmap_svg(names: Sequence[str], matrix: Array) -> str:
     n = len(names)
     width, height = _MARGIN + n * _CELL + 30, _MARGIN + n * _CELL + 4
     out = [
-        f'<svg class="heat" viewBox="0 0 {width} {height}" style="width:{width}px" role="img" '
-        f'aria-label="Correlations of {escape(", ".join(names), quote=True)}">'
+        f'<svg class="heat" viewBox="0 0 {width} {height}" width="{width}" role="img" '
+        f'aria-label="Correlations of {escaped(", ".join(names))}">'
     ]
     for i, name in enumerate(names):
         middle = _MARGIN + (i + 0.5) * _CELL
-        out.append(f'<text class="ty name" x="{_MARGIN - 8}" y="{middle + 4:.0f}">{escape(name)}</text>')
+        out.append(f'<text class="ty name" x="{_MARGIN - 8}" y="{middle + 4:.0f}">{escaped(name)}</text>')
         turned = f'transform="translate({middle + 4:.0f} {_MARGIN - 8}) rotate(-45)"'
-        out.append(f'<text class="name" {turned}>{escape(name)}</text>')
+        out.append(f'<text class="name" {turned}>{escaped(name)}</text>')
         for j in range(n):
             value = float(matrix[i, j])
             if value != value:
@@ -57,9 +57,9 @@ def heatmap_svg(names: Sequence[str], matrix: Array) -> str:
             text = "1" if i == j else "0" if abs(value) < 0.005 else f"{value:+.2f}".replace("-", "−")
             strong = " strong" if abs(value) > 0.6 and i != j else ""
             out.append(
-                f"<g><title>{escape(name)} and {escape(names[j])}: {value:+.3f}</title>"
+                f"<g><title>{escaped(name)} and {escaped(names[j])}: {value:+.3f}</title>"
                 f'<rect class="{style}" x="{x}" y="{y}" width="{_CELL - 2}" height="{_CELL - 2}" rx="3" '
-                f'style="fill-opacity:{_DEEPEST * abs(value):.2f}"/>'
+                f'fill-opacity="{_DEEPEST * abs(value):.2f}"/>'
                 f'<text class="cell{strong}" x="{x + _CELL / 2 - 1:.0f}" y="{y + _CELL / 2 + 3:.0f}">{text}</text></g>'
             )
     return "".join([*out, "</svg>"])

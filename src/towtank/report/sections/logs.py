@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import PurePath
 
 from towtank.digits import short
 from towtank.identification.model.terms import AXES
+from towtank.printable import escaped
 from towtank.recording import Recording
 from towtank.recording.axes import known_by, known_text
 from towtank.recording.facts import ChannelFacts, channel_facts
@@ -43,7 +43,7 @@ def _log(recording: Recording) -> str:
     mended = bullets(lines) if lines else paragraph("Nothing had to be repaired.", "note")
     return "".join(
         [
-            f"<h3>{escape(name)}</h3>",
+            f"<h3>{escaped(name)}</h3>",
             paragraph(
                 f"{short(recording.duration, 5)} s, from {short(recording.start, 6)} to {short(recording.end, 6)} s of "
                 f"its own clock; {len(facts)} channels.",
@@ -62,7 +62,7 @@ def _log(recording: Recording) -> str:
 def _channel(each: ChannelFacts, level: NoiseLevel | None) -> list[Cell]:
     held = each.changes is not None
     return [
-        cell(escape(each.name), "name"),
+        cell(escaped(each.name), "name"),
         cell(unit_text(each.unit), "u"),
         cell(number(each.rate_hz, short(each.rate_hz, 3)), "n"),
         cell(number(each.samples, f"{each.samples}"), "n"),

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from html import escape
-
+from towtank.printable import escaped
 from towtank.report.elements import cell, paragraph, section, table
 from towtank.report.facts import Origin
 
@@ -14,14 +13,14 @@ def origin_section(origin: Origin) -> str:
     """Return what it takes to make the report again."""
     parts = []
     if origin.commands:
-        lines = "\n".join(escape(command) for command in origin.commands)
+        lines = "\n".join(escaped(command) for command in origin.commands)
         parts.append(f"<pre><code>{lines}</code></pre>")
     if origin.logs:
         rows = [
             [
-                cell(escape(log.name), "name"),
+                cell(escaped(log.name), "name"),
                 cell(f"{log.size / 1e6:.3g} MB", "n"),
-                cell(f'<span class="hash">{escape(log.sha256)}</span>'),
+                cell(f'<span class="hash">{escaped(log.sha256)}</span>'),
             ]
             for log in origin.logs
         ]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import PurePath
 
 import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.digits import short
+from towtank.printable import escaped
 from towtank.recording.standard import STANDARD
 from towtank.report.chart import Chart, Line, chart_svg
 from towtank.report.elements import Cell, cell, figure, fit_number, grid, number, paragraph, section, table, unit_text
@@ -26,6 +26,7 @@ _LEGEND = (
     '<div class="legend"><span><i class="measured"></i>measured</span>'
     '<span><i class="predicted"></i>predicted from the commands alone</span></div>'
 )
+_BAR = '<svg viewBox="0 0 100 8" class="bar" preserveAspectRatio="none"><rect width="{share:.0f}" height="8"/></svg>'
 _WORSE = '<small class="worse">worse than the mean</small>'
 _ANGLES = ("phi", "theta", "psi")
 _MOST_RESTARTS = 4  # logs that are drawn
@@ -68,7 +69,7 @@ def fit_table(fit: Mapping[str, float | None], rmse: Mapping[str, float | None],
             [
                 cell(f"{name}<small>{NAMES[name]}</small>", "name"),
                 cell(fit_number(value, f"{key}fit/{name}"), "n"),
-                cell(f'<span class="bar"><i style="width:{share:.0f}%"></i></span>' if value >= 0.0 else _WORSE, "t"),
+                cell(_BAR.format(share=share) if value >= 0.0 else _WORSE, "t"),
                 *([cell(number(error, short(error, 3), key=f"{key}rmse/{name}"), "n")] if rmse else []),
                 cell(unit_text(STANDARD[name].unit), "u"),
             ]
@@ -106,7 +107,7 @@ def prediction_figures(predictions: Sequence[Prediction], fit: Mapping[str, floa
     parts = [_LEGEND] if count else []
     for prediction in shown:
         if len(predictions) > 1:
-            parts.append(f"<h3>{escape(PurePath(prediction.source).name or 'recording')}</h3>")
+            parts.append(f"<h3>{escaped(PurePath(prediction.source).name or 'recording')}</h3>")
         parts.append(grid(_figure(prediction, name, fit, columns, alone=len(predictions) == 1) for name in CHANNELS))
     if len(predictions) > most:
         parts.append(paragraph(f"{len(predictions) - most} further logs are not drawn; the fits count them.", "note"))
@@ -186,7 +187,7 @@ def error_section(predictions: Sequence[Prediction], horizon: float | None) -> s
         parts.append("<h3>Error over time</h3>")
     for prediction in predictions[:_MOST_RESTARTS]:
         if len(predictions) > 1:
-            parts.append(f"<h3>{escape(PurePath(prediction.source).name or 'recording')}</h3>")
+            parts.append(f"<h3>{escaped(PurePath(prediction.source).name or 'recording')}</h3>")
         parts.append(grid((_error_figure(prediction, name) for name in CHANNELS), "small"))
     note = "Measured less predicted. A drift: attitude or a constant force; steps with the commands: thrust or drag."
     return section("errors", "The errors over time", paragraph(note, "note"), *parts)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from html import escape
 
 from towtank.digits import measured, short
+from towtank.printable import escaped
 from towtank.report.elements import facts as pairs_of
 from towtank.report.elements import number, section
 from towtank.report.facts import LearnFacts
@@ -57,7 +57,7 @@ def _latencies(facts: LearnFacts) -> str:
     for name, (value, std) in facts.latency.items():
         shown, spread = f"{1e3 * value:.1f}", f"{1e3 * std:.1f}"
         late = number(value, shown, key=f"latency_s/{name}/value")
-        out.append(f"{escape(name.replace('_', ' '))} {late} ± {number(std, spread, key=f'latency_s/{name}/std')} ms")
+        out.append(f"{escaped(name.replace('_', ' '))} {late} ± {number(std, spread, key=f'latency_s/{name}/std')} ms")
     return ", ".join(out)
 
 
@@ -65,5 +65,5 @@ def _gains(facts: LearnFacts) -> str:
     gains = []
     for name, (gain, std) in facts.gains.items():
         value = number(gain, f"{gain:.3f}", key=f"gains/{name}/value")
-        gains.append(f"{escape(name)} {value} ± {number(std, f'{std:.3f}', key=f'gains/{name}/std')}")
+        gains.append(f"{escaped(name)} {value} ± {number(std, f'{std:.3f}', key=f'gains/{name}/std')}")
     return ", ".join(gains)

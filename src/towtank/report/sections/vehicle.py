@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from html import escape
-
 import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.digits import short, signed_list
+from towtank.printable import escaped
 from towtank.report.elements import cell, facts, figure, grid, paragraph, section, table
 from towtank.vehicle import Thruster, Vehicle
 
@@ -53,7 +52,7 @@ def _view(name: str, position: Array, direction: Array, nearer: Array, centre: A
     low, high = place(points.min(axis=0)), place(points.max(axis=0))
     out = [
         f'<svg class="plan" viewBox="0 0 {width} {height:.0f}" role="img" '
-        f'aria-label="Thrusters of {escape(vehicle.name, quote=True)} {name}">',
+        f'aria-label="Thrusters of {escaped(vehicle.name)} {name}">',
         f'<rect class="hull" x="{low[0] - 22:.1f}" y="{low[1] - 22:.1f}" width="{high[0] - low[0] + 44:.1f}" '
         f'height="{high[1] - low[1] + 44:.1f}" rx="22"/>',
     ]
@@ -71,7 +70,7 @@ def _view(name: str, position: Array, direction: Array, nearer: Array, centre: A
         out.append(f'<rect class="hub" x="{x - hub / 2:.1f}" y="{y - 8:.1f}" width="{hub}" height="16" rx="8"/>')
         names = ", ".join(f"{k + 1} {vehicle.thrusters[k].name}" for k in group)
         out.append(
-            f'<text class="hubtext" x="{x:.1f}" y="{y + 3.5:.1f}">{numbers}<title>{escape(names)}</title></text>'
+            f'<text class="hubtext" x="{x:.1f}" y="{y + 3.5:.1f}">{numbers}<title>{escaped(names)}</title></text>'
         )
     return "".join([*out, "</svg>"])
 
@@ -103,16 +102,16 @@ def vehicle_section(vehicle: Vehicle) -> str:
     inertia = body.inertia if isinstance(body.inertia[0], float) else tuple(body.tensor.diagonal())
     properties = facts(
         [
-            ("Description", escape(vehicle.description)),
+            ("Description", escaped(vehicle.description)),
             ("Mass", f"{short(body.mass)} kg (weight {short(vehicle.weight)} N)"),
             ("Inertia about the centre of gravity", f"{_row(inertia)} kg m²"),
             ("Centre of gravity", f"{_row(body.centre_of_gravity)} m"),
             ("Buoyancy", f"{short(vehicle.buoyant_force)} N at {_row(vehicle.buoyancy.centre)} m"),
-            ("Source", escape(vehicle.provenance.source)),
-            ("Notes", escape(" ".join(vehicle.provenance.notes))),
+            ("Source", escaped(vehicle.provenance.source)),
+            ("Notes", escaped(" ".join(vehicle.provenance.notes))),
         ]
     )
-    drawings = [figure(svg, escape(caption)) for caption, svg in thrusters_svg(vehicle)]
+    drawings = [figure(svg, escaped(caption)) for caption, svg in thrusters_svg(vehicle)]
     note = (
         "An arrow is the push at positive command; a ring with a dot pushes towards the reader, one with a cross away. "
         "The cross in the middle is the centre of gravity; the outline is not the hull's. Axes: x forward, y "
@@ -121,10 +120,10 @@ def vehicle_section(vehicle: Vehicle) -> str:
     thrusters = [
         [
             cell(f"{k}"),
-            cell(escape(each.name), "name"),
+            cell(escaped(each.name), "name"),
             cell(_row(each.position), "n"),
             cell(_row(each.direction), "n"),
-            cell(escape(_kind(each))),
+            cell(escaped(_kind(each))),
             cell(short(1e3 * each.time_constant) if each.time_constant else "–", "n"),
         ]
         for k, each in enumerate(vehicle.thrusters, 1)
@@ -143,7 +142,7 @@ def vehicle_section(vehicle: Vehicle) -> str:
 
 
 def _row(values: tuple[float, ...]) -> str:
-    return escape(signed_list(tuple(float(value) for value in values))).replace("-", "−")
+    return escaped(signed_list(tuple(float(value) for value in values))).replace("-", "−")
 
 
 def _kind(thruster: Thruster) -> str:
