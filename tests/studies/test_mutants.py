@@ -1,0 +1,100 @@
+"""The study of mutants: what is drawn, what is not, and that mutants are told apart."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
+
+pytest.importorskip("cosmic_ray", reason="mutants are made by cosmic-ray")
+pytest.importorskip("pytest_cov", reason="the tests that run a line are found with pytest-cov")
+
+import covering_tests
+import mutants
+
+SOURCE = '''"""Adds 1 + 1."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+__all__ = ["a" + "b"]
+
+Said = Callable[[str], None] | None
+LIMIT = 3
+
+
+@kernel
+def compiled(x: float) -> float:
+    return x + 1.0
+
+
+def over(x: int | None, limit: int | float = 4) -> int | None:
+    """Return x - 1 if x < limit."""
+    note: str | None = "λ"
+    if x is None or not note:
+        return None
+    return x - 1 if x < limit else None
+'''
+
+
+def drawn(number: int = 100, seed: int = 1) -> list[mutants.Mutant]:
+    class Folder:
+        """A tree of one file."""
+
+        def __truediv__(self, file: str) -> Folder:
+            return self
+
+        def read_text(self, encoding: str) -> str:
+            return SOURCE
+
+    return mutants.draw(Folder(), ["over.py"], number, seed)
+
+
+def test_what_changes_nothing_is_not_drawn():
+    lines = {place.begin[0] for place in mutants.places("over.py", SOURCE)}
+    first = SOURCE.splitlines().index("def over(x: int | None, limit: int | float = 4) -> int | None:") + 1
+    assert lines == {10, first, first + 3, first + 5}
+    (default,) = [place for place in mutants.places("over.py", SOURCE) if place.begin[0] == first]
+    assert default.kind == "number by one"
+
+
+def test_every_place_is_drawn_once_and_every_mutant_is_python_that_differs():
+    found = drawn()
+    assert [each.place for each in sorted(found, key=lambda each: (each.place.begin, each.place.kind))] == (
+        mutants.places("over.py", SOURCE)
+    )
+    for each in found:
+        assert ast.dump(ast.parse(each.source)) != ast.dump(ast.parse(SOURCE))
+        changed = [(a, b) for a, b in zip(SOURCE.splitlines(), each.source.splitlines(), strict=True) if a != b]
+        assert [(a.strip(), b.strip()) for a, b in changed] == [(each.before, each.after)]
+
+
+def test_a_decorator_left_out_leaves_its_line_out():
+    source = "class A:\n    @property\n    def size(self) -> int:\n        return self.n\n"
+    (place,) = mutants.places("a.py", source)
+    assert (place.kind, place.begin) == ("decorator removed", (2, 4))
+
+
+def test_a_seed_draws_the_same_again_and_another_seed_does_not():
+    assert drawn(4) == drawn(4)
+    assert drawn(4) != drawn(4, seed=2)
+    assert drawn(4) == drawn()[:4]
+
+
+def test_tests_of_a_line_are_those_that_run_its_statement_and_quick_ones_come_first():
+    lines = SOURCE.splitlines()
+    condition = lines.index("    if x is None or not note:") + 1
+    covered = {condition: frozenset({"slow", "quick"}), condition + 1: frozenset({"none"})}
+    tests = covering_tests.CoveringTests({"over.py": covered}, {"slow": 2.0, "quick": 0.1, "none": 1.0}, frozenset())
+    assert tests.of("over.py", SOURCE, condition) == ["quick", "slow"]
+    assert tests.of("over.py", SOURCE, condition + 1) == ["none"]
+    assert tests.of("over.py", SOURCE, condition + 2) == []
+    default, table = lines.index("def over(x: int | None, limit: int | float = 4) -> int | None:") + 1, 10
+    assert tests.of("over.py", SOURCE, default) == ["quick", "none", "slow"]
+    assert tests.of("over.py", SOURCE, table) == ["quick", "none", "slow"]
+    assert tests.of("other.py", SOURCE, condition) == []
