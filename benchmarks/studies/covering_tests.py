@@ -65,10 +65,14 @@ class CoveringTests:
         """Return the tests that run the statement at a line, quick ones first.
 
         What runs as a module is imported belongs to no test: tests of the function stand for its defaults and
-        decorators, those of the class for its fields, those of the whole file for its tables.
+        decorators, those of the class for its fields, those of the whole file for its tables, and for functions that
+        make them.
         """
         covered = self.lines.get(file, {})
-        for first, last in _scopes(source, line):
+        scopes = _scopes(source, line)
+        if any(at in covered for first, last in scopes for at in range(first, last + 1)):
+            scopes.append((1, len(source.splitlines())))
+        for first, last in scopes:
             found = {name for at in range(first, last + 1) for name in covered.get(at, ())}
             if found:
                 return sorted(found, key=lambda name: (self.seconds.get(name, 0.0), name))
@@ -104,7 +108,7 @@ def collect(root: Path, tests: Iterable[str], packages: Iterable[str], environme
     failed = frozenset(read["failed"])
     found = CoverageData(basename=str(data))
     found.read()
-    lines = {
+    lines = {  # of no test where it is run with the import alone
         Path(file).resolve().relative_to(root.resolve()).as_posix(): {
             at: frozenset(each.rpartition("|")[0] for each in contexts if each) - failed
             for at, contexts in found.contexts_by_lineno(file).items()

@@ -148,8 +148,11 @@ def _without_effect(tree: ast.Module) -> Iterator[ast.AST]:
     """Yield the parts of a file whose mutants are equivalent, or are not run as Python."""
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            if any(isinstance(each, ast.Name) and each.id in ("kernel", "njit") for each in node.decorator_list):
-                yield node
+            compiled = any(isinstance(each, ast.Name) and each.id in ("kernel", "njit") for each in node.decorator_list)
+            if compiled or all(
+                isinstance(each, ast.Expr) and isinstance(each.value, ast.Constant) for each in node.body
+            ):
+                yield node  # or a member of a protocol, which is never run
             if node.returns is not None:
                 yield node.returns
         elif isinstance(node, ast.arg | ast.AnnAssign):

@@ -29,6 +29,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from types import FrameType
 
@@ -46,6 +47,7 @@ _GROUPS = (  # tests that run side by side while coverage is collected
     ("tests/readers", "tests/recording", *(f"tests/app/test_{each}.py" for each in _APP)),
     ("tests/live",),
 )
+_MOST = 60.0  # s of tests for one mutant, as they take with coverage, quick ones first
 _PATIENCE = 6.0  # times the seconds that the tests take without a mutant, after which they hang
 _START = 60.0  # s beside, for Python and the libraries
 
@@ -103,7 +105,9 @@ class Copy:
         """Put the mutant in, run its tests, and put back what was there."""
         file = self.root / mutant.place.file
         original, stamp = file.read_text(encoding="utf-8"), file.stat()
-        names = [each for each in tests.of(mutant.place.file, original, mutant.place.begin[0]) if each not in without]
+        covering = tests.of(mutant.place.file, original, mutant.place.begin[0])
+        ends = accumulate(tests.seconds.get(each, 0.0) for each in covering)
+        names = [name for name, end in zip(covering, ends, strict=True) if end <= _MOST and name not in without]
         if not names:
             return Verdict(mutant, "no test", "", 0, 0.0)
         started = time.monotonic()
