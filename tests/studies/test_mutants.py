@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -15,6 +17,7 @@ pytest.importorskip("pytest_cov", reason="the tests that run a line are found wi
 
 import covering_tests
 import mutants
+import mutation_score
 
 SOURCE = '''"""Adds 1 + 1."""
 
@@ -98,3 +101,45 @@ def test_tests_of_a_line_are_those_that_run_its_statement_and_quick_ones_come_fi
     assert tests.of("over.py", SOURCE, default) == ["quick", "none", "slow"]
     assert tests.of("over.py", SOURCE, table) == ["quick", "none", "slow"]
     assert tests.of("other.py", SOURCE, condition) == []
+
+
+def small_tree(root: Path) -> Path:
+    """A tree with one module of two functions, of which tests know one well and the other hardly."""
+    studies = Path(mutation_score.__file__).parent
+    for name in ("src/towtank/readers", "tests/readers", "tests/recording", "tests/live", "examples", "benchmarks"):
+        (root / name).mkdir(parents=True)
+    shutil.copytree(studies, root / "benchmarks" / "studies")
+    for name in ("README.md", "CHANGELOG.md", "src/towtank/__init__.py", "src/towtank/readers/__init__.py"):
+        (root / name).write_text("")
+    (root / "pyproject.toml").write_text("[tool.pytest.ini_options]\n")
+    (root / "src/towtank/readers/speed.py").write_text(
+        "def known(x):\n    return 2 * x if x > 1 else 0\n\n\ndef unknown(x):\n    return 3 * x\n"
+    )
+    (root / "tests/readers/test_speed.py").write_text(
+        "from towtank.readers.speed import known\n\n\ndef test_known():\n"
+        "    assert [known(x) for x in (0, 1, 2, 3)] == [0, 0, 4, 6]\n"
+    )
+    (root / "tests/live/test_nothing.py").write_text("def test_nothing():\n    pass\n")
+    return root
+
+
+def test_the_study_tells_what_tests_notice_and_leaves_the_tree_as_it_is(tmp_path, monkeypatch, capsys):
+    root = small_tree(tmp_path / "tree")
+    before = {path: path.read_bytes() for path in root.rglob("*.py")}
+    monkeypatch.setattr(mutation_score, "ROOT", root)
+    monkeypatch.setattr(mutation_score, "_GROUPS", (("tests/readers",), ("tests/live",)))
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    words = ["--mutants", "20", "--packages", "readers", "--workers", "1"]
+    code = mutation_score.main([*words, "--output", str(tmp_path / "found.json")])
+    found = json.loads((tmp_path / "found.json").read_text())
+    outcomes = {(each["line"], each["outcome"]) for each in found["verdicts"]}
+    assert (6, "no test") in outcomes
+    assert {outcome for line, outcome in outcomes if line == 6} == {"no test"}
+    assert (2, "killed") in outcomes
+    killed = sum(each["outcome"] in ("killed", "hung") for each in found["verdicts"])
+    assert found["killed"] == pytest.approx(killed / found["mutants"], abs=1e-5)
+    assert code == (0 if killed >= 0.8 * found["mutants"] else 1) == 1
+    assert {path: path.read_bytes() for path in root.rglob("*.py")} == before
+    assert not list(tmp_path.glob("mutants-*"))
+    assert "What survived" in capsys.readouterr().out
