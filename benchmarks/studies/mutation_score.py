@@ -1,7 +1,7 @@
 """What tests notice: the share of small faults, put into the source one by one, at which some test fails.
 
     python benchmarks/studies/mutation_score.py [--mutants 300] [--seed 1] [--packages readers,recording,live]
-                                                [--workers 2] [--tests FILE] [--output mutation.json]
+                                                [--workers 2] [--tests FILE] [--kept FILE] [--output mutation.json]
 
 Each mutant is one replacement (`mutants.py`), drawn at random among all places of the packages. It is put into a copy
 of the tree, and the tests that run its line are run there, quick ones first, until one fails. A mutant that no test
@@ -9,7 +9,8 @@ runs survives, as does one that all tests pass; one at which they hang is killed
 are run again without a mutant, those that fail then are not believed, and their mutants are run again without them.
 
 Nothing is written to the tree itself, so that nothing stays behind whenever the study is ended. `--tests FILE` keeps
-which test runs which line (minutes to find out) for further runs on the same tree. Exits with 1 where fewer than 80 %
+which test runs which line (minutes to find out) for further runs on the same tree, `--kept FILE` what became of each
+mutant, so that a study that was ended goes on where it was. Exits with 1 where fewer than 80 %
 are killed. Needs cosmic-ray and pytest-cov.
 """
 
@@ -25,6 +26,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -47,7 +49,7 @@ _GROUPS = (  # tests that run side by side while coverage is collected
     ("tests/readers", "tests/recording", *(f"tests/app/test_{each}.py" for each in _APP)),
     ("tests/live",),
 )
-_MOST = 60.0  # s of tests for one mutant, as they take with coverage, quick ones first
+_MOST = 20.0  # s of tests for one mutant, as they take with coverage, quick ones first
 _PATIENCE = 6.0  # times the seconds that the tests take without a mutant, after which they hang
 _START = 60.0  # s beside, for Python and the libraries
 
@@ -83,6 +85,7 @@ class Copy:
 
     def __init__(self, folder: Path) -> None:
         self.root = folder
+        self.stopped = False
         self._process: subprocess.Popen[bytes] | None = None
         for name in _COPIED:
             source = ROOT / name
@@ -132,7 +135,7 @@ class Copy:
             env={**self.environment, "TEST_OUTCOMES": str(outcomes)},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            start_new_session=True,
+            process_group=0,  # to be ended with all that its tests start
         )
         try:
             code = process.wait(limit)
@@ -148,7 +151,8 @@ class Copy:
         return failed or [f"pytest ended with {code}"], False
 
     def stop(self) -> None:
-        """End the tests that run, if any."""
+        """End the tests that run, if any; what came of them tells nothing."""
+        self.stopped = True
         if self._process is not None and self._process.poll() is None:
             _end(self._process)
 
@@ -167,7 +171,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         copies = [Copy(Path(folder) / f"tree-{i}") for i in range(options.workers)]
         tests = _covering(copies, packages, options.tests)
         drawn = draw(ROOT, files, options.mutants, options.seed)
-        verdicts = _tested(drawn, copies, tests)
+        verdicts = _tested(drawn, copies, tests, _Kept(options.kept))
     show(*_tables(verdicts, tests, options.seed))
     score = sum(each.killed for each in verdicts) / len(verdicts)
     write_json(options.output, _document(verdicts, tests, options.seed))
@@ -185,6 +189,7 @@ def _options(argv: Sequence[str] | None) -> argparse.Namespace:
         "--workers", type=int, default=min(2, os.cpu_count() or 1), help="copies of the tree (default 2)"
     )
     parser.add_argument("--tests", type=Path, help="file that keeps which test runs which line")
+    parser.add_argument("--kept", type=Path, help="file that keeps what became of each mutant, to go on with")
     parser.add_argument("--output", type=Path, help="JSON file to write")
     options = parser.parse_args(argv)
     if options.mutants < 1 or options.workers < 1:
@@ -232,7 +237,33 @@ def _covering(copies: Sequence[Copy], packages: Sequence[str], kept: Path | None
     return total
 
 
-def _tested(drawn: Sequence[Mutant], copies: Sequence[Copy], tests: CoveringTests) -> list[Verdict]:
+class _Kept:
+    """Verdicts in a file, a line each, so that they outlast the study; nothing without a file."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._lock = threading.Lock()
+        lines = path.read_text().splitlines() if path is not None and path.is_file() else []
+        self._known = {tuple(each.pop("mutant")): each for each in map(json.loads, lines)}
+
+    def of(self, mutant: Mutant) -> Verdict | None:
+        """Return what became of a mutant, None where it is not known."""
+        known = self._known.get(self._name(mutant))
+        return None if known is None else Verdict(mutant, **known)
+
+    def add(self, verdict: Verdict) -> None:
+        """Keep one."""
+        if self._path is None:
+            return
+        row = {"outcome": verdict.outcome, "by": verdict.by, "tests": verdict.tests, "seconds": verdict.seconds}
+        with self._lock, self._path.open("a") as stream:
+            stream.write(json.dumps({"mutant": self._name(verdict.mutant), **row}) + "\n")
+
+    def _name(self, mutant: Mutant) -> tuple[str | int, ...]:
+        return (mutant.place.file, *mutant.place.begin, mutant.operator, mutant.after)
+
+
+def _tested(drawn: Sequence[Mutant], copies: Sequence[Copy], tests: CoveringTests, kept: _Kept) -> list[Verdict]:
     """Test all mutants, a copy of the tree for each worker; again those killed by a test that fails without them."""
     free: queue.SimpleQueue[Copy] = queue.SimpleQueue()
     for each in copies:
@@ -241,11 +272,14 @@ def _tested(drawn: Sequence[Mutant], copies: Sequence[Copy], tests: CoveringTest
 
     def test(mutant: Mutant, without: frozenset[str] = frozenset()) -> Verdict:
         nonlocal done
+        known = None if without else kept.of(mutant)
         copy = free.get()
         try:
-            verdict = copy.test(mutant, tests, without)
+            verdict = known or copy.test(mutant, tests, without)
         finally:
             free.put(copy)
+        if known is None and not copy.stopped:
+            kept.add(verdict)
         done += 1
         print(f"{done:4d}/{len(drawn)} {_line(verdict)}", file=sys.stderr, flush=True)
         return verdict

@@ -153,6 +153,7 @@ def test_a_tracked_body_with_its_y_up_is_turned_and_one_that_is_not_seen_is_coun
         ("gyro_x_dps", "p", math.pi / 180.0),
         ("gyro_y_deg_s", "q", math.pi / 180.0),
         ("gyro_z_rad_s", "r", 1.0),
+        ("gyro_z_rads", "r", 1.0),
         ("gyro_z_mrads", "r", 1e-3),
         ("depth_cm", "z", 0.01),
         ("depth_mm", "z", 1e-3),

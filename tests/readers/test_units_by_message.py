@@ -74,6 +74,21 @@ def test_an_array_in_a_record_is_a_column_for_each_element(tmp_path):
         np.testing.assert_array_equal(table[f"x[{k}]"], [k - 16, k - 15, k - 14])
 
 
+@pytest.mark.parametrize("damage", [b"\xa3\x95", b"\xa3\x95\xff", b"\xa3\x95\x80", b"\xa3\x95\x97" + b"\0" * 9])
+def test_bytes_that_look_like_the_start_of_a_record_cost_the_records_they_fall_on(tmp_path, damage):
+    whole, broken = tmp_path / "whole.BIN", tmp_path / "broken.BIN"
+    data = bytes(dive_bin().data)
+    whole.write_bytes(data)
+    at = data.index(b"\xa3\x95", len(data) // 2)
+    broken.write_bytes(data[:at] + damage + data[at:])
+    one, two = read(whole), read(broken)
+    assert one.names == two.names
+    for name in one.names:
+        assert len(two[name]) >= len(one[name]) - 1
+        np.testing.assert_array_equal(two[name].values[-20:], one[name].values[-20:])
+    assert two.repairs.damaged >= 1
+
+
 def test_the_parts_of_a_bag_are_one_log_in_order_of_time(tmp_path):
     said = [Said("/thrusters", 0.02 * k, "std_msgs/msg/Float64MultiArray", multi_array([k, -k])) for k in range(40)]
     said += [Said("/depth", 0.02 * k, "std_msgs/msg/Float64MultiArray", multi_array([0.1 * k])) for k in range(20)]

@@ -41,6 +41,11 @@ def test_fifteen_centimetres_is_under_water_again(depth, end):
     assert cuts(dive(z=z)) == [("surface", 20.0, end)]
 
 
+def test_between_the_two_depths_counts_what_was_sure_last_and_before_anything_was_sure_it_is_under_water():
+    z = np.where(T < 10.0, 0.12, np.where(T < 90.0, 3.0, 0.05))
+    assert cuts(dive(z=z)) == [("surface", 90.0, 100.0)]
+
+
 @pytest.mark.parametrize("seconds, up", [(0.9, False), (1.1, True)])
 def test_a_second_at_the_surface_counts(seconds, up):
     assert bool(cuts(dive(z=while_between(20.0, 20.0 + seconds, 0.05, 3.0)))) is up
