@@ -1,9 +1,10 @@
 """Mutants of source code: places where one operator, number, word or decorator is replaced by another.
 
 The replacements are those of Cosmic Ray. What it would change without changing what the program does is not drawn:
-annotations, aliases of types, `__all__`, blocks for type checkers, the marks of a signature (`*`, `/`), and what is
-logged; docstrings it leaves alone. Bodies of compiled kernels are not drawn either: each of their mutants is compiled
-anew for half a minute, and kernels have tests of their own (`make kernels`).
+annotations, aliases of types, `__all__`, blocks for type checkers, the marks of a signature (`*`, `/`), `strict=True`
+(of sequences that have one length), and what is logged; docstrings it leaves alone. Bodies of compiled kernels are not
+drawn either: each of their mutants is compiled anew for half a minute, and kernels have tests of their own
+(`make kernels`).
 
 A place counts once, however many replacements there are for it: of the eleven that Cosmic Ray has for a `+`, nearly
 all fail at the same test, and a sample of mutants instead of places would be full of them.
@@ -84,11 +85,12 @@ def places(file: str, source: str) -> list[Place]:
     left_out = [_span(each, lines) for each in _without_effect(tree)]
     found: dict[tuple[_Position, str], list[tuple[str, int]]] = {}
     nodes = list(ast_nodes(parso.parse(source)))
+    marks = {node.start_pos for node in nodes if node.type == "operator" and node.parent.type == "parameters"}
     for name, kind in _named_operators():
         operator = _OPERATORS[name]()
         positions = [position for node in nodes for position, _ in operator.mutation_positions(node)]
         for occurrence, begin in enumerate(positions):
-            if not any(first <= begin < last for first, last in left_out):
+            if begin not in marks and not any(first <= begin < last for first, last in left_out):
                 found.setdefault((begin, kind), []).append((name, occurrence))
     return [Place(file, begin, kind, tuple(found[begin, kind])) for begin, kind in sorted(found)]
 
@@ -158,6 +160,9 @@ def _without_effect(tree: ast.Module) -> Iterator[ast.AST]:
         elif isinstance(node, ast.arg | ast.AnnAssign):
             if node.annotation is not None:
                 yield node.annotation
+        elif isinstance(node, ast.keyword):
+            if node.arg == "strict":
+                yield node
         elif isinstance(node, ast.Assign):
             if ast.unparse(node.targets[0]) == "__all__" or _is_alias(node):
                 yield node

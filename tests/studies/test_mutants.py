@@ -77,6 +77,14 @@ def test_every_place_is_drawn_once_and_every_mutant_is_python_that_differs():
         assert [(a.strip(), b.strip()) for a, b in changed] == [(each.before, each.after)]
 
 
+def test_marks_of_a_signature_and_checks_of_equal_lengths_are_not_drawn():
+    source = "def pairs(a, /, b, *, c=3):\n    return [x * c for x in zip(a, b, strict=True)]\n"
+    assert [(place.begin, place.kind) for place in mutants.places("a.py", source)] == [
+        ((1, 24), "number by one"),
+        ((2, 14), "arithmetic"),
+    ]
+
+
 def test_a_decorator_left_out_leaves_its_line_out():
     source = "class A:\n    @property\n    def size(self) -> int:\n        return self.n\n"
     (place,) = mutants.places("a.py", source)
@@ -113,11 +121,11 @@ def small_tree(root: Path) -> Path:
         (root / name).write_text("")
     (root / "pyproject.toml").write_text("[tool.pytest.ini_options]\n")
     (root / "src/towtank/readers/speed.py").write_text(
-        "def known(x):\n    return 2 * x if x > 1 else 0\n\n\ndef unknown(x):\n    return 3 * x\n"
+        "def known(x):\n    return 2 * x\n\n\ndef unknown(x):\n    return 3 * x\n"
     )
     (root / "tests/readers/test_speed.py").write_text(
         "from towtank.readers.speed import known\n\n\ndef test_known():\n"
-        "    assert [known(x) for x in (0, 1, 2, 3)] == [0, 0, 4, 6]\n"
+        "    assert [known(x) for x in (0, 1, 3)] == [0, 2, 6]\n"
     )
     (root / "tests/live/test_nothing.py").write_text("def test_nothing():\n    pass\n")
     return root
