@@ -33,6 +33,8 @@ from towtank.vehicle.thrusters.wiring import rewired
 
 __all__ = ["as_wired", "findings_before", "learn_recordings", "wiring_findings"]
 
+_USED = "learning uses them as they act"
+
 
 class LearningOptions(TypedDict, total=False):
     """What `learn_recordings` can be told of a learning."""
@@ -88,7 +90,6 @@ def learn_recordings(
     recordings = [prepared(recording, vehicle) for recording in recordings]
     vehicle, of_frame = _in_frame(vehicle, recordings)
     vehicle, of_gains = (vehicle, ()) if request.prior is None else with_gains_of(vehicle, request.prior)
-    free = request.free
     try:
         samples = tuple(samples_of(recording, vehicle) for recording in recordings)
     except InputError:
@@ -98,8 +99,10 @@ def learn_recordings(
     vehicle = request.vehicle
     if method == "paper":
         delay, longest = request.delay, request.longest_delay
-        learning = learn_paper(vehicle, recordings, free=free, delay=delay, longest_delay=longest, progress=progress)
-        learning = with_scale(learning, free or ())
+        learning = learn_paper(
+            vehicle, recordings, free=request.free, delay=delay, longest_delay=longest, progress=progress
+        )
+        learning = with_scale(learning, request.free or ())
     else:
         learning = learn_joint(request, progress)
     learning = replace(learning, driven=driven, warnings=(*of_gains, *learning.warnings))
@@ -157,15 +160,12 @@ def _in_frame(vehicle: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
 def wiring_findings(vehicle: Vehicle, recordings: Sequence[Recording], done: str) -> tuple[Finding, ...]:
     """Return how recordings have the thrusters wired against the vehicle's file; `done`: what is made of that."""
     with contextlib.suppress(InputError):  # no motion, or no inputs
-        prepared_ = [prepared(recording, vehicle) for recording in recordings]
-        samples = tuple(samples_of(recording, vehicle) for recording in prepared_)
-        return as_wired(LearningRequest(vehicle, prepared_, samples), done)[1]
+        ready = [prepared(recording, vehicle) for recording in recordings]
+        return as_wired(LearningRequest(vehicle, ready, [samples_of(each, vehicle) for each in ready]), done)[1]
     return ()
 
 
-def as_wired(
-    request: LearningRequest, done: str = "learning uses them as they act"
-) -> tuple[LearningRequest, tuple[Finding, ...]]:
+def as_wired(request: LearningRequest, done: str = _USED) -> tuple[LearningRequest, tuple[Finding, ...]]:
     """Return the question with its thrusters wired as the recordings have them, and what differs from the file.
 
     Where `free` says what to learn, axes of which nothing is learned are left alone.

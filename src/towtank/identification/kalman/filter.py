@@ -19,15 +19,11 @@ from towtank.core.forces import add_inflow_damping_into
 from towtank.core.layout import I_INFLOW, I_LINEAR
 from towtank.core.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
 from towtank.identification.data.samples import Samples
-from towtank.identification.kalman.state import INFORMATION_MEMORY, NEVER, JointState
+from towtank.identification.kalman.state import INFORMATION_MEMORY, JointState
 from towtank.identification.kalman.update import update_row
 from towtank.identification.model.linearisation import step_and_linearise, turn_by
-from towtank.identification.model.measurements import ATTITUDE, N_SENSORS, WATER_VELOCITY
-from towtank.identification.model.parameters import (
-    IN_GAIN,
-    N_FIXED,
-    N_MOVING,
-)
+from towtank.identification.model.measurements import ATTITUDE, N_SENSORS, NEVER, WATER_VELOCITY
+from towtank.identification.model.parameters import IN_GAIN, N_FIXED, N_MOVING
 from towtank.vehicle.matrices import GRAVITY
 
 __all__ = ["joint_events", "joint_step", "rows_of", "take_all", "take_row"]

@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -421,7 +422,7 @@ def _passes(
     at_best, about = about, region.nearest(about, _movable(problem.prior.covariance, problem.learned))
     lost = False
     for k in range(_PASSES):
-        state, _, readings = one_pass(problem, about, levels, _part(progress, k))
+        state, _, readings = one_pass(problem, about, levels, partial(_share_of_all, progress, k))
         lost = lost or (k == 0 and diverged(state))
         fit = _fit_of(problem, region, state, levels, k + 1, readings)
         finite = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.std).all() and np.isfinite(fit.likelihood))
@@ -459,9 +460,8 @@ def _passes(
     return likeliest, lost
 
 
-def _part(progress: Progress, k: int) -> Progress:
-    """Return the progress of pass k as that of all."""
-    return lambda share: progress((k + share) / _PASSES)
+def _share_of_all(progress: Progress, k: int, share: float) -> None:
+    progress((k + share) / _PASSES)
 
 
 def _movable(covariance: Array, learned: NDArray[np.bool_]) -> Array:

@@ -53,7 +53,6 @@ __all__ = [
     "transition_scratch",
 ]
 
-NEVER = -math.inf  # when a sensor was last accepted that has shown nothing since the motion began
 INFORMATION_MEMORY = 10.0  # s over which the rate of information of a coefficient is averaged
 _LEAST_VELOCITY_WALK = 1e-4  # m/s^2 sqrt(s), rad/s^2 sqrt(s): what no model of forces accounts for
 _RECOVERY_INFLATION = 4.0  # factor to the variances of a filter that had to recover

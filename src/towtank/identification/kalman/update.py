@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import euler_from_quaternion
 from towtank.core.rk4 import N_STATES, stage_into
-from towtank.identification.kalman.state import NEVER
 from towtank.identification.model.linearisation import linearise_into, turn_by
 from towtank.identification.model.measurements import (
     ATTITUDE,
     LONGEST_OUTAGE,
     LOOSE,
     N_SENSORS,
+    NEVER,
     OFFSET_STAYS,
     RATES,
     REACQUIRE,

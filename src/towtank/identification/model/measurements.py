@@ -34,6 +34,7 @@ __all__ = [
     "LEAST_NOISE",
     "LONGEST_OUTAGE",
     "LOOSE",
+    "NEVER",
     "N_SENSORS",
     "OFFSET_STAYS",
     "REACQUIRE",
@@ -98,6 +99,7 @@ SENSORS = (
 )
 POSITION, ATTITUDE, VELOCITY, RATES, SPECIFIC_FORCE, WATER_VELOCITY = range(6)
 N_SENSORS = len(SENSORS)
+NEVER = -math.inf  # when a sensor was last accepted that has shown nothing since the motion began
 # as kernels read them, by sensor
 _FIRST_ERROR = tuple(each.first_error for each in SENSORS)
 OFFSET_STAYS = tuple(each.offset_stays for each in SENSORS)

@@ -1,8 +1,7 @@
 """Which way each thruster pushes, and which output drives which, as recordings show it.
 
-A vehicle's file says where thrusters are and which way a positive command pushes. Outputs may be swapped, propellers
-turn the other way, parameters of an autopilot be missing from a log. Every axis tells of all thrusters at once: its
-speed is what inertia, damping and, in roll and pitch, a righting moment make of their forces (body frame, FRD),
+Outputs may be swapped, propellers turn the other way. Every axis tells of all thrusters at once: its speed is what
+inertia, damping and, in roll and pitch, a righting moment make of their forces (body frame, FRD),
 
     v' = -v / T - w^2 x + g sum_k B_ik F_k(t - d),   x' = v,
 
@@ -36,6 +35,7 @@ from scipy.linalg import expm
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import Samples
 from towtank.recording.frames.pose_rates import velocity_of_pose
+from towtank.vehicle.matrices import GRAVITY
 from towtank.vehicle.thrusters.wiring import Wiring
 
 __all__ = ["wiring_of"]
@@ -61,7 +61,6 @@ _SURE = 10.0  # nats, besides the logarithm of how many are tried, by which a wi
 _MOST_TOLD = 1e8  # of information to what is supposed
 _CLOSE = 0.5  # s over which a speed is interpolated
 _MANY = 12  # thrusters, above which not every set of signs is tried
-_GRAVITY = 9.81
 _SPEED, _PLACE, _FORCE = range(3)  # what is looked at of an axis: v, x, v'
 
 
@@ -72,7 +71,7 @@ def wiring_of(samples: Sequence[Samples], inertia: Array, axes: Sequence[int] = 
         samples: body frame, FRD, SI; those with other inputs than the first are left out.
         inertia: what is supposed of the total inertia (6,) of each axis [kg, kg m^2]. axes: those to look at (0 .. 5).
     """
-    if not samples or not (np.isfinite(inertia).all() and (inertia > 0.0).all()):
+    if not samples or not (np.isfinite(inertia) & (inertia > 0.0)).all():
         return Wiring()
     B = samples[0].B
     samples = [each for each in samples if each.commands == samples[0].commands and np.array_equal(each.B, B)]
@@ -324,9 +323,7 @@ def _independent(left: Array) -> float:
     """Return how many independent samples there are in a window of what is left (w, m)."""
     m = left.shape[1]
     power = float((left**2).sum())
-    if not power > 0.0:
-        return 1.0
-    alike = [float((left[:, lag:] * left[:, :-lag]).sum()) / power for lag in range(1, min(_LAGS, m - 1))]
+    alike = [float((left[:, lag:] * left[:, :-lag]).sum()) / max(power, 1e-300) for lag in range(1, min(_LAGS, m - 1))]
     upto = next((k for k, rho in enumerate(alike) if rho < 0.05), len(alike))
     return float(m / (1.0 + 2.0 * sum(alike[:upto])))
 
@@ -427,7 +424,7 @@ def _acceleration(samples: Samples, axis: int) -> tuple[Array, Array]:
         return t, force
     phi, theta = (np.interp(t, samples.t[level], values[level, j]) for j in (3, 4))
     down = (-np.sin(theta), np.cos(theta) * np.sin(phi), np.cos(theta) * np.cos(phi))[axis]
-    return t, force + _GRAVITY * down
+    return t, force + GRAVITY * down
 
 
 def _speed(samples: Samples, axis: int) -> tuple[Array, Array]:
@@ -439,9 +436,7 @@ def _speed(samples: Samples, axis: int) -> tuple[Array, Array]:
     needed = slice(0, 6) if axis < 3 else slice(3, 6)
     posed = np.flatnonzero(np.isfinite(values[:, needed]).all(axis=1))
     t = samples.t[posed]
-    if t.size < 2:
-        return np.zeros(0), np.zeros(0)
-    apart = max(1, round(STEP / max(float(np.median(np.diff(t))), 1e-6)))
+    apart = max(1, round(STEP / max(float(np.median(np.diff(t))), 1e-6))) if t.size > 1 else 1
     t, pose = t[::apart], values[posed[::apart], :6]
     if t.size < 3:
         return np.zeros(0), np.zeros(0)

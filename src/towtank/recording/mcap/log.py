@@ -218,7 +218,7 @@ class McapLog:
         try:
             self._file.metadata(ABOUT, self._about.metadata())
         except OSError as error:
-            self.trouble = f"{self.path}: {error.strerror or error}"  # the end says it once more
+            self._untaken = self._said(error)
 
     def source(self, name: str, quantities: Sequence[Quantity]) -> None:
         """Announce a source: the columns that come together, each with name, unit and frame.
