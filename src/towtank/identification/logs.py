@@ -98,11 +98,9 @@ def learn_recordings(
     request, of_wiring = as_wired(replace(request, vehicle=vehicle, recordings=recordings, samples=samples))
     vehicle = request.vehicle
     if method == "paper":
-        delay, longest = request.delay, request.longest_delay
-        learning = learn_paper(
-            vehicle, recordings, free=request.free, delay=delay, longest_delay=longest, progress=progress
-        )
-        learning = with_scale(learning, request.free or ())
+        delay, longest, free = request.delay, request.longest_delay, request.free
+        learning = learn_paper(vehicle, recordings, free=free, delay=delay, longest_delay=longest, progress=progress)
+        learning = with_scale(learning, free or ())
     else:
         learning = learn_joint(request, progress)
     learning = replace(learning, driven=driven, warnings=(*of_gains, *learning.warnings))
