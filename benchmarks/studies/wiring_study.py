@@ -5,7 +5,7 @@
 Each of ArduSub's frames, flown for 30 s by a pilot who pushes sticks while the autopilot holds roll and pitch where he
 wants them; in the log are gyro and accelerometer (25 Hz), attitude, depth and commands (10 Hz), nothing else. Every
 thruster turned by itself and every two outputs swapped must be found as they are (two wirings that make the same wrench
-are one); in `--runs` right logs nothing may be found.
+of the commands of a log are one); in `--runs` right logs nothing may be found.
 """
 
 from __future__ import annotations
@@ -149,8 +149,10 @@ def case(name: str, wiring: Wiring, seed: int) -> Found:
     truth = vehicle_of(frame)
     supposed = rewired(truth, wiring)
     run = prepared(flown(truth, frame, seed), supposed)
-    request, findings = as_wired(LearningRequest(supposed, [run], [samples_of(run, supposed)]))
-    right = np.allclose(configuration_matrix(request.vehicle), configuration_matrix(truth), atol=1e-9)
+    samples = samples_of(run, supposed)
+    request, findings = as_wired(LearningRequest(supposed, [run], [samples]), closely=True)
+    found, as_it_is = (configuration_matrix(vehicle) for vehicle in (request.vehicle, truth))
+    right = np.allclose(samples.input_force @ found.T, samples.input_force @ as_it_is.T, atol=1e-6)
     kind = "swapped" if wiring.swapped else "turned" if wiring.turned else "right"
     return Found(name, kind, right, "; ".join(finding.text for finding in findings))
 

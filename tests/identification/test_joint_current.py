@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from towtank.errors import InputError
 from towtank.identification import Learner, LogLearning, learn_recordings
 from towtank.recording import Recording
 from towtank.simulation import Ins, OrnsteinUhlenbeck, manoeuvre, simulate
@@ -29,7 +28,7 @@ def flowing() -> Recording:
 
 @pytest.fixture(scope="module")
 def along(flowing: Recording) -> LogLearning:
-    return learn_recordings(TRUTH, [flowing], free=FREE, delay=0.0, current=True)
+    return learn_recordings(TRUTH, [flowing], free=FREE, delay=0.0)
 
 
 def test_the_current_is_found_and_the_drag_is_right(along: LogLearning) -> None:
@@ -43,14 +42,9 @@ def test_the_current_is_found_and_the_drag_is_right(along: LogLearning) -> None:
     assert along.method == "joint"
 
 
-def test_a_current_that_nobody_asked_for_is_found_and_said_all_the_same(flowing: Recording, along: LogLearning) -> None:
-    learning = learn_recordings(TRUTH, [flowing], free=FREE, delay=0.0)
-    [told] = [line for line in learning.remarks if line.startswith("the water flows")]
+def test_a_current_is_said(along: LogLearning) -> None:
+    [told] = [line for line in along.remarks if line.startswith("the water flows")]
     assert "towards 32" in told or "towards 33" in told
-    assert learning.current is not None
-    assert along.current is not None
-    np.testing.assert_array_equal(learning.current.velocity, along.current.velocity)
-    assert learning.estimate["X_uu"].value == along.estimate["X_uu"].value
 
 
 def test_still_water_is_left_in_peace() -> None:
@@ -73,13 +67,8 @@ def test_two_recordings_have_water_of_their_own(flowing: Recording) -> None:
 
 
 def test_a_stream_learns_it_along(flowing: Recording) -> None:
-    learner = Learner(TRUTH, free=FREE, delay=0.0, current=True)
+    learner = Learner(TRUTH, free=FREE, delay=0.0)
     learner.run(flowing)
     assert learner.current is not None  # type: ignore[attr-defined]
     assert learner.current.velocity == pytest.approx(WATER, abs=0.01)  # type: ignore[attr-defined]
     assert learner.estimate["X_uu"].value == pytest.approx(TRUTH.coefficient("X_uu"), rel=0.08)
-
-
-def test_other_methods_know_none(flowing: Recording) -> None:
-    with pytest.raises(InputError, match="knows none"):
-        learn_recordings(TRUTH, [flowing], method="paper", current=True)

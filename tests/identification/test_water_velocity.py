@@ -29,7 +29,7 @@ def flowing() -> Recording:
 
 @pytest.fixture(scope="module")
 def learned(flowing: Recording) -> LogLearning:
-    return learn_recordings(TRUTH, [flowing], free=FREE, delay=0.0, current=True)
+    return learn_recordings(TRUTH, [flowing], free=FREE, delay=0.0)
 
 
 def test_with_position_a_current_is_found_within_a_centimetre_a_second(learned: LogLearning) -> None:
@@ -47,7 +47,7 @@ def test_its_noise_is_found_as_that_of_any_sensor(learned: LogLearning) -> None:
 
 def test_a_stream_takes_it_and_learns_the_same_at_once_or_row_by_row(flowing: Recording) -> None:
     short = flowing.window(0.0, 6.0)
-    whole, single = (Learner(TRUTH, free=FREE, delay=0.0, current=True) for _ in range(2))
+    whole, single = (Learner(TRUTH, free=FREE, delay=0.0) for _ in range(2))
     whole.run(short)
     instants = Instants(TRUTH)
     for t, names, values in rows_of(short):

@@ -16,7 +16,7 @@ from towtank.identification.least_squares.batch import Progress, learn_paper
 from towtank.identification.model.prior import prior_of
 from towtank.identification.model.terms import AXES
 from towtank.identification.offline.first_look import driven_axes
-from towtank.identification.offline.joint import LearningRequest, learn_joint
+from towtank.identification.offline.joint import LearningRequest, joint_problem, learn_joint
 from towtank.identification.offline.wiring import wiring_of
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.identification.posterior.plausibility import implausible
@@ -42,7 +42,6 @@ class LearningOptions(TypedDict, total=False):
     free: Collection[str] | None
     delay: float | None
     longest_delay: float
-    current: bool
     free_runs: bool | None
 
 
@@ -70,8 +69,6 @@ def learn_recordings(
         delay: from command (or recorded wrench) to force [s]; found, up to `longest_delay` (0.4 s), where omitted.
         prior: a vehicle whose coefficients bear deviations, or that was learned: what is known beforehand. Not for
             "paper".
-        current: without effect; the water's is estimated wherever it can be told. Not for "paper" and
-            "output-error".
         free_runs: False for the filter alone.
 
     Raises:
@@ -85,8 +82,6 @@ def learn_recordings(
         request = replace(request, free_runs=True)
     if method == "paper" and request.prior is not None:
         raise InputError("prior: the paper's method takes none; use method joint or output-error")
-    if method != "joint" and request.current:
-        raise InputError(f"current: method {method} knows none; use method joint")
     recordings = [prepared(recording, vehicle) for recording in recordings]
     vehicle, of_frame = _in_frame(vehicle, recordings)
     vehicle, of_gains = (vehicle, ()) if request.prior is None else with_gains_of(vehicle, request.prior)
@@ -95,7 +90,8 @@ def learn_recordings(
     except InputError:
         samples = ()  # learning says it, and says more
     found, driven = _findings_of(recordings, samples), driven_axes(samples)
-    request, of_wiring = as_wired(replace(request, vehicle=vehicle, recordings=recordings, samples=samples))
+    request = replace(request, vehicle=vehicle, recordings=recordings, samples=samples)
+    request, of_wiring = as_wired(request, closely=method != "paper")
     vehicle = request.vehicle
     if method == "paper":
         delay, longest, free = request.delay, request.longest_delay, request.free
@@ -163,17 +159,21 @@ def wiring_findings(vehicle: Vehicle, recordings: Sequence[Recording], done: str
     return ()
 
 
-def as_wired(request: LearningRequest, done: str = _USED) -> tuple[LearningRequest, tuple[Finding, ...]]:
+def as_wired(
+    request: LearningRequest, done: str = _USED, *, closely: bool = False
+) -> tuple[LearningRequest, tuple[Finding, ...]]:
     """Return the question with its thrusters wired as the recordings have them, and what differs from the file.
 
-    Where `free` says what to learn, axes of which nothing is learned are left alone.
+    Where `free` says what to learn, axes of which nothing is learned are left alone. `closely`: by the joint filter,
+    where a first look leaves doubt; that takes seconds, and its code.
     """
     vehicle, samples, free = request.vehicle, request.samples, request.free
     axes = [k for k in range(6) if free is None or any(name[:1] == ROWS[k] for name in free)]
     if not samples:
         return request, ()
     base = prior_of(vehicle, commands=samples[0].commands, beside=request.prior).vehicle_values
-    wiring = wiring_of(samples, np.diag(vehicle.with_coefficients(base).mass_matrix), axes)
+    problem = joint_problem(request) if closely else None
+    wiring = wiring_of(samples, np.diag(vehicle.with_coefficients(base).mass_matrix), axes, problem)
     if not wiring:
         return request, ()
     if not samples[0].commands:

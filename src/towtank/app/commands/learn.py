@@ -152,7 +152,6 @@ def learn(
                 free=wanted,
                 delay=delay,
                 prior=beforehand,
-                current=current,
                 progress=lambda text, share: progress(text, 0.9 * share),
             )
         warnings = [*output.warnings, *rate_warnings(parts), *learning_warnings(learning, recordings)]

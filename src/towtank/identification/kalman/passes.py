@@ -71,6 +71,7 @@ __all__ = [
     "inputs_of",
     "joint_fit",
     "latencies_of",
+    "likelihood_after",
     "narrowed_to",
     "next_recording",
     "one_pass",
@@ -371,6 +372,14 @@ def joint_fit(
     return fit
 
 
+def likelihood_after(problem: JointProblem, passes: int) -> float:
+    """Return the log likelihood of the likeliest of so few passes from the prior, in water without waves."""
+    most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
+    levels = replace(problem.rough, disturbance=np.minimum(problem.rough.disturbance, most))
+    fit, _ = _passes(problem, problem.prior.mean, levels, most, lambda share: None, passes)
+    return fit.likelihood if np.isfinite(fit.likelihood) else -math.inf
+
+
 def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem, JointFit]:
     """Return the posterior in water with waves of the likeliest period, or in water without any, and its question.
 
@@ -408,7 +417,12 @@ def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress:
 
 
 def _passes(
-    problem: JointProblem, about: Array, levels: NoiseLevels, most: Array, progress: Progress
+    problem: JointProblem,
+    about: Array,
+    levels: NoiseLevels,
+    most: Array,
+    progress: Progress,
+    passes: int = _PASSES,
 ) -> tuple[JointFit, bool]:
     """Run passes from theta (n,) `about` until nothing moves any more; the likeliest one where that never comes.
 
@@ -421,7 +435,7 @@ def _passes(
     region = Region(problem.vehicle, problem.free)
     at_best, about = about, region.nearest(about, _movable(problem.prior.covariance, problem.learned))
     lost = False
-    for k in range(_PASSES):
+    for k in range(passes):
         state, _, readings = one_pass(problem, about, levels, partial(_share_of_all, progress, k))
         lost = lost or (k == 0 and diverged(state))
         fit = _fit_of(problem, region, state, levels, k + 1, readings)

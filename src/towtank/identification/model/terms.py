@@ -41,7 +41,6 @@ from towtank.core.layout import (
 )
 from towtank.errors import InputError, nearest
 from towtank.vehicle import Vehicle
-from towtank.vehicle.names import KINDS
 
 __all__ = [
     "AXES",
@@ -59,7 +58,6 @@ __all__ = [
     "Candidates",
     "Term",
     "candidates",
-    "given_terms",
     "paper_names",
 ]
 
@@ -143,7 +141,6 @@ class Term:
         part: of the body, that changes with it. size_step, log_step: deviation of such a change, as a share of `size`
             where it is untransformed, of its logarithm where it is one.
         by_motion: whether motion makes its force, along the axis of its row.
-        given: whether it is free where a vehicle's file has a value of it and nobody says what to learn.
         noun: what one is called that is no inertia, damping, constant force or restoring term.
         apart: what tells such a one from another coefficient.
     """
@@ -155,7 +152,6 @@ class Term:
     size_step: float
     log_step: float = 0.0
     by_motion: bool = False
-    given: bool = False
     noun: str = "coupling"
     apart: str = "motion in which these axes do not move together would tell them apart"
 
@@ -220,7 +216,6 @@ TERMS: dict[int, Term] = {
         "drag",
         size_step=0.5,
         by_motion=True,
-        given=True,
         noun="forward-speed term",
         apart="stretches at several speeds ahead would tell them apart",
     ),
@@ -231,7 +226,6 @@ TERMS: dict[int, Term] = {
         "drag",
         size_step=0.5,
         by_motion=True,
-        given=True,
         noun="asymmetric drag",
         apart="motion both ways along this axis would tell them apart",
     ),
@@ -245,16 +239,6 @@ TERMS: dict[int, Term] = {
         apart="the same thrust at several speeds would tell them apart",
     ),
 }
-
-
-def given_terms(vehicle: Vehicle, axes: Collection[int]) -> tuple[str, ...]:
-    """Return the names that are free because the vehicle's file has a value of them, of forces along `axes`."""
-    found = []
-    for kind in KINDS.values():
-        if TERMS[kind.code].given:
-            names = [kind.name(i, j) for i, j in kind.elements if i in axes]
-            found += [name for name in names if vehicle.coefficient(name) != 0.0]
-    return tuple(found)
 
 
 @dataclass(frozen=True)

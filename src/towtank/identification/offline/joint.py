@@ -62,7 +62,6 @@ class LearningRequest:
     delay: float | None = None
     longest_delay: float = 0.4
     prior: Vehicle | None = None
-    current: bool = False
     free_runs: bool | None = None
 
 

@@ -44,7 +44,6 @@ class JointSettings:
     delay: float | None = None
     prior: AnyVehicle | None = None
     background: bool = False
-    current: bool = False
     changes: bool = True
     known: Mapping[str, AnyVehicle] | None = None
 
@@ -67,7 +66,6 @@ class JointLearner(Learner):
         delay: from input to force [s]; found where omitted.
         prior: a vehicle that counts, beside the first, where it says something.
         background: re-estimations run in a thread, so that no sample waits for one; `settle` waits for the last.
-        current: kept for scripts of before: the water's is estimated wherever position or speed over ground tells it.
         changes: of the vehicle (a payload, a fouled thruster) are watched for, and reported by `events`.
         known: models of configurations that it may become, by name.
         settings: these (`JointSettings`).
@@ -150,7 +148,7 @@ class JointLearner(Learner):
     def to_arrays(self) -> dict[str, Any]:
         """Return all that it knows; see `Learner.to_arrays`."""
         own, (plain, arrays) = self._settings, self._stream.to_arrays()
-        about = {"free": self._question.free, "delay": own.delay, "current": own.current, "stream": plain}
+        about = {"free": self._question.free, "delay": own.delay, "stream": plain}
         return {"learner": np.frombuffer(json.dumps(about).encode(), dtype=np.uint8), **arrays}
 
     @classmethod
@@ -171,7 +169,6 @@ class JointLearner(Learner):
             delay=about["delay"],
             prior=prior,
             background=background,
-            current=about["current"],
             changes=about["stream"]["watching"],
             known=known,
         )
