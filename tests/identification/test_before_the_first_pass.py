@@ -12,11 +12,12 @@ from towtank.core.zero_order_hold import ZeroOrderHold, force_integral_into, hol
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import N_MEASURED, Samples
 from towtank.identification.kalman.filter import _inputs_known
-from towtank.identification.kalman.noise_adaptation import accelerations_of, most_disturbed, noise_of_rows
-from towtank.identification.model.measurements import TYPICAL_NOISE
+from towtank.identification.kalman.noise_adaptation import accelerations_of, most_disturbed
+from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
 from towtank.identification.model.parameters import free_parameters
 from towtank.identification.model.prior import prior_of
 from towtank.identification.model.terms import DISTURBANCE
+from towtank.recording.noise import noise_of_rows
 from towtank.simulation import OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.simulation.tank import DISTURBANCE as TANK
 from towtank.simulation.tank import tank_session
@@ -100,7 +101,7 @@ def test_noise_that_was_smoothed_on_board_is_that_of_a_usual_sensor() -> None:
         values[:, VELOCITY + j] = motion + smoothed(0.02 * generator.standard_normal(2000))
         values[:, 3 + j] = motion + 0.004 * generator.standard_normal(2000)
         values[:, 9 + j] = np.round(motion + 2e-5 * generator.standard_normal(2000), 5)
-    noise = noise_of_rows(t, values)
+    noise = noise_of_rows(t, values, TYPICAL_NOISE, LEAST_NOISE)
     np.testing.assert_allclose(noise[6:9], TYPICAL_NOISE[6:9])
     np.testing.assert_allclose(noise[3:6], 0.004, rtol=0.15)
     np.testing.assert_allclose(noise[9:12], TYPICAL_NOISE[9:12])  # a last digit is no noise

@@ -292,13 +292,13 @@ def test_a_heading_that_comes_after_the_motion_began_is_taken_as_it_is(vehicle: 
     first = 5 if heading_alone else 3
     values[4::10, first:6] = samples.values[4::10, first:6]
     states = []
-    for north in (0.0, 2.2):
+    for north in (1.1, -2.2):
         values[4::10, 5] = samples.values[4::10, 5] + north
         states.append(run_through(filter_for(vehicle, B=samples.B), replace(samples, values=values)))
     there, turned = states
     assert turned.statistics["rejected"][5] == there.statistics["rejected"][5]
     assert turned.clock[0].log_likelihood == pytest.approx(there.clock[0].log_likelihood, rel=1e-6)
-    ahead = quaternion_product(np.array([np.cos(1.1), 0.0, 0.0, np.sin(1.1)]), there.x[3:7])
+    ahead = quaternion_product(np.array([np.cos(1.65), 0.0, 0.0, -np.sin(1.65)]), there.x[3:7])
     assert abs(float(ahead @ turned.x[3:7])) == pytest.approx(1.0, abs=1e-9)
 
 

@@ -13,6 +13,8 @@ only multiples of a quantum. Taken for independent samples, each of these seems 
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -26,7 +28,7 @@ from towtank.recording import Recording
 from towtank.recording.grids.timing import gap_limit, median_step, quaternion_samples, sampling_rate
 from towtank.recording.standard import EULER, MEASURED, QUATERNION
 
-__all__ = ["NoiseLevel", "fresh_samples", "noise_level", "noise_levels", "quantum_of"]
+__all__ = ["NoiseLevel", "fresh_samples", "noise_level", "noise_levels", "noise_of_rows", "quantum_of"]
 
 _FEWEST = 12  # samples
 _REPEATED = 0.2  # share of repeats from which samples may be repeated
@@ -47,6 +49,8 @@ _ROUNDS = 3  # of clipping
 _CLIP, _CLIPPED_VARIANCE = 3.0, 0.9733369246625416  # deviations; variance of a standard normal within +-3
 _JITTER = 1e-3  # share of a step
 _STANDS_OUT = 5.0  # deviations
+_FEWEST_ROWS = 30  # of a column, from which it shows its noise
+_OF_ROUNDING = 5.0  # quanta of noise, up to which it may be that of rounding
 _PLATEAU = 1.0  # s; the longest that an offset counts as an outlier
 _PEAK = 1.4  # times its own size that a jump may have beside it: the two of a single wrong sample have one size
 _RETURN = 0.5  # of its height that an offset must come back
@@ -347,3 +351,49 @@ def _outliers(t: Array, x: Array, std: float, gap: float) -> int:
         else:
             k += 1
     return count
+
+
+def noise_of_rows(
+    t: Array, values: Array, typical: Sequence[float], least: Sequence[float], latest: int | None = None
+) -> Array:
+    """Return the noise (18,) that rows show by themselves, or the `latest` of them.
+
+    Args:
+        t: times (n,) [s]. values: (n, 18), in the order of `standard.MEASURED`, NaN where not measured.
+        typical, least: noise (18,) of a usual sensor, and the least that is believed.
+    """
+    first = 0 if latest is None else max(0, len(t) - latest)
+    told = {}
+    for j, name in enumerate(MEASURED):
+        column = values[first:, j]
+        known = np.isfinite(column)
+        if known.sum() < _FEWEST_ROWS:
+            continue
+        stamps = t[first:][known]
+        regular = np.concatenate([[True], np.diff(stamps) > 0.0])
+        level = noise_level(stamps[regular], column[known][regular], "angle" if name in ("phi", "psi") else "linear")
+        span = float(stamps[-1] - stamps[0])
+        told[j] = level, (len(stamps) - 1) / span if span > 0.0 else level.rate
+    return _noise_told_by(told, typical, least)
+
+
+def _noise_told_by(
+    shown: Mapping[int, tuple[NoiseLevel, float]], typical: Sequence[float], least: Sequence[float]
+) -> Array:
+    """Return the noise (18,) of each sample from what columns show by themselves, and their rates [Hz].
+
+    A sensor that has smoothed most of its numbers shows next to no noise, or that of their last digit, and its errors
+    go together: then they are taken for those of a usual sensor.
+    """
+    noise = np.array(typical)
+    for first in range(0, noise.size, 3):
+        own = {
+            j: each
+            for j, each in shown.items()
+            if first <= j < first + 3 and np.isfinite(each[0].std) and each[0].std > 0.0 and not each[0].dead
+        }
+        smooth = {j for j, (level, _) in own.items() if not level.white or level.std < _OF_ROUNDING * level.quantum}
+        for j, (level, rate) in own.items():
+            shows = max(level.of_each(rate), level.quantum / math.sqrt(12.0), float(least[j]))
+            noise[j] = max(shows, noise[j]) if j in smooth or len(smooth) > 0.5 * len(own) else shows
+    return noise

@@ -7,8 +7,7 @@ usual level, as so many independent samples of it would hold it, and by the acce
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +17,8 @@ from towtank.core.attitude import quaternions_from_eulers
 from towtank.core.layout import I_MASS, I_MASS_INVERSE
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, Samples
 from towtank.identification.kalman.state import FilterSettings, JointState
-from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
 from towtank.identification.model.terms import DISTURBANCE
 from towtank.recording.frames.rotations import conjugate, multiply, rotate
-from towtank.recording.noise import NoiseLevel, noise_level
-from towtank.recording.standard import MEASURED
 
 __all__ = [
     "accelerations_of",
@@ -31,7 +27,6 @@ __all__ = [
     "diverged",
     "filter_settings",
     "most_disturbed",
-    "noise_of_rows",
 ]
 
 _NOISE_AT_MOST = 1.5  # times what the samples show by themselves
@@ -40,14 +35,13 @@ _CONVERGED = 0.05  # of a level
 _USUAL_FOR = 2.0  # effective samples of the disturbance that the usual level counts for
 _MODEL_OFF, _LONG_RUN = 0.3, 10.0  # rejected share of a sensor from which, after so long [s], the model is off
 _CONTRADICTED = 0.1  # rejected share of a pose beside its own speed, from which it is worse than it shows
-_ROUNDED = 5.0  # quanta of noise, up to which it may be that of rounding
 _COUNTED = 50.0  # samples from which innovations say something of a level
 _WALK_SURE = 4.0  # deviations by which innovations must be too large for a velocity walk
 _SMOOTHER = 0.9  # times a velocity walk that was too large: it hid the disturbance, whose level may rise but not fall
 _SWING = 5.0  # factor by which a level may change from one pass to the next
 _FLOOR_SHARE = 0.3  # of the usual disturbance: its least level
 _LEAST_WAVE = 2e-3  # m/s
-_FEWEST_ROWS = 30  # of a column, from which it shows its noise, and an acceleration
+_FEWEST_ROWS = 30  # of a column, from which it shows an acceleration
 _PUSHED_FOR = 0.3  # s between two poses or speeds whose difference shows an acceleration
 
 
@@ -145,43 +139,6 @@ def converged(new: NoiseLevels, old: NoiseLevels) -> bool:
             <= _CONVERGED * np.nan_to_num(old.velocity_walk)
         )
     )
-
-
-def noise_of_rows(t: Array, values: Array, latest: int | None = None) -> Array:
-    """Return the noise (18,) that rows (n,), (n, 18) show by themselves, or the `latest` of them."""
-    first = 0 if latest is None else max(0, len(t) - latest)
-    told = {}
-    for j, name in enumerate(MEASURED):
-        column = values[first:, j]
-        known = np.isfinite(column)
-        if known.sum() < _FEWEST_ROWS:
-            continue
-        stamps = t[first:][known]
-        regular = np.concatenate([[True], np.diff(stamps) > 0.0])
-        level = noise_level(stamps[regular], column[known][regular], "angle" if name in ("phi", "psi") else "linear")
-        span = float(stamps[-1] - stamps[0])
-        told[j] = level, (len(stamps) - 1) / span if span > 0.0 else level.rate
-    return _noise_told_by(told)
-
-
-def _noise_told_by(shown: Mapping[int, tuple[NoiseLevel, float]]) -> Array:
-    """Return the noise (18,) of each sample from what columns show by themselves, and their rates [Hz].
-
-    A sensor that has smoothed most of its numbers shows next to no noise, or that of their last digit, and its errors
-    go together: then they are taken for those of a usual sensor.
-    """
-    noise = np.array(TYPICAL_NOISE)
-    for first in range(0, N_MEASURED, 3):
-        own = {
-            j: each
-            for j, each in shown.items()
-            if first <= j < first + 3 and np.isfinite(each[0].std) and each[0].std > 0.0 and not each[0].dead
-        }
-        smooth = {j for j, (level, _) in own.items() if not level.white or level.std < _ROUNDED * level.quantum}
-        for j, (level, rate) in own.items():
-            shows = max(level.of_each(rate), level.quantum / math.sqrt(12.0), float(LEAST_NOISE[j]))
-            noise[j] = max(shows, noise[j]) if j in smooth or len(smooth) > 0.5 * len(own) else shows
-    return noise
 
 
 def most_disturbed(samples: Sequence[Samples], p: Array) -> Array:

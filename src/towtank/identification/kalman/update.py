@@ -366,11 +366,15 @@ def update_row(state: JointState, z: Array) -> None:
         whole = count == 3
         if sensor == ATTITUDE and not whole and not cosine_of_pitch(state.x) > _UPRIGHT:
             continue
-        if sensor == ATTITUDE and state.last_accepted[sensor] == NEVER:
-            _reset_to_sensor(state, z, sensor)
+        unseen = state.last_accepted[sensor] == NEVER
+        if unseen:
             state.last_accepted[sensor] = now
         state.clock[0].since_accepted = now - state.last_accepted[sensor]
-        if not _passes_gate(state, z, sensor, whole):
+        within = _passes_gate(state, z, sensor, whole)
+        if unseen and not within:  # the motion began with a heading that nobody knew
+            _reset_to_sensor(state, z, sensor)
+            state.outages[sensor].rejected = 0.0
+        elif not within:
             for k in range(3):
                 if math.isfinite(z[3 * sensor + k]):
                     state.statistics[3 * sensor + k].rejected += 1.0

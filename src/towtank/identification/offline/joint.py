@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from towtank.errors import InputError
 from towtank.identification.data.samples import NoiseLevels, Samples, Sources, samples_of
-from towtank.identification.kalman.noise_adaptation import filter_settings, noise_of_rows
+from towtank.identification.kalman.noise_adaptation import filter_settings
 from towtank.identification.kalman.passes import (
     JointFit,
     JointProblem,
@@ -28,6 +28,7 @@ from towtank.identification.kalman.passes import (
     narrowed_to,
     settings_for,
 )
+from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
 from towtank.identification.model.parameters import DELAY, LATENCIES
 from towtank.identification.model.prior import prior_of
 from towtank.identification.model.terms import AXES
@@ -36,6 +37,7 @@ from towtank.identification.posterior.assembly import Current, LogLearning, Mode
 from towtank.identification.posterior.result import estimate_of, model_of, with_posterior
 from towtank.identification.posterior.thrusters import learned_gains, scale_remarks
 from towtank.recording import Grid, Recording, align
+from towtank.recording.noise import noise_of_rows
 from towtank.vehicle import FORWARD_SPEED, Vehicle
 
 __all__ = ["LearningRequest", "joint_problem", "learn_joint"]
@@ -98,7 +100,7 @@ def joint_problem(request: LearningRequest) -> JointProblem:
     prior = narrowed_to(whole, request.free, delay_given=request.delay is not None)
     base = vehicle.with_coefficients(whole.vehicle_values)
     settings = settings_for(samples, filter_settings())
-    noise = np.median([noise_of_rows(each.t, each.values) for each in samples], axis=0)
+    noise = np.median([noise_of_rows(each.t, each.values, TYPICAL_NOISE, LEAST_NOISE) for each in samples], axis=0)
     return JointProblem(samples, base, prior, settings, np.asarray(noise), request.delay or 0.0)
 
 

@@ -405,11 +405,16 @@ def _turn(samples: Samples, t: Array, axis: int, kind: int) -> Array:
     if kind == _SPEED:
         return np.zeros((t.size, 0))
     if kind == _PLACE:
-        phi, theta = (_between(samples, t, j) for j in (3, 4))
-        return np.column_stack([-np.sin(theta), np.cos(theta) * np.sin(phi), np.cos(theta) * np.cos(phi)])
+        return _down(samples, t)
     p, q, r = (_between(samples, t, j) for j in (9, 10, 11))
     zero = np.zeros(t.size)
     return np.column_stack([(zero, -r, q), (r, zero, -p), (-q, p, zero)][axis])
+
+
+def _down(samples: Samples, t: Array) -> Array:
+    """Return the direction of gravity (m, 3) in the body; as if level where the attitude is unknown."""
+    phi, theta = (_between(samples, t, j) for j in (3, 4))
+    return np.column_stack([-np.sin(theta), np.cos(theta) * np.sin(phi), np.cos(theta) * np.cos(phi)])
 
 
 def _between(samples: Samples, t: Array, column: int) -> Array:
@@ -449,16 +454,10 @@ def _measured(samples: Samples, axis: int, kind: int) -> tuple[Array, Array]:
 
 
 def _acceleration(samples: Samples, axis: int) -> tuple[Array, Array]:
-    """Return times and specific force along an axis less that of gravity, where the attitude is known [m/s^2]."""
-    values = samples.values
-    known = np.isfinite(values[:, 12 + axis])
-    t, force = samples.t[known], values[known, 12 + axis]
-    level = np.flatnonzero(np.isfinite(values[:, 3:5]).all(axis=1))
-    if level.size < 2:
-        return t, force
-    phi, theta = (np.interp(t, samples.t[level], values[level, j]) for j in (3, 4))
-    down = (-np.sin(theta), np.cos(theta) * np.sin(phi), np.cos(theta) * np.cos(phi))[axis]
-    return t, force + GRAVITY * down
+    """Return times and specific force along an axis less that of gravity [m/s^2]."""
+    known = np.isfinite(samples.values[:, 12 + axis])
+    t = samples.t[known]
+    return t, samples.values[known, 12 + axis] + GRAVITY * _down(samples, t)[:, axis]
 
 
 def _speed(samples: Samples, axis: int) -> tuple[Array, Array]:

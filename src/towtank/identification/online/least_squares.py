@@ -95,14 +95,7 @@ class PaperLearner(Learner):
         wrench: ArrayLike | None = None,
         voltage: float | None = None,
     ) -> bool:
-        """Take the sample of time t [s]; True where something was learned from the interval that it ends.
-
-        Args:
-            pose: x y z [m, NED] phi theta psi [rad] (6,). velocity: u v w p q r (6,), body FRD.
-            acceleration: specific force (3,) [m/s^2], body FRD. NaN, or None for the whole, where not measured.
-            commands: one per thruster, in force from t on; wrench: X Y Z K M N, likewise. None: unchanged.
-            voltage: of the supply, where the thrusters' curves depend on it.
-        """
+        """Take the sample of time t [s]; see `Learner.update`."""
         p, v, s = (
             sample_vector(pose, 6, "pose"),
             sample_vector(velocity, 6, "velocity"),

@@ -19,7 +19,7 @@ from towtank.core.arrays import Array
 from towtank.identification.changes.branch import Kept, Running
 from towtank.identification.data.samples import Buffer, Samples
 from towtank.identification.kalman.filter import take_all
-from towtank.identification.kalman.noise_adaptation import filter_settings, noise_of_rows
+from towtank.identification.kalman.noise_adaptation import filter_settings
 from towtank.identification.kalman.passes import (
     JointProblem,
     further_unknowns,
@@ -32,8 +32,10 @@ from towtank.identification.kalman.passes import (
     settings_for,
 )
 from towtank.identification.kalman.state import healthy_snapshot
+from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
 from towtank.identification.model.parameters import LATENCIES, PLACES
 from towtank.identification.model.prior import Prior, prior_of
+from towtank.recording.noise import noise_of_rows
 from towtank.vehicle import FORWARD_SPEED, Vehicle
 
 __all__ = ["Found", "Question", "Reestimation", "begun_anew", "caught_up", "is_full"]
@@ -177,7 +179,7 @@ class Reestimation:
         question = self.question
         whole = question.whole(self.kept, commands=self.buffer.commands, more=further_unknowns(stretches))
         longest = max(stretches, key=len)
-        noise = noise_of_rows(longest.t, longest.values, _LATEST)
+        noise = noise_of_rows(longest.t, longest.values, TYPICAL_NOISE, LEAST_NOISE, _LATEST)
         problem = JointProblem(
             stretches,
             question.base(whole),
