@@ -144,7 +144,7 @@ def read_columns(path: Path) -> dict[str, Array]:
     keys = [f"c{i}" for i in range(len(names))]
     try:
         table = arrow_csv.read_csv(
-            path,
+            pa.OSFile(os.fsencode(path)),  # as text, a name that is not UTF-8 is refused
             read_options=arrow_csv.ReadOptions(column_names=keys, skip_rows=1, block_size=1 << 23),
             convert_options=arrow_csv.ConvertOptions(null_values=list(_MISSING), strings_can_be_null=True),
         )
@@ -191,7 +191,7 @@ def _read_numbers(path: Path, names: Sequence[str], needed: Sequence[str]) -> di
     keys = [f"c{i}" for i in range(len(names))]
     try:
         table = arrow_csv.read_csv(
-            path,
+            pa.OSFile(os.fsencode(path)),  # as text, a name that is not UTF-8 is refused
             read_options=arrow_csv.ReadOptions(column_names=keys, skip_rows=1, block_size=1 << 23),
             convert_options=arrow_csv.ConvertOptions(
                 include_columns=[keys[i] for i in indices],
