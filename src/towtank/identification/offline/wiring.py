@@ -61,8 +61,9 @@ _NONSENSE, _HELD = 40.0, 12.0  # nats that it costs an axis to follow no wiring;
 # nats that a turned thruster costs, a swap, and the logarithm of how many swaps there are
 _TURN, _SWAP, _CHOICE = 0.5, 4.0, 4.0
 _SURE = 10.0  # nats, besides the logarithm of how many are tried, by which a wiring must be likelier than the file's
-_NEAR, _ASKED, _BEST = 30.0, 24, 4  # nats from the likeliest, and how many the filter is asked about; in two passes
-_PIECE, _ENOUGH = 30.0, 2000  # s of a stretch, and rows, for it to look at
+_NEAR, _ASKED, _BEST = 30.0, 16, 3  # nats from the likeliest, and how many the filter is asked about; in two passes
+_PIECE, _ENOUGH = 10.0, 1500  # s of a stretch, and rows, for it to look at
+_SPEAKS, _ALIKE = 2.0, 0.05  # nats from which data speak against the file; of a wrench, that makes no difference
 _FAR = 30.0  # of the filter's log likelihood, by which a wiring must be likelier than the file's
 _MOST_TOLD = 1e8  # of information to what is supposed
 _CLOSE = 0.5  # s over which a speed is interpolated
@@ -94,20 +95,33 @@ def wiring_of(
         tried, likelihood = tried + swaps, np.append(likelihood, _likelihood(evidence, swaps, B, inertia))
     judged = likelihood - _price(tried, B.shape[1])
     order, sure = np.argsort(-judged, kind="stable"), _SURE + np.log(len(tried))
-    if problem is not None and samples[0].commands and judged[order[order > 0][0]] > judged[0] - sure:
-        near = [tried[k] for k in order[:_ASKED] if judged[k] > judged[order[0]] - _NEAR]
-        return _by_filter(problem.over(_driven(problem.samples)), near)
+    if problem is not None and samples[0].commands:
+        doubt = (judged > judged.max() - _NEAR) & (likelihood > likelihood[0] + _SPEAKS)
+        problem = problem.over(_driven(problem.samples))
+        return _by_filter(problem, _apart([tried[k] for k in order if doubt[k]], problem))
     return tried[order[0]] if judged[order[0]] > judged[0] + sure else Wiring()
 
 
-def _by_filter(problem: JointProblem, near: Sequence[Wiring]) -> Wiring:
-    """Return which of these wirings the joint filter takes for right, the file's where none is far likelier.
+def _apart(near: Sequence[Wiring], problem: JointProblem) -> list[Wiring]:
+    """Return the likeliest of these wirings that make other wrenches than the file's and than each other."""
+    forces = np.concatenate([each.input_force for each in problem.samples])
+    made: list[Array] = []
+    kept: list[Wiring] = []
+    for wiring in (Wiring(), *near):
+        wrench = forces @ wiring.matrix(problem.samples[0].B).T
+        size = np.sqrt(np.mean(wrench**2, axis=0)).max()
+        if all(np.sqrt(np.mean((wrench - other) ** 2, axis=0)).max() > _ALIKE * size for other in made):
+            made.append(wrench)
+            kept.append(wiring)
+    return kept[1 : 1 + _ASKED]
 
-    It knows what linear responses leave out, damping, couplings and currents, and takes a while: all are looked at in
-    one pass, the best of them in two.
-    """
+
+def _by_filter(problem: JointProblem, near: Sequence[Wiring]) -> Wiring:
+    """Return which of these wirings the joint filter takes for right: one pass for each, two for the best of them."""
     for passes, most in ((1, _BEST), (2, 1)):
         asked = [Wiring(), *(wiring for wiring in near if wiring)]
+        if len(asked) == 1:
+            return asked[0]
         rewired = [[replace(each, B=wiring.matrix(each.B)) for each in problem.samples] for wiring in asked]
         worth = np.array([likelihood_after(problem.over(each), passes) for each in rewired])
         near = [asked[k] for k in np.argsort(-worth, kind="stable")[:most]]
