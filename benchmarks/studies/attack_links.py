@@ -237,7 +237,7 @@ def mavlink_of(run: Recording, stamp: Stamp, sender: Any = _OWN) -> Packed:
         ]
         if k % round(RATE) == 0:
             said += [
-                dialect.MAVLink_heartbeat_message(12, 3, 0, 0, 4, 3),
+                dialect.MAVLink_heartbeat_message(12, 3, 128, 19, 4, 3),  # armed, MANUAL
                 dialect.MAVLink_ekf_status_report_message(63, 0.1, 0.1, 0.1, 0.1, 0.1),
             ]
         found.append((t, [(bytes(each.pack(encoder)), sender) for each in said]))

@@ -24,6 +24,7 @@ from towtank.live.links.source import Rates, Raw
 from towtank.live.pipeline.clock import SourceClock
 from towtank.live.status import SourceStatus, Status
 from towtank.recording.event import Event
+from towtank.recording.standard import MOTION
 
 
 @pytest.fixture
@@ -183,7 +184,7 @@ def test_of_many_senders_eight_are_named_and_all_are_heard():
     heard, senders = [], []
     for k in range(10):
         sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        sender.sendto(json.dumps({"x": k}).encode() + b"\n" + b'{"battery": 1}', ("127.0.0.1", port))
+        sender.sendto(json.dumps({MOTION[k]: k}).encode() + b"\n" + b'{"battery": 1}', ("127.0.0.1", port))
         senders.append(sender)
         heard += [each for each in source.read(1.0) if isinstance(each, Sample)]
     state = source.state()
@@ -249,7 +250,8 @@ def test_stamps_without_a_size_are_counted_and_late_ones_are_believed_up_to_ten_
     assert clock.believes(50.0, 100.0)
     assert clock.offset == 50.0
     assert clock.believes(51.0, 110.5)  # 9.5 s late
-    assert not clock.believes(52.0, 112.5)  # 10.5 s late
+    assert clock.believes(52.0, 112.5)  # 10.5 s late, behind the ones before: a link held it up
+    assert not clock.believes(50.5, 112.6)  # 12.1 s late, and before them
     assert clock.believes(53.0, 102.9)  # 0.1 s earlier than any before
     assert not clock.believes(54.0, 103.5)  # half a second earlier
     assert (clock.strange, clock.restarts) == (3, 0)

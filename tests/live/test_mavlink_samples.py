@@ -92,7 +92,7 @@ def test_the_counter_of_milliseconds_begins_anew_after_fifty_days_and_nothing_st
     autopilot, heard = Autopilot(boot=2.0**32 * 1e-3 - 2.5), Heard()
     heard.take(_attitudes(autopilot, 0.0, 2.0))
     heard.decide(2.0)
-    found = heard.take(_attitudes(autopilot, 2.0, 4.0))
+    found = [sample for sample in heard.take(_attitudes(autopilot, 2.0, 4.0)) if sample.topic != "HEARTBEAT"]
     assert heard.samples.restarts == 0
     assert heard.samples.strange == 0
     np.testing.assert_allclose([sample.t - EPOCH for sample in found], 2.01 + np.arange(40) / 20, atol=2e-3, rtol=0)

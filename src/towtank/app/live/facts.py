@@ -20,7 +20,7 @@ from towtank.recording.event import Event
 from towtank.recording.grids.free_motion import free_parts
 from towtank.recording.standard import EULER, MEASURED, QUATERNION, VELOCITIES, WRENCH
 from towtank.report import LearnFacts
-from towtank.validation import Validation, residuals, usability, validate
+from towtank.validation import Usability, Validation, residuals, usability, validate
 from towtank.vehicle import Vehicle
 
 __all__ = ["Knowledge", "LiveFit", "judged", "knowledge_of", "stream_facts"]
@@ -102,6 +102,7 @@ def stream_facts(
     prior: str | None = None,
     warnings: Sequence[str] = (),
     keep_all: bool = False,
+    use: Usability | None = None,
 ) -> LearnFacts:
     """Return what a report of a stream is made of.
 
@@ -109,14 +110,14 @@ def stream_facts(
         recording: what was learned from, or its recent part; of: which, in words. convergence: of the estimates.
         epoch: Unix time [s] of the events' time 0. prior: what was known beforehand, as it was named.
         keep_all: judge on all of the recording, not only where the vehicle moves freely in water.
+        use: for how long the model predicts, where that was told already.
     """
     scores, predicted, why = None, of, ""
     if recording is not None and any(now.estimate.identified):
         scores, predicted, why = judged_since(now.model, recording, events, of, keep_all=keep_all)
     predictions = () if scores is None else scores.predictions
     level = now.disturbance
-    use = None
-    if scores is not None and recording is not None:
+    if use is None and scores is not None and recording is not None:
         with contextlib.suppress(InputError):
             parts = _counted(now.model, recording, keep_all=keep_all)
             use = usability(now.model, [align(prepared(part, now.vehicle)) for part in parts])

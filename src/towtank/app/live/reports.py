@@ -20,7 +20,7 @@ from towtank.live.session import Session
 from towtank.recording import Recording
 from towtank.report.learn_page import report_html
 from towtank.simulation import simulate
-from towtank.validation import validate
+from towtank.validation import Usability, validate
 from towtank.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -76,8 +76,11 @@ class LiveReports:
             now, convergence, recent = learning.errands.ask(lambda: (*self._knowledge(), learning.recent.copy()))
             return self._html(now, convergence, recent.recording()).encode()
 
-    def write(self, path: Path, warnings: Sequence[str]) -> None:
+    def write(self, path: Path, warnings: Sequence[str], use: Usability | None = None) -> None:
         """Write the report of a session that has ended: of its recording, where there is one, else of the last minute.
+
+        Args:
+            use: for how long the model predicts, as the session ended.
 
         Raises:
             InputError: it cannot be written.
@@ -86,7 +89,7 @@ class LiveReports:
         recording = self._session.learning.recent.recording()
         if kept is not None and recording is not None:
             (recording,) = read_logs([kept], None, lambda text, share: None)
-        write_report(path, self._html(*self._knowledge(), recording, kept=kept, warnings=warnings))
+        write_report(path, self._html(*self._knowledge(), recording, kept=kept, warnings=warnings, use=use))
 
     def _knowledge(self) -> tuple[Knowledge, Convergence]:
         now = knowledge_of(self._session.learning.learner)
@@ -100,6 +103,7 @@ class LiveReports:
         *,
         kept: Path | None = None,
         warnings: Sequence[str] = (),
+        use: Usability | None = None,
     ) -> str:
         status, options = self._session.status(), self._options
         span = 0.0 if recording is None else recording.duration
@@ -113,6 +117,7 @@ class LiveReports:
             prior=options.prior,
             warnings=[*warnings, *status.warnings],
             keep_all=options.keep_all,
+            use=use,
         )
         return report_html(facts.of(origin_of([] if kept is None else [kept], _commands(options))))
 

@@ -336,7 +336,7 @@ def _end(
         place = _written(place, partial(save_vehicle, model, place), failed)
     report = options.report
     if reports is not None and report is not None:
-        report = _written(report, partial(reports.write, report, output.warnings), failed)
+        report = _written(report, partial(reports.write, report, output.warnings, judge.use), failed)
     fit = judged(
         session.learning, None if status.recording is None else status.recording.path, keep_all=options.keep_all
     )

@@ -85,7 +85,7 @@ def inconsistencies(recording: Recording, commanded: tuple[Array, Array] | None 
         commanded: times (n,) [s] and the wrench (n, 6) that the recorded commands make on the vehicle, to compare a
             recorded wrench with.
     """
-    found: list[tuple[int, Finding]] = [(0, Finding(*each)) for each in impossible_sizes(recording)]
+    found: list[tuple[int, Finding]] = []
     pairs = [make(recording) for make in (of_velocity, of_depth, of_rates, of_heading)]
     for pair in pairs:
         if pair is not None:
@@ -95,6 +95,9 @@ def inconsistencies(recording: Recording, commanded: tuple[Array, Array] | None 
     pair = None if commanded is None else of_wrench(recording, *commanded)
     if pair is not None:
         found += _judged_wrench(pair)
+    named = {name for _, finding in found for name in finding.what.split()}
+    sizes = [(0, Finding(*each)) for each in impossible_sizes(recording) if not named & set(each[0].split())]
+    found = [*sizes, *found]  # where a log contradicts itself, that says more
     return tuple(finding for _, finding in sorted(found, key=lambda each: each[0]))
 
 
