@@ -150,7 +150,7 @@ def case(name: str, wiring: Wiring, seed: int) -> Found:
     supposed = rewired(truth, wiring)
     run = prepared(flown(truth, frame, seed), supposed)
     samples = samples_of(run, supposed)
-    request, findings = as_wired(LearningRequest(supposed, [run], [samples]), closely=True)
+    request, findings = as_wired(LearningRequest(supposed, [run], [samples]))
     found, as_it_is = (configuration_matrix(vehicle) for vehicle in (request.vehicle, truth))
     right = np.allclose(samples.input_force @ found.T, samples.input_force @ as_it_is.T, atol=1e-6)
     kind = "swapped" if wiring.swapped else "turned" if wiring.turned else "right"

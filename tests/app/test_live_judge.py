@@ -192,4 +192,4 @@ def test_validate_says_first_that_a_thruster_pushes_the_other_way(files: Path) -
     right = document("validate", "bluerov2", files / "run.csv")
     assert right["findings"] == []
     assert right["verdict"].startswith("Usable")
-    assert wrong["fit"]["r"] < right["fit"]["r"]  # it is judged as it is
+    assert wrong["fit"]["psi"] < right["fit"]["psi"]  # it is judged as it is

@@ -16,7 +16,7 @@ from towtank.identification.least_squares.batch import Progress, learn_paper
 from towtank.identification.model.prior import prior_of
 from towtank.identification.model.terms import AXES
 from towtank.identification.offline.first_look import driven_axes
-from towtank.identification.offline.joint import LearningRequest, joint_problem, learn_joint
+from towtank.identification.offline.joint import LearningRequest, learn_joint
 from towtank.identification.offline.wiring import wiring_of
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.identification.posterior.plausibility import implausible
@@ -90,8 +90,7 @@ def learn_recordings(
     except InputError:
         samples = ()  # learning says it, and says more
     found, driven = _findings_of(recordings, samples), driven_axes(samples)
-    request = replace(request, vehicle=vehicle, recordings=recordings, samples=samples)
-    request, of_wiring = as_wired(request, closely=method != "paper")
+    request, of_wiring = as_wired(replace(request, vehicle=vehicle, recordings=recordings, samples=samples))
     vehicle = request.vehicle
     if method == "paper":
         delay, longest, free = request.delay, request.longest_delay, request.free
@@ -159,21 +158,17 @@ def wiring_findings(vehicle: Vehicle, recordings: Sequence[Recording], done: str
     return ()
 
 
-def as_wired(
-    request: LearningRequest, done: str = _USED, *, closely: bool = False
-) -> tuple[LearningRequest, tuple[Finding, ...]]:
+def as_wired(request: LearningRequest, done: str = _USED) -> tuple[LearningRequest, tuple[Finding, ...]]:
     """Return the question with its thrusters wired as the recordings have them, and what differs from the file.
 
-    Where `free` says what to learn, axes of which nothing is learned are left alone. `closely`: by the joint filter,
-    where a first look leaves doubt; that takes seconds, and its code.
+    Where `free` says what to learn, axes of which nothing is learned are left alone.
     """
     vehicle, samples, free = request.vehicle, request.samples, request.free
     axes = [k for k in range(6) if free is None or any(name[:1] == ROWS[k] for name in free)]
     if not samples:
         return request, ()
     base = prior_of(vehicle, commands=samples[0].commands, beside=request.prior).vehicle_values
-    problem = joint_problem(request) if closely else None
-    wiring = wiring_of(samples, np.diag(vehicle.with_coefficients(base).mass_matrix), axes, problem)
+    wiring = wiring_of(samples, np.diag(vehicle.with_coefficients(base).mass_matrix), axes)
     if not wiring:
         return request, ()
     if not samples[0].commands:

@@ -71,7 +71,6 @@ __all__ = [
     "inputs_of",
     "joint_fit",
     "latencies_of",
-    "likelihood_after",
     "narrowed_to",
     "next_recording",
     "one_pass",
@@ -372,14 +371,6 @@ def joint_fit(
     return fit
 
 
-def likelihood_after(problem: JointProblem, passes: int) -> float:
-    """Return the log likelihood of the likeliest of so few passes from the prior, in water without waves."""
-    most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
-    levels = replace(problem.rough, disturbance=np.minimum(problem.rough.disturbance, most))
-    fit, _ = _passes(problem, problem.prior.mean, levels, most, lambda share: None, passes)
-    return fit.likelihood if np.isfinite(fit.likelihood) else -math.inf
-
-
 def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem, JointFit]:
     """Return the posterior in water with waves of the likeliest period, or in water without any, and its question.
 
@@ -417,12 +408,7 @@ def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress:
 
 
 def _passes(
-    problem: JointProblem,
-    about: Array,
-    levels: NoiseLevels,
-    most: Array,
-    progress: Progress,
-    passes: int = _PASSES,
+    problem: JointProblem, about: Array, levels: NoiseLevels, most: Array, progress: Progress
 ) -> tuple[JointFit, bool]:
     """Run passes from theta (n,) `about` until nothing moves any more; the likeliest one where that never comes.
 
@@ -435,7 +421,7 @@ def _passes(
     region = Region(problem.vehicle, problem.free)
     at_best, about = about, region.nearest(about, _movable(problem.prior.covariance, problem.learned))
     lost = False
-    for k in range(passes):
+    for k in range(_PASSES):
         state, _, readings = one_pass(problem, about, levels, partial(_share_of_all, progress, k))
         lost = lost or (k == 0 and diverged(state))
         fit = _fit_of(problem, region, state, levels, k + 1, readings)

@@ -26,7 +26,6 @@ tried. Thrusters are turned or their outputs swapped; none is moved.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
 
@@ -35,9 +34,7 @@ from scipy.linalg import expm
 
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import Samples
-from towtank.identification.kalman.passes import JointProblem, likelihood_after
 from towtank.recording.frames.pose_rates import velocity_of_pose
-from towtank.recording.grids.stretches import cuts
 from towtank.vehicle.matrices import GRAVITY
 from towtank.vehicle.thrusters.wiring import Wiring
 
@@ -61,25 +58,18 @@ _NONSENSE, _HELD = 40.0, 12.0  # nats that it costs an axis to follow no wiring;
 # nats that a turned thruster costs, a swap, and the logarithm of how many swaps there are
 _TURN, _SWAP, _CHOICE = 0.5, 4.0, 4.0
 _SURE = 10.0  # nats, besides the logarithm of how many are tried, by which a wiring must be likelier than the file's
-_NEAR, _ASKED, _BEST = 30.0, 16, 3  # nats from the likeliest, and how many the filter is asked about; in two passes
-_PIECE, _ENOUGH = 10.0, 1500  # s of a stretch, and rows, for it to look at
-_SPEAKS, _ALIKE = 2.0, 0.05  # nats from which data speak against the file; of a wrench, that makes no difference
-_FAR = 30.0  # of the filter's log likelihood, by which a wiring must be likelier than the file's
 _MOST_TOLD = 1e8  # of information to what is supposed
 _CLOSE = 0.5  # s over which a speed is interpolated
 _MANY = 12  # thrusters, above which not every set of signs is tried
 _SPEED, _PLACE, _FORCE = range(3)  # what is looked at of an axis: v, x, v'
 
 
-def wiring_of(
-    samples: Sequence[Samples], inertia: Array, axes: Sequence[int] = range(6), problem: JointProblem | None = None
-) -> Wiring:
+def wiring_of(samples: Sequence[Samples], inertia: Array, axes: Sequence[int] = range(6)) -> Wiring:
     """Return how recordings have the inputs wired; nothing turned or swapped where they do not speak for it.
 
     Args:
         samples: body frame, FRD, SI; those with other inputs than the first are left out.
         inertia: what is supposed of the total inertia (6,) of each axis [kg, kg m^2]. axes: those to look at (0 .. 5).
-        problem: of the same samples, for the joint filter to judge what linear responses leave in doubt.
     """
     if not samples or not (np.isfinite(inertia) & (inertia > 0.0)).all():
         return Wiring()
@@ -94,46 +84,8 @@ def wiring_of(
         swaps = _swaps(tried[int(np.argmax(likelihood - _price(tried, B.shape[1])))], B)
         tried, likelihood = tried + swaps, np.append(likelihood, _likelihood(evidence, swaps, B, inertia))
     judged = likelihood - _price(tried, B.shape[1])
-    order, sure = np.argsort(-judged, kind="stable"), _SURE + np.log(len(tried))
-    if problem is not None and samples[0].commands:
-        doubt = (judged > judged.max() - _NEAR) & (likelihood > likelihood[0] + _SPEAKS)
-        problem = problem.over(_driven(problem.samples))
-        return _by_filter(problem, _apart([tried[k] for k in order if doubt[k]], problem))
-    return tried[order[0]] if judged[order[0]] > judged[0] + sure else Wiring()
-
-
-def _apart(near: Sequence[Wiring], problem: JointProblem) -> list[Wiring]:
-    """Return the likeliest of these wirings that make other wrenches than the file's and than each other."""
-    forces = np.concatenate([each.input_force for each in problem.samples])
-    made: list[Array] = []
-    kept: list[Wiring] = []
-    for wiring in (Wiring(), *near):
-        wrench = forces @ wiring.matrix(problem.samples[0].B).T
-        size = np.sqrt(np.mean(wrench**2, axis=0)).max()
-        if all(np.sqrt(np.mean((wrench - other) ** 2, axis=0)).max() > _ALIKE * size for other in made):
-            made.append(wrench)
-            kept.append(wiring)
-    return kept[1 : 1 + _ASKED]
-
-
-def _by_filter(problem: JointProblem, near: Sequence[Wiring]) -> Wiring:
-    """Return which of these wirings the joint filter takes for right: one pass for each, two for the best of them."""
-    for passes, most in ((1, _BEST), (2, 1)):
-        asked = [Wiring(), *(wiring for wiring in near if wiring)]
-        if len(asked) == 1:
-            return asked[0]
-        rewired = [[replace(each, B=wiring.matrix(each.B)) for each in problem.samples] for wiring in asked]
-        worth = np.array([likelihood_after(problem.over(each), passes) for each in rewired])
-        near = [asked[k] for k in np.argsort(-worth, kind="stable")[:most]]
-    return near[0] if worth.max() > worth[0] + _FAR else Wiring()
-
-
-def _driven(samples: Sequence[Samples]) -> Sequence[Samples]:
-    """Return stretches in which forces are large, enough of them for the filter; all where there are no more."""
-    pieces = [each.stretch(first, last) for each in samples for first, last in cuts(each.t, _PIECE)]
-    pieces.sort(key=lambda piece: -float(np.mean(piece.input_force**2)))
-    rows = np.cumsum([len(piece) for piece in pieces])
-    return pieces[: 1 + int(np.searchsorted(rows, _ENOUGH))] or samples
+    best = int(np.argmax(judged))
+    return tried[best] if judged[best] > judged[0] + _SURE + np.log(len(tried)) else Wiring()
 
 
 def _signs(n: int) -> list[Wiring]:
