@@ -15,7 +15,7 @@ import towtank
 
 SOURCE = Path(towtank.__file__).parent
 MOST_FILES, MOST_IN_A_FOLDER = 360, 12
-IDENTIFICATION = {"files": 62, "lines": 14_200, "public names": 250, "functions of many parameters": 8, "depth": 9}
+IDENTIFICATION = {"files": 62, "lines": 14_140, "public names": 250, "functions of many parameters": 8, "depth": 9}
 MANY = 8  # parameters
 
 
