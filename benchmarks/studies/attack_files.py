@@ -55,8 +55,8 @@ _FOREIGN = re.compile(
     r"has no attribute|must be |invalid literal|list index|KeyError|ValueError|unpack requires|broadcast|Errno"
 )
 _SAYS = re.compile(
-    r"expected|cannot|--map|--window|--keep-all|no such|no message|no sample|not a readable|damaged|hold|measured|counts|"
-    r"vehicle has"
+    r"expected|cannot|--map|--window|--keep-all|no such|no message|no sample|not a readable|damaged|hold|"
+    r"measured|counts|vehicle has"
 )
 FAULTS = ("traceback", "library warning", "over 60 s", "over 2 GB", "half written", "refusal not said")
 
