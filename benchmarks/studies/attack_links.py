@@ -35,29 +35,36 @@ import sys
 import tempfile
 import threading
 import time
-import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from link_tapes import (
+    EPOCH,
+    FREE,
+    LINKS,
+    ODOMETRY,
+    OTHER,
+    OWN,
+    SECONDS,
+    Heard,
+    Tape,
+    drive,
+    json_of,
+    odometry,
+    played,
+    tape_of,
+    usual,
+)
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from rich.console import Console
 from rich.table import Table
-from rosbags.typesys import Stores, get_typestore
 
 from towtank import load_vehicle
-from towtank.live import session as live_session
 from towtank.live.links.json import JsonSource
-from towtank.live.links.mavlink import source as mavlink_source
-from towtank.live.links.mavlink.source import MavlinkSource
-from towtank.live.links.ros2 import source as ros2_source
-from towtank.live.links.ros2.source import Ros2Source
-from towtank.live.links.ros2.transports import Message
-from towtank.live.links.source import Raw, Sample, SourceState
 from towtank.live.pipeline import clock as host
-from towtank.live.pipeline.instants import rows_of
 from towtank.live.session import Session
 from towtank.live.status import Status
 from towtank.live.warm_up import new_learner
@@ -67,16 +74,10 @@ from towtank.recording import Recording
 from towtank.recording.mcap.log import McapLog, Quantity
 from towtank.simulation import Mocap, manoeuvre, simulate
 
-FREE = ("X_udot", "X_uu")
 CHANGED, GROWTH, NOISE = 0.5, 5.0, 2.0  # deviations, MB, MB of a flood of noise that may be recorded
 LONGEST = 2.0  # s of work on what came at once
-RATE, SECONDS = 50.0, 30.0  # Hz, s
-EPOCH = 1.7e9
 _BEFORE = 4.0  # s of the vehicle alone
 _FORGED = 10  # datagrams between two of the vehicle may bear its address and stamps that cannot be: docs/live.md
-_OWN, _OTHER = ("10.0.0.2", 14550), ("10.0.0.9", 14550)
-_ODOMETRY, _WRENCH = "nav_msgs/msg/Odometry", "geometry_msgs/msg/WrenchStamped"
-_STORE = get_typestore(Stores.ROS2_HUMBLE)
 _ABSURD = (
     b"\n",
     b"null",
@@ -105,284 +106,6 @@ _ABSURD = (
 )
 
 
-class Heard(NamedTuple):
-    """What came over a link: when [s, Unix], its bytes, and from where, or on which topic."""
-
-    received: float
-    data: bytes
-    sender: Any
-
-
-Tape = list[list[Heard]]  # batches, as they are read
-Batches = Iterable[list[Heard]]
-
-
-class Player:
-    """Plays a tape in the place of a socket; the time is that of the tape."""
-
-    stream = speaks_first = False
-    bandwidth, broken, dropped = 0.0, "", 0
-    name = "tape"
-    said: tuple[str, ...] = ()
-
-    def __init__(self, tape: Batches) -> None:
-        self._batches = iter(tape)
-        self.now, self.ended, self.slowest = EPOCH, False, 0.0
-        self._handed = math.inf
-
-    def open(self) -> None:
-        """There is nothing to open."""
-
-    def receive(self, timeout: float) -> list[Any]:
-        """Return the next batch."""
-        self.slowest = max(self.slowest, time.thread_time() - self._handed)
-        batch = next(self._batches, None)
-        self.ended = batch is None
-        if batch:
-            self.now = batch[-1].received
-        self._handed = time.thread_time()
-        return [(each.data, each.received, each.sender) for each in batch or ()]
-
-    def send(self, data: bytes, to: Any) -> None:
-        """Say nothing."""
-
-    def close(self) -> None:
-        """There is nothing to close."""
-
-
-class Topics(Player):
-    """The same for topics of ROS 2."""
-
-    def receive(self, timeout: float) -> list[Any]:
-        """Return the next batch as messages."""
-        return [Message(*topic, received, data) for data, received, topic in super().receive(timeout)]
-
-    def topics(self) -> dict[str, str]:
-        """Return what is published."""
-        return {"/odom": _ODOMETRY, "/thrust": _WRENCH}
-
-    def subscribe(self, topic: str, kind: str) -> str:
-        """Listen."""
-        return ""
-
-
-class Played:
-    """A link whose tape ends, and which can wait, as a file can."""
-
-    patient = True
-
-    def __init__(self, link: Any, player: Player) -> None:
-        self._link, self._player = link, player
-        self.name, self.keeps_time = link.name, link.keeps_time
-
-    def open(self) -> None:
-        """Open the link."""
-        self._link.open()
-
-    def read(self, timeout: float) -> Sequence[Sample | Raw]:
-        """Read the link."""
-        found: Sequence[Sample | Raw] = self._link.read(timeout)
-        return found
-
-    def state(self) -> SourceState:
-        """Return how it fares, and whether the tape has ended."""
-        return replace(self._link.state(), ended=self._player.ended)
-
-    def close(self) -> None:
-        """Close the link."""
-        self._link.close()
-
-
-# What a vehicle says
-
-
-def drive(name: str, seconds: float, seed: int) -> Recording:
-    """Return a simulated run in surge."""
-    vehicle = load_vehicle(name)
-    plan = manoeuvre("surge-sine", vehicle, duration=seconds, dt=1.0 / RATE, seed=seed)
-    return simulate(vehicle, commands=plan.commands, dt=1.0 / RATE, sensors=Mocap(rate=RATE), seed=seed)
-
-
-Packed = list[tuple[float, list[tuple[bytes, Any]]]]  # time of the vehicle [s], and what it sends then
-Stamp = Callable[[float], float]
-
-
-def json_of(run: Recording, stamp: Stamp, sender: Any = _OWN) -> Packed:
-    """Return a run as JSON."""
-    return [
-        (t, [(json.dumps({"t": stamp(t), **dict(zip(names, values, strict=True))}).encode(), sender)])
-        for t, names, values in rows_of(run)
-    ]
-
-
-def mavlink_of(run: Recording, stamp: Stamp, sender: Any = _OWN) -> Packed:
-    """Return a run as an autopilot tells it; the stamp is the time since it started."""
-    encoder = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
-    names = [name for name in run.names if name.startswith("cmd_")]
-    grid = run["x"].t
-    velocity = {name: np.gradient(run[name].values, grid) for name in ("x", "y", "z", "phi", "theta", "psi")}
-    found: Packed = []
-    for k, t in enumerate(grid.tolist()):
-        boot = stamp(t)
-        milli = round(1e3 * boot) % 2**32
-        angles = [float(run[name].values[k]) for name in ("phi", "theta", "psi")]
-        rates = [float(velocity[name][k]) for name in ("phi", "theta", "psi")]
-        place = [float(run[name].values[k]) for name in ("x", "y", "z")]
-        speed = [float(velocity[name][k]) for name in ("x", "y", "z")]
-        pulses = [round(float(np.interp(t, run[name].t, run[name].values))) for name in names]
-        said = [
-            dialect.MAVLink_attitude_message(milli, *angles, *rates),
-            dialect.MAVLink_local_position_ned_message(milli, *place, *speed),
-            dialect.MAVLink_servo_output_raw_message(round(1e6 * boot) % 2**32, 0, *pulses, *[0] * (16 - len(pulses))),
-        ]
-        if k % round(RATE) == 0:
-            said += [
-                dialect.MAVLink_heartbeat_message(12, 3, 128, 19, 4, 3),  # armed, MANUAL
-                dialect.MAVLink_ekf_status_report_message(63, 0.1, 0.1, 0.1, 0.1, 0.1),
-            ]
-        found.append((t, [(bytes(each.pack(encoder)), sender) for each in said]))
-    return found
-
-
-def ros2_of(run: Recording, stamp: Stamp, sender: Any = None) -> Packed:
-    """Return a run as Odometry and WrenchStamped, in ENU and FLU, with the force that it was driven by."""
-    grid = run["x"].t
-    speed = np.gradient(run["x"].values, grid)
-    found: Packed = []
-    for k, t in enumerate(grid.tolist()):
-        force = 30.0 * math.sin(0.6 * t)
-        found.append(
-            (
-                t,
-                [
-                    (odometry(stamp(t), float(run["x"].values[k]), float(speed[k])), ("/odom", _ODOMETRY)),
-                    (wrench(stamp(t), force), ("/thrust", _WRENCH)),
-                ],
-            )
-        )
-    return found
-
-
-def _made(kind: str, **fields: Any) -> Any:
-    return _STORE.types[kind](**fields)
-
-
-def _header(stamp: float, frame: str) -> Any:
-    seconds = math.floor(stamp)
-    moment = _made("builtin_interfaces/msg/Time", sec=seconds, nanosec=round(1e9 * (stamp - seconds)) % 10**9)
-    return _made("std_msgs/msg/Header", stamp=moment, frame_id=frame)
-
-
-def _vector(x: float, y: float, z: float, kind: str = "Vector3") -> Any:
-    return _made(f"geometry_msgs/msg/{kind}", x=x, y=y, z=z)
-
-
-def odometry(stamp: float, north: float, u: float) -> bytes:
-    """Return nav_msgs/Odometry of a vehicle that heads north."""
-    half = math.sqrt(0.5)
-    turn = _made("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=half, w=half)
-    pose = _made("geometry_msgs/msg/Pose", position=_vector(0.0, north, -1.0, "Point"), orientation=turn)
-    rate = _made("geometry_msgs/msg/Twist", linear=_vector(u, 0.0, 0.0), angular=_vector(0.0, 0.0, 0.0))
-    message = _made(
-        _ODOMETRY,
-        header=_header(stamp, "odom"),
-        child_frame_id="base_link",
-        pose=_made("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
-        twist=_made("geometry_msgs/msg/TwistWithCovariance", twist=rate, covariance=np.zeros(36)),
-    )
-    return bytes(_STORE.serialize_cdr(message, _ODOMETRY))
-
-
-def wrench(stamp: float, force: float) -> bytes:
-    """Return geometry_msgs/WrenchStamped of a force forward."""
-    both = _made("geometry_msgs/msg/Wrench", force=_vector(force, 0.0, 0.0), torque=_vector(0.0, 0.0, 0.0))
-    return bytes(_STORE.serialize_cdr(_made(_WRENCH, header=_header(stamp, "base_link"), wrench=both), _WRENCH))
-
-
-# Links, and what is learned
-
-
-@dataclass(frozen=True)
-class Link:
-    """A kind of link: its vehicle, how a run is said over it, and what a tape is played to."""
-
-    vehicle: str
-    says: Callable[..., Packed]
-    boot: float  # s on the vehicle's clock at t = 0
-
-
-LINKS = {
-    "JSON": Link("seamor", json_of, 100.0),
-    "MAVLink": Link("bluerov2_heavy", mavlink_of, 100.0),
-    "DDS": Link("seamor", ros2_of, EPOCH - 5e5),
-}
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What a tape taught.
-
-    Attributes:
-        values, std: of the coefficients. status: how the session ended. slowest: most work on one batch [s].
-    """
-
-    values: Any
-    std: Any
-    status: Status
-    slowest: float
-
-    @property
-    def told(self) -> str:
-        """All that a person is told."""
-        said = [text for each in self.status.sources for text in each.state.said]
-        return " | ".join([*said, *self.status.warnings, *(each.text for each in self.status.events)])
-
-
-def played(kind: str, tape: Batches) -> Outcome:
-    """Play a tape to a session; raises what a link or the learner raises."""
-    vehicle = load_vehicle(LINKS[kind].vehicle)
-    player: Player = Topics(tape) if kind == "DDS" else Player(tape)
-    link: Any
-    if kind == "JSON":
-        link = JsonSource("json:127.0.0.1:9", vehicle)
-        link.open = lambda: None
-        link._link = player
-    elif kind == "MAVLink":
-        link = MavlinkSource("udpin:127.0.0.1:9?listen", vehicle)
-        link._connection = player
-    else:
-        link = Ros2Source("dds:0")
-        link._link = player
-    mavlink_source.steady_time = ros2_source.steady_time = lambda: player.now  # type: ignore[assignment]
-    live_session._SETTLING = math.inf  # the time of a tape is not that of the clock
-    learner = new_learner(vehicle, "joint", FREE, changes=False)
-    session = Session([(kind, Played(link, player))], vehicle, learner, epoch=EPOCH)
-    session.open()
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        status = session.run(threading.Event())
-    broken = [text for text in status.warnings if "stopped" in text or "failed" in text]
-    if broken:
-        raise RuntimeError(f"{kind}: {'; '.join(broken)}")
-    return Outcome(learner.estimate.values, learner.estimate.std, status, player.slowest)
-
-
-def tape_of(packed: Packed, *, quickest: float = 0.002, seed: int = 1) -> Tape:
-    """Return what comes of what is sent: each a little late, in its order."""
-    chance = random.Random(seed)
-    tape, last = [], 0.0
-    for t, said in packed:
-        last = max(EPOCH + t + quickest + chance.expovariate(500.0), last)
-        tape.append([Heard(last, data, sender) for data, sender in said])
-    return tape
-
-
-def usual(kind: str, seed: int, seconds: float = SECONDS) -> Tape:
-    """Return the tape of a link that nothing befalls."""
-    link = LINKS[kind]
-    return tape_of(link.says(drive(link.vehicle, seconds, seed), lambda t: link.boot + t), seed=seed)
-
-
 # Hostile
 
 
@@ -390,16 +113,16 @@ def hostile_json(chance: random.Random, good: bytes, t: float, *, forged: bool) 
     """Return a datagram that holds nothing to be learned from."""
     way = chance.randrange(6 if forged else 5)
     if way == 0:
-        return Heard(t, good[: chance.randrange(1, len(good))], _OWN)  # no object without its last brace
+        return Heard(t, good[: chance.randrange(1, len(good))], OWN)  # no object without its last brace
     if way == 1:
-        return Heard(t, chance.randbytes(chance.randint(1, 300)), _OWN)
+        return Heard(t, chance.randbytes(chance.randint(1, 300)), OWN)
     if way == 2:
-        return Heard(t, good[:-1] + good[: chance.randrange(1, len(good))], _OWN)
+        return Heard(t, good[:-1] + good[: chance.randrange(1, len(good))], OWN)
     if way == 3:
-        return Heard(t, json.dumps({f"k{chance.randrange(10**6)}": chance.random()}).encode(), _OWN)
+        return Heard(t, json.dumps({f"k{chance.randrange(10**6)}": chance.random()}).encode(), OWN)
     if way == 4:
-        return Heard(t, good.replace(b'"x": ', b'"x": 4'), _OTHER)  # another vehicle on the same port
-    return Heard(t, chance.choice(_ABSURD), _OWN)
+        return Heard(t, good.replace(b'"x": ', b'"x": 4'), OTHER)  # another vehicle on the same port
+    return Heard(t, chance.choice(_ABSURD), OWN)
 
 
 def _signed(kind: Any, payload: bytes, sender: tuple[int, int], wrong: int = 0) -> bytes:
@@ -418,22 +141,22 @@ def hostile_mavlink(chance: random.Random, good: bytes, t: float, *, forged: boo
     """Return a datagram that holds nothing to be learned from."""
     way = chance.randrange(6 if forged else 5)
     if way == 0:
-        return Heard(t, good[: chance.randrange(1, len(good))], _OWN)
+        return Heard(t, good[: chance.randrange(1, len(good))], OWN)
     if way == 1:
-        return Heard(t, chance.randbytes(chance.randint(1, 280)), _OWN)
+        return Heard(t, chance.randbytes(chance.randint(1, 280)), OWN)
     if way == 2:
-        return Heard(t, _signed(chance.choice(_KINDS), chance.randbytes(20), (1, 1), wrong=1), _OWN)
+        return Heard(t, _signed(chance.choice(_KINDS), chance.randbytes(20), (1, 1), wrong=1), OWN)
     if way == 3:  # another vehicle under the same number
-        return Heard(t, _signed(chance.choice(_KINDS), chance.randbytes(20), (1, 1)), _OTHER)
+        return Heard(t, _signed(chance.choice(_KINDS), chance.randbytes(20), (1, 1)), OTHER)
     if way == 4:  # another autopilot, as itself
-        return Heard(t, _signed(_ATTITUDE, chance.randbytes(28), (2, 1)), _OTHER)
+        return Heard(t, _signed(_ATTITUDE, chance.randbytes(28), (2, 1)), OTHER)
     stamp = chance.randrange(10**8, 2**31).to_bytes(4, "little")  # days ahead
-    return Heard(t, _signed(_ATTITUDE, stamp + chance.randbytes(24), (1, 1)), _OWN)
+    return Heard(t, _signed(_ATTITUDE, stamp + chance.randbytes(24), (1, 1)), OWN)
 
 
 def hostile_ros2(chance: random.Random, good: bytes, t: float, *, forged: bool) -> Heard:
     """Return a message that holds nothing to be learned from."""
-    topic = ("/odom", _ODOMETRY)
+    topic = ("/odom", ODOMETRY)
     way = chance.randrange(4 if forged else 3)
     if way == 0:
         return Heard(t, good[: chance.randrange(len(good) - 8)], topic)
@@ -538,7 +261,7 @@ def same_number(kind: str, seed: int) -> tuple[Tape, Tape, str]:
     """Another vehicle speaks under the same number, on another course, as often, and with a clock of its own."""
     link = LINKS[kind]
     calm = usual(kind, seed)
-    other = link.says(drive(link.vehicle, SECONDS, seed + 1), lambda t: 7000.0 + t, _OTHER)
+    other = link.says(drive(link.vehicle, SECONDS, seed + 1), lambda t: 7000.0 + t, OTHER)
     rival = tape_of([(t, said) for t, said in other if t > _BEFORE], seed=seed + 1)
     both = sorted([*calm, *rival], key=lambda batch: batch[0].received)
     return calm, both, "passed over"

@@ -62,7 +62,7 @@ def of_log(run: Recording, t: Array, vehicle: Vehicle = ROV) -> Array:
     return ~np.any([(t >= each.start) & (t < each.end) for each in cut] or [np.zeros(t.size, dtype=bool)], axis=0)
 
 
-def agree(run: Recording, vehicle: Vehicle = ROV, within: float = 0.11, doubt: float = 0.0) -> None:
+def assert_agree(run: Recording, vehicle: Vehicle = ROV, within: float = 0.11, doubt: float = 0.0) -> None:
     """Stream and log leave out the same, edges within a sample or two; the stream also `doubt` [s] before a cut."""
     t, mine = counted(run, vehicle)
     log = of_log(run, t, vehicle)
@@ -107,7 +107,7 @@ def test_a_run_under_water_counts_whole_and_nothing_of_it_is_ever_in_doubt() -> 
     ],
 )
 def test_the_stream_leaves_out_what_the_log_does(run: Recording) -> None:
-    agree(run)
+    assert_agree(run)
 
 
 def test_the_attitude_counts_whatever_tells_it() -> None:
@@ -116,11 +116,11 @@ def test_the_attitude_counts_whatever_tells_it() -> None:
     q = quaternions_from_eulers(np.column_stack([phi, theta, 0.3 * T]))
     turned = run.without("phi", "theta")
     columns = dict(zip(QUATERNION, q.T, strict=True))
-    agree(Recording(turned.replace(Recording.from_table(T, columns).channels).channels, attributes=DEEP))
+    assert_agree(Recording(turned.replace(Recording.from_table(T, columns).channels).channels, attributes=DEEP))
     down = np.column_stack([-np.sin(theta), np.cos(theta) * np.sin(phi), np.cos(theta) * np.cos(phi)])
     force = dict(zip(("ax", "ay", "az"), -9.8 * down.T, strict=True))
     by_force = Recording(turned.replace(Recording.from_table(T, force).channels).channels, attributes=DEEP)
-    agree(by_force, within=0.6)  # a mean over the second before, where the log has the one around
+    assert_agree(by_force, within=0.6)  # a mean over the second before, where the log has the one around
     _, counts = counted(by_force)
     assert 14.0 < np.count_nonzero(~counts) / RATE < 16.0
 
@@ -128,7 +128,7 @@ def test_the_attitude_counts_whatever_tells_it() -> None:
 def test_before_the_first_command_nothing_counts() -> None:
     late = dive().without("cmd_1")
     t = np.arange(10.0, 100.0, 0.05)
-    agree(late.replace(Recording.from_table(t, {"cmd_1": np.sin(t)}).channels))
+    assert_agree(late.replace(Recording.from_table(t, {"cmd_1": np.sin(t)}).channels))
 
 
 def test_a_boat_counts_at_the_surface_until_it_has_dived() -> None:
@@ -157,7 +157,7 @@ def test_depths_and_attitudes_that_stop_say_nothing_after_two_seconds() -> None:
     t, counts = counted(run)
     assert not counts[(t > 20.0) & (t < 27.0)].any()
     assert counts[t > 27.1].all()
-    agree(run)
+    assert_agree(run)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -178,4 +178,6 @@ def test_dives_of_all_kinds_are_cut_as_their_logs_are(seed: int) -> None:
         phi = np.where((start <= T) & (start + long > T), 3.0, phi)
     z[rng.random(T.size) < 0.1] = np.nan
     states = {"armed": switching([0.0, 1.0, 1.0]), "mode": switching([0.0, 9.0, 19.0])}
-    agree(dive(states, DEEP | {"modes": "0 STABILIZE, 9 SURFACE, 19 MANUAL"}, z=z, phi=phi), within=0.16, doubt=5.0)
+    assert_agree(
+        dive(states, DEEP | {"modes": "0 STABILIZE, 9 SURFACE, 19 MANUAL"}, z=z, phi=phi), within=0.16, doubt=5.0
+    )
