@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from towtank.app.tasks import inspect, learn, validate
     from towtank.errors import InputError
+    from towtank.exporters import export
     from towtank.identification import Learner, RecursiveLeastSquares
     from towtank.readers import read
     from towtank.recording import Recording
@@ -34,6 +35,7 @@ __all__ = [
     "RecursiveLeastSquares",
     "Vehicle",
     "__version__",
+    "export",
     "forward_dynamics",
     "inspect",
     "inverse_dynamics",
@@ -55,6 +57,7 @@ _HOMES = {
     "Recording": "recording",
     "RecursiveLeastSquares": "identification",
     "Vehicle": "vehicle",
+    "export": "exporters",
     "forward_dynamics": "vehicle",
     "inspect": "app.tasks",
     "inverse_dynamics": "vehicle",

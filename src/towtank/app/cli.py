@@ -13,7 +13,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from towtank.app.commands import config, convert, demo, inspect, learn, live, simulate, validate, vehicle
+from towtank.app.commands import config, convert, demo, export, inspect, learn, live, simulate, validate, vehicle
 from towtank.app.commands.page_option import PagedCommand
 from towtank.app.terminal.guard import Commands, PlainCommand
 
@@ -95,6 +95,9 @@ app.add_typer(config.commands, name="config")
 
 
 app.command("convert", cls=PlainCommand)(convert.convert)
+
+
+app.command("export", cls=PlainCommand)(export.export)
 
 
 def main() -> NoReturn:

@@ -1,0 +1,101 @@
+"""`towtank export`: a model for a simulator, a controller or a program."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from towtank.app.commands.arguments import Json
+from towtank.app.terminal.completion import vehicles
+from towtank.errors import InputError
+
+__all__ = ["export"]
+
+
+def export(
+    model: Annotated[
+        str | None,
+        typer.Argument(metavar="MODEL", autocompletion=vehicles, help="Learned model, vehicle file or catalog name."),
+    ] = None,
+    to: Annotated[
+        str | None, typer.Option("--to", metavar="TARGET", help="What to write it for; --list shows the targets.")
+    ] = None,
+    output_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="OUT",
+            help="File to write, or folder for targets that write several; default: the vehicle's name in the working "
+            "directory.",
+        ),
+    ] = None,
+    target_version: Annotated[
+        str | None, typer.Option("--target-version", metavar="V", help="Version of the target's format.")
+    ] = None,
+    at_speed: Annotated[
+        float | None,
+        typer.Option(
+            "--at-speed",
+            metavar="M/S",
+            help="Speed ahead at which terms are taken that the target knows only as constant numbers.",
+        ),
+    ] = None,
+    allow_unidentified: Annotated[
+        bool,
+        typer.Option(
+            "--allow-unidentified",
+            help="Export coefficients that the data did not narrow, too: with what was supposed before the data.",
+        ),
+    ] = False,
+    engine: Annotated[
+        str | None,
+        typer.Option("--engine", metavar="NAME", help="gz-sim: the physics engine, dart (default), bullet or mujoco."),
+    ] = None,
+    with_ardupilot: Annotated[
+        bool, typer.Option("--with-ardupilot", help="gz-sim: control channels for ArduPilot's SITL.")
+    ] = False,
+    in_float: Annotated[bool, typer.Option("--float", help="c: single precision.")] = False,
+    list_targets: Annotated[bool, typer.Option("--list", help="Show the targets and what they write.")] = False,
+    json: Json = False,
+) -> None:
+    """Write a model for a simulator, a controller or a program.
+
+    Every file opens with a comment: where the model comes from, each coefficient with its deviation, what the target
+    cannot say, and how large an error that makes.
+
+    \b
+    Example:
+      towtank export learned.toml --to gz-sim -o my_rov
+    """
+    from towtank.app.tables.exports import export_document, show_export, show_targets, targets_document
+    from towtank.app.terminal.output import Output
+
+    output = Output(json=json)
+    if list_targets:
+        show_targets(output)
+        output.document(targets_document())
+        return
+    if model is None or to is None:
+        missing = "MODEL: missing; give a learned model or a vehicle" if model is None else "--to: missing"
+        raise InputError(f"{missing}; towtank export --list shows the targets")
+    from towtank.app.files import read_vehicle
+    from towtank.exporters import export as write
+
+    read_vehicle(model, output)
+    options: dict[str, str | bool] = {"with-ardupilot": with_ardupilot, "float": in_float}
+    if engine is not None:
+        options["engine"] = engine
+    done = write(
+        model,
+        to,
+        output_file,
+        target_version=target_version,
+        at_speed=at_speed,
+        allow_unidentified=allow_unidentified,
+        options=options,
+    )
+    show_export(done, output)
+    output.document(export_document(done))

@@ -1,0 +1,53 @@
+"""What was exported, and the targets, as tables and as JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from towtank.app.terminal.output import Output
+from towtank.exporters import TARGETS, Exported
+
+__all__ = ["export_document", "show_export", "show_targets", "targets_document"]
+
+_ROWS = "XYZKMN"
+
+
+def show_targets(output: Output) -> None:
+    """Show the targets."""
+    table = output.table("Target", "Writes", "For", "Versions", wrap="For")
+    for each in TARGETS:
+        table.add_row(each.name, each.writes, each.summary, ", ".join(each.versions))
+    output.show(table)
+
+
+def targets_document() -> dict[str, Any]:
+    """Return the targets."""
+    return {
+        "targets": [
+            {"name": each.name, "for": each.summary, "writes": each.writes, "versions": list(each.versions)}
+            for each in TARGETS
+        ]
+    }
+
+
+def show_export(done: Exported, output: Output) -> None:
+    """Show what was written and what it cannot say."""
+    for place in done.files:
+        output.line(f"{done.vehicle.name} -> {place}", "bold")
+    output.line(f"{len(done.heading.coefficients)} coefficients for {done.target} {done.version}")
+    for line in done.heading.missing:
+        output.item(line)
+    output.line(done.heading.error)
+
+
+def export_document(done: Exported) -> dict[str, Any]:
+    """Return what was written and what it cannot say."""
+    return {
+        "model": done.heading.source,
+        "vehicle": done.vehicle.name,
+        "target": done.target,
+        "version": done.version,
+        "files": [str(place) for place in done.files],
+        "missing": list(done.heading.missing),
+        "wrench_error": {row: float(value) for row, value in zip(_ROWS, done.error, strict=True)},
+    }

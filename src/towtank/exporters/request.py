@@ -1,0 +1,197 @@
+"""What is to be exported: a vehicle with where it comes from, what a target keeps of it, and what it loses.
+
+A target that cannot say everything is described by the vehicle that it does say (`Kept.vehicle`): what was lost is the
+difference of the two, in words and as the largest error of the wrench.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.digits import short
+from towtank.errors import InputError
+from towtank.vehicle import (
+    COEFFICIENTS,
+    Buoyancy,
+    Restoring,
+    Vehicle,
+    configuration_matrix,
+    force_range,
+    index,
+    inverse_dynamics,
+    unit,
+)
+from towtank.vehicle.names import COLUMNS, ROWS
+
+__all__ = ["Kept", "Request", "differing", "require_exportable", "speed_range", "with_plain_buoyancy", "wrench_error"]
+
+_NARROWED = 0.5  # share of the prior's deviation up to which a coefficient counts as identified, as `learn` says it
+_DEFINITE = 1e-9  # smallest eigenvalue of the mass matrix scaled to a unit diagonal, as in the physical checks
+_USUAL, _MOST = 1.0, 5.0  # m/s, rad/s: where nothing says how fast it goes, and in any case
+_STATES = 2000  # random states for the largest error of the wrench
+_NAMED = 12
+
+
+@dataclass(frozen=True)
+class Request:
+    """A vehicle that is to be exported.
+
+    Attributes:
+        vehicle: the vehicle. source: the file or the name in the catalog that it comes from.
+        sha256: of the bytes of that source, hexadecimal.
+        version: of the target's format, one that the target lists.
+        at_speed: surge [m/s] at which what depends on speed is taken, where the target has no such term.
+        options: switches of single targets by name, such as `engine` of gz-sim.
+    """
+
+    vehicle: Vehicle
+    source: str
+    sha256: str
+    version: str
+    at_speed: float | None = None
+    options: Mapping[str, str | bool] = field(default_factory=dict)
+
+
+class Kept(NamedTuple):
+    """What a target keeps: the vehicle as the target's simulator moves it, and remarks on what it cannot say."""
+
+    vehicle: Vehicle
+    remarks: tuple[str, ...] = ()
+
+
+def require_exportable(vehicle: Vehicle, place: str, *, allow_unidentified: bool) -> None:
+    """Refuse what a simulator had better not get.
+
+    Raises:
+        InputError: the total mass matrix is not positive definite; or a coefficient was learned and the data did not
+            narrow it, unless that is allowed.
+    """
+    mass = vehicle.mass_matrix
+    diagonal = np.diag(mass)
+    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    if np.any(diagonal <= 0.0) or np.linalg.eigvalsh(mass / np.outer(scale, scale))[0] <= _DEFINITE:
+        raise InputError(
+            f"{place}: the total mass matrix M_RB + M_A is not positive definite, so that any engine would gain energy"
+            " from it; mend the file (towtank vehicle check names what is wrong) or learn it anew"
+        )
+    unknown = [] if allow_unidentified else _unidentified(vehicle)
+    if unknown:
+        raise InputError(
+            f"{place}: not identified by the data: {', '.join(unknown[:_NAMED])}"
+            f"{f' and {len(unknown) - _NAMED} more' if len(unknown) > _NAMED else ''}; learn from a log that drives"
+            " these axes, or export what was supposed before the data with --allow-unidentified"
+        )
+
+
+def _unidentified(vehicle: Vehicle) -> list[str]:
+    """Return the coefficients of the posterior that the data narrowed to more than half of the prior's deviation."""
+    posterior = vehicle.posterior
+    if posterior is None:
+        return []
+    each = zip(posterior.names, posterior.std, posterior.prior_std, strict=True)
+    return [name for name, std, before in each if name in COEFFICIENTS and std > _NARROWED * before]
+
+
+def with_plain_buoyancy(vehicle: Vehicle) -> Vehicle:
+    """Return the same vehicle whose restoring forces stand in [buoyancy] alone: force and centre.
+
+    What was measured of them (W_minus_B, BG_x ..) becomes a buoyant force B = W - (W - B) and a centre
+    r_B = (r_G W - BG) / B. Raises InputError where nothing is left to lift it, and no centre could do.
+    """
+    B, weight = vehicle.weight - vehicle.weight_minus_buoyancy, vehicle.weight
+    moment, r_G = np.array(vehicle.restoring_moment), np.array(vehicle.rigid_body.centre_of_gravity)
+    measured = any(getattr(vehicle.restoring, name) is not None for name in ("BG_x", "BG_y", "BG_z"))
+    if B <= 0.0 and np.any(moment != r_G * weight):
+        raise InputError(f"{vehicle.name}: the buoyant force comes out as {B:g} N, expected one above 0")
+    centre = (r_G * weight - moment) / B if measured else np.array(vehicle.buoyancy.centre)
+    x, y, z = (float(each) + 0.0 for each in centre)
+    plain = Buoyancy(force=B, centre=(x, y, z), source=vehicle.buoyancy.source)
+    return vehicle.model_copy(update={"buoyancy": plain, "restoring": Restoring()})
+
+
+def speed_range(vehicle: Vehicle) -> Array:
+    """Return the speeds (6,) [m/s, rad/s] that the thrusters reach on each axis, between which errors are taken.
+
+    Where full thrust on an axis meets its drag on the diagonal; 1 where the file has no thrusters or no drag that
+    says so, and never above 5.
+    """
+    speeds = np.full(6, _USUAL)
+    if not vehicle.thrusters:
+        return speeds
+    ends = np.array([np.abs(force_range(each.curve)) * each.gain for each in vehicle.thrusters])
+    full = np.abs(configuration_matrix(vehicle)) @ ends.max(axis=1)
+    for i in range(6):
+        linear = -vehicle.coefficient(f"{ROWS[i]}_{COLUMNS[i]}")
+        quadratic = -vehicle.coefficient(f"{ROWS[i]}_{COLUMNS[i] * 2}")
+        force = float(full[i])
+        if not math.isfinite(force) or force <= 0.0 or (linear <= 0.0 and quadratic <= 0.0):
+            continue
+        linear, quadratic = max(linear, 0.0), max(quadratic, 0.0)
+        root = math.sqrt(linear * linear + 4.0 * quadratic * force)
+        speeds[i] = min(2.0 * force / (linear + root), _MOST)
+    return speeds
+
+
+def wrench_error(vehicle: Vehicle, kept: Vehicle) -> Array:
+    """Return the largest error (6,) [N, N m] of the wrench that moves `kept` as `vehicle` is to be moved.
+
+    Over random attitudes, velocities up to `speed_range` and accelerations up to the same number per second.
+    Thrusters that lose thrust with inflow are taken at full thrust.
+    """
+    rng = np.random.default_rng(0)
+    speeds = speed_range(vehicle)
+    eta = np.zeros((_STATES, 6))
+    eta[:, 3:] = rng.uniform(-1.0, 1.0, (_STATES, 3)) * np.array([math.pi, 0.49 * math.pi, math.pi])
+    nu, nu_dot = (rng.uniform(-1.0, 1.0, (_STATES, 6)) * speeds for _ in range(2))
+    away = inverse_dynamics(kept, eta, nu, nu_dot) - inverse_dynamics(vehicle, eta, nu, nu_dot)
+    away += nu @ (_inflow_damping(kept) - _inflow_damping(vehicle)).T
+    return np.asarray(np.abs(away).max(axis=0))
+
+
+def _inflow_damping(vehicle: Vehicle) -> Array:
+    """Return the linear damping (6, 6) that loss of thrust comes to at full thrust; zero without one."""
+    loss = vehicle.coefficient("inflow_loss")
+    if loss == 0.0 or not vehicle.thrusters:
+        return np.zeros((6, 6))
+    ends = np.array([np.abs(force_range(each.curve)) * each.gain for each in vehicle.thrusters]).max(axis=1)
+    B = configuration_matrix(vehicle)
+    return np.asarray(loss * (B * np.where(np.isfinite(ends), ends, 0.0)) @ B.T)
+
+
+def differing(vehicle: Vehicle, kept: Vehicle) -> list[str]:
+    """Return a line for everything of a vehicle that stands otherwise in what a target keeps of it."""
+    lines = []
+    for name in COEFFICIENTS:
+        kind, i, j = index(name)
+        if kind in ("weight", "moment") or (kind == "mass" and i > j):
+            continue
+        wanted, found = vehicle.coefficient(name), kept.coefficient(name)
+        if wanted != found:
+            there = f"{short(found, 6)} there" if found else "absent"
+            lines.append(f"{name} = {short(wanted, 6)} {unit(name)}: {there}")
+    rounding = 1e-9 * vehicle.weight
+    weights = vehicle.weight_minus_buoyancy, kept.weight_minus_buoyancy
+    if abs(weights[0] - weights[1]) > rounding:
+        lines.append(f"W - B = {short(weights[0], 6)} N: {short(weights[1], 6)} there")
+    moments = vehicle.restoring_moment, kept.restoring_moment
+    if np.abs(np.subtract(*moments)).max() > rounding:
+        wanted_text, found_text = (" ".join(short(each, 6) for each in moment) for moment in moments)
+        lines.append(f"BG_x, BG_y, BG_z = {wanted_text} N m/rad: {found_text} there")
+    if vehicle.command_delay != kept.command_delay:
+        lines.append(f"delay of the commands, {short(vehicle.command_delay)} s: absent")
+    if vehicle.thrusters and not kept.thrusters:
+        return [*lines, f"the {len(vehicle.thrusters)} thrusters: absent, it is driven by the wrench"]
+    lags = [
+        here.time_constant
+        for here, there in zip(vehicle.thrusters, kept.thrusters, strict=True)
+        if here.time_constant != there.time_constant
+    ]
+    if lags:
+        lines.append(f"lag of the thrusters, up to {short(max(lags))} s: absent")
+    return lines

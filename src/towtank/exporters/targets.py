@@ -1,0 +1,69 @@
+"""The targets of `towtank export` and the sources of `towtank import`, one table each.
+
+A target is a module with two functions:
+
+    kept(request) -> Kept                              the vehicle as the target's simulator moves it, and remarks
+    written(request, heading) -> dict[str, bytes]      the files by their names; the same bytes for the same request
+
+A source is a module with `read_vehicle(path) -> Imported` and `recognises(text) -> bool`. Modules are imported on use.
+"""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from typing import Protocol, cast
+
+from towtank.errors import InputError, nearest
+from towtank.exporters.heading import Heading
+from towtank.exporters.request import Kept, Request
+
+__all__ = ["TARGETS", "Target", "Writer", "target_named"]
+
+
+class Writer(Protocol):
+    """What a target's module has."""
+
+    def kept(self, request: Request) -> Kept:
+        """Return what the target keeps of the vehicle. Raises InputError where it cannot be exported to it at all."""
+
+    def written(self, request: Request, heading: Heading) -> dict[str, bytes]:
+        """Return the files by their names, whose first or last comment is the heading."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A target.
+
+    Attributes:
+        name: as `--to` takes it. summary: what it is for. writes: the files, in words.
+        versions: of the target's format that can be written, the usual one first.
+        suffix: of the single file that is written; empty where it is a folder of files.
+        options: switches that only some targets have.
+    """
+
+    name: str
+    module: str
+    summary: str
+    writes: str
+    versions: tuple[str, ...]
+    suffix: str = ""
+    options: tuple[str, ...] = ()
+
+    @property
+    def writer(self) -> Writer:
+        """The target's module."""
+        return cast(Writer, importlib.import_module(f"towtank.exporters.{self.module}"))
+
+
+TARGETS: tuple[Target, ...] = (
+    Target("c", "c99", "any program in C or C++: firmware, controllers", "one C99 header", ("c99",), ".h", ("float",)),
+)
+
+
+def target_named(name: str) -> Target:
+    """Return the target of this name. Raises InputError for another one."""
+    names = [each.name for each in TARGETS]
+    if name not in names:
+        raise InputError(f'--to: found "{name}"{nearest(name, names)}; there are {", ".join(names)}')
+    return next(each for each in TARGETS if each.name == name)
