@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from towtank import load_vehicle
-from towtank.app.commands.page_option import PagedCommand
+from towtank.app.terminal.page_option import PagedCommand
 from towtank.dashboard.access import Access, Address, Refusals
 from towtank.dashboard.feed import Link, Now
 from towtank.dashboard.motion import COMMANDS, WRENCH, Motion

@@ -13,9 +13,9 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from towtank.app.commands import config, convert, demo, export, inspect, learn, live, simulate, validate, vehicle
-from towtank.app.commands.page_option import PagedCommand
+from towtank.app.commands import config, convert, demo, exchange, inspect, learn, live, simulate, validate, vehicle
 from towtank.app.terminal.guard import Commands, PlainCommand
+from towtank.app.terminal.page_option import PagedCommand
 
 __all__ = ["app", "main"]
 
@@ -97,7 +97,7 @@ app.add_typer(config.commands, name="config")
 app.command("convert", cls=PlainCommand)(convert.convert)
 
 
-app.command("export", cls=PlainCommand)(export.export)
+app.command("export", cls=PlainCommand)(exchange.export)
 
 
 def main() -> NoReturn:

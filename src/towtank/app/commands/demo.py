@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from towtank.app.commands.arguments import Json, positive_option
-from towtank.app.commands.page_option import PageOption
+from towtank.app.terminal.page_option import PageOption
 
 __all__ = ["demo"]
 

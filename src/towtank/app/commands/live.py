@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from towtank.app.commands.arguments import Json, KeepAll, Map, Report, output_place, positive_option, report_place
-from towtank.app.commands.page_option import FoxgloveOption, PageOption, page_address
 from towtank.app.terminal.completion import streaming_methods, vehicles
+from towtank.app.terminal.page_option import FoxgloveOption, PageOption, page_address
 from towtank.errors import InputError, nearest
 from towtank.methods import STREAMING_METHODS
 

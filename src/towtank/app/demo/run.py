@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.text import Text
 
-from towtank.app.commands.page_option import new_page, page_address, serving
 from towtank.app.demo.files import write_demo
 from towtank.app.demo.progress import LearningCurve, quantities
 from towtank.app.demo.stream import Moment, stream
@@ -27,6 +26,7 @@ from towtank.app.live.facts import knowledge_of, stream_facts
 from towtank.app.live.report import events_document
 from towtank.app.reports import learn_facts
 from towtank.app.terminal.output import COMPILING, Output, watching_compilation
+from towtank.app.terminal.page_option import new_page, page_address, serving
 from towtank.errors import InputError
 from towtank.identification import Learner, learn_recordings
 from towtank.outputs import write_text

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from towtank.app.commands.page_option import new_page, serving
 from towtank.app.files import read_configurations, read_prior, read_vehicle
 from towtank.app.live.facts import LiveFit, judged
 from towtank.app.live.judge import Driven, Judge, Moment
@@ -28,6 +27,7 @@ from towtank.app.live.view import LiveView
 from towtank.app.tables.fits import usable_document
 from towtank.app.terminal.guard import FAULT, drop_output
 from towtank.app.terminal.output import Output
+from towtank.app.terminal.page_option import new_page, serving
 from towtank.dashboard.prediction import warm_up as warm_prediction_up
 from towtank.errors import InputError
 from towtank.identification import Learner

@@ -1,4 +1,4 @@
-"""`towtank export`: a model for a simulator, a controller or a program."""
+"""`towtank export`: a model for a simulator, a controller or a program; and `towtank import`, the way back."""
 
 from __future__ import annotations
 
