@@ -119,14 +119,23 @@ class PolynomialCurve(Curve):
         reverse = self._branch(a, self.coefficients if self.reverse is None else self.reverse, 0)
         return np.where(np.isnan(x), np.nan, np.where(x > 0.0, forward, np.where(x < 0.0, -reverse, 0.0)))
 
+    @property
+    def branch_signs(self) -> tuple[float, float]:
+        """The sign, +1 or -1, that the polynomial has at the end of the branch above neutral, and of the one below."""
+        reverse = self.coefficients if self.reverse is None else self.reverse
+        return self._sign(self.coefficients, 1), self._sign(reverse, 0)
+
     def _branch(self, a: Array, coefficients: tuple[float, ...], side: int) -> Array:
         """Return the polynomial with the part of the wrong sign cut off."""
+        f = polyval(a, np.array(coefficients))
+        return np.asarray(np.maximum(f, 0.0) if self._sign(coefficients, side) > 0.0 else np.minimum(f, 0.0))
+
+    def _sign(self, coefficients: tuple[float, ...], side: int) -> float:
         end = None if self.limits is None else abs(self.limits[side] - self.rest) / self.scale
         value = float(polyval(end, np.array(coefficients))) if end else 0.0
         if value == 0.0:
             value = next((c for c in reversed(coefficients) if c != 0.0), 0.0)
-        f = polyval(a, np.array(coefficients))
-        return np.asarray(np.maximum(f, 0.0) if value >= 0.0 else np.minimum(f, 0.0))
+        return 1.0 if value >= 0.0 else -1.0
 
 
 class TableCurve(Curve):
