@@ -38,7 +38,7 @@ from towtank.vehicle import (
 )
 from towtank.vehicle.names import COLUMNS, ROWS
 
-__all__ = ["FIELDS", "header_text", "kept", "prefix_of", "written"]
+__all__ = ["FIELDS", "header_text", "kept", "prefix_of", "unit_of_field", "values_of", "written"]
 
 _CASES = 8
 _KINDS = {"odd": 0, "polynomial": 1, "table": 2, "quadratic": 3}
@@ -94,7 +94,7 @@ def header_text(vehicle: Vehicle, *, single: bool = False, prefix: str | None = 
         "thrusters": str(len(vehicle.thrusters)),
         "columns": str(max(len(vehicle.thrusters), 1)),
         "fields": "\n".join(_field(name) for name in FIELDS),
-        "values": "\n".join(f"    p.{name} = {number(value)};" for name, value in _values(vehicle).items()),
+        "values": "\n".join(f"    p.{name} = {number(value)};" for name, value in values_of(vehicle).items()),
         "added": _names(lambda i, j: f"{ROWS[i]}_{COLUMNS[j]}dot" if i <= j else ""),
         "linear": _names(lambda i, j: f"{ROWS[i]}_{COLUMNS[j]}"),
         "quadratic": _names(lambda i, j: f"{ROWS[i]}_{COLUMNS[j] * 2}"),
@@ -129,12 +129,16 @@ class _Number:
         return ",\n".join(f"        {{ {self.row(row)} }}" for row in matrix)
 
 
+def unit_of_field(name: str) -> str:
+    """Return the unit of a field of the struct."""
+    return _RIGID_UNITS[_RIGID.index(name)] if name in _RIGID else unit(name)
+
+
 def _field(name: str) -> str:
-    what = _RIGID_UNITS[_RIGID.index(name)] if name in _RIGID else unit(name)
-    return f"    tt_real {name};{' ' * max(14 - len(name), 1)}/* {what} */"
+    return f"    tt_real {name};{' ' * max(14 - len(name), 1)}/* {unit_of_field(name)} */"
 
 
-def _values(vehicle: Vehicle) -> dict[str, float]:
+def values_of(vehicle: Vehicle) -> dict[str, float]:
     """Return the fields of the struct."""
     body = vehicle.rigid_body
     I = body.tensor
@@ -266,9 +270,12 @@ def _vectors(vehicle: Vehicle, number: _Number) -> dict[str, str]:
         if vehicle.thrusters:
             commands = np.array([_command(each.curve, rng.uniform(-1.0, 1.0)) for each in vehicle.thrusters])
             wrench = thruster_forces(vehicle, commands) @ configuration_matrix(vehicle).T
-            row += [commands, wrench, allocate(vehicle, wrench)]
+            row += [commands, wrench]
         rows.append(np.concatenate(row))
-    return {"cases": str(_CASES), "case_numbers": str(rows[0].size), "vectors": number.rows(np.array(rows))}
+    table = np.array(rows)
+    if vehicle.thrusters:
+        table = np.hstack([table, allocate(vehicle, table[:, -6:])])
+    return {"cases": str(_CASES), "case_numbers": str(table.shape[1]), "vectors": number.rows(table)}
 
 
 def _command(curve: Curve, share: float) -> float:

@@ -20,7 +20,7 @@ from towtank.vehicle.base import Finite, NonNegative, Positive, Record, Vector, 
 from towtank.vehicle.names import unit
 from towtank.vehicle.thrusters.curves import AnyCurve
 
-__all__ = ["Buoyancy", "Coefficient", "Provenance", "Restoring", "RigidBody", "Thruster"]
+__all__ = ["Buoyancy", "Coefficient", "Provenance", "Restoring", "RigidBody", "Thruster", "dimensions"]
 
 # kg, m, s; a radian counts nothing
 _BASE = {
@@ -40,7 +40,7 @@ _UNIT_VECTOR = 1e-12
 _THRUSTER_NAME = re.compile(r"[A-Za-z0-9_.-]+")
 
 
-def _dimensions(unit: str) -> tuple[int, int, int]:
+def dimensions(unit: str) -> tuple[int, int, int]:
     """Return the exponents of (kg, m, s); all that follows a slash is below it. Raises InputError if not understood."""
     total = [0, 0, 0]
     sign, in_group, group_sign = 1, False, 1
@@ -68,7 +68,7 @@ def same_unit(first: str, second: str) -> bool:
     True
     """
     try:
-        return _dimensions(first) == _dimensions(second)
+        return dimensions(first) == dimensions(second)
     except InputError:
         return False
 

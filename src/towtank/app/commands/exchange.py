@@ -81,21 +81,26 @@ def export(
     if model is None or to is None:
         missing = "MODEL: missing; give a learned model or a vehicle" if model is None else "--to: missing"
         raise InputError(f"{missing}; towtank export --list shows the targets")
-    from towtank.app.files import read_vehicle
-    from towtank.exporters import export as write
+    import warnings
 
-    read_vehicle(model, output)
+    from towtank.exporters import export as write
+    from towtank.vehicle import VehicleWarning, faults
+
     options: dict[str, str | bool] = {"with-ardupilot": with_ardupilot, "float": in_float}
     if engine is not None:
         options["engine"] = engine
-    done = write(
-        model,
-        to,
-        output_file,
-        target_version=target_version,
-        at_speed=at_speed,
-        allow_unidentified=allow_unidentified,
-        options=options,
-    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", VehicleWarning)  # said below
+        done = write(
+            model,
+            to,
+            output_file,
+            target_version=target_version,
+            at_speed=at_speed,
+            allow_unidentified=allow_unidentified,
+            options=options,
+        )
+    for fault in faults(done.vehicle):
+        output.warn(f"{model}: {fault}")
     show_export(done, output)
     output.document(export_document(done))

@@ -323,8 +323,13 @@ def _passes_gate(state: JointState, z: Array, sensor: int, whole: bool) -> bool:
 
 
 @kernel
-def _reset_to_sensor(state: JointState, z: Array, sensor: int) -> None:
-    """Take the states that a sensor measures from it anew, with a wide deviation."""
+def _reset_to_sensor(state: JointState, z: Array, sensor: int, turn: bool) -> None:
+    """Take the states that a sensor measures from it anew, with a wide deviation.
+
+    Args:
+        turn: set the attitude, too. A heading alone that comes back after rejections is left to the update that
+            follows, which knows how it goes with the tilt; one that nobody knew may be too far for that.
+    """
     inject(state)
     for k in range(3):
         if not math.isfinite(z[3 * sensor + k]):
@@ -339,7 +344,7 @@ def _reset_to_sensor(state: JointState, z: Array, sensor: int) -> None:
             state.x[i + 1] = z[3 * sensor + k] - (state.bias[k] if sensor == RATES else 0.0)
         elif sensor != ATTITUDE:
             state.x[k] = z[k]
-    if sensor == ATTITUDE:
+    if sensor == ATTITUDE and turn:
         phi, theta, psi = euler_from_quaternion(state.x[3], state.x[4], state.x[5], state.x[6])
         phi = z[3] if math.isfinite(z[3]) else phi
         theta = z[4] if math.isfinite(z[4]) else theta
@@ -372,7 +377,7 @@ def update_row(state: JointState, z: Array) -> None:
         state.clock[0].since_accepted = now - state.last_accepted[sensor]
         within = _passes_gate(state, z, sensor, whole)
         if unseen and not within:  # the motion began with a heading that nobody knew
-            _reset_to_sensor(state, z, sensor)
+            _reset_to_sensor(state, z, sensor, True)
             state.outages[sensor].rejected = 0.0
         elif not within:
             for k in range(3):
@@ -380,7 +385,7 @@ def update_row(state: JointState, z: Array) -> None:
                     state.statistics[3 * sensor + k].rejected += 1.0
             quiet = now - state.last_accepted[sensor]
             if quiet > state.settings[0].reacquire * REACQUIRE[sensor]:
-                _reset_to_sensor(state, z, sensor)
+                _reset_to_sensor(state, z, sensor, whole)
                 state.outages[sensor].rejected = 0.0
                 state.last_accepted[sensor] = now
             elif quiet <= LONGEST_OUTAGE[sensor] or state.outages[sensor].rejected < _MOST_REJECTED:
