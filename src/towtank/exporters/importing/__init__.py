@@ -1,0 +1,1 @@
+"""Importing: vehicles out of simulators' files."""
