@@ -15,7 +15,7 @@ SHELL := bash
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo test lint types layers tests browser kernels docs bench peers lock clean
+.PHONY: help demo test lint types layers tests browser kernels docs bench peers engines lock clean
 
 help:
 	@echo 'make demo    a simulated tank session, learned sample by sample   (DEMO="--fast" passes options on)'
@@ -23,6 +23,7 @@ help:
 	@echo 'make docs    the documentation, in docs/_build/html'
 	@echo 'make bench   speed, beside other libraries'
 	@echo 'make peers   live links with real peers: MAVSDK, ROS 2, JSON; sets up their environments   (PEERS="mavsdk")'
+	@echo 'make engines exported models in the real engines, each in an environment of its own'
 	@echo 'make lock    requirements.lock anew from pyproject.toml'
 	@echo 'make clean   removes .venv and everything built or cached'
 	@echo 'Set PYTHON=... to choose the interpreter (3.11 or newer) that .venv is made with.'
@@ -112,6 +113,16 @@ peers: $(READY) .peers/mavsdk/.ready .peers/ros2/.ready
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || { \
 	echo "the wheels of ROS 2 need Python 3.11; '$(PYTHON)' is not. Choose it: make peers PYTHON=python3.11"; exit 1; }
 	$(call quietly,setting up ROS 2,$(PYTHON) -m venv .peers/ros2 && .peers/ros2/bin/python -m pip install --quiet --disable-pip-version-check 'ros-rclpy[fastrtps]==9.1.2' ros-nav-msgs==5.5.1 --editable .)
+	@touch $@
+
+# Exported models in the engines that they are for; one that fails does not keep the others from running.
+engines: $(READY) .peers/fmu/.ready
+	@failed=; \
+	$(BIN)/python benchmarks/peers/engines/fmu_peer.py .peers/fmu/bin/python || failed="$$failed fmu"; \
+	[ -z "$$failed" ] || { echo "failed:$$failed"; exit 1; }
+
+.peers/fmu/.ready:
+	$(call quietly,setting up FMPy and libcosim,$(PYTHON) -m venv .peers/fmu && .peers/fmu/bin/python -m pip install --quiet --disable-pip-version-check fmpy==0.3.32 libcosimpy==0.0.6)
 	@touch $@
 
 # Resolved for every platform and Python from 3.11 on. The file names no index, so it installs from whichever one pip uses.

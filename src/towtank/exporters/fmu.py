@@ -145,9 +145,7 @@ def _units(every: tuple[Variable, ...]) -> str:
         exponents = {"kg": kg, "m": m, "s": s, "A": -1 if name == "V" else 0, "rad": int(name == "rad")}
         base = "".join(f' {base}="{power}"' for base, power in exponents.items() if power)
         lines.append(f"    <Unit name={quoteattr(name)}><BaseUnit{base}/></Unit>")
-    return "\n".join(
-        [*lines, "  </UnitDefinitions>", *_LOGS, f'  <DefaultExperiment startTime="0.0" stepSize="{_STEP}"/>']
-    )
+    return "\n".join([*lines, "  </UnitDefinitions>", *_LOGS])
 
 
 _LOGS = (
