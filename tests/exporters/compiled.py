@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from towtank.exporters.c99 import header_text
+from towtank.exporters.programs.c99 import header_text
 from towtank.vehicle import Vehicle
 
 COMPILERS = {

@@ -14,7 +14,7 @@ from tests.exporters.whole import random_commands, random_states, whole_vehicle
 from towtank import InputError, export, forward_dynamics, inverse_dynamics, load_vehicle, simulate, thruster_wrench
 from towtank.core.arrays import Array
 from towtank.core.attitude import quaternions_from_eulers
-from towtank.exporters.c99 import FIELDS, prefix_of
+from towtank.exporters.programs.c99 import FIELDS, prefix_of
 from towtank.vehicle import COEFFICIENTS, Vehicle, allocate, index
 
 pytestmark = pytest.mark.skipif(not has("gcc"), reason="no C compiler")

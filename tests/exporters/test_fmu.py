@@ -16,7 +16,7 @@ from tests.exporters.whole import random_commands, whole_vehicle
 
 from towtank import InputError, export, load_vehicle, simulate
 from towtank.core.arrays import Array
-from towtank.exporters.c99 import FIELDS
+from towtank.exporters.programs.c99 import FIELDS
 from towtank.recording import Recording
 from towtank.vehicle import Vehicle
 

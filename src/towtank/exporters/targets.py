@@ -57,8 +57,23 @@ class Target:
 
 
 TARGETS: tuple[Target, ...] = (
-    Target("c", "c99", "any program in C or C++: firmware, controllers", "one C99 header", ("c99",), ".h", ("float",)),
-    Target("fmu", "fmu", "Simulink, OpenModelica, co-simulation", "an FMU, sources and binary", ("2.0", "3.0"), ".fmu"),
+    Target(
+        "c",
+        "programs.c99",
+        "any program in C or C++: firmware, controllers",
+        "one C99 header",
+        ("c99",),
+        ".h",
+        ("float",),
+    ),
+    Target(
+        "fmu",
+        "programs.fmu",
+        "Simulink, OpenModelica, co-simulation",
+        "an FMU, sources and binary",
+        ("2.0", "3.0"),
+        ".fmu",
+    ),
 )
 
 

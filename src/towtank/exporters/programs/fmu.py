@@ -15,15 +15,15 @@ import tempfile
 import uuid
 import zipfile
 from collections.abc import Iterator
-from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from towtank.errors import InputError
-from towtank.exporters import c99
 from towtank.exporters.heading import Heading
+from towtank.exporters.programs import c99
 from towtank.exporters.request import Kept, Request
+from towtank.exporters.templates import filled, template
 from towtank.vehicle import Vehicle, describe, unit
 from towtank.vehicle.records import dimensions
 
@@ -67,15 +67,15 @@ def written(request: Request, heading: Heading) -> dict[str, bytes]:
     name = c99.prefix_of(vehicle)
     header = "/*\n" + heading.commented(" * ") + " */\n" + c99.header_text(vehicle)
     every = tuple(variables(vehicle))
-    template = (files("towtank.exporters") / "templates" / "fmu.c").read_text(encoding="utf-8")
-    token = "{" + str(uuid.uuid5(_NAMESPACE, f"{request.version}\n{header}\n{template}")) + "}"
+    text = template("fmu.c")
+    token = "{" + str(uuid.uuid5(_NAMESPACE, f"{request.version}\n{header}\n{text}")) + "}"
     values = {
         "fields": str(len(c99.FIELDS)),
         "defaults": ",\n".join(f"    {each.start or 0.0!r} /* {each.name} */" for each in every),
         "has_thrusters": str(int(bool(vehicle.thrusters))),
         "token": token,
     }
-    code = re.sub(r"@(\w+)@", lambda match: values[match[1]], template)
+    code = filled(text, values)
     code = re.sub(r"\bTT_", f"{name.upper()}_", re.sub(r"\btt_", f"{name}_", code))
     code = f"#define FMI {major}\n{code}"
     description = (_description_2 if major == 2 else _description_3)(vehicle, name, token, every)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from importlib.resources import files
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +16,7 @@ from towtank.core.arrays import Array
 from towtank.core.attitude import eulers_from_quaternions
 from towtank.exporters.heading import Heading
 from towtank.exporters.request import Kept, Request, speed_range
+from towtank.exporters.templates import filled, template
 from towtank.simulation.integration import simulate_pieces
 from towtank.vehicle import (
     COEFFICIENTS,
@@ -84,7 +84,7 @@ def header_text(vehicle: Vehicle, *, single: bool = False, prefix: str | None = 
     Args:
         single: in single precision. prefix: of every name; default: the vehicle's own.
     """
-    text = (files("towtank.exporters") / "templates" / "model.h").read_text(encoding="utf-8")
+    text = template("model.h")
     if not vehicle.thrusters:
         text = re.sub(r"/\* BEGIN THRUSTERS \*/\n.*?/\* END THRUSTERS \*/\n", "", text, flags=re.DOTALL)
     text = re.sub(r"/\* (BEGIN|END) THRUSTERS \*/\n", "", text)
@@ -105,7 +105,7 @@ def header_text(vehicle: Vehicle, *, single: bool = False, prefix: str | None = 
         **(_thrusters(vehicle, number) if vehicle.thrusters else {}),
         **_vectors(vehicle, number),
     }
-    text = re.sub(r"@(\w+)@", lambda match: values[match[1]], text)
+    text = filled(text, values)
     name = prefix or prefix_of(vehicle)
     return re.sub(r"\bTT_", f"{name.upper()}_", re.sub(r"\btt_", f"{name}_", text))
 

@@ -1,0 +1,1 @@
+"""Targets that are programs: source text, units of co-simulation, matrices."""

@@ -1,0 +1,1 @@
+"""Targets that are files of simulators: XML and what stands beside it."""
