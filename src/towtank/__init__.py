@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from towtank.app.tasks import inspect, learn, validate
     from towtank.errors import InputError
-    from towtank.exporters import export
+    from towtank.exporters import export, import_vehicle
     from towtank.identification import Learner, RecursiveLeastSquares
     from towtank.readers import read
     from towtank.recording import Recording
@@ -37,6 +37,7 @@ __all__ = [
     "__version__",
     "export",
     "forward_dynamics",
+    "import_vehicle",
     "inspect",
     "inverse_dynamics",
     "learn",
@@ -59,6 +60,7 @@ _HOMES = {
     "Vehicle": "vehicle",
     "export": "exporters",
     "forward_dynamics": "vehicle",
+    "import_vehicle": "exporters",
     "inspect": "app.tasks",
     "inverse_dynamics": "vehicle",
     "learn": "app.tasks",

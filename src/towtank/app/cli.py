@@ -100,6 +100,9 @@ app.command("convert", cls=PlainCommand)(convert.convert)
 app.command("export", cls=PlainCommand)(exchange.export)
 
 
+app.command("import", cls=PlainCommand)(exchange.import_)
+
+
 def main() -> NoReturn:
     """Run the command line of this process and exit."""
     for stream in (sys.stdout, sys.stderr):

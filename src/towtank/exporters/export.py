@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -14,7 +13,7 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
 from towtank.exporters.heading import Heading, heading_of_request
-from towtank.exporters.request import Kept, Request, require_exportable, wrench_error
+from towtank.exporters.request import Kept, Request, require_exportable, stem_of, wrench_error
 from towtank.exporters.targets import Target, target_named
 from towtank.outputs import write_atomically
 from towtank.vehicle import AnyVehicle, Vehicle, catalog_names, catalog_text, vehicle_of, vehicle_text
@@ -133,7 +132,7 @@ def _places(
     target: Target, vehicle: Vehicle, output: str | os.PathLike[str] | None, names: list[str]
 ) -> tuple[Path, ...]:
     """Return where each file goes. Raises InputError where it cannot."""
-    stem = re.sub(r"[^A-Za-z0-9_.-]+", "_", vehicle.name).strip("._-") or "vehicle"
+    stem = stem_of(vehicle)
     if target.suffix:
         place = Path(stem + target.suffix) if output is None else Path(output)
         if place.is_dir():

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from towtank.core.arrays import Array
 
-__all__ = ["TURN", "turned_bilinear", "turned_matrix", "turned_vector"]
+__all__ = ["TURN", "parallel_axes", "turned_bilinear", "turned_matrix", "turned_vector"]
 
 TURN = (1.0, -1.0, -1.0, 1.0, -1.0, -1.0)
 
@@ -38,3 +38,8 @@ def turned_bilinear(terms: ArrayLike) -> Array:
     """Return a_ijk (6, 6, 6) of forces a_ijk nu_j nu_k in the other frame."""
     t = np.array(TURN)
     return np.asarray(np.asarray(terms, dtype=np.float64) * np.einsum("i,j,k->ijk", t, t, t) + 0.0)
+
+
+def parallel_axes(mass: float, offset: Array) -> Array:
+    """Return the inertia (3, 3) [kg m^2] that a mass [kg] has about a point at a distance (3,) [m]."""
+    return np.asarray(mass * (offset @ offset * np.eye(3) - np.outer(offset, offset)))

@@ -103,7 +103,7 @@ def heading_of_request(title: str, request: Request, kept: Kept) -> Heading:
         missing = [*earlier[:-1], *(each for each in missing if each not in earlier)]
         error = earlier[-1] if missing == earlier[:-1] else error
     coefficients = tuple(_coefficients(vehicle, kept.vehicle))
-    return Heading(title, vehicle.name, source, sha256, coefficients, tuple(missing), error)
+    return Heading(title, _harmless(vehicle.name), source, sha256, coefficients, tuple(missing), error)
 
 
 def heading_of(text: str) -> Heading | None:

@@ -7,6 +7,7 @@ difference of the two, in words and as the largest error of the wrench.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -27,9 +28,20 @@ from towtank.vehicle import (
     inverse_dynamics,
     unit,
 )
+from towtank.vehicle.matrices import GRAVITY
 from towtank.vehicle.names import COLUMNS, ROWS
 
-__all__ = ["Kept", "Request", "differing", "require_exportable", "speed_range", "with_plain_buoyancy", "wrench_error"]
+__all__ = [
+    "Kept",
+    "Request",
+    "differing",
+    "require_exportable",
+    "rounded",
+    "speed_range",
+    "stem_of",
+    "with_plain_buoyancy",
+    "wrench_error",
+]
 
 _NARROWED = 0.5  # share of the prior's deviation up to which a coefficient counts as identified, as `learn` says it
 _DEFINITE = 1e-9  # smallest eigenvalue of the mass matrix scaled to a unit diagonal, as in the physical checks
@@ -113,6 +125,35 @@ def with_plain_buoyancy(vehicle: Vehicle) -> Vehicle:
     x, y, z = (float(each) + 0.0 for each in centre)
     plain = Buoyancy(force=B, centre=(x, y, z), source=vehicle.buoyancy.source)
     return vehicle.model_copy(update={"buoyancy": plain, "restoring": Restoring()})
+
+
+def rounded(vehicle: Vehicle) -> Vehicle:
+    """Return the vehicle with mass, inertia, centres and buoyant force of twelve digits.
+
+    Simulators' files have them in other shapes (about another point, parts of it in other links, as a volume). What was
+    computed back from there and rounded the same way is the same number again, so that an import can be exported.
+    """
+    body, buoyancy = vehicle.rigid_body, vehicle.buoyancy
+    mass = float(f"{body.mass:.12g}")
+    tensor = body.tensor
+    tensor = np.round(tensor, 11 - math.floor(math.log10(float(np.trace(tensor))))) + 0.0
+    inertia: object = tuple(np.diag(tensor).tolist())
+    if np.any(tensor != np.diag(np.diag(tensor))):
+        inertia = tuple(tuple(row) for row in tensor.tolist())
+    centre, lift = (tuple((np.round(each, 12) + 0.0).tolist()) for each in (body.centre_of_gravity, buoyancy.centre))
+    force = buoyancy.force
+    if force is not None:
+        force = None if abs(force - mass * GRAVITY) <= 1e-11 * force else float(f"{force:.12g}")
+    solid = body.model_copy(update={"mass": mass, "inertia": inertia, "centre_of_gravity": centre})
+    return vehicle.model_copy(
+        update={"rigid_body": solid, "buoyancy": buoyancy.model_copy(update={"force": force, "centre": lift})}
+    )
+
+
+def stem_of(vehicle: Vehicle) -> str:
+    """Return the vehicle's name as the beginning of a file's name, or as the name of a simulator's model."""
+    plain = re.sub(r"(?<![A-Za-z0-9])-|-(?![A-Za-z0-9])", " ", vehicle.name)  # a dash joins two words or goes
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", plain).strip("._") or "vehicle"
 
 
 def speed_range(vehicle: Vehicle) -> Array:

@@ -1,11 +1,11 @@
-"""The targets of `towtank export` and the sources of `towtank import`, one table each.
+"""The targets of `towtank export`, one table.
 
 A target is a module with two functions:
 
     kept(request) -> Kept                              the vehicle as the target's simulator moves it, and remarks
     written(request, heading) -> dict[str, bytes]      the files by their names; the same bytes for the same request
 
-A source is a module with `read_vehicle(path) -> Imported` and `recognises(text) -> bool`. Modules are imported on use.
+Modules are imported on use.
 """
 
 from __future__ import annotations
@@ -57,6 +57,21 @@ class Target:
 
 
 TARGETS: tuple[Target, ...] = (
+    Target(
+        "gz-sim",
+        "simulators.gz_sim",
+        "Gazebo (gz-sim), with DART or another engine",
+        "model.sdf, model.config, world.sdf",
+        ("1.10", "1.11", "1.12"),
+        options=("engine", "with-ardupilot"),
+    ),
+    Target(
+        "urdf-hydrodynamics",
+        "simulators.urdf",
+        "blue and auv_controllers (ROS 2)",
+        "a URDF, thrusters.yaml",
+        ("2026",),
+    ),
     Target(
         "c",
         "programs.c99",

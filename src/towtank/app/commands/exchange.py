@@ -11,7 +11,7 @@ from towtank.app.commands.arguments import Json
 from towtank.app.terminal.completion import vehicles
 from towtank.errors import InputError
 
-__all__ = ["export"]
+__all__ = ["export", "import_"]
 
 
 def export(
@@ -104,3 +104,36 @@ def export(
         output.warn(f"{model}: {fault}")
     show_export(done, output)
     output.document(export_document(done))
+
+
+def import_(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="SDF, URDF or other XML file of a simulator.")],
+    kind: Annotated[
+        str, typer.Option("--from", metavar="KIND", help="gz-sim, uuv-simulator, urdf-hydrodynamics, or auto.")
+    ] = "auto",
+    output_file: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="OUT", help="Vehicle file to write; default: named after the vehicle."),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Make a vehicle file of a simulator's model: signs and frames undone, what is doubtful said.
+
+    \b
+    Example:
+      towtank import model.sdf -o theirs.toml
+    """
+    from towtank.app.tables.exports import import_document, show_import
+    from towtank.app.terminal.output import Output
+    from towtank.exporters import import_vehicle
+    from towtank.exporters.request import stem_of
+    from towtank.vehicle import save_vehicle
+
+    output = Output(json=json)
+    found = import_vehicle(file, kind)
+    place = Path(f"{stem_of(found.vehicle)}.toml") if output_file is None else output_file
+    if place.suffix.lower() != ".toml":
+        raise InputError(f'--output: found "{place}", expected a name that ends in .toml')
+    save_vehicle(found.vehicle, place)
+    show_import(found, place, output)
+    output.document(import_document(found, place))

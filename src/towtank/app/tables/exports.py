@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from towtank.app.terminal.output import Output
-from towtank.exporters import TARGETS, Exported
+from towtank.exporters import TARGETS, Exported, Imported
 
-__all__ = ["export_document", "show_export", "show_targets", "targets_document"]
+__all__ = ["export_document", "import_document", "show_export", "show_import", "show_targets", "targets_document"]
 
 _ROWS = "XYZKMN"
 
@@ -50,4 +51,34 @@ def export_document(done: Exported) -> dict[str, Any]:
         "files": [str(place) for place in done.files],
         "missing": list(done.heading.missing),
         "wrench_error": {row: float(value) for row, value in zip(_ROWS, done.error, strict=True)},
+    }
+
+
+def show_import(found: Imported, place: Path, output: Output) -> None:
+    """Show what was read, what is doubtful about it, and what is left of the file."""
+    vehicle = found.vehicle
+    output.line(f"{vehicle.name} -> {place}", "bold")
+    output.line(
+        f"{found.source}: {vehicle.rigid_body.mass:g} kg, {len(vehicle.hydrodynamics)} coefficients,"
+        f" {len(vehicle.thrusters)} thrusters"
+    )
+    for each in found.doubts:
+        output.warn(f"{vehicle.name}: {each}")
+    if found.left:
+        output.line("not imported:")
+    for each in found.left:
+        output.item(each)
+
+
+def import_document(found: Imported, place: Path) -> dict[str, Any]:
+    """Return what was read, what is doubtful about it, and what is left of the file."""
+    return {
+        "vehicle": found.vehicle.name,
+        "source": found.source,
+        "file": str(place),
+        "mass": found.vehicle.rigid_body.mass,
+        "coefficients": {name: each.value for name, each in found.vehicle.hydrodynamics.items()},
+        "thrusters": [each.name for each in found.vehicle.thrusters],
+        "doubts": list(found.doubts),
+        "not_imported": list(found.left),
     }
