@@ -116,13 +116,18 @@ peers: $(READY) .peers/mavsdk/.ready .peers/ros2/.ready
 	@touch $@
 
 # Exported models in the engines that they are for; one that fails does not keep the others from running.
-engines: $(READY) .peers/fmu/.ready
+engines: $(READY) .peers/fmu/.ready .peers/dart/.ready
 	@failed=; \
 	$(BIN)/python benchmarks/peers/engines/fmu_peer.py .peers/fmu/bin/python || failed="$$failed fmu"; \
+	$(BIN)/python benchmarks/peers/engines/dart_peer.py .peers/dart/bin/python || failed="$$failed dart"; \
 	[ -z "$$failed" ] || { echo "failed:$$failed"; exit 1; }
 
 .peers/fmu/.ready:
 	$(call quietly,setting up FMPy and libcosim,$(PYTHON) -m venv .peers/fmu && .peers/fmu/bin/python -m pip install --quiet --disable-pip-version-check fmpy==0.3.32 libcosimpy==0.0.6)
+	@touch $@
+
+.peers/dart/.ready:
+	$(call quietly,setting up DART,$(PYTHON) -m venv .peers/dart && .peers/dart/bin/python -m pip install --quiet --disable-pip-version-check dartpy==6.20.0 numpy)
 	@touch $@
 
 # Resolved for every platform and Python from 3.11 on. The file names no index, so it installs from whichever one pip uses.

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from towtank.core.arrays import Array
+Array = np.ndarray[Any, Any]
 
 AXES, FORCES, VELOCITIES = "xyzpqr", "xyzkmn", "UVWPQR"
 
