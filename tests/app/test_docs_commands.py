@@ -27,7 +27,9 @@ from .commands import command
 from .conftest import BENCH
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "readers"))
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
 
+from attack_exchange import UUV
 from ros_bags import Said, multi_array, write_bag1
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -135,6 +137,10 @@ def block(path: Path, page: str, word: str) -> None:
     path.write_text(found)
 
 
+def sdf(path: Path) -> None:
+    tt.export("lauv", "gz-sim", path.parent / "theirs").files[0].rename(path)
+
+
 def surge(path: Path, seed: int) -> None:
     truth = tt.load_vehicle("vlbv300")
     commands = manoeuvre("surge-square", truth, duration=7.0, dt=0.05).commands
@@ -143,6 +149,7 @@ def surge(path: Path, seed: int) -> None:
 
 ANGLES = '[columns]\nt = "t"\nphi = "phi"\ntheta = "theta"\npsi = "psi"\n'
 Given = dict[str, Callable[[Path], None]]
+MINE: Given = {"mine.toml": partial(vehicle, name="bluerov2_heavy")}
 GIVEN: dict[str, Given] = {
     "README.md": {
         "dive.BIN": dive,
@@ -156,8 +163,14 @@ GIVEN: dict[str, Given] = {
         "learned.toml": partial(vehicle, name="vlbv300"),
         "dive.csv": partial(surge, seed=1),
     },
+    "c.md": MINE,
+    "fmu.md": MINE,
+    "gz-sim.md": MINE,
+    "importing.md": {"model.sdf": sdf, "rexrov.urdf": partial(text, content=UUV)},
+    "index.md": {**MINE, "model.sdf": sdf},
     "learning.md": {"monday.BIN": dive, "friday.BIN": partial(dive, seed=2)},
     "quickstart.md": {},
+    "urdf-hydrodynamics.md": MINE,
     "report.md": {"dive.BIN": dive, "other-dive.BIN": partial(dive, seed=2)},
     "validation.md": {
         "learned.toml": partial(vehicle, name="bluerov2_heavy"),

@@ -205,7 +205,7 @@ def test_a_full_disk_costs_samples_of_the_recording_and_is_said(
         time.sleep(0.6)
         told.extend(made.status().warnings)
         full.clear()
-        yield every[800:]
+        yield every[800:]  # the file may end before anybody looks at it again
 
     learner = new_learner(vehicle, "joint", FREE, background=False)
     made = Session([("test", Link(stream()))], vehicle, learner, epoch=EPOCH, log=log)

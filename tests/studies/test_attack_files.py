@@ -14,6 +14,7 @@ from towtank.readers import read
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
 
+import attack_exchange
 import attack_files
 from hostile_logs import STORMS, WRITERS, hostile, storm
 from small_logs import SMALL_LOGS
@@ -107,3 +108,10 @@ def test_a_model_without_its_promise_is_half_written(tmp_path: Path) -> None:
 def test_a_finding_can_be_repeated() -> None:
     for kind in KINDS:
         assert attack_files._file(kind, random.Random("7"))[2:] == attack_files._file(kind, random.Random("7"))[2:]
+
+
+def test_models_of_simulators_are_read_or_refused_in_a_line() -> None:
+    found = attack_exchange.attack(range(200))
+    assert found.wrong == ()
+    assert found.read > 20
+    assert found.refused > 50

@@ -260,6 +260,9 @@ class Session:
             way = "forward" if set_by > 0.0 else "back"
             text = f"this computer's clock was set {way} by {abs(set_by):.0f} s; the session's times go on as before"
             self.events.add(Event(max(self._newest, 0.0), "clock", text, {"seconds": set_by}))
+        self._notice_disk()
+
+    def _notice_disk(self) -> None:
         for event in () if self._disk is None else self._disk.notice(max(self._newest, 0.0)):
             self.events.add(event)
 
@@ -374,6 +377,7 @@ class Session:
         if self._recorder is not None:
             self._describe()
             self._recorder.close(self._notes())
+            self._notice_disk()  # what waited may have been written with the end of the file
         self._ended = True
 
     def _notes(self) -> list[str]:
