@@ -542,7 +542,7 @@ static inline int tt_step_commands(const tt_model *model, tt_real x[TT_STATES], 
         }
     }
     parts = dt / longest * ((tt_real)1 - (tt_real)1e-9);
-    pieces = parts > (tt_real)63 ? 64 : (int)parts < parts ? (int)parts + 1 : (int)parts;
+    pieces = parts > (tt_real)63 ? 64 : (tt_real)(int)parts < parts ? (int)parts + 1 : (int)parts;
     pieces = pieces < 1 ? 1 : pieces;
     length = dt / (tt_real)pieces;
     for (i = 0; i < TT_STATES; i++) {

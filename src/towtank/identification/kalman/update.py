@@ -376,7 +376,7 @@ def update_row(state: JointState, z: Array) -> None:
             state.last_accepted[sensor] = now
         state.clock[0].since_accepted = now - state.last_accepted[sensor]
         within = _passes_gate(state, z, sensor, whole)
-        if unseen and not within:  # the motion began with a heading that nobody knew
+        if unseen and not within:  # the motion began with a pose that nobody knew
             _reset_to_sensor(state, z, sensor, True)
             state.outages[sensor].rejected = 0.0
         elif not within:
