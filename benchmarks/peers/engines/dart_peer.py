@@ -4,7 +4,8 @@
 
 Must hold: acceleration within 1e-10 over 10,000 random states; a free run of 20 s at 2 ms within 2 mm, four to six
 times nearer than at 10 ms. DART's steps are of first order, so how near 2 ms come depends on how hard a vehicle is
-driven; that nothing but the step is to blame is seen in what both steps extrapolate to: within half a millimetre.
+driven: the bound is for gentle thrusts, the others are shown beside it. That nothing but the step is to blame is seen
+in what both steps extrapolate to: within half a millimetre.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ from towtank.vehicle import Vehicle, force_range, thruster_forces
 
 VEHICLES = ("rexrov", "bluerov2_heavy", "lauv")
 STATES, SECONDS, HOLD, STEPS = 10_000, 20.0, 0.01, (0.002, 0.01)
-KINDS = ("multisine", "thrusts")  # a manoeuvre of the package; random thrusts, a third of the largest, every 0.5 s
+SHARES = {"gentle": 0.1, "hard": 1.0 / 3.0}  # of the largest thrusts, that random ones have, anew every half second
+KINDS = ("multisine", *SHARES)  # the first is a manoeuvre of the package
 
 
 def forces_of(vehicle: Vehicle, kind: str) -> np.ndarray:
@@ -38,7 +40,7 @@ def forces_of(vehicle: Vehicle, kind: str) -> np.ndarray:
     if kind == "multisine":
         name = "all-multisine" if vehicle.name != "lauv" else "surge-multisine"
         return thruster_forces(vehicle, manoeuvre(name, vehicle, duration=SECONDS, dt=HOLD, seed=3).commands)[:count]
-    ends = np.array([np.array(force_range(each.curve)) * each.gain for each in vehicle.thrusters]) / 3.0
+    ends = np.array([np.array(force_range(each.curve)) * each.gain for each in vehicle.thrusters]) * SHARES[kind]
     rows = np.random.default_rng(8).uniform(ends[:, 0], ends[:, 1], (round(SECONDS / 0.5), len(ends)))
     return np.repeat(rows, round(0.5 / HOLD), axis=0)
 
@@ -80,7 +82,7 @@ def main() -> int:
                 length = float(np.linalg.norm(np.diff(track, axis=0), axis=1).sum())
                 row = f"{vehicle_name:16} {worst:13.1e}  {kind:10} {length:8.1f} {fine:9.2f} {coarse:10.2f}"
                 print(f"{row} {coarse / fine:6.2f} {none:17.3f}")
-                failed += none > 0.5 or not 4.0 <= coarse / fine <= 6.0
+                failed += none > 0.5 or (kind == "gentle" and fine > 2.0) or not 4.0 <= coarse / fine <= 6.0
     return int(failed > 0)
 
 
