@@ -74,6 +74,14 @@ TARGETS: tuple[Target, ...] = (
         ("2.0", "3.0"),
         ".fmu",
     ),
+    Target(
+        "python",
+        "programs.python_file",
+        "NumPy, and Fossen's Python Vehicle Simulator",
+        "one Python file",
+        ("numpy",),
+        ".py",
+    ),
 )
 
 
