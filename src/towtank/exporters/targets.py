@@ -82,6 +82,14 @@ TARGETS: tuple[Target, ...] = (
         ("numpy",),
         ".py",
     ),
+    Target(
+        "mss",
+        "programs.mss",
+        "MATLAB, GNU Octave, Marine Systems Simulator",
+        "one function file",
+        ("octave",),
+        ".m",
+    ),
 )
 
 
