@@ -116,13 +116,22 @@ peers: $(READY) .peers/mavsdk/.ready .peers/ros2/.ready
 	@touch $@
 
 # Exported models in the engines that they are for; one that fails does not keep the others from running.
-engines: $(READY) .peers/fmu/.ready
+# PVS: the folder src of a clone of the Python Vehicle Simulator, which is on no package index.
+engines: $(READY) .peers/fmu/.ready .peers/control/.ready
+	@$(call from_debian,octave-cli,octave)
 	@failed=; \
 	$(BIN)/python benchmarks/peers/engines/fmu_peer.py .peers/fmu/bin/python || failed="$$failed fmu"; \
+	$(BIN)/python benchmarks/peers/engines/octave_peer.py || failed="$$failed octave"; \
+	$(BIN)/python benchmarks/peers/engines/control_peer.py .peers/control/bin/python || failed="$$failed control"; \
+	$(BIN)/python benchmarks/peers/engines/pvs_peer.py $(PVS) || failed="$$failed pvs"; \
 	[ -z "$$failed" ] || { echo "failed:$$failed"; exit 1; }
 
 .peers/fmu/.ready:
 	$(call quietly,setting up FMPy and libcosim,$(PYTHON) -m venv .peers/fmu && .peers/fmu/bin/python -m pip install --quiet --disable-pip-version-check fmpy==0.3.32 libcosimpy==0.0.6)
+	@touch $@
+
+.peers/control/.ready:
+	$(call quietly,setting up python-control,$(PYTHON) -m venv .peers/control && .peers/control/bin/python -m pip install --quiet --disable-pip-version-check control==0.10.2)
 	@touch $@
 
 # Resolved for every platform and Python from 3.11 on. The file names no index, so it installs from whichever one pip uses.

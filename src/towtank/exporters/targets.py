@@ -90,6 +90,22 @@ TARGETS: tuple[Target, ...] = (
         ("octave",),
         ".m",
     ),
+    Target(
+        "matlab",
+        "programs.matlab",
+        "MATLAB: matrices, covariance, linear model",
+        "one .mat file",
+        ("5",),
+        ".mat",
+    ),
+    Target(
+        "state-space",
+        "programs.state_space",
+        "python-control: the model to first order",
+        "one Python file",
+        ("python-control",),
+        ".py",
+    ),
 )
 
 
