@@ -22,6 +22,7 @@ from scipy.io import loadmat, savemat
 from towtank import export, forward_dynamics, load_vehicle, simulate
 from towtank.core.attitude import euler_rates_matrix, quaternions_from_eulers, rotation_from_euler
 from towtank.exporters.programs.matrices import linearised
+from towtank.exporters.programs.mss import matrices_of
 from towtank.exporters.programs.python_file import commands_ahead
 from towtank.exporters.request import speed_range
 from towtank.vehicle import Vehicle, catalog_names, configuration_matrix, thruster_forces
@@ -37,8 +38,8 @@ for k = 1:n
     found(k, :) = model(X(k, :), C(k, :), Vc, betaVc, w_c, [], voltage);
 end
 read = load('model.mat');
-A = read.linear.A; M = read.model.M;
-save('-v6', 'found.mat', 'found', 'A', 'M');
+model_of = read.model; linear = read.linear; posterior = read.posterior;
+save('-v6', 'found.mat', 'found', 'model_of', 'linear', 'posterior');
 """
 DRIVE = """
 load('driven.mat');
@@ -109,8 +110,13 @@ def compared(vehicle: Vehicle, folder: Path) -> tuple[float, bool]:
     numbers = {"Vc": VC, "betaVc": BETA, "w_c": WC, "voltage": VOLTAGE}
     savemat(folder / "given.mat", {"X": np.hstack([nu, eta]), "C": commands, **numbers})
     octave(folder, RATES)
-    found, expected = loadmat(folder / "found.mat"), rates(vehicle, eta, nu, commands)
-    same = np.array_equal(found["M"], vehicle.mass_matrix) and np.array_equal(found["A"], linearised(vehicle, SPEED).A)
+    found, expected = loadmat(folder / "found.mat", simplify_cells=True), rates(vehicle, eta, nu, commands)
+    linear = linearised(vehicle, SPEED)
+    pairs = [(found["model_of"][key], matrix) for key, matrix in matrices_of(vehicle).items()]
+    pairs += [(found["model_of"]["M"], vehicle.mass_matrix)]
+    pairs += [(found["linear"][key], getattr(linear, key)) for key in ("A", "B", "A_wrench", "B_wrench")]
+    pairs += [(found["linear"]["trim_commands"], linear.commands), (found["linear"]["C"], np.eye(12))]
+    same = all(np.array_equal(np.ravel(read), np.ravel(written)) for read, written in pairs)
     scale = 1.0 + np.abs(expected).max(axis=0)
     return float((np.abs(found["found"] - expected) / scale).max()), same
 

@@ -27,7 +27,7 @@ SPEED, DIRECTION = 0.3, 30.0  # of the current [m/s, deg]
 
 
 def loop(count: int, h: float, vehicle: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Go through the steps: input, dynamics, the pose by the new velocity; return times (n,), rows [eta nu ..] (n, -)."""
+    """Go through steps: input, dynamics, the pose by the new velocity; return times (n,), rows [eta nu ..] (n, -)."""
     eta, nu, u_actual, rows = np.zeros(6), vehicle.nu, vehicle.u_actual, []
     for i in range(count + 1):
         u_control = vehicle.stepInput(i * h)
