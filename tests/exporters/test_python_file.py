@@ -16,7 +16,7 @@ from tests.exporters.whole import random_commands, random_states, whole_vehicle
 
 from towtank import export, forward_dynamics, inverse_dynamics, load_vehicle, simulate, thruster_wrench
 from towtank.core.arrays import Array
-from towtank.vehicle import Vehicle, thruster_forces
+from towtank.vehicle import Vehicle, allocate, thruster_forces
 
 NAMES = ("rexrov", "bluerov2_heavy", "lauv", "vlbv300", "whole")
 CURRENT = (0.3, -0.2, 0.1)
@@ -69,6 +69,18 @@ def test_thrusters_are_those_of_the_package(modules: dict[str, ModuleType], name
         found = module.wrench_of_forces(module.thruster_forces(commands, voltage), np.zeros(6))
         assert apart(found, thruster_wrench(vehicle, commands, voltage)) <= 1e-12
     assert np.isnan(module.thruster_forces(np.full(len(vehicle.thrusters), np.nan))).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_allocation_is_that_of_the_package(modules: dict[str, ModuleType], name: str) -> None:
+    vehicle, module = vehicle_of(name), modules[name]
+    full = np.abs(thruster_wrench(vehicle, random_commands(vehicle, 500))).max(axis=0)
+    wrenches = np.random.default_rng(5).uniform(-1.5, 1.5, (60, 6)) * full
+    wrenches[0] = 0.0
+    for voltage in (None, 14.2):
+        found = np.array([module.allocate(tau, voltage) for tau in wrenches])
+        forces = [thruster_wrench(vehicle, each, voltage) for each in (found, allocate(vehicle, wrenches, voltage))]
+        assert np.abs(forces[0] - forces[1]).max() <= 1e-9 * np.abs(forces[1]).max()
 
 
 @pytest.mark.parametrize("name", NAMES)

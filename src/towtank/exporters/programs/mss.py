@@ -20,6 +20,7 @@ from towtank.vehicle import COEFFICIENTS, Vehicle, configuration_matrix, index
 __all__ = ["function_text", "kept", "matrices_of", "written"]
 
 _WORDS = (*("break", "catch", "classdef", "continue", "global", "otherwise", "parfor", "persistent"), "return", "while")
+_LONGEST = 63  # characters of a name in MATLAB
 _POWERS = ("coefficients", "ahead", "astern")  # of polynomials: MATLAB has the highest first
 
 
@@ -65,7 +66,7 @@ def function_text(vehicle: Vehicle) -> str:
     values = {name: _rows(matrix) if matrix.ndim == 2 else _row(matrix) for name, matrix in of.items()}
     values |= {name: _number(float(of[name])) for name in ("W_minus_B", "inflow_loss")}
     values |= {
-        "name": name_beside("\n".join((text, thrusters, *_WORDS)), vehicle),
+        "name": name_beside("\n".join((text, thrusters, *_WORDS)), vehicle)[:_LONGEST],
         "inputs": _wrapped(f"commands: {names}") if names else "wrench [ X Y Z K M N ]' (N, N m) about CO",
         "count": str(count),
         "rest": _row(commands_ahead(vehicle)[0]) + "'",

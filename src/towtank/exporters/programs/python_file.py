@@ -62,6 +62,7 @@ def python_text(vehicle: Vehicle) -> str:
         "parameters": "\n".join(_parameters(values_of(vehicle))),
         "curves": "\n".join(_curves(vehicle)),
         "thrusters": "\n".join(_thrusters(vehicle)),
+        "axes": repr(sorted(allocatable_axes(vehicle)) if vehicle.thrusters else []),
         "delay": repr(vehicle.command_delay),
         "weight": repr(vehicle.weight),
         "length": repr(_length(vehicle)),
