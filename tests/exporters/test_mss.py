@@ -56,7 +56,7 @@ class Case(NamedTuple):
     forces: Array
 
 
-def case_of(vehicle: Vehicle, count: int = 200) -> Case:
+def case_of(vehicle: Vehicle, count: int = 120) -> Case:
     eta, nu, tau = random_states(vehicle, count)
     if not vehicle.thrusters:
         return Case(eta, nu, tau, np.zeros((count, 0)))
