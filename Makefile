@@ -104,6 +104,7 @@ bench: $(READY)
 # Real peers on loopback, each in an environment of its own; the wheels of ROS 2 are for Python 3.11.
 peers: $(READY) .peers/mavsdk/.ready .peers/ros2/.ready
 	@$(BIN)/python benchmarks/peers/run_peers.py $(PEERS)
+	@$(if $(PEERS),,$(MAKE) --silent engines)
 
 .peers/mavsdk/.ready:
 	$(call quietly,setting up MAVSDK,$(PYTHON) -m venv .peers/mavsdk && .peers/mavsdk/bin/python -m pip install --quiet --disable-pip-version-check mavsdk==4.1.0)
@@ -115,19 +116,28 @@ peers: $(READY) .peers/mavsdk/.ready .peers/ros2/.ready
 	$(call quietly,setting up ROS 2,$(PYTHON) -m venv .peers/ros2 && .peers/ros2/bin/python -m pip install --quiet --disable-pip-version-check 'ros-rclpy[fastrtps]==9.1.2' ros-nav-msgs==5.5.1 --editable .)
 	@touch $@
 
-# Exported models in the engines that they are for; one that fails does not keep the others from running.
-engines: $(READY) .peers/fmu/.ready .peers/dart/.ready
+# Exported models in the engines that they are for, each in an environment of its own; one that fails does not keep the
+# others from running. PVS: the folder src of a clone of the Python Vehicle Simulator, which is on no package index.
+ENGINES := fmu dart mujoco casadi control
+PACKAGES_fmu := fmpy==0.3.32 libcosimpy==0.0.6
+PACKAGES_dart := dartpy==6.20.0 numpy
+PACKAGES_mujoco := mujoco==4.0.0 mujoco-core==4.0.0 mujoco-studio==4.0.0
+PACKAGES_casadi := casadi==3.8.2
+PACKAGES_control := control==0.10.2
+engines: $(READY) $(ENGINES:%=.peers/%/.ready)
+	@$(call from_debian,octave-cli,octave)
+	@$(call from_debian,clang,clang)
 	@failed=; \
-	$(BIN)/python benchmarks/peers/engines/fmu_peer.py .peers/fmu/bin/python || failed="$$failed fmu"; \
-	$(BIN)/python benchmarks/peers/engines/dart_peer.py .peers/dart/bin/python || failed="$$failed dart"; \
+	for each in $(ENGINES); do \
+	echo; echo "$$each"; \
+	$(BIN)/python benchmarks/peers/engines/$${each}_peer.py .peers/$$each/bin/python || failed="$$failed $$each"; done; \
+	echo; $(BIN)/python benchmarks/peers/engines/octave_peer.py || failed="$$failed octave"; \
+	echo; $(BIN)/python benchmarks/peers/engines/pvs_peer.py $(PVS) || failed="$$failed pvs"; \
+	echo; $(BIN)/python -m pytest -q tests/exporters/test_c.py -k compiler || failed="$$failed compilers"; \
 	[ -z "$$failed" ] || { echo "failed:$$failed"; exit 1; }
 
-.peers/fmu/.ready:
-	$(call quietly,setting up FMPy and libcosim,$(PYTHON) -m venv .peers/fmu && .peers/fmu/bin/python -m pip install --quiet --disable-pip-version-check fmpy==0.3.32 libcosimpy==0.0.6)
-	@touch $@
-
-.peers/dart/.ready:
-	$(call quietly,setting up DART,$(PYTHON) -m venv .peers/dart && .peers/dart/bin/python -m pip install --quiet --disable-pip-version-check dartpy==6.20.0 numpy)
+$(ENGINES:%=.peers/%/.ready): .peers/%/.ready:
+	$(call quietly,setting up $*,$(PYTHON) -m venv .peers/$* && .peers/$*/bin/python -m pip install --quiet --disable-pip-version-check $(PACKAGES_$*))
 	@touch $@
 
 # Resolved for every platform and Python from 3.11 on. The file names no index, so it installs from whichever one pip uses.

@@ -89,6 +89,38 @@ TARGETS: tuple[Target, ...] = (
         ("2.0", "3.0"),
         ".fmu",
     ),
+    Target(
+        "python",
+        "programs.python_file",
+        "NumPy, and Fossen's Python Vehicle Simulator",
+        "one Python file",
+        ("numpy",),
+        ".py",
+    ),
+    Target(
+        "mss",
+        "programs.mss",
+        "MATLAB, GNU Octave, Marine Systems Simulator",
+        "one function file",
+        ("octave",),
+        ".m",
+    ),
+    Target(
+        "matlab",
+        "programs.matlab",
+        "MATLAB: matrices, covariance, linear model",
+        "one .mat file",
+        ("5",),
+        ".mat",
+    ),
+    Target(
+        "state-space",
+        "programs.state_space",
+        "python-control: the model to first order",
+        "one Python file",
+        ("python-control",),
+        ".py",
+    ),
 )
 
 
