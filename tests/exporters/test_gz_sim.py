@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,16 @@ from tests.exporters.whole import random_states, whole_vehicle
 from towtank import InputError, export, forward_dynamics, import_vehicle, load_vehicle
 from towtank.exporters.frames import turned_vector
 from towtank.exporters.simulators.gz_sim import bilinear_of_added_mass
-from towtank.vehicle import Coefficient, Restoring, Vehicle, configuration_matrix, force_range
+from towtank.vehicle import (
+    Coefficient,
+    Restoring,
+    RigidBody,
+    Vehicle,
+    VehicleWarning,
+    catalog_names,
+    configuration_matrix,
+    force_range,
+)
 
 NAMES = ("rexrov", "bluerov2_heavy", "lauv", "whole")
 
@@ -113,6 +123,26 @@ def test_added_mass_that_would_diverge_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match='--engine: found "brt"'):
         export("lauv", "gz-sim", tmp_path / "m", options={"engine": "brt"})
     assert not (tmp_path / "m").exists()
+
+
+@pytest.mark.parametrize("inertia", [(1e-6, 1.0, 1.0), (0.2, 0.3, 0.9)])
+def test_an_inertia_that_gazebo_does_not_load_is_refused(inertia: tuple[float, float, float], tmp_path: Path) -> None:
+    vehicle = load_vehicle("bluerov2_heavy")
+    hollow = vehicle.model_copy(update={"rigid_body": RigidBody(mass=13.5, inertia=inertia)})
+    with pytest.raises(InputError, match="none above the sum of the others"):
+        export(hollow, "gz-sim", tmp_path / "m")
+
+
+def test_every_vehicle_of_the_catalog_goes_into_gazebo(tmp_path: Path) -> None:
+    refused = []
+    for name in catalog_names():
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", VehicleWarning)
+            try:
+                export(name, "gz-sim", tmp_path / name)
+            except InputError as error:
+                refused.append((name, str(error)))
+    assert refused == []
 
 
 def test_channels_for_ardupilot_are_lines_through_the_curves(tmp_path: Path) -> None:

@@ -132,7 +132,7 @@ def _places(
     target: Target, vehicle: Vehicle, output: str | os.PathLike[str] | None, names: list[str]
 ) -> tuple[Path, ...]:
     """Return where each file goes. Raises InputError where it cannot."""
-    stem = stem_of(vehicle)
+    stem = stem_of(vehicle) + target.ending
     if target.suffix:
         place = Path(stem + target.suffix) if output is None else Path(output)
         if place.is_dir():

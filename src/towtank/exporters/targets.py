@@ -40,6 +40,7 @@ class Target:
         versions: of the target's format that can be written, the usual one first.
         suffix: of the single file that is written; empty where it is a folder of files.
         options: switches that only some targets have.
+        ending: of the file's name where none is given, before the suffix.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Target:
     versions: tuple[str, ...]
     suffix: str = ""
     options: tuple[str, ...] = ()
+    ending: str = ""
 
     @property
     def writer(self) -> Writer:
@@ -120,6 +122,7 @@ TARGETS: tuple[Target, ...] = (
         "one Python file",
         ("python-control",),
         ".py",
+        ending="_linear",
     ),
 )
 

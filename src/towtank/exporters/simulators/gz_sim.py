@@ -43,6 +43,7 @@ def kept(request: Request) -> Kept:
     """Return what Gazebo keeps: no constant forces, no loss by inflow, thrusters commanded in N without lag."""
     vehicle = rounded(with_plain_buoyancy(request.vehicle))
     engine = _engine(request)
+    _require_solid(vehicle)
     remarks = []
     if engine != "dart":
         _require_stable(vehicle, engine)
@@ -169,6 +170,17 @@ def _base(vehicle: Vehicle) -> tuple[float, Array, Array]:
     for place in places:
         tensor = tensor - PROPELLER_INERTIA * np.eye(3) - parallel_axes(PROPELLER_MASS, place - r_G)
     return mass, centre, tensor
+
+
+def _require_solid(vehicle: Vehicle) -> None:
+    """Refuse an inertia that no distribution of mass has: Gazebo does not load such a link."""
+    moments = np.linalg.eigvalsh(_base(vehicle)[2])
+    if moments[0] <= 0.0 or moments[0] + moments[1] < (1.0 - 1e-6) * moments[2]:
+        found = ", ".join(f"{each:.4g}" for each in moments)
+        raise InputError(
+            f"{vehicle.name}: Gazebo loads no link with moments of inertia {found} kg m^2 (without propellers), expected"
+            " each above 0 and none above the sum of the others; mend rigid_body.inertia"
+        )
 
 
 def _added(vehicle: Vehicle) -> str:
