@@ -178,8 +178,8 @@ def _require_solid(vehicle: Vehicle) -> None:
     if moments[0] <= 0.0 or moments[0] + moments[1] < (1.0 - 1e-6) * moments[2]:
         found = ", ".join(f"{each:.4g}" for each in moments)
         raise InputError(
-            f"{vehicle.name}: Gazebo loads no link with moments of inertia {found} kg m^2 (without propellers), expected"
-            " each above 0 and none above the sum of the others; mend rigid_body.inertia"
+            f"{vehicle.name}: Gazebo loads no link with moments of inertia {found} kg m^2 (without propellers),"
+            " expected each above 0 and none above the sum of the others; mend rigid_body.inertia"
         )
 
 
