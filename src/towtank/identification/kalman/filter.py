@@ -22,7 +22,7 @@ from towtank.identification.data.samples import Samples
 from towtank.identification.kalman.state import INFORMATION_MEMORY, JointState
 from towtank.identification.kalman.update import update_row
 from towtank.identification.model.linearisation import step_and_linearise, turn_by
-from towtank.identification.model.measurements import ATTITUDE, N_SENSORS, NEVER, POSITION, WATER_VELOCITY
+from towtank.identification.model.measurements import ATTITUDE, N_SENSORS, NEVER, WATER_VELOCITY
 from towtank.identification.model.parameters import IN_GAIN, N_FIXED, N_MOVING
 from towtank.vehicle.matrices import GRAVITY
 
@@ -345,8 +345,7 @@ def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> 
     for j in range(size):
         state.dx[j] = 0.0
     for k in range(N_SENSORS):
-        unknown = (k == ATTITUDE and not math.isfinite(z[5])) or (k == POSITION and not math.isfinite(z[0]))
-        state.last_accepted[k] = NEVER if unknown else t
+        state.last_accepted[k] = t if k != ATTITUDE or math.isfinite(z[5]) else NEVER
         state.outages[k].rejected = 0.0
     for j in range(6, 12):
         state.statistics[j].has_last = 0.0  # a speed of before the pause is no neighbour

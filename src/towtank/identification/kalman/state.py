@@ -184,7 +184,7 @@ class JointState(NamedTuple):
     velocity_walk: Array  # (6,) random walk of the speeds [m/s^2 sqrt(s), rad/s^2 sqrt(s)]
     settings: Record
     clock: Record
-    last_accepted: Array  # (6,) time of the last accepted sample of each sensor [s]; a pose's may be NEVER
+    last_accepted: Array  # (6,) time of the last accepted sample of each sensor [s]; the attitude's may be NEVER
     outages: Record
     statistics: Record
     disturbance_statistics: Record

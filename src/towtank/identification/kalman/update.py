@@ -17,6 +17,7 @@ import math
 from typing import TYPE_CHECKING
 
 from towtank.core.arrays import Array, kernel
+from towtank.core.attitude import euler_from_quaternion
 from towtank.core.rk4 import N_STATES, stage_into
 from towtank.identification.model.linearisation import linearise_into, turn_by
 from towtank.identification.model.measurements import (
@@ -322,10 +323,12 @@ def _passes_gate(state: JointState, z: Array, sensor: int, whole: bool) -> bool:
 
 
 @kernel
-def _reset_to_sensor(state: JointState, z: Array, sensor: int, whole: bool) -> None:
+def _reset_to_sensor(state: JointState, z: Array, sensor: int, turn: bool) -> None:
     """Take the states that a sensor measures from it anew, with a wide deviation.
 
-    A heading alone is left to the update that follows, which knows how it goes with the tilt.
+    Args:
+        turn: set the attitude, too. A heading alone that comes back after rejections is left to the update that
+            follows, which knows how it goes with the tilt; one that nobody knew may be too far for that.
     """
     inject(state)
     for k in range(3):
@@ -341,8 +344,12 @@ def _reset_to_sensor(state: JointState, z: Array, sensor: int, whole: bool) -> N
             state.x[i + 1] = z[3 * sensor + k] - (state.bias[k] if sensor == RATES else 0.0)
         elif sensor != ATTITUDE:
             state.x[k] = z[k]
-    if sensor == ATTITUDE and whole:
-        ex, ey, ez = attitude_error(state.x[3:7], z[3], z[4], z[5])
+    if sensor == ATTITUDE and turn:
+        phi, theta, psi = euler_from_quaternion(state.x[3], state.x[4], state.x[5], state.x[6])
+        phi = z[3] if math.isfinite(z[3]) else phi
+        theta = z[4] if math.isfinite(z[4]) else theta
+        psi = z[5] if math.isfinite(z[5]) else psi
+        ex, ey, ez = attitude_error(state.x[3:7], phi, theta, psi)
         state.dx[3], state.dx[4], state.dx[5] = ex, ey, ez
         inject(state)
     state.clock[0].resets += 1.0
@@ -369,8 +376,8 @@ def update_row(state: JointState, z: Array) -> None:
             state.last_accepted[sensor] = now
         state.clock[0].since_accepted = now - state.last_accepted[sensor]
         within = _passes_gate(state, z, sensor, whole)
-        if unseen and not within:  # the motion began with a pose that nobody knew
-            _reset_to_sensor(state, z, sensor, whole)
+        if unseen and not within:  # the motion began with a heading that nobody knew
+            _reset_to_sensor(state, z, sensor, True)
             state.outages[sensor].rejected = 0.0
         elif not within:
             for k in range(3):
