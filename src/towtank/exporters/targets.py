@@ -124,6 +124,13 @@ TARGETS: tuple[Target, ...] = (
         ".py",
         ending="_linear",
     ),
+    Target(
+        "mujoco",
+        "simulators.mujoco",
+        "MuJoCo: learning to control, manipulation",
+        "model.xml and a NumPy module",
+        ("4.0",),
+    ),
 )
 
 
