@@ -131,6 +131,14 @@ TARGETS: tuple[Target, ...] = (
         "model.xml and a NumPy module",
         ("4.0",),
     ),
+    Target(
+        "casadi",
+        "programs.symbolic",
+        "CasADi: model-predictive control, trajectories",
+        "one Python module",
+        ("3.8",),
+        ".py",
+    ),
 )
 
 
