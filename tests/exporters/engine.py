@@ -1,4 +1,4 @@
-"""A stand-in for MuJoCo: one free body of an exported model.xml, by Newton and Euler about its centre of mass.
+"""A stand-in for MuJoCo: one free body of an exported model.xml, by Newton and Euler.
 
 It reads masses, sites and actuators from the file and knows nothing of the exporter. The world is z up; qvel is the
 velocity of the body's origin in the world and its angular velocity in the body. Runge-Kutta as MuJoCo 4 has it: the
@@ -36,6 +36,9 @@ class Engine(ModuleType):
     def mj_name2id(self, model: Body, kind: str, name: str) -> int:
         names = model.names[kind]
         return names.index(name) if name in names else -1
+
+    def mj_factorM(self, model: Body, data: Data) -> None:
+        data.factor = np.linalg.inv(whole(data.M))
 
     def get_mjcb_passive(self) -> Callable[[Any, Any], None] | None:
         return self.passive
@@ -97,6 +100,9 @@ class Body:
         self.opt = SimpleNamespace(gravity=numbers(option.get("gravity", "")), disableflags=0)
         self.timestep = float(option.get("timestep", ""))
         self.body_jntadr, self.jnt_type, self.jnt_dofadr = [-1, 0], [0], [0]
+        self.body_subtreemass, self.dof_armature = np.full(2, self.mass), np.zeros(6)
+        self.M_rowadr = [0, 1, 3, 6, 10, 15]
+        self.actuator_ctrladr = list(range(len(actuators)))
         self.actuator_ctrllimited = [each.get("ctrllimited") == "true" for each in actuators]
         self.actuator_ctrlrange = [numbers(each.get("ctrlrange", "0 0")) for each in actuators]
         lagged = np.cumsum([lag > 0.0 for lag in self.lags]) - 1
@@ -112,7 +118,8 @@ class Data:
         self.ctrl = np.zeros(len(model.lags))
         self.qfrc_passive, self.qfrc_applied, self.qacc = np.zeros(6), np.zeros(6), np.zeros(6)
         self.xfrc_applied = np.zeros((2, 6))
-        self.xmat, self.xpos, self.xipos = np.zeros((2, 9)), np.zeros((2, 3)), np.zeros((2, 3))
+        self.xmat = np.zeros((2, 9))
+        self.M, self.factor = np.zeros(21), np.zeros((6, 6))
 
 
 def thrust_of(model: Body, data: Data) -> Array:
@@ -130,11 +137,26 @@ def clamped(model: Body, data: Data) -> Array:
     return out
 
 
+def whole(packed: Array) -> Array:
+    """The symmetric matrix (6, 6) of which the lower half is given row by row (21,)."""
+    out = np.zeros((6, 6))
+    out[np.tril_indices(6)] = packed
+    return np.asarray(out + np.tril(out, -1).T)
+
+
+def mass_of(model: Body, R: Array) -> Array:
+    """The mass matrix (6, 6) by the origin's velocity in the world and the angular velocity in the body."""
+    m, x, y, z = model.mass, *model.centre
+    S = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.block([[m * np.eye(3), -m * R @ S], [m * S @ R.T, model.inertia - m * S @ S]])
+
+
 def forward(engine: Engine, model: Body, data: Data) -> Array:
     """Write qacc, and return the rates of the activations."""
     R = rotation(data.qpos[3:] / np.linalg.norm(data.qpos[3:]))
-    data.xmat[1], data.xpos[1] = R.ravel(), data.qpos[:3]
-    data.xipos[1] = data.qpos[:3] + R @ model.centres[0]  # of the body itself, without the one that is fixed to it
+    data.xmat[1] = R.ravel()
+    data.M = mass_of(model, R)[np.tril_indices(6)]
+    engine.mj_factorM(model, data)
     gravity = np.zeros(3) if model.opt.disableflags & NO_GRAVITY else model.opt.gravity
     data.qfrc_passive = np.zeros(6)
     for m, centre, share in zip(model.masses, model.centres, model.lifts, strict=True):
@@ -152,10 +174,9 @@ def forward(engine: Engine, model: Body, data: Data) -> Array:
     force = force + pull
     moment = moment + R.T @ torque + np.cross(model.centres[0], R.T @ pull)
     omega = data.qvel[3:]
-    about_centre = moment - np.cross(model.centre, R.T @ force)
-    alpha = np.linalg.solve(model.inertia, about_centre - np.cross(omega, model.inertia @ omega))
-    arm = np.cross(alpha, model.centre) + np.cross(omega, np.cross(omega, model.centre))
-    data.qacc = np.concatenate([force / model.mass - R @ arm, alpha])
+    inward = model.mass * np.cross(omega, np.cross(omega, model.centre))
+    turning = np.cross(model.centre, inward) + np.cross(omega, model.inertia @ omega)
+    data.qacc = data.factor @ np.concatenate([force - R @ inward, moment - turning])
     ctrl = clamped(model, data)
     return np.array([(ctrl[k] - data.act[a]) / model.lags[k] for k, a in enumerate(model.actuator_actadr) if a >= 0])
 

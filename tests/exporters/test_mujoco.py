@@ -156,6 +156,28 @@ def test_switches_of_the_engine_are_kept(engine: Engine, tmp_path: Path) -> None
     assert np.abs(acceleration(data, R, nu) - expected).max() <= 1e-9
 
 
+def test_forces_that_the_module_never_sees_find_the_whole_mass(engine: Engine, tmp_path: Path) -> None:
+    """As those of contacts: they come after the callback, and must not be answered by the rigid body alone."""
+    vehicle = vehicle_of("whole")
+    model, data, _, _ = exported(engine, vehicle, tmp_path)
+    eta, nu, tau = (each[0] for each in random_states(vehicle, 1))
+    R = put(data, eta, nu)
+    for data.qfrc_applied in (np.zeros(6), np.concatenate([R @ tau[:3] * TURN, tau[3:] * TURN])):
+        forward(engine, model, data)
+        expected = forward_dynamics(vehicle, eta, nu, tau if data.qfrc_applied.any() else np.zeros(6))
+        assert np.abs(acceleration(data, R, nu) - expected).max() <= 1e-9
+
+
+def test_mass_is_added_once_however_often_the_engine_calls_back(engine: Engine, tmp_path: Path) -> None:
+    vehicle = vehicle_of("whole")
+    model, data, water, _ = exported(engine, vehicle, tmp_path)
+    put(data, *(each[0] for each in random_states(vehicle, 1)[:2]))
+    forward(engine, model, data)
+    once = data.M.copy()
+    water.apply(model, data)
+    assert np.array_equal(data.M, once)
+
+
 def test_callbacks_before_it_stay_and_other_models_are_left_alone(engine: Engine, tmp_path: Path) -> None:
     seen = []
     engine.passive = lambda model, data: seen.append(model)
@@ -165,7 +187,7 @@ def test_callbacks_before_it_stay_and_other_models_are_left_alone(engine: Engine
     other = Data(Body(tmp_path / "out" / "model.xml"))
     forward(engine, Body(tmp_path / "out" / "model.xml"), other)
     assert len(seen) == 2
-    assert not np.array_equal(other.qfrc_passive, made.data.qfrc_passive)
+    assert not np.array_equal(other.M, made.data.M)
     with pytest.raises(ValueError, match="nothing: the model has no body of this name with a free joint"):
         made.module.install(made.model, made.data, "nothing")
 

@@ -1,8 +1,8 @@
 """Target `mujoco`: a body with its thrusters in MJCF, and a NumPy module for what MJCF cannot say.
 
-MuJoCo knows neither added mass nor damping of matrices. The module's callback works out the acceleration of the whole
-model and adds the force by which MuJoCo, with its rigid body alone, arrives at it. Everything is written in the frame
-of MuJoCo, forward, port, up: the turn stands here, once.
+MuJoCo knows neither added mass nor damping of matrices. The module's callback adds the one to MuJoCo's mass matrix,
+which is its own copy in every stage, and the other as a force. Everything is written in the frame of MuJoCo, forward,
+port, up: the turn stands here, once.
 """
 
 from __future__ import annotations
@@ -34,28 +34,37 @@ _BARE = (
 )
 
 
+class _Float(NamedTuple):
+    """A light body at the centre of buoyancy whose weight is compensated by far more: mass [kg], centre (3,), share.
+
+    It has no joint. With it MuJoCo keeps the whole block of the hull's mass matrix, of which it would otherwise leave
+    out what is zero by symmetry, and with it the place for added mass.
+    """
+
+    mass: float
+    centre: Array
+    share: float
+
+    @property
+    def inertia(self) -> float:
+        """Each of its moments of inertia [kg m^2]."""
+        return self.mass * _FLOAT_RADIUS**2
+
+
 class _Body(NamedTuple):
     """The rigid body as model.xml has it, in FLU: mass [kg], centre (3,), inertia about it (3, 3), what lifts it."""
 
     mass: float
     centre: Array
     inertia: Array
-    lift: _Float | None
-
-
-class _Float(NamedTuple):
-    """A light body at the centre of buoyancy whose weight is compensated by far more: mass [kg], centre (3,), share."""
-
-    mass: float
-    centre: Array
-    share: float
+    light: _Float
 
 
 def kept(request: Request) -> Kept:
     """Return what module and MJCF keep together: all but the delay of the commands."""
     vehicle = request.vehicle
     remarks = [_BARE]
-    if _lift(vehicle) is None:
+    if _float(vehicle).share == 0.0:
         remarks.append("model.xml by itself: buoyancy and righting moment, for which it has no centre")
     tensor = vehicle.rigid_body.tensor
     if not np.array_equal(_realisable(tensor), tensor):
@@ -79,15 +88,15 @@ def written(request: Request, heading: Heading) -> dict[str, bytes]:
 def _body(vehicle: Vehicle) -> _Body:
     rigid = vehicle.rigid_body
     inertia = turned_matrix(_realisable(rigid.tensor))
-    return _Body(rigid.mass, turned_vector(rigid.centre_of_gravity), inertia, _lift(vehicle))
+    return _Body(rigid.mass, turned_vector(rigid.centre_of_gravity), inertia, _float(vehicle))
 
 
-def _lift(vehicle: Vehicle) -> _Float | None:
-    """Return what lifts the body; None where no centre of buoyancy could do."""
+def _float(vehicle: Vehicle) -> _Float:
+    """Return what lifts the body; it lifts nothing where no centre of buoyancy could do."""
     force = vehicle.weight - vehicle.weight_minus_buoyancy
-    if force <= 0.0:
-        return None
     mass = _FLOAT * vehicle.rigid_body.mass
+    if force <= 0.0:
+        return _Float(mass, np.zeros(3), 0.0)
     centre = turned_vector(with_plain_buoyancy(vehicle).buoyancy.centre)
     return _Float(mass, centre, (force / GRAVITY + mass) / mass)
 
@@ -120,7 +129,7 @@ def _mjcf(vehicle: Vehicle, body: _Body) -> str:
         "inertia": _words([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]),
         "size": _words(np.round(places.max(axis=0), 3)),
         "sites": "\n".join(_site(each) for each in vehicle.thrusters),
-        "float": _float_body(prefix_of(vehicle), body.lift),
+        "float": _float_body(prefix_of(vehicle), body.light),
         "actuators": _actuators(vehicle),
     }
     text = filled(template("model.mjcf"), values)
@@ -135,14 +144,12 @@ def _site(thruster: Thruster) -> str:
     return f'      <site name="{thruster.name}" pos="{_words(turned_vector(thruster.position))}" size="0.02"/>'
 
 
-def _float_body(name: str, lift: _Float | None) -> str:
-    if lift is None:
-        return ""
-    moment = number(lift.mass * _FLOAT_RADIUS**2)
+def _float_body(name: str, light: _Float) -> str:
+    moment = number(light.inertia)
     return (
         "      <!-- Lifts at the centre of buoyancy: a millionth of the mass, and all of the buoyancy. -->\n"
-        f'      <body name="{name}_float" gravcomp="{number(lift.share)}">\n'
-        f'        <inertial pos="{_words(lift.centre)}" mass="{number(lift.mass)}"'
+        f'      <body name="{name}_float" gravcomp="{number(light.share)}">\n'
+        f'        <inertial pos="{_words(light.centre)}" mass="{number(light.mass)}"'
         f' diaginertia="{moment} {moment} {moment}"/>\n'
         "      </body>"
     )
@@ -172,21 +179,16 @@ def _actuator(thruster: Thruster) -> str:
 def _module(vehicle: Vehicle, body: _Body, heading: Heading) -> str:
     values = {name: each.value for name, each in vehicle.hydrodynamics.items()}
     linear, quadratic = damping_matrices(values)
-    heavy, heavy_moment = body.mass, body.mass * body.centre
+    light = body.light
     rigid = rigid_body_mass(body.mass, body.centre, body.inertia)
-    lifted, lifted_moment = 0.0, np.zeros(3)
-    if body.lift is not None:
-        light = body.lift
-        rigid = rigid + rigid_body_mass(light.mass, light.centre, light.mass * _FLOAT_RADIUS**2 * np.eye(3))
-        heavy, heavy_moment = heavy + light.mass, heavy_moment + light.mass * light.centre
-        lifted, lifted_moment = light.mass * light.share, light.mass * light.share * light.centre
+    rigid = rigid + rigid_body_mass(light.mass, light.centre, light.inertia * np.eye(3))
+    lifted = light.mass * light.share
     columns = configuration_matrix(vehicle)
     texts = {
         "heading": heading.commented("# ").rstrip(),
         "vehicle": prefix_of(vehicle),
         "body": prefix_of(vehicle),
-        "rigid": matrix(rigid),
-        "total": matrix(turned_matrix(vehicle.mass_matrix)),
+        "added": matrix(turned_matrix(vehicle.mass_matrix) - rigid),
         "linear": matrix(turned_matrix(linear)),
         "quadratic": matrix(turned_matrix(quadratic)),
         "forward": matrix(turned_matrix(forward_speed_matrix(values))),
@@ -195,10 +197,10 @@ def _module(vehicle: Vehicle, body: _Body, heading: Heading) -> str:
         "weight": number(vehicle.weight_minus_buoyancy),
         "moment": row(turned_vector(vehicle.restoring_moment)),
         "inflow": number(vehicle.coefficient("inflow_loss")),
-        "heavy": number(heavy),
-        "heavy_moment": row(heavy_moment),
+        "heavy": number(body.mass + light.mass),
+        "heavy_moment": row(body.mass * body.centre + light.mass * light.centre),
         "lifted": number(lifted),
-        "lifted_moment": row(lifted_moment),
+        "lifted_moment": row(lifted * light.centre),
         "configuration": matrix(np.array([turned_vector(each) for each in columns.T]).reshape(-1, 6).T),
         "thrusters": thrusters_text(vehicle),
     }
