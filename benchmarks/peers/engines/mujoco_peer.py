@@ -3,9 +3,9 @@
     make engines        (or: python benchmarks/peers/engines/mujoco_peer.py PYTHON, that of an environment with MuJoCo)
 
 Must hold: positions within 1e-7 m and angles within 1e-7 rad of `simulate` at the same step, for vehicles of the
-catalog and one with every kind of term. The same vehicles without the lag of their thrusters, which the simulator takes
-exactly and MuJoCo by Runge-Kutta, say how much of the difference that is. The last column is what the step costs either
-of them: `simulate` beside itself with eight times as many.
+catalog and one with every kind of term; and a contact carries what presses on it. The same vehicles without the lag of
+their thrusters, which the simulator takes exactly and MuJoCo by Runge-Kutta, say how much of the difference that is.
+The last column is what the step costs either of them: `simulate` beside itself with eight times as many.
 """
 
 from __future__ import annotations
@@ -76,7 +76,8 @@ def main() -> int:
                 np.savez(folder / f"{run}_in.npz", commands=commands)
                 truth[run] = simulated(vehicle, commands, 1)
                 truncation[run] = max(apart(truth[run], simulated(vehicle, commands, 8)))
-                runs.append({"name": run, "files": str(folder / run), "current": CURRENT})
+                pressed = vehicle_name == "bluerov2_heavy"
+                runs.append({"name": run, "files": str(folder / run), "current": CURRENT, "pressed": pressed})
         (folder / "runs.json").write_text(json.dumps(runs))
         said = subprocess.run(
             [sys.argv[1], str(Path(__file__).with_name("mujoco_run.py")), name],
@@ -92,6 +93,9 @@ def main() -> int:
             position, angle = apart(found["poses"], expected)
             print(f"{run:28} {position:13.1e} {angle:13.1e} {1e6 * found['seconds']:10.0f} {truncation[run]:12.1e}")
             failed |= not max(position, angle) <= BOUND
+            if not np.isnan(found["contact"]):
+                print(f"{'  pressed on the ground':28} {30.0:13.6f} N, the contact carries {found['contact']:.6f} N")
+                failed |= not abs(found["contact"] - 30.0) <= 1e-4
     return int(failed)
 
 
