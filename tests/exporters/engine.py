@@ -26,6 +26,7 @@ class Engine(ModuleType):
 
     def __init__(self) -> None:
         super().__init__("mujoco")
+        self.__version__ = "4.0.0"
         self.mjtObj = SimpleNamespace(mjOBJ_BODY="body", mjOBJ_ACTUATOR="actuator")
         self.mjtJoint = SimpleNamespace(mjJNT_FREE=0)
         self.mjtDisableBit = SimpleNamespace(

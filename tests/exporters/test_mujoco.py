@@ -190,6 +190,9 @@ def test_callbacks_before_it_stay_and_other_models_are_left_alone(engine: Engine
     assert not np.array_equal(other.M, made.data.M)
     with pytest.raises(ValueError, match="nothing: the model has no body of this name with a free joint"):
         made.module.install(made.model, made.data, "nothing")
+    del made.model.actuator_ctrladr
+    with pytest.raises(RuntimeError, match=r"found MuJoCo .*, expected 4\.0 or newer"):
+        made.module.install(made.model, made.data)
 
 
 def test_what_mjcf_refuses_is_given_to_it_otherwise(engine: Engine, tmp_path: Path) -> None:
