@@ -124,6 +124,21 @@ TARGETS: tuple[Target, ...] = (
         ".py",
         ending="_linear",
     ),
+    Target(
+        "mujoco",
+        "simulators.mujoco",
+        "MuJoCo: learning to control, manipulation",
+        "model.xml and a NumPy module",
+        ("4.0",),
+    ),
+    Target(
+        "casadi",
+        "programs.symbolic",
+        "CasADi: model-predictive control, trajectories",
+        "one Python module",
+        ("3.8",),
+        ".py",
+    ),
 )
 
 
