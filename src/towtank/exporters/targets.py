@@ -138,6 +138,7 @@ TARGETS: tuple[Target, ...] = (
         "one Python module",
         ("3.8",),
         ".py",
+        ending="_casadi",
     ),
 )
 
