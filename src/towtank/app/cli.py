@@ -13,7 +13,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from towtank.app.commands import config, convert, demo, exchange, inspect, learn, live, simulate, validate, vehicle
+from towtank.app.commands import config, demo, exchange, inspect, learn, live, plan, simulate, validate, vehicle
 from towtank.app.terminal.guard import Commands, PlainCommand
 from towtank.app.terminal.page_option import PagedCommand
 
@@ -76,6 +76,9 @@ app.add_typer(vehicle.commands, name="vehicle")
 app.add_typer(simulate.commands, name="manoeuvre")
 
 
+app.command("plan", cls=PlainCommand)(plan.plan)
+
+
 app.command("simulate", cls=PlainCommand)(simulate.simulate)
 
 
@@ -94,7 +97,7 @@ app.command("validate", cls=PlainCommand)(validate.validate)
 app.add_typer(config.commands, name="config")
 
 
-app.command("convert", cls=PlainCommand)(convert.convert)
+app.command("convert", cls=PlainCommand)(exchange.convert)
 
 
 app.command("export", cls=PlainCommand)(exchange.export)

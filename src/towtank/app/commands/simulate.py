@@ -74,7 +74,7 @@ def simulate(
         typer.Argument(
             metavar="MANOEUVRE",
             autocompletion=manoeuvres,
-            help="Built-in name, or a file of commands or wrenches over time.",
+            help="Built-in name, a plan (.toml), or a file of commands or wrenches over time.",
         ),
     ],
     file: Annotated[
@@ -190,9 +190,26 @@ def _inputs(
     from towtank.simulation import MANOEUVRES, manoeuvre, manoeuvre_from_recording
 
     path = Path(name)
+    if path.suffix == ".toml":
+        return _planned(path, vehicle, duration, dt)
     if name in MANOEUVRES or not (path.suffix or path.exists()):
         return manoeuvre(name, vehicle, duration=duration, dt=dt, seed=seed)
     recording = read_logs([path], mapping, progress)[0]
     if mapping is not None:
         recording = bind_thrusters(recording, [thruster.name for thruster in vehicle.thrusters])
+    return manoeuvre_from_recording(recording, vehicle, dt=dt, duration=duration)
+
+
+def _planned(path: Path, vehicle: Vehicle, duration: float | None, dt: float) -> Manoeuvre:
+    """Return the inputs of a plan, at rest between its segments."""
+    import numpy as np
+
+    from towtank.planning import RATE, read_plan
+    from towtank.recording import Recording
+    from towtank.simulation import manoeuvre_from_recording
+
+    commands = read_plan(path).commands(vehicle)
+    names = [f"cmd_{thruster.name}" for thruster in vehicle.thrusters]
+    columns = dict(zip(names, commands.T, strict=True))
+    recording = Recording.from_table(np.arange(len(commands)) / RATE, columns, source=path.name)
     return manoeuvre_from_recording(recording, vehicle, dt=dt, duration=duration)

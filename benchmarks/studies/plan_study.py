@@ -1,0 +1,122 @@
+"""Plans put to the test: a vehicle that is 30 % off its file is driven by the plan, and learned from.
+
+    python benchmarks/studies/plan_study.py [--runs 20] [--seed 1] [--only vlbv300] [--workers 2]
+
+For each vehicle one plan is made from its file (5 x 5 x 2.5 m, pose, a random force of 0.5 N correlated over 2 s, 5 %
+asked), in which every coefficient on the diagonal bears a deviation of 30 %. In every run each of them is drawn anew,
+the segments are driven from rest, each in a recording of its own, with motion capture of 1 mm and the random force, and
+`learn` (joint) is asked, which knows the file alone. Shown are, for each coefficient, what the plan promises, what
+learning states, the RMS of the errors, and the ratios of these: promised against achieved must be within 0.8 to 1.3.
+"""
+
+from __future__ import annotations
+
+import sys
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from report import show
+from rich.table import Table
+from runner import arguments, over
+
+from towtank import load_vehicle, simulate
+from towtank.core.arrays import Array
+from towtank.identification import learn_recordings
+from towtank.planning import RATE, Plan, Space, plan
+from towtank.planning.segments import commands_of
+from towtank.simulation import Mocap, OrnsteinUhlenbeck
+from towtank.vehicle import Coefficient, Vehicle, index
+
+VEHICLES = ("vlbv300", "bluerov2_heavy")
+OFF, FORCE = 0.3, 0.5
+SPACE = Space.from_text("5x5x2.5")
+
+
+class Run(NamedTuple):
+    """Errors and stated deviations of the wanted coefficients (k,), as shares of their size."""
+
+    errors: Array
+    stated: Array
+
+
+@cache
+def supposed(name: str) -> Vehicle:
+    """Return the file of a vehicle with a deviation of 30 % for what is on the diagonal."""
+    vehicle = load_vehicle(name)
+    values = {
+        key: Coefficient(value=each.value, std=OFF * _size(vehicle, key)) for key, each in vehicle.hydrodynamics.items()
+    }
+    return vehicle.with_coefficients(values)
+
+
+def _size(vehicle: Vehicle, name: str) -> float:
+    """Return what a share of a coefficient is of: the total inertia of an added mass, else the coefficient itself."""
+    kind, i, j = index(name)
+    return float(vehicle.mass_matrix[i, j]) if kind == "mass" else abs(vehicle.coefficient(name))
+
+
+@cache
+def planned(name: str) -> Plan:
+    """Return the plan of a vehicle."""
+    return plan(supposed(name), space=SPACE, force=FORCE, seed=1)
+
+
+def perform(name: str, seed: int) -> Run:
+    """Drive a plan once and learn."""
+    file, made = supposed(name), planned(name)
+    wanted = [each.name for each in made.expected]
+    chance = np.random.default_rng(seed)
+    drawn = {}
+    for key in wanted:
+        size, value = _size(file, key), file.coefficient(key)
+        away = chance.uniform(-OFF, OFF)
+        drawn[key] = value - away * size if index(key)[0] == "mass" else value * (1.0 + away)
+    truth = file.with_coefficients(drawn)
+    push = OrnsteinUhlenbeck(std=(FORCE,) * 3 + (0.1 * FORCE,) * 3, time_constant=2.0)
+    runs = [
+        simulate(
+            truth,
+            commands=np.repeat(commands_of(each.segment, file), round(100.0 / RATE), axis=0),
+            dt=0.01,
+            eta0=SPACE.eta0,
+            sensors=Mocap(),
+            disturbance=push,
+            seed=1000 * seed + k,
+        )
+        for k, each in enumerate(made.segments)
+    ]
+    learned = {each.name: each for each in learn_recordings(file, runs).estimate.coefficients}
+    sizes = np.array([_size(truth, key) for key in wanted])
+    errors = np.array([learned[key].value - truth.coefficient(key) for key in wanted]) / sizes
+    return Run(errors, np.array([learned[key].std for key in wanted]) / sizes)
+
+
+def main() -> int:
+    """Run the study; return 1 where a promise is out of its bounds."""
+    options = arguments(__doc__ or "", runs=20)
+    failed = 0
+    for name in VEHICLES:
+        if options.only and options.only not in name:
+            continue
+        made = planned(name)
+        tasks = [(name, options.seed + k) for k in range(options.runs)]
+        found = over(name, perform, tasks, options.workers)
+        stated = np.median([each.stated for each in found], axis=0)
+        rms = np.sqrt(np.mean([each.errors**2 for each in found], axis=0))
+        within = np.mean([np.abs(each.errors) <= 1.96 * each.stated for each in found], axis=0)
+        table = Table(title=f"{name}: {len(made.segments)} segments, {made.manoeuvring:g} s, {options.runs} runs")
+        for head in ("Coefficient", "promised", "stated", "RMS error", "stated / promised", "RMS / promised", "95 %"):
+            table.add_column(head, justify="left" if head == "Coefficient" else "right")
+        for k, each in enumerate(made.expected):
+            ratios = stated[k] / each.after, rms[k] / each.after
+            failed += not 0.8 <= ratios[0] <= 1.3
+            row = (each.after, stated[k], rms[k])
+            shares = [f"{100.0 * value:.1f} %" for value in row]
+            table.add_row(each.name, *shares, *(f"{value:.2f}" for value in ratios), f"{100.0 * within[k]:.0f} %")
+        show(table)
+    return int(failed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,29 @@
+"""Planning: what a run will make known before it is driven, and the runs that make most known."""
+
+from towtank.planning.design import Design, design, diagonal
+from towtank.planning.forecast import INSTRUMENTS, RATE, Forecast, Instruments, Outlook, draws_of, forecast
+from towtank.planning.plan import PAUSE, Accuracy, Plan, Planned, plan, read_plan, write_plan
+from towtank.planning.segments import Segment
+from towtank.planning.space import Space
+
+__all__ = [
+    "INSTRUMENTS",
+    "PAUSE",
+    "RATE",
+    "Accuracy",
+    "Design",
+    "Forecast",
+    "Instruments",
+    "Outlook",
+    "Plan",
+    "Planned",
+    "Segment",
+    "Space",
+    "design",
+    "diagonal",
+    "draws_of",
+    "forecast",
+    "plan",
+    "read_plan",
+    "write_plan",
+]
