@@ -20,7 +20,7 @@ from towtank.planning.space import Space
 from towtank.vehicle import COEFFICIENTS, Vehicle
 from towtank.vehicle.names import COLUMNS, ROWS
 
-__all__ = ["Design", "design", "diagonal", "excess", "judged"]
+__all__ = ["Design", "design", "diagonal", "excess", "judged", "require_possible"]
 
 _DRAWS, _TRIES = 4, 60
 _RANDOM = 0.4  # share of the tries that begin anew; the others change the best so far
@@ -99,7 +99,7 @@ def design(
     Raises:
         InputError: a name that is no unknown; a duration that is no segment's.
     """
-    _require(outlook, wanted, duration)
+    require_possible(outlook, wanted, duration)
     radius = 0.0 if space is None else space.require_room(outlook.vehicle)
     generator = np.random.default_rng(seed)
     vehicles = draws_of(outlook, draws, seed)
@@ -121,7 +121,8 @@ def design(
     return replace(best, tries=tries)
 
 
-def _require(outlook: Outlook, wanted: Sequence[str], duration: float) -> None:
+def require_possible(outlook: Outlook, wanted: Sequence[str], duration: float) -> None:
+    """Raise InputError for a name that is no unknown, or a duration that is no segment's."""
     for name in wanted:
         if name not in outlook.known.names:
             known = [each for each in outlook.known.names if each in COEFFICIENTS]

@@ -20,7 +20,7 @@ import tomlkit
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.outputs import write_text
-from towtank.planning.design import Design, design, diagonal, excess
+from towtank.planning.design import Design, design, diagonal, excess, require_possible
 from towtank.planning.forecast import RATE, Forecast, Outlook, draws_of, forecast
 from towtank.planning.segments import FORMS, Segment, commands_of
 from towtank.planning.space import Space
@@ -56,7 +56,7 @@ class Accuracy:
     reason: str = ""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Planned:
     """A segment of a plan: `reached` (3,) [m] off its start at most, and the probability that it leaves the space."""
 
@@ -65,7 +65,7 @@ class Planned:
     leaves: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Plan:
     """What to drive.
 
@@ -125,6 +125,8 @@ def plan(
     """
     outlook = Outlook.of(vehicle, sensors, force=force)
     wanted = tuple(want) or diagonal(outlook)
+    require_possible(outlook, wanted, duration)
+    radius = 0.0 if space is None else space.require_room(vehicle)
     most = max(1, int(60.0 * minutes / duration))
     found: list[Design] = []
     middle, now = draws_of(outlook, 1)[0], outlook

@@ -32,7 +32,10 @@ __all__ = [
 ]
 
 FAULT, WRONG_INPUT, INTERRUPTED = 1, 2, 130
-ORDER = ("demo", "vehicle", "manoeuvre", "simulate", "inspect", "learn", "live", "validate", "config", "convert")
+ORDER = (
+    *("demo", "vehicle", "manoeuvre", "plan", "simulate", "inspect", "learn", "live", "validate", "config"),
+    *("convert", "export", "import"),
+)
 
 
 class PlainCommand(TyperCommand):

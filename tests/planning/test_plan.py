@@ -1,0 +1,160 @@
+"""Plans: segments until all is known, files that come back, walls and wishes that cannot be had."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.app.commands import command, document, refused
+
+from towtank import InputError, load_vehicle
+from towtank.planning import PAUSE, RATE, Plan, Segment, Space, plan, read_plan, write_plan
+from towtank.planning.segments import FORMS, changed, commands_of, drawn_segment
+from towtank.readers import read
+from towtank.vehicle import Vehicle, allocatable_axes, thruster_wrench
+
+
+@pytest.fixture(scope="module")
+def vehicle() -> Vehicle:
+    return load_vehicle("bluerov2_heavy")
+
+
+@pytest.fixture(scope="module")
+def made(vehicle: Vehicle) -> Plan:
+    return plan(vehicle, space=Space.from_text("5x5x2.5"), minutes=0.3, accuracy=0.02, tries=6, draws=2)
+
+
+def test_it_ends_with_the_time_and_says_what_is_missing(made: Plan) -> None:
+    assert made.manoeuvring == 16.0
+    assert not made.met
+    assert len(made.expected) == 12
+    for each in made.expected:
+        assert each.after < each.before
+        assert 0.0 < each.low <= each.high
+        assert (each.reason == "") == (each.after <= 0.02)
+    assert any(each.reason.startswith("would take about") for each in made.expected)
+    assert all(0.0 <= each.leaves <= 1.0 for each in made.segments)
+
+
+def test_it_ends_when_all_is_known(vehicle: Vehicle) -> None:
+    found = plan(vehicle, accuracy=0.3, want=("X_udot", "X_uu"), tries=3, draws=1, minutes=2.0)
+    assert found.met
+    assert len(found.segments) == 1
+    assert [each.name for each in found.expected] == ["X_udot", "X_uu"]
+    assert all(each.reason == "" for each in found.expected)
+    assert found.segments[0].leaves == 0.0  # open water has no walls
+
+
+def test_it_comes_back_from_its_file(made: Plan, tmp_path: Path) -> None:
+    write_plan(made, tmp_path / "plan.toml")
+    back = read_plan(tmp_path / "plan.toml")
+    assert back.segments == made.segments
+    assert back.expected == made.expected
+    assert back.space == made.space
+    assert (back.vehicle, back.sensors, back.accuracy) == (made.vehicle, made.sensors, made.accuracy)
+
+
+def test_commands_keep_within_the_thrusters_and_rest_between_segments(made: Plan, vehicle: Vehicle) -> None:
+    commands = made.commands(vehicle)
+    segment, pause = round(8.0 * RATE), round(PAUSE * RATE)
+    assert commands.shape == (2 * segment + pause, 8)
+    for k, thruster in enumerate(vehicle.thrusters):
+        low, high = thruster.curve.limits or (-np.inf, np.inf)
+        assert np.all((commands[:, k] >= low) & (commands[:, k] <= high))
+        assert np.all(commands[segment : segment + pause, k] == thruster.curve.rest)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_segment_is_what_its_numbers_say(vehicle: Vehicle, form: str) -> None:
+    chance = np.random.default_rng(2)
+    found = drawn_segment(vehicle, chance, duration=9.0, form=form)  # type: ignore[arg-type]
+    wrench = found.wrench
+    assert wrench.shape == (225, 6)
+    for row, amplitude in zip(found.rows, found.amplitude, strict=True):
+        assert np.abs(wrench[:, row]).max() == pytest.approx(amplitude, rel=0.05)
+        assert np.ptp(np.sign(wrench[:, row])) == 2.0
+    axes = list(allocatable_axes(vehicle))
+    made = thruster_wrench(vehicle, commands_of(found, vehicle))[:, axes]
+    asked = wrench[:, axes]
+    along = np.einsum("ni,ni->n", made, asked) / (np.linalg.norm(made, axis=1) * np.linalg.norm(asked, axis=1) + 1e-9)
+    assert np.median(along) > 0.98
+    other = changed(found, chance)
+    assert other != found
+    assert sum(a != b for a, b in zip(other.switches, found.switches, strict=True)) <= 1
+
+
+def test_a_telegraph_turns_at_its_switches() -> None:
+    found = Segment("telegraph", 8.0, (0,), (5.0,), ((1.0, 3.0),), ((1.0,),))
+    x = found.wrench[:, 0]
+    t = np.arange(200) / RATE
+    np.testing.assert_array_equal(x, np.where((t >= 1.0) & (t < 3.0), -5.0, 5.0))
+
+
+def test_few_thrusters_are_told_what_they_cannot_have() -> None:
+    found = plan(load_vehicle("lauv"), minutes=0.15, tries=3, draws=1)
+    reasons = {each.name: each.reason for each in found.expected}
+    assert not found.met
+    assert reasons["Y_vv"] == "no thruster moves the vehicle along this axis"
+    assert reasons["X_udot"] == "" or reasons["X_udot"].startswith("would take")
+
+
+def test_the_command_and_the_simulation_of_its_plan(tmp_path: Path) -> None:
+    place, run = tmp_path / "plan.toml", tmp_path / "run.csv"
+    asked = ("plan", "bluerov2_heavy", "--space", "5x5x2.5", "--minutes", 0.15, "--want", "X_udot,X_uu", "-o", place)
+    found = document(*asked)
+    assert set(found["expected"]) == {"X_udot", "X_uu"}
+    assert len(found["segments"]) == 1
+    shown = command(*asked)
+    assert "8 s of manoeuvring" in shown.out
+    assert command("simulate", "bluerov2_heavy", place, "-o", run, "--sensors", "mocap").code == 0
+    log = read(run)
+    assert log.duration == pytest.approx(8.0, abs=0.02)
+    assert np.ptp(log["x"].values) > 0.05
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--space", "1x1x1"], "needs 1.4 m along x"),
+        (["--space", "5x5"], "5x5x2.5"),
+        (["--space", "5x5x2.5", "--start", "9,0,1"], "start"),
+        (["--start", "0,0,1"], "needs --space"),
+        (["--sensors", "sonar"], "there are pose, dvl, gyro-depth"),
+        (["--accuracy", "five"], "expected a share such as 5%"),
+        (["--want", "X_uuu"], 'did you mean "X_uu"'),
+        (["--minutes", "0"], "--minutes"),
+        (["-o", "plan.txt"], ".toml"),
+    ],
+)
+def test_wishes_that_cannot_be_had_are_one_clear_line(words: list[str], said: str) -> None:
+    assert said in refused("plan", "bluerov2_heavy", *words)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "this is no plan"),
+        ("a = [", "not valid TOML"),
+        ("segments = []\n[expected]", "this is no plan|found no segments"),
+    ],
+)
+def test_what_is_no_plan_is_said(text: str, said: str, tmp_path: Path, made: Plan) -> None:
+    place = tmp_path / "plan.toml"
+    place.write_text(text)
+    with pytest.raises(InputError, match=said):
+        read_plan(place)
+    with pytest.raises(InputError, match="no such file"):
+        read_plan(tmp_path / "none.toml")
+    write_plan(made, place)
+    for old, new in (('form = "telegraph"', 'form = "waltz"'), ("duration = 8.0", "duration = -1.0"), ("0.", "nan.")):
+        write_plan(made, place)
+        place.write_text(place.read_text().replace(old, new, 1))
+        with pytest.raises(InputError, match=str(place)):
+            read_plan(place)
+
+
+def test_a_plan_is_not_of_another_number_of_thrusters(made: Plan) -> None:
+    other = replace(made, segments=made.segments[:1])
+    assert other.commands(load_vehicle("lauv")).shape[1] == 1
