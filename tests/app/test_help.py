@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from towtank import export
+
 from .commands import command
 
 COMMANDS = [
@@ -22,6 +24,7 @@ COMMANDS = [
     ["vehicle", "check"],
     ["vehicle", "fit-thruster"],
     ["manoeuvre", "list"],
+    ["plan"],
     ["simulate"],
     ["inspect"],
     ["learn"],
@@ -32,6 +35,8 @@ COMMANDS = [
     ["config", "show"],
     ["config", "compare"],
     ["convert"],
+    ["export"],
+    ["import"],
 ]
 HEAVY = {
     "matplotlib",
@@ -73,6 +78,8 @@ def test_the_list_of_commands_is_whole() -> None:
 def test_examples_run(words: list[str], workshop: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("surge.csv", "learned.toml", "bench.csv"):
         shutil.copy(workshop / name, tmp_path / name)
+    if words == ["import"]:
+        export("lauv", "gz-sim", tmp_path)
     shutil.copy(workshop / "learned.toml", tmp_path / "mine.toml")
     monkeypatch.chdir(tmp_path)
     if words in (["config", "show"], ["config", "compare"]):

@@ -68,7 +68,7 @@ def export(
 
     \b
     Example:
-      towtank export learned.toml --to gz-sim -o my_rov
+      towtank export bluerov2_heavy --to gz-sim -o my_rov
     """
     from towtank.app.tables.exports import export_document, show_export, show_targets, targets_document
     from towtank.app.terminal.output import Output
