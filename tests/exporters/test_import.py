@@ -106,6 +106,30 @@ def test_uuv_simulator(tmp_path: Path) -> None:
     assert any("center_of_buoyancy" in each for each in found.doubts)
 
 
+@pytest.mark.parametrize(
+    ("conversion", "commands", "forces"),
+    [
+        (
+            "<type>Bessa</type><rotorConstantL>0.02</rotorConstantL><rotorConstantR>0.03</rotorConstantR>"
+            "<deltaL>-16</deltaL><deltaR>36</deltaR>",
+            [2.5, 4.0, -2.5, -1.5],
+            [0.0, 0.5 * 0.03 * (64.0 - 36.0), -0.5 * 0.02 * (25.0 - 16.0), 0.0],
+        ),
+        (
+            "<type>LinearInterp</type><inputValues>-10 0 10</inputValues><outputValues>-5 0 8</outputValues>",
+            [2.5, -2.5, 9.0],
+            [0.5 * 4.0, -0.5 * 2.5, 0.5 * 8.0],
+        ),
+    ],
+)
+def test_conversions_of_uuv_simulator(
+    conversion: str, commands: list[float], forces: list[float], tmp_path: Path
+) -> None:
+    text = UUV.replace("<type>Basic</type><rotorConstant>0.01</rotorConstant>", conversion)
+    [thruster] = import_vehicle(written(tmp_path / "a.urdf", text)).vehicle.thrusters
+    np.testing.assert_allclose(thruster.curve.static(np.array(commands)), forces, atol=1e-12)
+
+
 def test_gazebo_with_what_public_models_have_wrong(tmp_path: Path) -> None:
     found = import_vehicle(written(tmp_path / "a.sdf", SDF))
     vehicle, said, left = found.vehicle, "\n".join(found.doubts), "\n".join(found.left)

@@ -230,8 +230,8 @@ def _curve(plugin: Element, place: str, left: list[str]) -> tuple[object, float]
         return QuadraticCurve(forward=abs(constant), limits=limits), 1.0 if constant >= 0.0 else -1.0
     if kind == "Bessa":
         names = ("rotorConstantL", "rotorConstantR", "deltaL", "deltaR")
-        left_, right, low_delta, high_delta = (number(conversion.findtext(each), f"{place}: {each}") for each in names)
-        ahead, astern = (-right * high_delta, 0.0, right), (left_ * low_delta, 0.0, left_)
+        k_L, k_R, delta_L, delta_R = (number(conversion.findtext(each), f"{place}: {each}") for each in names)
+        ahead, astern = (-k_R * delta_R, 0.0, k_R), (k_L * delta_L, 0.0, k_L)
         curve = PolynomialCurve(
             coefficients=tuple(share * each for each in ahead),
             reverse=tuple(share * each for each in astern),
