@@ -212,7 +212,7 @@ def test_what_is_no_vehicle_is_one_clear_line(text: str, words: str, tmp_path: P
     assert "\n" not in str(error.value)
 
 
-def test_the_command(tmp_path: Path) -> None:
+def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = written(tmp_path / "a.sdf", SDF)
     ran = command("import", path, "-o", tmp_path / "b.toml")
     assert ran.code == 0
@@ -228,3 +228,6 @@ def test_the_command(tmp_path: Path) -> None:
     assert "ends in .toml" in refused("import", path, "-o", tmp_path / "b.yaml")
     assert "no such file" in refused("import", tmp_path / "none.sdf")
     assert "folder" in refused("import", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert command("import", path).code == 0
+    assert "rov.toml: is there already" in refused("import", path)

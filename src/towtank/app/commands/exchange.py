@@ -134,6 +134,8 @@ def import_(
     place = Path(f"{stem_of(found.vehicle)}.toml") if output_file is None else output_file
     if place.suffix.lower() != ".toml":
         raise InputError(f'--output: found "{place}", expected a name that ends in .toml')
+    if output_file is None and place.exists():
+        raise InputError(f"{place}: is there already; name the file with --output, which is written over")
     save_vehicle(found.vehicle, place)
     show_import(found, place, output)
     output.document(import_document(found, place))
