@@ -30,6 +30,7 @@ from towtank.simulation import Mocap, OrnsteinUhlenbeck
 from towtank.vehicle import Coefficient, Vehicle, index
 
 VEHICLES = ("vlbv300", "bluerov2_heavy")
+HEADS = ("Coefficient", "promised", "stated", "error", "RMS error", "stated / promised", "error / promised", "95 %")
 OFF, FORCE = 0.3, 0.5
 SPACE = Space.from_text("5x5x2.5")
 
