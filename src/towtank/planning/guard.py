@@ -1,0 +1,578 @@
+"""The guard: bends what the thrusters are asked for where the vehicle could no longer stop in time.
+
+At every period of control it asks of K vehicles drawn from what is known: if the wanted forces act for one more period,
+and the vehicle then brakes as hard as its thrusters can, does it stay within the limits? Limits are the walls along
+x, y and z less the margin, speed, tilt and rate of turn; of each the worst twentieth of the draws counts. Where all
+hold, the wanted forces pass, bit for bit. Where one does not, the smallest share of braking is found with which it
+does, and only that part of the forces is bent on which the limit depends: across the wall, along the velocity, the
+moments that tilt or turn. So a vehicle slides along a wall while its other axes are driven as wanted.
+
+This is the supervision by a backup controller of Gurriet et al. (2018), "An online approach to active set invariance",
+IEEE CDC, with the shares of Wabersich and Zeilinger (2021), "A predictive safety filter for learning-based control",
+Automatica 129. Braking is linear-quadratic state feedback about rest, with the thrusters' lag, clipped to what they can
+do, towards a slow way back to the middle; each drawn vehicle is braked by its own predicted state.
+
+A draw differs in its coefficients, the gains and lags of its thrusters, the delay of its commands, and a constant force
+nobody knows. Thrust lost to inflow is left out. NED, FRD, SI. The kernels allocate nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from towtank.core.arrays import Array, kernel
+from towtank.core.layout import I_CONSTANT
+from towtank.core.rk4 import N_STATES, has_even_terms, is_coupled, step_into
+from towtank.errors import InputError
+from towtank.planning.space import Space
+from towtank.vehicle import AnyVehicle, Vehicle, allocatable_axes, configuration_matrix, force_range, vehicle_of
+
+__all__ = ["LIMITS", "PERIOD", "Guard", "brake_into", "drawn_around", "guard_into", "predict_into", "scaled"]
+
+PERIOD = 0.04  # s, of control and of the prediction
+LIMITS = ("x", "y", "z", "speed", "tilt", "turn", "all")
+_N_LIMITS = 6
+_PAST = 14  # commands kept: a delay of half a second
+_WORST = 0.05  # of the draws
+_HALVINGS = 6  # of the share of braking: it is found to 1/64
+_HORIZON = 2.0  # s
+_STATES = 8  # of the feedback, before the forces: u v w p q r, roll, pitch
+
+# Of the braking, by guard_study.py: errors that are worth all of the thrust, and where the drag is taken
+_SPEED_ERROR, _TURN_ERROR, _TILT_ERROR = 0.2, 3.0, 0.3  # m/s, rad/s, rad
+_AT_SPEED, _AT_TURN = 0.3, 0.5  # m/s, rad/s
+_LARGEST_ERROR = 0.3  # m/s, a faster vehicle is braked no harder: the thrusters are at their limits
+_LEAK = 0.02  # 1/s, of a tilt that nothing rights: the regulator needs it stable
+_ADDED = ("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot")
+_DAMPING = tuple(f"{a}_{v * n}" for n in (1, 2) for a, v in zip("XYZKMN", "uvwpqr", strict=True))
+_BACK_RATE, _BACK_SPEED = 0.5, 0.1  # 1/s, m/s, of the way back to the middle
+
+
+class Draws(NamedTuple):
+    """K vehicles, the first the nominal one: kernel parameters (170, K), gains and lags (m, K) [1, s], delays (K,)."""
+
+    parameters: Array
+    gains: Array
+    lags: Array
+    delays: Array
+
+
+class Bounds(NamedTuple):
+    """Limits: of the body origin, lower and upper (3,) [m], NED; (3,) speed [m/s], tilt [rad], turn [rad/s]."""
+
+    lower: Array
+    upper: Array
+    motion: Array
+
+
+class Brake(NamedTuple):
+    """Feedback of braking.
+
+    Attributes:
+        gain: forces per state (m, 8 + m). hover: forces at rest (m,) [N].
+        low, high: what each thruster can do (m,) [N]. home: where it goes back to (3,) [m], NED.
+        matrix: wrench per force (6, m). inverse: least forces per wrench (m, 6), over the axes that can be set.
+        tilting: least forces per moments K, M (m, 2).
+    """
+
+    gain: Array
+    hover: Array
+    low: Array
+    high: Array
+    home: Array
+    matrix: Array
+    inverse: Array
+    tilting: Array
+
+
+class Memory(NamedTuple):
+    """What changes: past commands (14, m) [N], the last first; forces of the draws (m, K) [N]; shares (6,) of LIMITS."""
+
+    past: Array
+    force: Array
+    shares: Array
+
+
+class Work(NamedTuple):
+    """Scratch: states (13, K), steps (3, 13, K), wrenches (3, 6, K), forces (m, K), commands (n, m, K), and others."""
+
+    state: Array
+    step: Array
+    wrench: Array
+    force: Array
+    commands: Array
+    clear: Array
+    worst: Array
+    command: Array
+    braking: Array
+    blend: Array
+    low: Array
+    high: Array
+    ordered: Array
+    still: Array
+
+
+@kernel
+def brake_into(brake: Brake, x: Array, force: Array, k: int, out: Array) -> None:
+    """Write the forces (m,) [N] that brake the vehicle of lane `k` into `out`.
+
+    Args:
+        x: states (13, K), see `towtank.core.rk4`. force: of the thrusters now (m, K) [N].
+    """
+    qw, qx, qy, qz = x[3, k], x[4, k], x[5, k], x[6, k]
+    kx, ky = 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx)
+    kz = 1.0 - 2.0 * (qx * qx + qy * qy)
+    lean = math.hypot(kx, ky)
+    turned = math.atan2(lean, kz) / lean if lean > 1e-9 else 1.0
+    # The way back, a velocity in NED, no faster than slow; then the error of the velocity in the body, capped.
+    dx, dy, dz = brake.home[0] - x[0, k], brake.home[1] - x[1, k], brake.home[2] - x[2, k]
+    far = math.sqrt(dx * dx + dy * dy + dz * dz)
+    pace = min(_BACK_RATE, _BACK_SPEED / max(far, 1e-9))
+    dx, dy, dz = pace * dx, pace * dy, pace * dz
+    u = x[7, k] - (
+        (1.0 - 2.0 * (qy * qy + qz * qz)) * dx + 2.0 * (qx * qy + qw * qz) * dy + 2.0 * (qx * qz - qw * qy) * dz
+    )
+    v = x[8, k] - (
+        2.0 * (qx * qy - qw * qz) * dx + (1.0 - 2.0 * (qx * qx + qz * qz)) * dy + 2.0 * (qy * qz + qw * qx) * dz
+    )
+    w = x[9, k] - (2.0 * (qx * qz + qw * qy) * dx + 2.0 * (qy * qz - qw * qx) * dy + kz * dz)
+    size = math.sqrt(u * u + v * v + w * w)
+    cap = min(1.0, _LARGEST_ERROR / max(size, 1e-9))
+    u, v, w = cap * u, cap * v, cap * w
+    m = out.shape[0]
+    for j in range(m):
+        row = brake.gain[j]
+        f = row[0] * u + row[1] * v + row[2] * w + row[3] * x[10, k] + row[4] * x[11, k] + row[5] * x[12, k]
+        f += turned * (row[6] * ky - row[7] * kx)
+        for i in range(m):
+            f += row[_STATES + i] * (force[i, k] - brake.hover[i])
+        out[j] = min(max(brake.hover[j] - f, brake.low[j]), brake.high[j])
+
+
+@kernel
+def _advance_into(draws: Draws, brake: Brake, memory: Memory, work: Work, i: int, force: Array) -> None:
+    """Write the mean wrench of step `i` of the prediction into `work.wrench`; `force` (m, K) goes on to its end."""
+    m, lanes = force.shape
+    for k in range(lanes):
+        whole = int(draws.delays[k] / PERIOD)
+        part = draws.delays[k] / PERIOD - whole
+        for a in range(6):
+            work.wrench[0, a, k] = 0.0
+        for j in range(m):
+            now, before = i - whole, i - whole - 1
+            late = work.commands[now, j, k] if now >= 0 else memory.past[-now - 1, j]
+            later = work.commands[before, j, k] if before >= 0 else memory.past[-before - 1, j]
+            target = draws.gains[j, k] * ((1.0 - part) * late + part * later)
+            lag = draws.lags[j, k]
+            mean = target
+            if lag > 0.0:
+                gone = -math.expm1(-PERIOD / lag)
+                mean += (force[j, k] - target) * gone * lag / PERIOD
+                force[j, k] += (target - force[j, k]) * gone
+            else:
+                force[j, k] = target
+            for a in range(6):
+                work.wrench[0, a, k] += brake.matrix[a, j] * mean
+    for s in range(1, 3):
+        for a in range(6):
+            for k in range(lanes):
+                work.wrench[s, a, k] = work.wrench[0, a, k]
+
+
+@kernel
+def predict_into(
+    draws: Draws, bounds: Bounds, brake: Brake, memory: Memory, x: Array, first: Array, work: Work
+) -> None:
+    """Write into `work.clear` (6, K) how far each draw stays within each limit: forces `first`, then braking.
+
+    Args:
+        x: state (13,). first: forces asked for during the first period (m,) [N].
+    """
+    m, lanes = memory.force.shape
+    coupled, even = is_coupled(draws.parameters), has_even_terms(draws.parameters)
+    for k in range(lanes):
+        for a in range(N_STATES):
+            work.state[a, k] = x[a]
+        for j in range(m):
+            work.force[j, k] = memory.force[j, k]
+        for c in range(_N_LIMITS):
+            work.clear[c, k] = 1e9
+    for i in range(work.commands.shape[0]):
+        for k in range(lanes):
+            if i > 0:
+                brake_into(brake, work.state, work.force, k, work.command)
+            for j in range(m):
+                work.commands[i, j, k] = first[j] if i == 0 else work.command[j]
+        _advance_into(draws, brake, memory, work, i, work.force)
+        step_into(draws.parameters, work.state, work.wrench, work.still, PERIOD, work.step, coupled, even)
+        for k in range(lanes):
+            first_effect = i <= int(draws.delays[k] / PERIOD) + 1
+            _clearances_into(bounds, work.state, k, first_effect, work.clear)
+
+
+@kernel
+def _clearances_into(bounds: Bounds, x: Array, k: int, first_effect: bool, clear: Array) -> None:
+    """Lower the clearances (6, K) of lane `k` to those of its state; of speed and turn at the first effect only.
+
+    Braking lowers speed and turn, and what it does to them on the way is nobody's wish.
+    """
+    for a in range(3):
+        clear[a, k] = min(clear[a, k], x[a, k] - bounds.lower[a], bounds.upper[a] - x[a, k])
+    lean = 2.0 * math.asin(min(math.sqrt(x[4, k] ** 2 + x[5, k] ** 2), 1.0))
+    clear[4, k] = min(clear[4, k], bounds.motion[1] - lean)
+    if first_effect:
+        speed = math.sqrt(x[7, k] ** 2 + x[8, k] ** 2 + x[9, k] ** 2)
+        turn = math.sqrt(x[10, k] ** 2 + x[11, k] ** 2 + x[12, k] ** 2)
+        clear[3, k] = min(clear[3, k], bounds.motion[0] - speed)
+        clear[5, k] = min(clear[5, k], bounds.motion[2] - turn)
+
+
+@kernel
+def _worst_into(clear: Array, ordered: Array, out: Array) -> None:
+    """Write of each limit the clearance that all but the worst twentieth of the draws (6, K) have into `out` (6,)."""
+    lanes = clear.shape[1]
+    rank = max(int(math.ceil(_WORST * lanes - 1e-9)) - 1, 0)
+    for c in range(_N_LIMITS):
+        for k in range(lanes):
+            j = k
+            while j > 0 and ordered[j - 1] > clear[c, k]:
+                ordered[j] = ordered[j - 1]
+                j -= 1
+            ordered[j] = clear[c, k]
+        out[c] = ordered[rank]
+
+
+@kernel
+def _blend_into(brake: Brake, x: Array, wanted: Array, braking: Array, shares: Array, out: Array) -> None:
+    """Write the wanted forces (m,), led towards those of braking by the share of each limit, into `out`."""
+    m = out.shape[0]
+    for j in range(m):
+        out[j] = wanted[j]
+    qw, qx, qy, qz = x[3], x[4], x[5], x[6]
+    for c in range(_N_LIMITS):
+        share = shares[c]
+        if share == 0.0:
+            continue
+        if c == 4:
+            for a in range(2):
+                d = 0.0
+                for j in range(m):
+                    d += brake.matrix[3 + a, j] * (braking[j] - wanted[j])
+                # as far as the shares before have not bent it already
+                before = 0.0
+                for j in range(m):
+                    before += brake.matrix[3 + a, j] * (out[j] - wanted[j])
+                left = d - before
+                for j in range(m):
+                    out[j] += share * brake.tilting[j, a] * left
+            continue
+        if c == 0:
+            nx, ny, nz = 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy - qw * qz), 2.0 * (qx * qz + qw * qy)
+        elif c == 1:
+            nx, ny, nz = 2.0 * (qx * qy + qw * qz), 1.0 - 2.0 * (qx * qx + qz * qz), 2.0 * (qy * qz - qw * qx)
+        elif c == 2:
+            nx, ny, nz = 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
+        else:
+            base = 7 if c == 3 else 10
+            nx, ny, nz = x[base], x[base + 1], x[base + 2]
+            size = math.sqrt(nx * nx + ny * ny + nz * nz)
+            if size < 1e-9:
+                continue
+            nx, ny, nz = nx / size, ny / size, nz / size
+        row = 3 if c == 5 else 0
+        d = 0.0
+        for j in range(m):
+            along = nx * brake.matrix[row, j] + ny * brake.matrix[row + 1, j] + nz * brake.matrix[row + 2, j]
+            d += along * (braking[j] - out[j])
+        for j in range(m):
+            along = nx * brake.inverse[j, row] + ny * brake.inverse[j, row + 1] + nz * brake.inverse[j, row + 2]
+            out[j] += share * along * d
+    for j in range(m):
+        out[j] = min(max(out[j], brake.low[j]), brake.high[j])
+
+
+@kernel
+def _find_shares_into(
+    draws: Draws, bounds: Bounds, brake: Brake, memory: Memory, x: Array, wanted: Array, work: Work
+) -> None:
+    """Write the least shares of braking (6,) with which all limits hold into `memory.shares`; 1 where none does.
+
+    Bisection of all shares at once; a limit that held at first takes part from when it does not.
+    """
+    shares = memory.shares
+    for c in range(_N_LIMITS):
+        work.low[c], work.high[c] = 0.0, 1.0 if work.worst[c] < 0.0 else 0.0
+    for _ in range(_HALVINGS):
+        for c in range(_N_LIMITS):
+            shares[c] = 0.5 * (work.low[c] + work.high[c])
+        _blend_into(brake, x, wanted, work.braking, shares, work.blend)
+        predict_into(draws, bounds, brake, memory, x, work.blend, work)
+        _worst_into(work.clear, work.ordered, work.worst)
+        for c in range(_N_LIMITS):
+            if work.worst[c] < 0.0:
+                work.low[c] = shares[c]
+                if work.high[c] == 0.0:
+                    work.high[c] = 1.0
+            else:
+                work.high[c] = shares[c]
+    for c in range(_N_LIMITS):
+        shares[c] = work.high[c]
+    _blend_into(brake, x, wanted, work.braking, shares, work.blend)
+
+
+@kernel
+def _find_all_into(
+    draws: Draws, bounds: Bounds, brake: Brake, memory: Memory, x: Array, work: Work, out: Array
+) -> None:
+    """Write into `out` (m,) the forces `work.blend`, led towards braking as a whole until walls and tilt hold.
+
+    What is bent for one limit may harm another, as where surge tilts: braking as a whole is what keeps all of them.
+    """
+    m = out.shape[0]
+    low, high, share = 0.0, 0.0, 0.0
+    for n in range(_HALVINGS):
+        for j in range(m):
+            out[j] = work.blend[j] + share * (work.braking[j] - work.blend[j])
+        predict_into(draws, bounds, brake, memory, x, out, work)
+        _worst_into(work.clear, work.ordered, work.worst)
+        holds = min(min(work.worst[0], work.worst[1]), min(work.worst[2], work.worst[4])) >= 0.0
+        if n == 0:
+            if holds:
+                break
+            high = 1.0
+        elif holds:
+            high = share
+        else:
+            low = share
+        share = 0.5 * (low + high)
+    for j in range(m):
+        out[j] = work.blend[j] + high * (work.braking[j] - work.blend[j])
+    memory.shares[_N_LIMITS] = high
+
+
+@kernel
+def guard_into(
+    draws: Draws, bounds: Bounds, brake: Brake, memory: Memory, x: Array, wanted: Array, work: Work, out: Array
+) -> None:
+    """Write the forces (m,) [N] to be given for the next period into `out`, and remember that they were given.
+
+    Args:
+        x: state (13,): place, attitude, velocity. wanted: forces (m,) [N], within what the thrusters can do.
+
+    `memory.shares` (6,) then says how much of the braking was needed for each of LIMITS; all 0: `out` is `wanted`.
+    """
+    m, lanes = memory.force.shape
+    predict_into(draws, bounds, brake, memory, x, wanted, work)
+    _worst_into(work.clear, work.ordered, work.worst)
+    bent = False
+    memory.shares[_N_LIMITS] = 0.0
+    for c in range(_N_LIMITS):
+        memory.shares[c] = 0.0
+        bent = bent or work.worst[c] < 0.0
+    for j in range(m):
+        out[j] = wanted[j]
+    if bent:
+        for a in range(N_STATES):
+            work.state[a, 0] = x[a]
+        brake_into(brake, work.state, memory.force, 0, work.braking)
+        _find_shares_into(draws, bounds, brake, memory, x, wanted, work)
+        _find_all_into(draws, bounds, brake, memory, x, work, out)
+    # What was given goes into memory, and the forces of the draws go on by one period.
+    for k in range(lanes):
+        for j in range(m):
+            work.commands[0, j, k] = out[j]
+    _advance_into(draws, brake, memory, work, 0, memory.force)
+    for i in range(memory.past.shape[0] - 1, 0, -1):
+        for j in range(m):
+            memory.past[i, j] = memory.past[i - 1, j]
+    for j in range(m):
+        memory.past[0, j] = out[j]
+
+
+@dataclass(frozen=True, eq=False)
+class Guard:
+    """The guard of one vehicle in one space, as the kernels take it. Made by `Guard.of`; `step` is called every PERIOD.
+
+    Attributes:
+        vehicle: the nominal one. space: its limits. radius: of the vehicle [m].
+        draws, bounds, brake, memory, work: as of the kernels; `memory` changes from step to step.
+    """
+
+    vehicle: Vehicle
+    space: Space
+    radius: float
+    draws: Draws
+    bounds: Bounds
+    brake: Brake
+    memory: Memory
+    work: Work
+
+    @classmethod
+    def of(
+        cls,
+        vehicle: AnyVehicle,
+        space: Space,
+        drawn: Sequence[Vehicle],
+        *,
+        force_std: ArrayLike = (0.5, 0.5, 0.5, 0.05, 0.05, 0.05),
+        seed: int = 0,
+    ) -> Guard:
+        """Return the guard of a vehicle.
+
+        Args:
+            vehicle: as it is supposed to be.
+            drawn: vehicles that it may be instead, `Vehicle.sample` or `drawn_around`; about twenty.
+            force_std: deviations (6,) [N, N m] of a constant force on the body that nobody knows.
+            seed: of these forces.
+
+        Raises:
+            InputError: no thrusters, or one without limits; a delay of half a second or more; no room in the space.
+        """
+        vehicle = vehicle_of(vehicle)
+        if not vehicle.thrusters:
+            raise InputError(f"{vehicle.name} has no thrusters; add [[thrusters]] to its file, a guard brakes by them")
+        radius = space.require_room(vehicle)
+        fleet = [vehicle, *drawn]
+        std = np.asarray(force_std, dtype=np.float64)
+        forces = std[:, None] * np.random.default_rng(seed).standard_normal((6, len(fleet)))
+        parameters = np.array([each.parameters for each in fleet]).T.copy()
+        parameters[I_CONSTANT : I_CONSTANT + 6, 1:] += forces[:, 1:]
+        nominal = np.array([thruster.gain for thruster in vehicle.thrusters])
+        draws = Draws(
+            parameters,
+            np.array([[t.gain for t in each.thrusters] for each in fleet]).T / nominal[:, None],
+            np.array([[t.time_constant for t in each.thrusters] for each in fleet]).T.copy(),
+            np.array([each.command_delay for each in fleet]),
+        )
+        longest = float(draws.delays.max())
+        if longest > (_PAST - 2) * PERIOD:
+            raise InputError(f"{vehicle.name}: found a delay of {longest:.2g} s, too long to be guarded")
+        room = radius + space.margin
+        bounds = Bounds(space.lower + room, space.upper - room, np.array([space.speed, space.tilt, space.turn]))
+        m, lanes = draws.gains.shape
+        n = round(_HORIZON / PERIOD)
+        return cls(
+            vehicle,
+            space,
+            radius,
+            draws,
+            bounds,
+            _brake_of(vehicle, space),
+            Memory(np.zeros((_PAST, m)), np.zeros((m, lanes)), np.zeros(_N_LIMITS + 1)),
+            Work(
+                state=np.zeros((N_STATES, lanes)),
+                step=np.zeros((3, N_STATES, lanes)),
+                wrench=np.zeros((3, 6, lanes)),
+                force=np.zeros((m, lanes)),
+                commands=np.zeros((n, m, lanes)),
+                clear=np.zeros((_N_LIMITS, lanes)),
+                worst=np.zeros(_N_LIMITS),
+                command=np.zeros(m),
+                braking=np.zeros(m),
+                blend=np.zeros(m),
+                low=np.zeros(_N_LIMITS),
+                high=np.zeros(_N_LIMITS),
+                ordered=np.zeros(lanes),
+                still=np.zeros(3),
+            ),
+        )
+
+    def step(self, state: Array, wanted: Array) -> Array:
+        """Return the forces (m,) [N] to give for the next PERIOD in place of the wanted ones.
+
+        Args:
+            state: (13,) as of `towtank.core.rk4`, velocity over ground. wanted: forces (m,) [N].
+        """
+        out = np.empty_like(wanted)
+        guard_into(self.draws, self.bounds, self.brake, self.memory, state, wanted, self.work, out)
+        return out
+
+    def reset(self) -> None:
+        """Forget what was given: thrusters at rest."""
+        for each in self.memory:
+            each[:] = 0.0
+
+    @property
+    def shares(self) -> Array:
+        """How much of the braking the last step needed for each of LIMITS (6,), 0 .. 1."""
+        return self.memory.shares.copy()
+
+
+def drawn_around(vehicle: AnyVehicle, count: int, spread: float, seed: int = 0) -> tuple[Vehicle, ...]:
+    """Return vehicles whose total inertias, damping, righting moment and gains all differ from those of a vehicle.
+
+    By independent factors exp(spread n), n normal; of the gains, which a bench test tells, a quarter of that.
+    """
+    vehicle = vehicle_of(vehicle)
+    rng = np.random.default_rng(seed)
+    return tuple(scaled(vehicle, lambda: math.exp(spread * rng.standard_normal()), 0.25) for _ in range(count))
+
+
+def _brake_of(vehicle: Vehicle, space: Space) -> Brake:
+    """Return the feedback that brakes a vehicle: the linear-quadratic regulator about rest, with lag and delay."""
+    from scipy.linalg import expm, solve_discrete_are
+
+    T, rows = configuration_matrix(vehicle), list(allocatable_axes(vehicle))
+    m = T.shape[1]
+    inverse = np.zeros((m, 6))
+    inverse[:, rows] = np.linalg.pinv(T[rows])
+    limits = np.array([force_range(thruster.curve) for thruster in vehicle.thrusters])
+    limits *= np.array([thruster.gain for thruster in vehicle.thrusters])[:, None]
+    if not np.isfinite(limits).all():
+        name = vehicle.thrusters[int(np.argwhere(~np.isfinite(limits))[0, 0])].name
+        raise InputError(
+            f"{vehicle.name}: thruster {name} has no limits; give its curve limits, a guard brakes by them"
+        )
+    inverse_mass = np.linalg.inv(vehicle.mass_matrix)
+    at = np.array([_AT_SPEED] * 3 + [_AT_TURN] * 3)
+    damping = np.diag([vehicle.coefficient(f"{a}_{v}") + vehicle.coefficient(f"{a}_{v * 2}") * s
+                       for a, v, s in zip("XYZKMN", "uvwpqr", at, strict=True)])  # fmt: skip
+    righting = np.zeros((6, 2))
+    righting[3, 0] = righting[4, 1] = -vehicle.restoring_moment[2]
+    n = _STATES + m
+    A, B = np.zeros((n, n)), np.zeros((n, m))
+    A[:6, :6], A[:6, 6:8], A[:6, 8:] = inverse_mass @ damping, inverse_mass @ righting, inverse_mass @ T
+    A[6, 3] = A[7, 4] = 1.0
+    A[6, 6] = A[7, 7] = -_LEAK
+    late = np.array([t.time_constant for t in vehicle.thrusters]) + vehicle.command_delay + 0.5 * PERIOD
+    A[8:, 8:], B[8:] = -np.diag(1.0 / late), np.diag(1.0 / late)
+    weights = np.array([_SPEED_ERROR] * 3 + [_TURN_ERROR] * 3 + [_TILT_ERROR] * 2) ** -2.0
+    Q = np.diag(np.concatenate([weights, np.full(m, 1e-9)]))
+    R = np.diag((0.5 * (limits[:, 1] - limits[:, 0])) ** -2.0)
+    held = expm(PERIOD * np.block([[A, B], [np.zeros((m, n + m))]]))  # the input is held over each period
+    A, B = held[:n, :n], held[:n, n:]
+    P = solve_discrete_are(A, B, Q, R)
+    gain = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
+    weight = np.array([0.0, 0.0, vehicle.weight_minus_buoyancy, 0.0, 0.0, 0.0])
+    hover = np.clip(-inverse @ weight, limits[:, 0], limits[:, 1])
+    return Brake(
+        np.ascontiguousarray(gain),
+        hover,
+        np.ascontiguousarray(limits[:, 0]),
+        np.ascontiguousarray(limits[:, 1]),
+        space.middle,
+        T,
+        inverse,
+        np.linalg.pinv(T[3:5]),
+    )
+
+
+def scaled(vehicle: Vehicle, factor: Callable[[], float], of_gains: float) -> Vehicle:
+    """Return a vehicle with every diagonal inertia, damping and righting moment times factors of their own.
+
+    Args:
+        factor: called for each number. of_gains: power of the factor that a thruster's gain takes.
+    """
+    total, rigid = np.diag(vehicle.mass_matrix), np.diag(vehicle.rigid_body_matrix)
+    values = {name: float(rigid[i] - factor() * total[i]) for i, name in enumerate(_ADDED)}
+    for name in _DAMPING:
+        values[name] = vehicle.coefficient(name) * factor()
+    values["BG_z"] = vehicle.restoring_moment[2] * factor()
+    thrusters = tuple(t.model_copy(update={"gain": t.gain * factor() ** of_gains}) for t in vehicle.thrusters)
+    return vehicle.with_coefficients(values).model_copy(update={"thrusters": thrusters, "posterior": None})
