@@ -39,9 +39,12 @@ PERIOD = 0.04  # s, of control and of the prediction
 LIMITS = ("x", "y", "z", "speed", "tilt", "turn", "all")
 _N_LIMITS = 6
 _PAST = 14  # commands kept: a delay of half a second
+_NO_LAG = 1e-9  # s
 _WORST = 0.05  # of the draws
-_HALVINGS = 6  # of the share of braking: it is found to 1/64
+_HALVINGS = 5  # of the share of braking: it is found to 1/32
+_RELEASE, _GONE = 0.75, 0.03  # of a share from period to period, where it is no longer needed; below this it is none
 _HORIZON = 2.0  # s
+_TILT_RESERVE = 0.08  # rad, kept off the limit: light vehicles tilt faster than poses and draws tell
 _STATES = 8  # of the feedback, before the forces: u v w p q r, roll, pitch
 
 # Of the braking, by guard_study.py: errors that are worth all of the thrust, and where the drag is taken
@@ -55,11 +58,18 @@ _BACK_RATE, _BACK_SPEED = 0.5, 0.1  # 1/s, m/s, of the way back to the middle
 
 
 class Draws(NamedTuple):
-    """K vehicles, the first the nominal one: kernel parameters (170, K), gains and lags (m, K) [1, s], delays (K,)."""
+    """K vehicles, the first the nominal one.
+
+    Attributes:
+        parameters: of the kernels (170, K). gains: of the thrusters (m, K), multiples of the nominal ones.
+        gone: share (m, K) of the way to what is asked for that a lagged force goes in a PERIOD; mean: that it lacks on
+            average meanwhile. delays: of the commands (K,) [s].
+    """
 
     parameters: Array
     gains: Array
-    lags: Array
+    gone: Array
+    mean: Array
     delays: Array
 
 
@@ -92,7 +102,7 @@ class Brake(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What changes: past commands (14, m) [N], the last first; forces of the draws (m, K) [N]; shares (6,) of LIMITS."""
+    """What changes: past commands (14, m) [N], the last first; forces of the draws (m, K) [N]; shares (7,)."""
 
     past: Array
     force: Array
@@ -169,14 +179,9 @@ def _advance_into(draws: Draws, brake: Brake, memory: Memory, work: Work, i: int
             late = work.commands[now, j, k] if now >= 0 else memory.past[-now - 1, j]
             later = work.commands[before, j, k] if before >= 0 else memory.past[-before - 1, j]
             target = draws.gains[j, k] * ((1.0 - part) * late + part * later)
-            lag = draws.lags[j, k]
-            mean = target
-            if lag > 0.0:
-                gone = -math.expm1(-PERIOD / lag)
-                mean += (force[j, k] - target) * gone * lag / PERIOD
-                force[j, k] += (target - force[j, k]) * gone
-            else:
-                force[j, k] = target
+            lacks = force[j, k] - target
+            mean = target + draws.mean[j, k] * lacks
+            force[j, k] -= draws.gone[j, k] * lacks
             for a in range(6):
                 work.wrench[0, a, k] += brake.matrix[a, j] * mean
     for s in range(1, 3):
@@ -237,7 +242,7 @@ def _clearances_into(bounds: Bounds, x: Array, k: int, first_effect: bool, clear
 def _worst_into(clear: Array, ordered: Array, out: Array) -> None:
     """Write of each limit the clearance that all but the worst twentieth of the draws (6, K) have into `out` (6,)."""
     lanes = clear.shape[1]
-    rank = max(int(math.ceil(_WORST * lanes - 1e-9)) - 1, 0)
+    rank = max(math.ceil(_WORST * lanes - 1e-9) - 1, 0)
     for c in range(_N_LIMITS):
         for k in range(lanes):
             j = k
@@ -249,7 +254,7 @@ def _worst_into(clear: Array, ordered: Array, out: Array) -> None:
 
 
 @kernel
-def _blend_into(brake: Brake, x: Array, wanted: Array, braking: Array, shares: Array, out: Array) -> None:
+def _bent_into(brake: Brake, x: Array, wanted: Array, braking: Array, shares: Array, out: Array) -> None:
     """Write the wanted forces (m,), led towards those of braking by the share of each limit, into `out`."""
     m = out.shape[0]
     for j in range(m):
@@ -298,62 +303,54 @@ def _blend_into(brake: Brake, x: Array, wanted: Array, braking: Array, shares: A
 
 
 @kernel
+def _led_into(brake: Brake, x: Array, wanted: Array, braking: Array, shares: Array, out: Array) -> None:
+    """Write the wanted forces (m,), bent for each limit and then led towards braking as a whole, into `out`."""
+    _bent_into(brake, x, wanted, braking, shares, out)
+    for j in range(out.shape[0]):
+        out[j] += shares[_N_LIMITS] * (braking[j] - out[j])
+
+
+@kernel
 def _find_shares_into(
     draws: Draws, bounds: Bounds, brake: Brake, memory: Memory, x: Array, wanted: Array, work: Work
 ) -> None:
-    """Write the least shares of braking (6,) with which all limits hold into `memory.shares`; 1 where none does.
+    """Raise the shares (7,) in `memory.shares` as little as makes all limits hold; to 1 where none does.
 
-    Bisection of all shares at once; a limit that held at first takes part from when it does not.
+    Bisection of the shares of all limits at once; a limit that held at first takes part from when it does not. What is
+    bent for one limit may harm another, as where surge tilts. So last comes the share of braking as a whole, which is
+    what keeps walls and tilt in any case.
     """
     shares = memory.shares
     for c in range(_N_LIMITS):
-        work.low[c], work.high[c] = 0.0, 1.0 if work.worst[c] < 0.0 else 0.0
+        work.low[c], work.high[c] = shares[c], 1.0 if work.worst[c] < 0.0 else shares[c]
     for _ in range(_HALVINGS):
         for c in range(_N_LIMITS):
             shares[c] = 0.5 * (work.low[c] + work.high[c])
-        _blend_into(brake, x, wanted, work.braking, shares, work.blend)
+        _led_into(brake, x, wanted, work.braking, shares, work.blend)
         predict_into(draws, bounds, brake, memory, x, work.blend, work)
         _worst_into(work.clear, work.ordered, work.worst)
         for c in range(_N_LIMITS):
             if work.worst[c] < 0.0:
                 work.low[c] = shares[c]
-                if work.high[c] == 0.0:
+                if work.high[c] == shares[c]:
                     work.high[c] = 1.0
             else:
                 work.high[c] = shares[c]
     for c in range(_N_LIMITS):
         shares[c] = work.high[c]
-    _blend_into(brake, x, wanted, work.braking, shares, work.blend)
-
-
-@kernel
-def _find_all_into(
-    draws: Draws, bounds: Bounds, brake: Brake, memory: Memory, x: Array, work: Work, out: Array
-) -> None:
-    """Write into `out` (m,) the forces `work.blend`, led towards braking as a whole until walls and tilt hold.
-
-    What is bent for one limit may harm another, as where surge tilts: braking as a whole is what keeps all of them.
-    """
-    m = out.shape[0]
-    low, high, share = 0.0, 0.0, 0.0
-    for n in range(_HALVINGS):
-        for j in range(m):
-            out[j] = work.blend[j] + share * (work.braking[j] - work.blend[j])
-        predict_into(draws, bounds, brake, memory, x, out, work)
+    low, high = shares[_N_LIMITS], 1.0
+    for n in range(_HALVINGS + 1):
+        _led_into(brake, x, wanted, work.braking, shares, work.blend)
+        predict_into(draws, bounds, brake, memory, x, work.blend, work)
         _worst_into(work.clear, work.ordered, work.worst)
-        holds = min(min(work.worst[0], work.worst[1]), min(work.worst[2], work.worst[4])) >= 0.0
-        if n == 0:
-            if holds:
+        if min(min(work.worst[0], work.worst[1]), min(work.worst[2], work.worst[4])) >= 0.0:
+            high = shares[_N_LIMITS]
+            if n == 0:
                 break
-            high = 1.0
-        elif holds:
-            high = share
         else:
-            low = share
-        share = 0.5 * (low + high)
-    for j in range(m):
-        out[j] = work.blend[j] + high * (work.braking[j] - work.blend[j])
-    memory.shares[_N_LIMITS] = high
+            low = shares[_N_LIMITS]
+        shares[_N_LIMITS] = 0.5 * (low + high)
+    shares[_N_LIMITS] = high
 
 
 @kernel
@@ -365,24 +362,29 @@ def guard_into(
     Args:
         x: state (13,): place, attitude, velocity. wanted: forces (m,) [N], within what the thrusters can do.
 
-    `memory.shares` (6,) then says how much of the braking was needed for each of LIMITS; all 0: `out` is `wanted`.
+    `memory.shares` (7,) then says how much of the braking was needed for each of LIMITS; all 0: `out` is `wanted`.
     """
     m, lanes = memory.force.shape
-    predict_into(draws, bounds, brake, memory, x, wanted, work)
+    shares = memory.shares
+    rests = True
+    for c in range(_N_LIMITS + 1):
+        shares[c] = _RELEASE * shares[c] if shares[c] > _GONE else 0.0
+        rests = rests and shares[c] == 0.0
+    for a in range(N_STATES):
+        work.state[a, 0] = x[a]
+    brake_into(brake, work.state, memory.force, 0, work.braking)
+    _led_into(brake, x, wanted, work.braking, shares, out)
+    predict_into(draws, bounds, brake, memory, x, out, work)
     _worst_into(work.clear, work.ordered, work.worst)
-    bent = False
-    memory.shares[_N_LIMITS] = 0.0
+    holds = True
     for c in range(_N_LIMITS):
-        memory.shares[c] = 0.0
-        bent = bent or work.worst[c] < 0.0
-    for j in range(m):
-        out[j] = wanted[j]
-    if bent:
-        for a in range(N_STATES):
-            work.state[a, 0] = x[a]
-        brake_into(brake, work.state, memory.force, 0, work.braking)
+        holds = holds and work.worst[c] >= 0.0
+    if not holds:
         _find_shares_into(draws, bounds, brake, memory, x, wanted, work)
-        _find_all_into(draws, bounds, brake, memory, x, work, out)
+        _led_into(brake, x, wanted, work.braking, shares, out)
+    elif rests:
+        for j in range(m):
+            out[j] = wanted[j]
     # What was given goes into memory, and the forces of the draws go on by one period.
     for k in range(lanes):
         for j in range(m):
@@ -444,17 +446,23 @@ class Guard:
         parameters = np.array([each.parameters for each in fleet]).T.copy()
         parameters[I_CONSTANT : I_CONSTANT + 6, 1:] += forces[:, 1:]
         nominal = np.array([thruster.gain for thruster in vehicle.thrusters])
+        lags = np.array([[max(t.time_constant, _NO_LAG) for t in each.thrusters] for each in fleet]).T
         draws = Draws(
             parameters,
             np.array([[t.gain for t in each.thrusters] for each in fleet]).T / nominal[:, None],
-            np.array([[t.time_constant for t in each.thrusters] for each in fleet]).T.copy(),
+            -np.expm1(-PERIOD / lags),
+            -lags / PERIOD * np.expm1(-PERIOD / lags),
             np.array([each.command_delay for each in fleet]),
         )
         longest = float(draws.delays.max())
         if longest > (_PAST - 2) * PERIOD:
             raise InputError(f"{vehicle.name}: found a delay of {longest:.2g} s, too long to be guarded")
         room = radius + space.margin
-        bounds = Bounds(space.lower + room, space.upper - room, np.array([space.speed, space.tilt, space.turn]))
+        bounds = Bounds(
+            space.lower + room,
+            space.upper - room,
+            np.array([space.speed, max(space.tilt - _TILT_RESERVE, 0.5 * space.tilt), space.turn]),
+        )
         m, lanes = draws.gains.shape
         n = round(_HORIZON / PERIOD)
         return cls(
@@ -500,7 +508,7 @@ class Guard:
 
     @property
     def shares(self) -> Array:
-        """How much of the braking the last step needed for each of LIMITS (6,), 0 .. 1."""
+        """How much of the braking the last step needed for each of LIMITS (7,), 0 .. 1."""
         return self.memory.shares.copy()
 
 

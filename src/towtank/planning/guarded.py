@@ -28,6 +28,7 @@ from towtank.vehicle import Vehicle, configuration_matrix, curve_command, thrust
 __all__ = ["DT", "GuardedRun", "commands_of", "guarded_run"]
 
 DT = 0.01  # s, of the simulation and of the poses
+_GRID = 4097  # steps of force: a twentieth of a newton and less
 _STEPS = round(PERIOD / DT)
 
 
@@ -97,14 +98,14 @@ def guarded_run(
     tank = _Tank(truth, push, eta0)
     observer = Observer.of(vehicle, eta0)
     guard.reset()
-    commands = commands_of(vehicle, wanted)
+    commands, inverse = commands_of(vehicle, wanted), _InverseCurves(guard)
     given, shares = wanted.copy(), np.zeros((n, len(LIMITS)))
     for i in range(n):
         if guarded:
             given[i] = guard.step(observer.state, wanted[i])
             shares[i] = guard.memory.shares
             if shares[i].any():
-                commands[i] = commands_of(vehicle, given[i])
+                commands[i] = inverse(given[i])
         observer.give(i * PERIOD, given[i])
         for row in tank.period(i, thruster_forces(truth, commands[i])):
             observer.see(row * DT, tank.pose(row) + noise[row])
@@ -130,6 +131,21 @@ def commands_of(vehicle: Vehicle, forces: Array) -> Array:
     return np.stack(
         [curve_command(each.curve, forces[..., k] / each.gain) for k, each in enumerate(vehicle.thrusters)], axis=-1
     )
+
+
+class _InverseCurves:
+    """Commands of forces by a table, fast enough for a loop: the curves' inverse at equal steps of force."""
+
+    def __init__(self, guard: Guard) -> None:
+        self._low, self._high = guard.brake.low, guard.brake.high
+        grid = np.linspace(self._low, self._high, _GRID)
+        self._commands, self._columns = commands_of(guard.vehicle, grid), np.arange(grid.shape[1])
+
+    def __call__(self, forces: Array) -> Array:
+        """Return the commands (m,) of the forces (m,) [N], to the nearest step."""
+        share = (forces - self._low) / (self._high - self._low)
+        rows = np.clip(np.rint(share * (_GRID - 1)), 0, _GRID - 1).astype(np.intp)
+        return np.asarray(self._commands[rows, self._columns])
 
 
 class _Tank:

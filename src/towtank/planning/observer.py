@@ -90,7 +90,7 @@ def correct_into(x: Array, lacking: Array, pose: Array, dt: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Observer:
-    """The state of a vehicle, followed from its poses and from what its thrusters were asked for. Made by `Observer.of`.
+    """The state of a vehicle, followed from its poses and what its thrusters were asked for. Made by `Observer.of`.
 
     Attributes:
         parameters: kernel vector (170, 1) of the nominal vehicle. matrix: wrench per force (6, m).
