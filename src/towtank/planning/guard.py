@@ -44,16 +44,17 @@ _WORST = 0.05  # of the draws
 _HALVINGS = 5  # of the share of braking: it is found to 1/32
 _RELEASE, _GONE = 0.75, 0.03  # of a share from period to period, where it is no longer needed; below this it is none
 _HORIZON = 2.0  # s
-_TILT_RESERVE = 0.08  # rad, kept off the limit: light vehicles tilt faster than poses and draws tell
+_TILT_RESERVE = 0.12  # rad, kept off the limit: light vehicles tilt faster than poses and draws tell
 _STATES = 8  # of the feedback, before the forces: u v w p q r, roll, pitch
 
 # Of the braking, by guard_study.py: errors that are worth all of the thrust, and where the drag is taken
-_SPEED_ERROR, _TURN_ERROR, _TILT_ERROR = 0.2, 3.0, 0.3  # m/s, rad/s, rad
+_SPEED_ERROR, _TURN_ERROR, _TILT_ERROR = 0.15, 3.0, 0.4  # m/s, rad/s, rad
 _AT_SPEED, _AT_TURN = 0.3, 0.5  # m/s, rad/s
 _LARGEST_ERROR = 0.3  # m/s, a faster vehicle is braked no harder: the thrusters are at their limits
 _LEAK = 0.02  # 1/s, of a tilt that nothing rights: the regulator needs it stable
 _ADDED = ("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot")
 _DAMPING = tuple(f"{a}_{v * n}" for n in (1, 2) for a, v in zip("XYZKMN", "uvwpqr", strict=True))
+_AHEAD, _AWAY_RATE, _AWAY_SPEED = 0.5, 2.0, 0.5  # s, 1/s, m/s, of the way off a wall
 _BACK_RATE, _BACK_SPEED = 0.5, 0.1  # 1/s, m/s, of the way back to the middle
 
 
@@ -87,6 +88,7 @@ class Brake(NamedTuple):
     Attributes:
         gain: forces per state (m, 8 + m). hover: forces at rest (m,) [N].
         low, high: what each thruster can do (m,) [N]. home: where it goes back to (3,) [m], NED.
+        lower, upper: bounds of the body origin (3,) [m], NED.
         matrix: wrench per force (6, m). inverse: least forces per wrench (m, 6), over the axes that can be set.
         tilting: least forces per moments K, M (m, 2).
     """
@@ -96,6 +98,8 @@ class Brake(NamedTuple):
     low: Array
     high: Array
     home: Array
+    lower: Array
+    upper: Array
     matrix: Array
     inverse: Array
     tilting: Array
@@ -129,6 +133,13 @@ class Work(NamedTuple):
 
 
 @kernel
+def _beyond(brake: Brake, a: int, place: float) -> float:
+    """Return the velocity [m/s] along axis `a` that leads back from a place [m] beyond a bound; 0 within."""
+    out = max(brake.lower[a] - place, 0.0) - max(place - brake.upper[a], 0.0)
+    return min(max(_AWAY_RATE * out, -_AWAY_SPEED), _AWAY_SPEED)
+
+
+@kernel
 def brake_into(brake: Brake, x: Array, force: Array, k: int, out: Array) -> None:
     """Write the forces (m,) [N] that brake the vehicle of lane `k` into `out`.
 
@@ -140,11 +151,17 @@ def brake_into(brake: Brake, x: Array, force: Array, k: int, out: Array) -> None
     kz = 1.0 - 2.0 * (qx * qx + qy * qy)
     lean = math.hypot(kx, ky)
     turned = math.atan2(lean, kz) / lean if lean > 1e-9 else 1.0
-    # The way back, a velocity in NED, no faster than slow; then the error of the velocity in the body, capped.
+    # The way back, a velocity in NED: slow, and faster where the vehicle would be beyond a bound a little later.
     dx, dy, dz = brake.home[0] - x[0, k], brake.home[1] - x[1, k], brake.home[2] - x[2, k]
     far = math.sqrt(dx * dx + dy * dy + dz * dz)
     pace = min(_BACK_RATE, _BACK_SPEED / max(far, 1e-9))
-    dx, dy, dz = pace * dx, pace * dy, pace * dz
+    u, v, w = x[7, k], x[8, k], x[9, k]
+    vx = (1.0 - 2.0 * (qy * qy + qz * qz)) * u + 2.0 * (qx * qy - qw * qz) * v + 2.0 * (qx * qz + qw * qy) * w
+    vy = 2.0 * (qx * qy + qw * qz) * u + (1.0 - 2.0 * (qx * qx + qz * qz)) * v + 2.0 * (qy * qz - qw * qx) * w
+    vz = kx * u + ky * v + kz * w
+    dx = pace * dx + _beyond(brake, 0, x[0, k] + _AHEAD * vx)
+    dy = pace * dy + _beyond(brake, 1, x[1, k] + _AHEAD * vy)
+    dz = pace * dz + _beyond(brake, 2, x[2, k] + _AHEAD * vz)
     u = x[7, k] - (
         (1.0 - 2.0 * (qy * qy + qz * qz)) * dx + 2.0 * (qx * qy + qw * qz) * dy + 2.0 * (qx * qz - qw * qy) * dz
     )
@@ -471,7 +488,7 @@ class Guard:
             radius,
             draws,
             bounds,
-            _brake_of(vehicle, space),
+            _brake_of(vehicle, space, bounds),
             Memory(np.zeros((_PAST, m)), np.zeros((m, lanes)), np.zeros(_N_LIMITS + 1)),
             Work(
                 state=np.zeros((N_STATES, lanes)),
@@ -522,7 +539,7 @@ def drawn_around(vehicle: AnyVehicle, count: int, spread: float, seed: int = 0) 
     return tuple(scaled(vehicle, lambda: math.exp(spread * rng.standard_normal()), 0.25) for _ in range(count))
 
 
-def _brake_of(vehicle: Vehicle, space: Space) -> Brake:
+def _brake_of(vehicle: Vehicle, space: Space, bounds: Bounds) -> Brake:
     """Return the feedback that brakes a vehicle: the linear-quadratic regulator about rest, with lag and delay."""
     from scipy.linalg import expm, solve_discrete_are
 
@@ -565,6 +582,8 @@ def _brake_of(vehicle: Vehicle, space: Space) -> Brake:
         np.ascontiguousarray(limits[:, 0]),
         np.ascontiguousarray(limits[:, 1]),
         space.middle,
+        bounds.lower,
+        bounds.upper,
         T,
         inverse,
         np.linalg.pinv(T[3:5]),
