@@ -40,6 +40,7 @@ LIMITS = ("x", "y", "z", "speed", "tilt", "turn", "all")
 _N_LIMITS = 6
 _PAST = 14  # commands kept: a delay of half a second
 _NO_LAG = 1e-9  # s
+_ROUNDING = 1e-6  # N
 _WORST = 0.05  # of the draws
 _HALVINGS = 5  # of the share of braking: it is found to 1/32
 _RELEASE, _GONE = 0.75, 0.03  # of a share from period to period, where it is no longer needed; below this it is none
@@ -136,7 +137,7 @@ class Work(NamedTuple):
 def _beyond(brake: Brake, a: int, place: float) -> float:
     """Return the velocity [m/s] along axis `a` that leads back from a place [m] beyond a bound; 0 within."""
     out = max(brake.lower[a] - place, 0.0) - max(place - brake.upper[a], 0.0)
-    return min(max(_AWAY_RATE * out, -_AWAY_SPEED), _AWAY_SPEED)
+    return float(min(max(_AWAY_RATE * out, -_AWAY_SPEED), _AWAY_SPEED))
 
 
 @kernel
@@ -371,19 +372,11 @@ def _find_shares_into(
 
 
 @kernel
-def guard_into(
+def _decide_into(
     draws: Draws, bounds: Bounds, brake: Brake, memory: Memory, x: Array, wanted: Array, work: Work, out: Array
 ) -> None:
-    """Write the forces (m,) [N] to be given for the next period into `out`, and remember that they were given.
-
-    Args:
-        x: state (13,): place, attitude, velocity. wanted: forces (m,) [N], within what the thrusters can do.
-
-    `memory.shares` (7,) then says how much of the braking was needed for each of LIMITS; all 0: `out` is `wanted`.
-    """
-    m, lanes = memory.force.shape
-    shares = memory.shares
-    rests = True
+    """Write the forces (m,) to be given into `out` and the shares of braking into `memory.shares`."""
+    m, shares, rests = out.shape[0], memory.shares, True
     for c in range(_N_LIMITS + 1):
         shares[c] = _RELEASE * shares[c] if shares[c] > _GONE else 0.0
         rests = rests and shares[c] == 0.0
@@ -402,6 +395,32 @@ def guard_into(
     elif rests:
         for j in range(m):
             out[j] = wanted[j]
+
+
+@kernel
+def guard_into(
+    draws: Draws, bounds: Bounds, brake: Brake, memory: Memory, x: Array, wanted: Array, work: Work, out: Array
+) -> None:
+    """Write the forces (m,) [N] to be given for the next period into `out`, and remember that they were given.
+
+    Args:
+        x: state (13,): place, attitude, velocity. wanted: forces (m,) [N], within what the thrusters can do.
+
+    `memory.shares` (7,) then says how much of the braking was needed for each of LIMITS; all 0: `out` is `wanted`. A
+    state that is not finite stops all thrust: shares are 1.
+    """
+    m, lanes = memory.force.shape
+    shares = memory.shares
+    known = True
+    for a in range(N_STATES):
+        known = known and math.isfinite(x[a])
+    if known:
+        _decide_into(draws, bounds, brake, memory, x, wanted, work, out)
+    else:
+        for c in range(_N_LIMITS + 1):
+            shares[c] = 1.0
+        for j in range(m):
+            out[j] = 0.0
     # What was given goes into memory, and the forces of the draws go on by one period.
     for k in range(lanes):
         for j in range(m):
@@ -513,7 +532,13 @@ class Guard:
 
         Args:
             state: (13,) as of `towtank.core.rk4`, velocity over ground. wanted: forces (m,) [N].
+
+        Raises:
+            InputError: the wanted forces have a wrong shape, or are not within what the thrusters can do.
         """
+        low, high = self.brake.low, self.brake.high
+        if wanted.shape != low.shape or not bool(np.all((wanted >= low - _ROUNDING) & (wanted <= high + _ROUNDING))):
+            raise InputError(f"wanted: found {wanted} N, expected {low.size} forces from {low} to {high} N")
         out = np.empty_like(wanted)
         guard_into(self.draws, self.bounds, self.brake, self.memory, state, wanted, self.work, out)
         return out
@@ -586,7 +611,7 @@ def _brake_of(vehicle: Vehicle, space: Space, bounds: Bounds) -> Brake:
         bounds.upper,
         T,
         inverse,
-        np.linalg.pinv(T[3:5]),
+        np.asarray(np.linalg.pinv(T[3:5]), dtype=np.float64),
     )
 
 

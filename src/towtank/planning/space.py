@@ -144,7 +144,7 @@ def radius_of(vehicle: AnyVehicle) -> float:
     vehicle = vehicle_of(vehicle)
     body = vehicle.rigid_body
     cube = 0.5 * math.sqrt(3.0) * (body.mass / _WATER) ** (1.0 / 3.0) + math.hypot(*body.centre_of_gravity)
-    return max([cube, *(math.hypot(*each.position) + _THRUSTER for each in vehicle.thrusters)])
+    return float(max([cube, *(math.hypot(*each.position) + _THRUSTER for each in vehicle.thrusters)]))
 
 
 def _numbers(name: str, text: str, separator: str, example: str) -> tuple[float, float, float]:
