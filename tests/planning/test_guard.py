@@ -228,7 +228,7 @@ def test_a_guarded_run_keeps_off_the_walls_and_its_recording_is_the_run(name):
     n = 200
     rng = np.random.default_rng(3)
     truth = scaled(guard.vehicle, lambda: 1.0 + 0.3 * rng.choice([-1.0, 1.0]), 0.25)
-    wanted = np.tile(along(guard, 1, 0.8), (n, 1))
+    wanted = np.tile(along(guard, 2, 0.8), (n, 1))
     run = guarded_run(guard, truth, wanted, disturbance=S2, seed=5)
     assert run.touch is None
     assert run.clearance.min() > 0.5 * TANK.margin
