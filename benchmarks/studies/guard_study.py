@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 
@@ -127,34 +127,37 @@ def perform(case: str, seed: int) -> Run:
 
 def table(found: dict[str, list[Run]], tilt: float) -> Table:
     out = Table(title=f"{SPACE} m, {DURATION:g} s a run", title_justify="left")
-    for heading in (
-        "", "runs", "touch", "without guard", "least clearance, m", "tilt > limit", "without guard", "largest tilt",
-        "time changed", "thrust changed", "large jumps, 1/s (wanted)", "ms a step",
-    ):  # fmt: skip
-        out.add_column(heading, justify="right" if heading else "left")
-    for case, runs in found.items():
+    out.add_column("")
+    for case in found:
+        out.add_column(case, justify="right")
 
-        def share(name: str, limit: float, sign: float = 1.0, runs: list[Run] = runs) -> str:
-            return f"{100.0 * np.mean([sign * getattr(each, name) > sign * limit for each in runs]):.1f} %"
+    def row(title: str, figure: Callable[[list[Run]], str]) -> None:
+        out.add_row(title, *(figure(runs) for runs in found.values()))
 
-        def mean(name: str, runs: list[Run] = runs) -> float:
-            return float(np.mean([getattr(each, name) for each in runs]))
+    def mean(name: str, unit: float = 1.0) -> Callable[[list[Run]], float]:
+        return lambda runs: unit * float(np.mean([getattr(each, name) for each in runs]))
 
-        out.add_row(
-            case,
-            str(len(runs)),
-            str(sum(each.clearance <= 0.0 for each in runs)),
-            share("unguarded", 0.0, -1.0),
-            f"{min(each.clearance for each in runs):.3f}",
-            share("tilt", tilt),
-            share("unguarded_tilt", tilt),
-            f"{math.degrees(max(each.tilt for each in runs)):.0f} deg",
-            f"{100.0 * mean('time_changed'):.0f} %",
-            f"{100.0 * mean('thrust_changed'):.0f} %",
-            f"{mean('jumps'):.2f} ({mean('jumps_wanted'):.2f})",
-            f"{1e3 * mean('seconds_a_step'):.1f}",
-        )
+    row("runs", lambda runs: str(len(runs)))
+    row("touch a wall", lambda runs: str(sum(each.clearance <= 0.0 for each in runs)))
+    row("the same without a guard", lambda runs: percent(each.unguarded <= 0.0 for each in runs))
+    row("least clearance, m", lambda runs: f"{min(each.clearance for each in runs):.3f}")
+    row("beyond the limit of tilt", lambda runs: percent(each.tilt > tilt for each in runs))
+    row("the same without a guard", lambda runs: percent(each.unguarded_tilt > tilt for each in runs))
+    row("largest tilt, deg", lambda runs: f"{math.degrees(max(each.tilt for each in runs)):.0f}")
+    row("largest speed, m/s", lambda runs: f"{max(each.speed for each in runs):.2f}")
+    row("largest rate of turn, rad/s", lambda runs: f"{max(each.turn for each in runs):.2f}")
+    row("time changed, %", lambda runs: f"{mean('time_changed', 100.0)(runs):.0f}")
+    row("thrust changed, %", lambda runs: f"{mean('thrust_changed', 100.0)(runs):.0f}")
+    row("large jumps of a thruster, 1/s", lambda runs: f"{mean('jumps')(runs):.2f}")
+    row("those wanted", lambda runs: f"{mean('jumps_wanted')(runs):.2f}")
+    row("whole run by step, ms", lambda runs: f"{mean('seconds_a_step', 1e3)(runs):.1f}")
+    for k, name in enumerate(LIMITS):
+        row(f"mean share, {name}", lambda runs, k=k: f"{np.mean([each.shares[k] for each in runs]):.2f}")
     return out
+
+
+def percent(which: Iterable[bool]) -> str:
+    return f"{100.0 * float(np.mean(list(which))):.1f} %"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -175,9 +178,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         for name, runs in found.items()
     ]
     show(table(found, tilt), checks_table("must hold", held))
-    for name, runs in found.items():
-        mean = np.mean([each.shares for each in runs], axis=0)
-        print(f"{name}: mean shares {', '.join(f'{c} {s:.2f}' for c, s in zip(LIMITS, mean, strict=True))}")
     write_json(
         options.output,
         {
