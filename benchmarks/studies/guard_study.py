@@ -30,7 +30,8 @@ from runner import arguments, over, write_json
 from summary import Check
 
 from towtank.core.arrays import Array
-from towtank.planning.guard import LIMITS, PERIOD, Guard, drawn_around, scaled
+from towtank.planning.braking import PERIOD
+from towtank.planning.guard import LIMITS, Guard, drawn_around, scaled
 from towtank.planning.guarded import guarded_run
 from towtank.planning.space import Space
 from towtank.simulation import OrnsteinUhlenbeck, usual_amplitudes

@@ -11,7 +11,8 @@ import pytest
 
 from towtank.core.rk4 import simulate_run
 from towtank.errors import InputError
-from towtank.planning.guard import LIMITS, PERIOD, Guard, brake_into, drawn_around, scaled
+from towtank.planning.braking import PERIOD, brake_into
+from towtank.planning.guard import LIMITS, Guard, drawn_around, scaled
 from towtank.planning.guarded import commands_of, guarded_run
 from towtank.planning.observer import Observer
 from towtank.planning.space import Space

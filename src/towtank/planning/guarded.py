@@ -13,7 +13,8 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.core.layout import I_INFLOW
 from towtank.errors import InputError
-from towtank.planning.guard import LIMITS, PERIOD, Guard
+from towtank.planning.braking import PERIOD
+from towtank.planning.guard import LIMITS, Guard
 from towtank.planning.observer import Observer
 from towtank.recording.recording import Recording
 from towtank.simulation.actuation import HeldDrive, cut_step
