@@ -170,6 +170,26 @@ def test_a_state_that_nobody_knows_stops_all_thrust():
     assert guard.shares.all()
 
 
+@compiled
+def test_a_bent_command_takes_no_more_memory_than_one_that_passes():
+    from numba.core.runtime import _nrt_python, rtsys
+
+    guard, counts = guard_of("bluerov2_heavy"), []
+    near = TANK.middle
+    near[0] = 2.5 - guard.radius - TANK.margin - 0.02
+    guard.step(state_of(TANK), along(guard, 0, 0.2))
+    _nrt_python.memsys_enable_stats()
+    try:
+        for state, size in ((state_of(TANK), 0.05), (state_of(TANK, (0.3, 0.0, 0.0, 0.0, 0.0, 0.0), near), 0.8)):
+            before = rtsys.get_allocation_stats().alloc
+            guard.step(state, along(guard, 0, size))
+            counts.append(rtsys.get_allocation_stats().alloc - before)
+    finally:
+        _nrt_python.memsys_disable_stats()
+    assert guard.shares.any()
+    assert counts[0] == counts[1]
+
+
 def test_what_no_thruster_can_do_is_refused():
     guard = guard_of("vlbv300", count=1)
     for wanted in (2.0 * guard.brake.high, np.full(6, np.nan), np.zeros(5)):

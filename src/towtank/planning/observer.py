@@ -1,9 +1,10 @@
 """Velocity from poses: the nominal vehicle runs along, and what its acceleration lacks is found.
 
 A fading-memory filter of second degree about the model (Brookner, "Tracking and Kalman Filtering Made Easy", 1998):
-with theta = exp(-w dt) the pose is corrected by 1 - theta^3 of the innovation, the velocity by 1.5 (1 - theta)^2 (1 + theta)
-/ dt of it, and the unknown acceleration by (1 - theta)^3 / dt^2. Three equal poles: no overshoot of its own. The model
-need not be right: what it lacks is followed within about 3 / w. Faster for rotation, which a thruster changes faster.
+with theta = exp(-w dt) the pose is corrected by 1 - theta^3 of the innovation, the velocity by
+1.5 (1 - theta)^2 (1 + theta) / dt of it, and the unknown acceleration by (1 - theta)^3 / dt^2. Three equal poles: no
+overshoot of its own. The model need not be right: what it lacks is followed within about 3 / w. Faster for rotation,
+which a thruster changes faster.
 """
 
 from __future__ import annotations
