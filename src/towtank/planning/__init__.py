@@ -2,6 +2,8 @@
 
 from towtank.planning.design import Design, design, diagonal
 from towtank.planning.forecast import INSTRUMENTS, RATE, Forecast, Instruments, Outlook, draws_of, forecast
+from towtank.planning.guard import Guard, drawn_around
+from towtank.planning.guarded import GuardedRun, guarded_run
 from towtank.planning.plan import PAUSE, Accuracy, Plan, Planned, plan, read_plan, write_plan
 from towtank.planning.segments import Segment
 from towtank.planning.space import Space
@@ -13,6 +15,8 @@ __all__ = [
     "Accuracy",
     "Design",
     "Forecast",
+    "Guard",
+    "GuardedRun",
     "Instruments",
     "Outlook",
     "Plan",
@@ -21,8 +25,10 @@ __all__ = [
     "Space",
     "design",
     "diagonal",
+    "drawn_around",
     "draws_of",
     "forecast",
+    "guarded_run",
     "plan",
     "read_plan",
     "write_plan",
