@@ -93,7 +93,7 @@ tests: $(READY) $(PAGE) browser
 
 kernels: $(READY)
 	@echo 'tests of the kernels, as plain Python'
-	@NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q -n $(WORKERS) tests/core tests/planning $(KERNEL_TESTS)
+	@NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q -n $(WORKERS) tests/core tests/planning/test_guard.py tests/planning/test_space.py $(KERNEL_TESTS)
 
 docs: $(READY) $(PAGE)
 	$(call quietly,documentation (sphinx),$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs docs/_build/html)
