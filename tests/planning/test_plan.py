@@ -114,6 +114,26 @@ def test_the_command_and_the_simulation_of_its_plan(tmp_path: Path) -> None:
     assert np.ptp(log["x"].values) > 0.05
 
 
+def test_a_guarded_plan_keeps_off_the_walls(made: Plan, tmp_path: Path) -> None:
+    """Driven twice as far as there is room, else it would not be asked."""
+    small = replace(made, space=Space.from_text("2x2x2"))
+    write_plan(small, tmp_path / "plan.toml")
+    asked = ("simulate", "bluerov2_heavy", tmp_path / "plan.toml", "-o", tmp_path / "run.csv", "--disturbance", 0.5)
+    found = document(*asked, "--guard")
+    assert found["guard"]["touched"] is False
+    assert found["guard"]["nearest_m"] > 0.0
+    assert 0.0 < found["guard"]["changed"] <= 1.0
+    kept = read(tmp_path / "run.csv")
+    radius = Space.from_text("2x2x2").require_room(load_vehicle("bluerov2_heavy"))
+    for name in "xy":
+        assert np.abs(kept[name].values).max() + radius < 1.0
+    assert document(*asked)["guard"] is None
+    free = read(tmp_path / "run.csv")
+    assert max(np.abs(free[name].values).max() for name in "xy") + radius > 1.0
+    assert "is no plan" in refused("simulate", "bluerov2_heavy", "surge-square", "-o", tmp_path / "a.csv", "--guard")
+    assert "100 Hz" in refused(*asked, "--guard", "--rate", 50)
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

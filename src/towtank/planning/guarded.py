@@ -14,8 +14,9 @@ from towtank.core.arrays import Array
 from towtank.core.layout import I_INFLOW
 from towtank.errors import InputError
 from towtank.planning.braking import PERIOD
-from towtank.planning.guard import LIMITS, Guard
+from towtank.planning.guard import LIMITS, Guard, drawn_around
 from towtank.planning.observer import Observer
+from towtank.planning.space import Space
 from towtank.recording.recording import Recording
 from towtank.simulation.actuation import HeldDrive, cut_step
 from towtank.simulation.disturbance import OrnsteinUhlenbeck
@@ -26,9 +27,10 @@ from towtank.simulation.sensors.mocap import Mocap
 from towtank.simulation.simulate import simulate
 from towtank.vehicle import Vehicle, configuration_matrix, curve_command, thruster_forces
 
-__all__ = ["DT", "GuardedRun", "commands_of", "guarded_run"]
+__all__ = ["DT", "GuardedRun", "commands_of", "guarded_commands", "guarded_run"]
 
 DT = 0.01  # s, of the simulation and of the poses
+_DRAWN = 19  # vehicles that the guard reckons with, beside the file's
 _GRID = 4097  # steps of force: a twentieth of a newton and less
 _STEPS = round(PERIOD / DT)
 
@@ -55,6 +57,11 @@ class GuardedRun:
     nu: Array
     clearance: Array
     tilt: Array
+
+    @property
+    def changed(self) -> float:
+        """Share of the time in which the guard changed what was wanted."""
+        return float(np.mean(self.shares.any(axis=1)))
 
     @property
     def touch(self) -> tuple[float, tuple[float, float, float]] | None:
@@ -125,6 +132,28 @@ def guarded_run(
         guard.space.clearance(tank.states[:, :3], guard.radius),
         2.0 * np.arcsin(np.minimum(np.hypot(q[:, 1], q[:, 2]), 1.0)),
     )
+
+
+def guarded_commands(
+    vehicle: Vehicle,
+    space: Space,
+    commands: Array,
+    *,
+    unsure: float = 0.3,
+    disturbance: OrnsteinUhlenbeck | None = None,
+    seed: int = 0,
+) -> GuardedRun:
+    """Return a guarded run of commands (n, m), each held for PERIOD, by a vehicle that the guard knows by its file.
+
+    Args:
+        unsure: how far off, as a share, the guard takes the file to be.
+
+    Raises:
+        InputError: no room in the space; a vehicle that no guard can brake.
+    """
+    guard = Guard.of(vehicle, space, drawn_around(vehicle, _DRAWN, unsure, seed), seed=seed)
+    wanted = np.clip(thruster_forces(vehicle, commands), guard.brake.low, guard.brake.high)
+    return guarded_run(guard, vehicle, wanted, disturbance=disturbance, seed=seed)
 
 
 def commands_of(vehicle: Vehicle, forces: Array) -> Array:

@@ -14,7 +14,9 @@ from towtank.errors import InputError
 
 if TYPE_CHECKING:
     from towtank.app.terminal.output import Progress
-    from towtank.simulation import BuiltIn, Manoeuvre
+    from towtank.core.arrays import Array
+    from towtank.planning import GuardedRun
+    from towtank.simulation import BuiltIn, Manoeuvre, OrnsteinUhlenbeck
     from towtank.vehicle import Vehicle
 
 __all__ = ["commands", "simulate"]
@@ -108,6 +110,9 @@ def simulate(
         float | None,
         typer.Option("--disturbance", metavar="N", help="Standard deviation of a random force on X, Y and Z."),
     ] = None,
+    guard: Annotated[
+        bool, typer.Option("--guard", help="Of a plan in a tank: keep the vehicle off the walls, by what it measures.")
+    ] = False,
     mapping: Map = None,
     json: Json = False,
 ) -> None:
@@ -137,16 +142,30 @@ def simulate(
     with output.progress("simulating") as progress:
         found = read_vehicle(vehicle, output)
         progress("simulating", 0.0)
-        inputs = _inputs(manoeuvre, found, mapping, duration, 1.0 / rate, seed, progress)
         from towtank.simulation import OrnsteinUhlenbeck
         from towtank.simulation import simulate as run
 
+        push = OrnsteinUhlenbeck(std=disturbance) if disturbance else None
+        start, kept = None, None
+        if Path(manoeuvre).suffix == ".toml":
+            if guard and (rate != _DEFAULT_RATE or water is not None or delay is not None):
+                raise InputError("--guard: works at 100 Hz, in still water and with the vehicle's own delay")
+            inputs, start, kept = _planned(
+                Path(manoeuvre), found, duration, 1.0 / rate, push if guard else None, guard, seed
+            )
+        elif guard:
+            raise InputError(
+                f"--guard: {manoeuvre} is no plan; give one for a tank (towtank plan VEHICLE --space LxWxH)"
+            )
+        else:
+            inputs = _inputs(manoeuvre, found, mapping, duration, 1.0 / rate, seed, progress)
         recording = run(
             found,
             **inputs.inputs,
+            eta0=start,
             current=water or (0.0, 0.0, 0.0),
             sensors=sensors,
-            disturbance=OrnsteinUhlenbeck(std=disturbance) if disturbance else None,
+            disturbance=push,
             delay=delay,
             seed=seed,
             substeps=max(1, round(inputs.dt / _LONGEST_STEP)),
@@ -158,6 +177,11 @@ def simulate(
     output.line(
         f"{found.name}, {inputs.name}: {recording.duration:g} s, {samples} samples at {rate:g} Hz, {sensors} sensors"
     )
+    if kept is not None:
+        output.line(
+            f"the guard changed what was wanted for {100.0 * kept.changed:.0f} % of the time; nearest to a wall"
+            f" {kept.clearance.min():.2f} m"
+        )
     output.line(f"channels: {' '.join(recording.names)}")
     output.line(f"written to {file}")
     output.line()
@@ -175,6 +199,9 @@ def simulate(
             "delay_s": found.command_delay if delay is None else delay,
             "current": water or (0.0, 0.0, 0.0),
             "disturbance_n": disturbance or 0.0,
+            "guard": None
+            if kept is None
+            else {"changed": kept.changed, "nearest_m": float(kept.clearance.min()), "touched": kept.touch is not None},
             "channels": recording.names,
             "warnings": output.warnings,
         }
@@ -190,8 +217,6 @@ def _inputs(
     from towtank.simulation import MANOEUVRES, manoeuvre, manoeuvre_from_recording
 
     path = Path(name)
-    if path.suffix == ".toml":
-        return _planned(path, vehicle, duration, dt)
     if name in MANOEUVRES or not (path.suffix or path.exists()):
         return manoeuvre(name, vehicle, duration=duration, dt=dt, seed=seed)
     recording = read_logs([path], mapping, progress)[0]
@@ -200,16 +225,32 @@ def _inputs(
     return manoeuvre_from_recording(recording, vehicle, dt=dt, duration=duration)
 
 
-def _planned(path: Path, vehicle: Vehicle, duration: float | None, dt: float) -> Manoeuvre:
-    """Return the inputs of a plan, at rest between its segments."""
+def _planned(
+    path: Path,
+    vehicle: Vehicle,
+    duration: float | None,
+    dt: float,
+    push: OrnsteinUhlenbeck | None,
+    guard: bool,
+    seed: int,
+) -> tuple[Manoeuvre, Array | None, GuardedRun | None]:
+    """Return the inputs of a plan, at rest between its segments, its start, and what its guard made of it."""
     import numpy as np
 
-    from towtank.planning import RATE, read_plan
+    from towtank.planning import RATE, guarded_commands, read_plan
     from towtank.recording import Recording
     from towtank.simulation import manoeuvre_from_recording
 
-    commands = read_plan(path).commands(vehicle)
-    names = [f"cmd_{thruster.name}" for thruster in vehicle.thrusters]
-    columns = dict(zip(names, commands.T, strict=True))
+    found = read_plan(path)
+    commands, kept = found.commands(vehicle), None
+    if duration is not None:
+        commands = commands[: max(1, round(duration * RATE))]
+    if guard:
+        if found.space is None:
+            raise InputError(f"--guard: {path} is a plan for open water, which has no walls; plan with --space")
+        kept = guarded_commands(vehicle, found.space, commands, disturbance=push, seed=seed)
+        commands = kept.commands
+    columns = dict(zip((f"cmd_{each.name}" for each in vehicle.thrusters), commands.T, strict=True))
     recording = Recording.from_table(np.arange(len(commands)) / RATE, columns, source=path.name)
-    return manoeuvre_from_recording(recording, vehicle, dt=dt, duration=duration)
+    start = None if found.space is None else found.space.eta0
+    return manoeuvre_from_recording(recording, vehicle, dt=dt, duration=duration), start, kept
