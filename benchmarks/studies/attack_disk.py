@@ -64,6 +64,11 @@ Feed = Sequence[tuple[float, bytes]]
 started: list[subprocess.Popen[str]] = []  # every process, so that none outlives the study
 
 
+def _hang_up_counts() -> None:
+    """Let SIGHUP end the process, as it does where nobody ignores it: a study run by nohup would wait for ever."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
 class Live:
     """A process of `towtank live` whose lines are read as they come."""
 
@@ -74,6 +79,7 @@ class Live:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
+            preexec_fn=_hang_up_counts,
         )
         self.lines: list[tuple[float, dict[str, Any]]] = []
         self.said: list[str] = []
