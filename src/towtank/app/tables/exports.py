@@ -60,7 +60,7 @@ def show_import(found: Imported, place: Path, output: Output) -> None:
     output.line(f"{vehicle.name} -> {place}", "bold")
     output.line(
         f"{found.source}: {vehicle.rigid_body.mass:g} kg, {len(vehicle.hydrodynamics)} coefficients,"
-        f" {len(vehicle.thrusters)} thrusters"
+        f" {len(vehicle.thrusters)} thruster{'' if len(vehicle.thrusters) == 1 else 's'}"
     )
     for each in found.doubts:
         output.warn(f"{vehicle.name}: {each}")

@@ -17,7 +17,6 @@ from towtank.core.attitude import eulers_from_quaternions
 from towtank.exporters.heading import Heading
 from towtank.exporters.request import Kept, Request, speed_range
 from towtank.exporters.templates import filled, template
-from towtank.simulation.integration import simulate_pieces
 from towtank.vehicle import (
     COEFFICIENTS,
     Curve,
@@ -254,6 +253,8 @@ def _branch(curve: Curve, sign: int) -> tuple[int, bool, float, float]:
 
 def _vectors(vehicle: Vehicle, number: _Number) -> dict[str, str]:
     """Return cases: state, wrench, current; acceleration and state after a step; commands, their wrench, allocation."""
+    from towtank.simulation.integration import simulate_pieces  # the package takes a tenth of an export to load
+
     rng = np.random.default_rng(1)
     speeds, p = speed_range(vehicle), np.array(vehicle.parameters)
     scale = np.abs(vehicle.mass_matrix @ speeds) + 1.0
