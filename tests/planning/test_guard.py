@@ -13,11 +13,11 @@ from towtank.core.rk4 import simulate_run
 from towtank.errors import InputError
 from towtank.planning.braking import PERIOD, brake_into
 from towtank.planning.guard import LIMITS, Guard, drawn_around, scaled
-from towtank.planning.guarded import commands_of, guarded_run
+from towtank.planning.guarded import guarded_run
 from towtank.planning.observer import Observer
 from towtank.planning.space import Space
 from towtank.simulation import OrnsteinUhlenbeck, simulate
-from towtank.vehicle import load_vehicle, thruster_forces
+from towtank.vehicle import load_vehicle, thruster_commands, thruster_forces
 
 JIT = not numba.config.DISABLE_JIT
 COUNT = 9 if JIT else 1
@@ -100,8 +100,8 @@ def test_a_lagged_and_late_force_is_predicted_as_the_simulator_has_it():
     guard.brake.hover[:] = 0.0
     state, n = state_of(WIDE), len(guard.work.commands)
     guard.step(state, np.zeros(pushed.size))
-    commands = np.zeros((100 + 4 * n, pushed.size)) + commands_of(vehicle, np.zeros(pushed.size))
-    commands[96:100] = commands_of(vehicle, pushed)
+    commands = np.zeros((100 + 4 * n, pushed.size)) + thruster_commands(vehicle, np.zeros(pushed.size))
+    commands[96:100] = thruster_commands(vehicle, pushed)
     run = simulate(vehicle, commands=commands, eta0=(*state[:3], 0.0, 0.0, 0.0))
     rest = simulate(vehicle, commands=commands[:100], eta0=(*state[:3], 0.0, 0.0, 0.0))
     moved = run["x"].values[-1] - rest["x"].values[-1]
@@ -265,7 +265,7 @@ def test_a_guarded_run_keeps_off_the_walls_and_its_recording_is_the_run(name):
     untouched = ~(run.shares > 0.0).any(axis=1)
     assert untouched[0]
     np.testing.assert_array_equal(run.given[untouched], wanted[untouched])
-    np.testing.assert_array_equal(run.commands[untouched], commands_of(guard.vehicle, wanted)[untouched])
+    np.testing.assert_array_equal(run.commands[untouched], thruster_commands(guard.vehicle, wanted)[untouched])
     free = guarded_run(guard, truth, wanted, disturbance=S2, seed=5, guarded=False)
     assert free.touch is not None
     at, place = free.touch

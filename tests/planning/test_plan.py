@@ -175,6 +175,8 @@ def test_what_is_no_plan_is_said(text: str, said: str, tmp_path: Path, made: Pla
             read_plan(place)
 
 
-def test_a_plan_is_not_of_another_number_of_thrusters(made: Plan) -> None:
-    other = replace(made, segments=made.segments[:1])
-    assert other.commands(load_vehicle("lauv")).shape[1] == 1
+def test_a_plan_of_another_vehicle_is_driven_and_said(made: Plan, tmp_path: Path) -> None:
+    write_plan(replace(made, segments=made.segments[:1]), tmp_path / "plan.toml")
+    ran = command("simulate", "bluerov2_heavy_wu", tmp_path / "plan.toml", "-o", tmp_path / "run.csv")
+    assert ran.code == 0
+    assert "planned for bluerov2_heavy, driven by bluerov2_heavy_wu" in ran.err

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from towtank.core.arrays import Array
 
-__all__ = ["TURN", "parallel_axes", "turned_bilinear", "turned_matrix", "turned_vector"]
+__all__ = ["TURN", "folded", "parallel_axes", "turned_bilinear", "turned_matrix", "turned_vector"]
 
 TURN = (1.0, -1.0, -1.0, 1.0, -1.0, -1.0)
 
@@ -38,6 +38,12 @@ def turned_bilinear(terms: ArrayLike) -> Array:
     """Return a_ijk (6, 6, 6) of forces a_ijk nu_j nu_k in the other frame."""
     t = np.array(TURN)
     return np.asarray(np.asarray(terms, dtype=np.float64) * np.einsum("i,j,k->ijk", t, t, t) + 0.0)
+
+
+def folded(terms: Array) -> Array:
+    """Return a_ijk (6, 6, 6) with j <= k alone: nu_j nu_k and nu_k nu_j are one."""
+    upper = np.triu(np.ones((6, 6)))
+    return np.asarray((terms + terms.transpose(0, 2, 1)) * upper - terms * np.eye(6))
 
 
 def parallel_axes(mass: float, offset: Array) -> Array:

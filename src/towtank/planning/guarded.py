@@ -25,9 +25,9 @@ from towtank.simulation.integration import simulate_pieces, simulate_thrusters
 from towtank.simulation.motion import continuous_eulers
 from towtank.simulation.sensors.mocap import Mocap
 from towtank.simulation.simulate import simulate
-from towtank.vehicle import Vehicle, configuration_matrix, curve_command, thruster_forces
+from towtank.vehicle import Vehicle, configuration_matrix, thruster_commands, thruster_forces
 
-__all__ = ["DT", "GuardedRun", "commands_of", "guarded_commands", "guarded_run"]
+__all__ = ["DT", "GuardedRun", "guarded_commands", "guarded_run"]
 
 DT = 0.01  # s, of the simulation and of the poses
 _DRAWN = 19  # vehicles that the guard reckons with, beside the file's
@@ -106,7 +106,7 @@ def guarded_run(
     tank = _Tank(truth, push, eta0)
     observer = Observer.of(vehicle, eta0)
     guard.reset()
-    commands, inverse = commands_of(vehicle, wanted), _InverseCurves(guard)
+    commands, inverse = thruster_commands(vehicle, wanted), _InverseCurves(guard)
     given, shares = wanted.copy(), np.zeros((n, len(LIMITS)))
     for i in range(n):
         if guarded:
@@ -156,20 +156,13 @@ def guarded_commands(
     return guarded_run(guard, vehicle, wanted, disturbance=disturbance, seed=seed)
 
 
-def commands_of(vehicle: Vehicle, forces: Array) -> Array:
-    """Return the commands (..., m), in the units of the curves, with which the thrusters give forces (..., m) [N]."""
-    return np.stack(
-        [curve_command(each.curve, forces[..., k] / each.gain) for k, each in enumerate(vehicle.thrusters)], axis=-1
-    )
-
-
 class _InverseCurves:
     """Commands of forces by a table, fast enough for a loop: the curves' inverse at equal steps of force."""
 
     def __init__(self, guard: Guard) -> None:
         self._low, self._high = guard.brake.low, guard.brake.high
         grid = np.linspace(self._low, self._high, _GRID)
-        self._commands, self._columns = commands_of(guard.vehicle, grid), np.arange(grid.shape[1])
+        self._commands, self._columns = thruster_commands(guard.vehicle, grid), np.arange(grid.shape[1])
 
     def __call__(self, forces: Array) -> Array:
         """Return the commands (m,) of the forces (m,) [N], to the nearest step."""

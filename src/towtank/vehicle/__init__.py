@@ -28,6 +28,7 @@ from towtank.vehicle.thrusters.wrench import (
     allocatable_axes,
     allocate,
     configuration_matrix,
+    thruster_commands,
     thruster_forces,
     thruster_wrench,
 )
@@ -82,6 +83,7 @@ __all__ = [
     "parse_vehicle",
     "read_bench",
     "save_vehicle",
+    "thruster_commands",
     "thruster_forces",
     "thruster_wrench",
     "unit",

@@ -13,7 +13,7 @@ from towtank.app.terminal.guard import PlainCommand
 from towtank.errors import InputError
 
 if TYPE_CHECKING:
-    from towtank.app.terminal.output import Progress
+    from towtank.app.terminal.output import Output, Progress
     from towtank.core.arrays import Array
     from towtank.planning import GuardedRun
     from towtank.simulation import BuiltIn, Manoeuvre, OrnsteinUhlenbeck
@@ -150,9 +150,7 @@ def simulate(
         if Path(manoeuvre).suffix == ".toml":
             if guard and (rate != _DEFAULT_RATE or water is not None or delay is not None):
                 raise InputError("--guard: works at 100 Hz, in still water and with the vehicle's own delay")
-            inputs, start, kept = _planned(
-                Path(manoeuvre), found, duration, 1.0 / rate, push if guard else None, guard, seed
-            )
+            inputs, start, kept = _planned(Path(manoeuvre), found, duration, 1.0 / rate, push, guard, seed, output)
         elif guard:
             raise InputError(
                 f"--guard: {manoeuvre} is no plan; give one for a tank (towtank plan VEHICLE --space LxWxH)"
@@ -233,6 +231,7 @@ def _planned(
     push: OrnsteinUhlenbeck | None,
     guard: bool,
     seed: int,
+    output: Output,
 ) -> tuple[Manoeuvre, Array | None, GuardedRun | None]:
     """Return the inputs of a plan, at rest between its segments, its start, and what its guard made of it."""
     import numpy as np
@@ -242,6 +241,8 @@ def _planned(
     from towtank.simulation import manoeuvre_from_recording
 
     found = read_plan(path)
+    if found.vehicle != vehicle.name:
+        output.warn(f"{path}: planned for {found.vehicle}, driven by {vehicle.name}: other forces, another promise")
     commands, kept = found.commands(vehicle), None
     if duration is not None:
         commands = commands[: max(1, round(duration * RATE))]

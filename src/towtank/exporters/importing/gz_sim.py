@@ -15,7 +15,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError
-from towtank.exporters.frames import turned_bilinear, turned_matrix, turned_vector
+from towtank.exporters.frames import folded, turned_bilinear, turned_matrix, turned_vector
 from towtank.exporters.importing.bodies import IDENTITY, Placed, Solid, composite, pose, rigid_body_of, volume_of
 from towtank.exporters.importing.guarded import Imported, number, numbers
 from towtank.exporters.importing.known import doubts_of
@@ -255,9 +255,9 @@ class _Reading:
             self.doubts.append("added mass stands in fluid_added_mass and in the plugin: Gazebo counts it twice")
         own = bilinear_of_added_mass(-late)
         scale = np.abs(own).max()
-        folded = _folded(terms)
-        if not coriolis and np.abs(np.where(own != 0.0, folded - own, 0.0)).max() <= 1e-9 * scale:
-            terms[:] = np.where(own != 0.0, 0.0, folded)
+        once = folded(terms)
+        if not coriolis and np.abs(np.where(own != 0.0, once - own, 0.0)).max() <= 1e-9 * scale:
+            terms[:] = np.where(own != 0.0, 0.0, once)
         elif coriolis:
             self.doubts.append(
                 "Gazebo's own Coriolis matrix of added mass knows the diagonal alone and has wrong signs in released"
@@ -266,14 +266,14 @@ class _Reading:
 
     def _even(self, terms: Array) -> dict[str, float]:
         """Return the terms u nu_j and nu_i^2 that a vehicle knows; the others are left."""
-        folded, values = _folded(terms), {}
+        once, values = folded(terms), {}
         for name in COEFFICIENTS:
             kind, i, j = index(name)
             at = (i, 0, j) if kind == "forward" else (i, i, i)
-            if kind in ("forward", "asymmetric") and folded[at] != 0.0:
-                values[name] = float(folded[at])
-                folded[at] = 0.0
-        for i, j, k in np.argwhere(folded != 0.0):
+            if kind in ("forward", "asymmetric") and once[at] != 0.0:
+                values[name] = float(once[at])
+                once[at] = 0.0
+        for i, j, k in np.argwhere(once != 0.0):
             tag = _FORCES[i] + _VELOCITIES[j] + _VELOCITIES[k]
             self.left.append(f"Hydrodynamics/{tag}: no such term in a vehicle")
         for axis in range(6):
@@ -359,12 +359,6 @@ def _is_true(text: str | None) -> bool:
 def _child(element: Element, path: str, unsaid: float, place: str) -> float:
     found = element.find(path)
     return unsaid if found is None else number(found.text, f"{place}: {path}")
-
-
-def _folded(terms: Array) -> Array:
-    """Return a_ijk with j <= k alone: nu_j nu_k and nu_k nu_j are one."""
-    upper = np.triu(np.ones((6, 6)))
-    return np.asarray((terms + terms.transpose(0, 2, 1)) * upper - terms * np.eye(6))
 
 
 def added_mass_coefficients(M_A: Array) -> dict[str, float]:

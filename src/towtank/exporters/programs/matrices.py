@@ -18,11 +18,12 @@ from typing import NamedTuple
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.core.inertia import skew
 from towtank.digits import short
 from towtank.errors import InputError
 from towtank.exporters.programs.mss import matrices_of
 from towtank.exporters.request import Request
-from towtank.vehicle import Vehicle, configuration_matrix, curve_command, force_range, inverse_dynamics
+from towtank.vehicle import Vehicle, configuration_matrix, force_range, inverse_dynamics, thruster_commands
 from towtank.vehicle.names import COLUMNS, ROWS
 
 __all__ = ["STATES", "STATE_UNITS", "Linear", "linearised", "remarks", "slope", "tangent"]
@@ -95,14 +96,13 @@ def linearised(vehicle: Vehicle, speed: float) -> Linear:
 
 
 def _commands(vehicle: Vehicle, forces: Array) -> tuple[Array, tuple[str, ...]]:
-    commands, beyond = np.zeros(len(forces)), []
+    beyond = []
     for k, thruster in enumerate(vehicle.thrusters):
         force = float(forces[k]) / thruster.gain
-        commands[k] = float(curve_command(thruster.curve, force))
         low, high = force_range(thruster.curve)
         if not low - 1e-9 * abs(force) <= force <= high + 1e-9 * abs(force):
             beyond.append(thruster.name)
-    return commands, tuple(beyond)
+    return thruster_commands(vehicle, forces), tuple(beyond)
 
 
 def slope(vehicle: Vehicle, nu: Array) -> Array:
@@ -115,18 +115,13 @@ def slope(vehicle: Vehicle, nu: Array) -> Array:
 
 def _coriolis_slope(M: Array, nu: Array) -> Array:
     """Return the derivative (6, 6) of C(nu) nu = [omega x h1; v x h1 + omega x h2], h = M nu, by nu."""
-    h, v, omega = M @ nu, _cross(nu[:3]), _cross(nu[3:])
-    h1, h2 = _cross(h[:3]), _cross(h[3:])
+    h, v, omega = M @ nu, skew(nu[:3]), skew(nu[3:])
+    h1, h2 = skew(h[:3]), skew(h[3:])
     out = np.vstack([omega @ M[:3], v @ M[:3] + omega @ M[3:]])
     out[:3, 3:] -= h1
     out[3:, :3] -= h1
     out[3:, 3:] -= h2
     return np.asarray(out)
-
-
-def _cross(a: Array) -> Array:
-    """Return S (3, 3) with S b = a x b."""
-    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
 def tangent(request: Request) -> Vehicle:

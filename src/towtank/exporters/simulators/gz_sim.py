@@ -20,7 +20,7 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.digits import short
 from towtank.errors import InputError, nearest
-from towtank.exporters.frames import parallel_axes, turned_bilinear, turned_matrix, turned_vector
+from towtank.exporters.frames import folded, parallel_axes, turned_bilinear, turned_matrix, turned_vector
 from towtank.exporters.heading import Heading
 from towtank.exporters.request import Kept, Request, rounded, stem_of, with_plain_buoyancy
 from towtank.exporters.templates import filled, template
@@ -235,8 +235,7 @@ def bilinear_of_added_mass(M_A: Array) -> Array:
             for i, momentum, velocity in ((row, 0, 3), (3 + row, 0, 0), (3 + row, 3, 3)):
                 terms[i, k, velocity + b] += M_A[momentum + a, k]
                 terms[i, k, velocity + a] -= M_A[momentum + b, k]
-    upper = np.triu(np.ones((6, 6)))
-    return np.asarray((terms + terms.transpose(0, 2, 1)) * upper - terms * np.eye(6))
+    return folded(terms)
 
 
 def _box(vehicle: Vehicle) -> str:

@@ -16,7 +16,14 @@ from towtank.vehicle.motion import last_axis
 from towtank.vehicle.thrusters import curves
 from towtank.vehicle.vehicle import Vehicle
 
-__all__ = ["allocatable_axes", "allocate", "configuration_matrix", "thruster_forces", "thruster_wrench"]
+__all__ = [
+    "allocatable_axes",
+    "allocate",
+    "configuration_matrix",
+    "thruster_commands",
+    "thruster_forces",
+    "thruster_wrench",
+]
 
 _ORDER = (0, 1, 2, 5, 3, 4)  # X Y Z N K M
 _INDEPENDENT = 1e-3
@@ -63,6 +70,19 @@ def thruster_wrench(vehicle: AnyVehicle, commands: ArrayLike, voltage: ArrayLike
     return np.asarray(thruster_forces(vehicle, commands, voltage) @ configuration_matrix(vehicle).T)
 
 
+def thruster_commands(vehicle: Vehicle, forces: ArrayLike, voltage: float | None = None) -> Array:
+    """Return the commands (..., n), in the units of the curves, with which the thrusters give forces (..., n) [N].
+
+    The inverse of `thruster_forces`: a force beyond what a thruster can do gives the command of its largest force, one
+    smaller than half the step at a dead band the neutral command.
+    """
+    f = np.asarray(forces, dtype=np.float64)
+    commands = np.empty_like(f)
+    for k, thruster in enumerate(vehicle.thrusters):
+        commands[..., k] = curves.command(thruster.curve, f[..., k] / thruster.gain, voltage)
+    return commands
+
+
 def allocatable_axes(vehicle: Vehicle) -> tuple[int, ...]:
     """Return the rows of the wrench (0..5) that the thrusters can set independently of each other.
 
@@ -98,7 +118,7 @@ def allocate(vehicle: AnyVehicle, wrench: ArrayLike, voltage: float | None = Non
         InputError: the last axis is not 6, or the vehicle has no thrusters.
     """
     vehicle = vehicle_of(vehicle)
-    n = _count(vehicle)
+    _count(vehicle)
     tau = last_axis(wrench, 6, "wrench", "X Y Z K M N")
     axes = list(allocatable_axes(vehicle))
     forces = tau[..., axes] @ np.linalg.pinv(configuration_matrix(vehicle)[axes]).T
@@ -110,11 +130,7 @@ def allocate(vehicle: AnyVehicle, wrench: ArrayLike, voltage: float | None = Non
         with np.errstate(divide="ignore", invalid="ignore"):
             possible = np.where(f > high, high / f, np.where(f < low, low / f, 1.0))
         share = np.minimum(share, possible)
-    forces = forces * share[..., None]
-    commands = np.empty((*tau.shape[:-1], n))
-    for k, thruster in enumerate(vehicle.thrusters):
-        commands[..., k] = curves.command(thruster.curve, forces[..., k] / thruster.gain, voltage)
-    return commands
+    return thruster_commands(vehicle, forces * share[..., None], voltage)
 
 
 def _count(vehicle: Vehicle) -> int:
