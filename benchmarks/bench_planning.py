@@ -3,7 +3,8 @@
     python benchmarks/bench_planning.py [--json]
 
 First the forecast must be what learning states: `tests/planning/test_forecast.py` proves that. Then the time of a
-forecast of 14 s at 25 Hz with everything unknown, of the design of a segment, and of a guard's step that passes and that bends.
+forecast of 14 s at 25 Hz with everything unknown, of the design of a segment, and of a guard's step that passes and
+that bends.
 """
 
 from __future__ import annotations
