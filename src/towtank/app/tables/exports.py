@@ -15,9 +15,11 @@ _ROWS = "XYZKMN"
 
 def show_targets(output: Output) -> None:
     """Show the targets."""
-    table = output.table("Target", "Writes", "For", "Versions", wrap="For")
+    what = "For, and what it writes"
+    table = output.table("Target", what, wrap=what)
     for each in TARGETS:
-        table.add_row(each.name, each.writes, each.summary, ", ".join(each.versions))
+        versions = f" ({', '.join(each.versions)})" if len(each.versions) > 1 else ""
+        table.add_row(each.name, f"{each.summary}: {each.writes}{versions}")
     output.show(table)
 
 
