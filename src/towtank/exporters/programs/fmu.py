@@ -33,7 +33,7 @@ _STEP = 0.01  # s, the longest step of integration unless the parameter says oth
 _BUILT = (1980, 1, 1, 0, 0, 0)  # the time of every file: the same model gives the same bytes
 _PLATFORMS = {"x86_64": ("linux64", "x86_64-linux"), "aarch64": ("aarch64-linux", "aarch64-linux")}  # FMI 2.0, 3.0
 _COMPILERS = ("cc", "gcc", "clang")
-_FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-Wl,--build-id=none", "-s")
+_FLAGS = ("-std=c99", "-O1", "-fPIC", "-shared", "-fvisibility=hidden", "-Wl,--build-id=none", "-s")
 _NAMESPACE = uuid.UUID("6f8f4a3e-7a1c-5d0b-9a53-0e4c2f3f7c11")
 _POSE = ("x", "y", "z", "phi", "theta", "psi")
 _VELOCITY = ("u", "v", "w", "p", "q", "r")
