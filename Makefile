@@ -51,7 +51,7 @@ $(READY): pyproject.toml requirements.lock
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
 	echo "towtank needs Python 3.11 or newer; '$(PYTHON)' is not. Choose another: make PYTHON=python3.12 ..."; exit 1; }
 	$(call quietly,setting up .venv (a minute or two),$(PYTHON) -m venv .venv)
-	$(call quietly,  libraries from requirements.lock,$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements.lock)
+	$(call quietly,  libraries from requirements.lock,$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --requirement requirements.lock)
 	$(call quietly,  towtank itself,$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .)
 	@touch $@
 
