@@ -52,8 +52,13 @@ export class Controls {
     this.enable();
   }
 
+  /** Whether this viewer may steer, and is heard. */
+  get able(): boolean {
+    return this.steers && this.linked;
+  }
+
   private enable(): void {
-    const able = this.steers && this.linked;
+    const able = this.able;
     const why = this.steers ? "" : "Open the address that was printed at the start to pause and mark.";
     for (const element of [this.pause, this.mark, byId<HTMLFormElement>("mark").querySelector("button")!]) {
       if (element.disabled === able) element.disabled = !able;
@@ -68,7 +73,7 @@ export class Controls {
     byId("theme").setAttribute("aria-label", dark() ? "Light colours" : "Dark colours");
   }
 
-  private async post(what: string, body?: object): Promise<boolean> {
+  async post(what: string, body?: object): Promise<boolean> {
     try {
       const headers = { "content-type": "application/json" };
       const answer = await fetch(`api/${what}`, { method: "POST", headers, body: body && JSON.stringify(body) });
@@ -84,6 +89,8 @@ export class Controls {
     if (event.key === "p" && !this.pause.disabled) this.pause.click();
     else if (event.key === "m" && !this.mark.disabled) this.mark.focus();
     else if (event.key === "s") byId("model").click();
+    else if (event.key === "b" && !byId<HTMLButtonElement>("plan-begin").disabled) byId("plan-begin").click();
+    else if (event.key === "h" && !byId<HTMLButtonElement>("plan-hold").disabled) byId("plan-hold").click();
     else if (event.key === "t") switchTheme();
     else if (event.key === "?") byId("help").click();
     else return;

@@ -6,6 +6,7 @@ import { Coefficients } from "./coefficients";
 import { Controls } from "./controls";
 import { byId, hintScroll, write } from "./dom";
 import { Link } from "./link";
+import { Pilot } from "./pilot";
 import { clock } from "./numbers";
 import type { Frame, Hello, Message, State } from "./protocol";
 import { Kind } from "./protocol";
@@ -33,6 +34,7 @@ const velocities = new Velocities();
 const signals = new Signals();
 const horizon = new Horizon(byId("horizon"));
 const trail = new Track(byId("track"));
+const pilot = new Pilot((what) => void controls.post(what));
 
 // The token is in a cookie by now; it had better not stay in the address.
 if (new URLSearchParams(location.search).has("token")) history.replaceState(null, "", location.pathname);
@@ -99,6 +101,7 @@ function stand(next: State): void {
   showAxes(hello, next);
   showLinks(next);
   controls.show(next);
+  pilot.show(next.ended ? null : next.plan, controls.able);
   document.body.dataset.sequence = String(next.sequence); // last: everything of this state stands there now
 }
 
@@ -144,6 +147,7 @@ Object.assign(window, { towtank: drawn });
 function draw(): void {
   requestAnimationFrame(draw);
   if (!hello) return;
+  pilot.draw();
   let any = false;
   if (fresh.signals && recent.columns.length) {
     const [, , , phi, theta, psi] = pose();

@@ -16,6 +16,16 @@ export interface Known {
   asked_rms: number | null; drivable: boolean;
 }
 
+export interface Movement {
+  axis: string; text: string; amount: number; start_s: number; end_s: number; done: number | null;
+}
+
+export interface Plan {
+  stage: "bring" | "count" | "drive" | "think" | "held" | "met" | "over"; text: string; clock_s: number | null;
+  segment: number; planned: number; duration_s: number; manoeuvred_s: number; accuracy: number; offset_m: number[];
+  axes: string[]; movements: Movement[]; known: { name: string; share: number | null; met: boolean }[];
+}
+
 export interface State {
   type: "state"; sequence: number; ended: boolean; paused: boolean; state: string; no_data_s: number | null; elapsed_s: number;
   t: number | null; verdict: string; notes: string[];
@@ -35,6 +45,7 @@ export interface State {
   }[];
   recording: { file: string; bytes: number; lost: number } | null;
   warnings: string[];
+  plan: Plan | null;
   page: { viewers: number; skipped: number; refused: number; trouble: string };
 }
 

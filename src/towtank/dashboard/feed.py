@@ -75,6 +75,7 @@ class Now:
         warnings: what a person had better know. events: what happened.
         verdict: what the model can be used for, and what to drive next; "" where nothing was judged yet.
         not_learning: why what comes is not learned from, as "disarmed"; "" where it is.
+        plan: what is to be driven now and next, as of `towtank live --plan`; None where nothing is planned.
     """
 
     elapsed: float
@@ -100,6 +101,7 @@ class Now:
     events: tuple[Event, ...] = ()
     verdict: str = ""
     not_learning: str = ""
+    plan: Mapping[str, Any] | None = None
 
 
 class Feed(Protocol):
@@ -121,3 +123,6 @@ class Feed(Protocol):
 
     def mark(self, text: str) -> None:
         """Add an event of somebody's own."""
+
+    def ask(self, what: str) -> bool:
+        """Do what the pilot of a plan asks for: "begin", "hold" or "on"; return whether that was possible."""

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 from towtank.dashboard.feed import About, Instant, Link, Now, RecordingFile
 from towtank.live.session import Session
 from towtank.live.status import Status
 from towtank.vehicle import Vehicle
 
-__all__ = ["LiveFeed", "Tap", "now_of"]
+__all__ = ["Guide", "LiveFeed", "Tap", "now_of"]
 
 _KEPT = 5000  # instants
 
@@ -34,8 +34,8 @@ class Tap:
         return found
 
 
-def now_of(status: Status, verdict: str = "") -> Now:
-    """Return where a session stands; verdict: what its model can be used for."""
+def now_of(status: Status, verdict: str = "", plan: Mapping[str, Any] | None = None) -> Now:
+    """Return where a session stands; verdict: what its model can be used for; plan: what is to be driven."""
     learnt, recording = status.learnt, status.recording
     return Now(
         elapsed=status.elapsed,
@@ -64,19 +64,37 @@ def now_of(status: Status, verdict: str = "") -> Now:
         events=status.events,
         verdict=verdict,
         not_learning="" if learnt.left_out is None else learnt.left_out.reason,
+        plan=plan,
     )
 
 
-class LiveFeed:
-    """A `Session`; to be made before that runs. `verdict` returns what its model can be used for."""
+class Guide(Protocol):
+    """Leads the pilot of a session."""
 
-    def __init__(self, session: Session, about: About, verdict: Callable[[], str] = str) -> None:
+    def document(self) -> Mapping[str, Any]:
+        """Return what is to be driven now and next."""
+
+    def ask(self, what: str) -> bool:
+        """Do what the pilot asks for; return whether that was possible."""
+
+
+class LiveFeed:
+    """A `Session`; to be made before that runs.
+
+    `verdict` returns what its model can be used for; `guide` says what is to be driven, None: nobody does.
+    """
+
+    def __init__(
+        self, session: Session, about: About, verdict: Callable[[], str] = str, guide: Guide | None = None
+    ) -> None:
         self.about, self._session, self._tap, self._verdict = about, session, Tap(), verdict
+        self._guide = guide
         session.learning.tap = self._tap
 
     def now(self) -> Now:
         """Return where the session stands."""
-        return now_of(self._session.status(), self._verdict())
+        plan = None if self._guide is None else self._guide.document()
+        return now_of(self._session.status(), self._verdict(), plan)
 
     def taken(self) -> Sequence[Instant]:
         """Return the instants that came since the last call."""
@@ -94,3 +112,7 @@ class LiveFeed:
     def mark(self, text: str) -> None:
         """Add an event of somebody's own."""
         self._session.mark(text)
+
+    def ask(self, what: str) -> bool:
+        """Do what the pilot of a plan asks for."""
+        return self._guide is not None and self._guide.ask(what)

@@ -1,4 +1,4 @@
-"""What can be asked of the page's server: a fixed table of files, a few numbers, and three controls.
+"""What can be asked of the page's server: a fixed table of files, a few numbers, and a few controls.
 
 Each viewer has a socket that is written to and never read from.
 """
@@ -30,6 +30,7 @@ __all__ = ["Reports", "application"]
 _POLICY, _LATER = 1008, 1013  # codes of closing
 _IN_ORDER = (1000, 1001, 1005, 1006, 1011, 1012)  # of a peer that left, or that we gave up
 Reports = Callable[[], bytes]
+_CONTROLS = ("pause", "resume", "mark", "begin", "hold", "on")
 _LONGEST = 2048  # bytes of a body
 _MARK = 200  # characters of a mark
 _PIECE = 1 << 18  # bytes of the recording that are read at once
@@ -111,7 +112,7 @@ def application(
         Route("/api/model.toml", pages.model, methods=["GET"]),
         Route("/api/recording", pages.recording, methods=["GET"]),
         *([Route("/api/report", pages.report, methods=["GET"])] if reports is not None else []),
-        *(Route(f"/api/{name}", pages.control(name), methods=["POST"]) for name in ("pause", "resume", "mark")),
+        *(Route(f"/api/{name}", pages.control(name), methods=["POST"]) for name in _CONTROLS),
         WebSocketRoute("/api/stream", viewer),
     ]
     app = Starlette(routes=routes)
@@ -227,6 +228,9 @@ class _Pages:
                 if text is None:
                     return PlainTextResponse('expected {"text": "..."}', 400)
                 self._feed.mark(text)
+            elif name in ("begin", "hold", "on"):
+                if not self._feed.ask(name):
+                    return PlainTextResponse("nothing is to be driven now", 409)
             else:
                 self._feed.pause(name == "pause")
             return Response(status_code=204)

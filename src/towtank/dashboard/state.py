@@ -131,6 +131,7 @@ def state_document(
         if recording is None
         else {"file": recording.path.name, "bytes": recording.size, "lost": recording.lost},
         "warnings": list(now.warnings),
+        "plan": None if now.plan is None else dict(now.plan),
         "page": dict(page),
     }
 

@@ -128,7 +128,7 @@ class Session:
         self._hearings = tuple(Hearing(text) for text, _ in sources)
         self._counts = [0] * len(self._sources)
         self._faults: dict[int, str] = {}
-        self._newest = -math.inf
+        self._newest, self._came = -math.inf, 0.0  # time of the newest sample, and when it came
         self._lane = Lane(room)
         self._sorter = Sorter(window, len(self._sources), patient=self._patient)
         self._recorder = None if log is None else Recorder(log)
@@ -235,6 +235,11 @@ class Session:
     def mark(self, text: str) -> None:
         """Add an event of somebody's own to the session and its recording."""
         self.events.add(Event(max(self._newest, 0.0), "mark", text))
+
+    @property
+    def t(self) -> float:
+        """The session's time now [s]: it goes on from the newest sample by the clock, unless links are patient."""
+        return self._newest if self._patient else self._newest + (time.monotonic() - self._came)
 
     @property
     def _passed(self) -> float:
@@ -360,7 +365,9 @@ class Session:
         if self._recorder is not None:
             self._recorder.put(within, raw)
         if within:
-            self._newest = max(self._newest, *(each.t for each in within), -math.inf)
+            newest = max((each.t for each in within), default=-math.inf)
+            if newest > self._newest:
+                self._newest, self._came = newest, time.monotonic()
             self._lane.put(within, patient=self._sources[rank][1].patient)
         return len(within) == len(arrivals)
 

@@ -4,7 +4,7 @@ from towtank.planning.design import Design, design, diagonal
 from towtank.planning.forecast import INSTRUMENTS, RATE, Forecast, Instruments, Outlook, draws_of, forecast
 from towtank.planning.guard import Guard, drawn_around
 from towtank.planning.guarded import GuardedRun, guarded_commands, guarded_run
-from towtank.planning.plan import PAUSE, Accuracy, Plan, Planned, plan, read_plan, write_plan
+from towtank.planning.plan import PAUSE, Accuracy, Plan, Planned, aims, plan, read_plan, write_plan
 from towtank.planning.segments import Segment
 from towtank.planning.space import Space
 
@@ -23,6 +23,7 @@ __all__ = [
     "Planned",
     "Segment",
     "Space",
+    "aims",
     "design",
     "diagonal",
     "drawn_around",

@@ -87,6 +87,7 @@ def design(
     draws: int = _DRAWS,
     tries: int = _TRIES,
     seed: int = 0,
+    by_hand: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> Design:
     """Return the segment of this duration that makes most known of the wanted coefficients.
@@ -94,7 +95,7 @@ def design(
     Args:
         space: that it is driven in, from its start; None in open water. rows: of the wrench that may be driven;
             default: all that the vehicle has.
-        draws: vehicles that it is judged by. tries: segments that are judged.
+        draws: vehicles that it is judged by. tries: segments that are judged. by_hand: one that a pilot can drive.
 
     Raises:
         InputError: a name that is no unknown; a duration that is no segment's.
@@ -106,9 +107,9 @@ def design(
     best: Design | None = None
     for k in range(tries):
         if best is None or k < _RANDOM * tries:
-            segment = drawn_segment(outlook.vehicle, generator, duration=duration, rows=rows)
+            segment = drawn_segment(outlook.vehicle, generator, duration=duration, rows=rows, by_hand=by_hand)
         else:
-            segment = changed(best.segment, generator)
+            segment = changed(best.segment, generator, by_hand=by_hand)
         found = judged(
             outlook, wanted, segment, vehicles, space, radius, at_least=-np.inf if best is None else best.score
         )

@@ -25,16 +25,16 @@ from towtank.planning.forecast import RATE, Forecast, Outlook, draws_of, forecas
 from towtank.planning.segments import FORMS, Segment, commands_of
 from towtank.planning.space import Space
 from towtank.simulation import OrnsteinUhlenbeck, available_rows, simulate
-from towtank.vehicle import Vehicle
+from towtank.vehicle import COEFFICIENTS, Vehicle, index
 from towtank.vehicle.names import ROWS
 
-__all__ = ["PAUSE", "Accuracy", "Plan", "Planned", "plan", "read_plan", "write_plan"]
+__all__ = ["PAUSE", "Accuracy", "Plan", "Planned", "aims", "plan", "read_plan", "write_plan"]
 
 PAUSE = 6.0  # s between two segments, in which the vehicle is brought back
 _BAND = (5.0, 95.0)  # percentiles over the draws
 _DRAWS, _RUNS = 8, 100  # vehicles of the band; runs of the probability of leaving
 _LONGEST = 600.0  # s, of a segment that a person wrote
-_ENOUGH = 0.02  # by which a segment must improve the worst accuracy at least, as a share of it, to be worth driving
+_ENOUGH = 0.02  # by which a segment must lessen what is missing, in logarithms, as a share of it, to be worth driving
 _TITLE = "written by towtank plan; towtank simulate VEHICLE plan.toml drives it in simulation"
 Progress = Callable[[str, float], None]
 
@@ -71,7 +71,7 @@ class Plan:
 
     Attributes:
         vehicle: its name. sensors: names of `INSTRUMENTS`. space: None in open water. accuracy: asked, a share.
-        segments: in their order. expected: for each coefficient that is wanted.
+        segments: in their order. expected: for each coefficient that is wanted. by_hand: a pilot can drive it.
     """
 
     vehicle: str
@@ -80,6 +80,7 @@ class Plan:
     accuracy: float
     segments: tuple[Planned, ...]
     expected: tuple[Accuracy, ...]
+    by_hand: bool = False
 
     @property
     def manoeuvring(self) -> float:
@@ -111,6 +112,7 @@ def plan(
     tries: int = 40,
     draws: int = 3,
     seed: int = 0,
+    by_hand: bool = False,
     progress: Progress | None = None,
 ) -> Plan:
     """Return what to drive, until the wanted coefficients are known to `accuracy` or `minutes` are over.
@@ -119,6 +121,7 @@ def plan(
         want: coefficients; default: the twelve on the diagonal, as far as the vehicle has them.
         minutes: of manoeuvring, pauses left out. force: random force in the water [N]; default: the usual one.
         duration: of a segment [s]. tries, draws: of each segment's search. seed: of the search.
+        by_hand: segments that a pilot can drive: two axes at a time, and not too quick.
 
     Raises:
         InputError: a vehicle that has no room or no thrusters, sensors or names that there are not.
@@ -131,17 +134,20 @@ def plan(
     found: list[Design] = []
     middle, now = draws_of(outlook, 1)[0], outlook
     before = _relative(outlook, middle, wanted)
-    worst = math.inf
+    missing, unmet = math.inf, aims(vehicle, wanted)
     for k in range(most):
         if progress is not None:
             progress(f"segment {k + 1}", k / most)
-        best = design(now, wanted, space=space, duration=duration, tries=tries, draws=draws, seed=seed + k)
+        best = design(
+            now, unmet, space=space, duration=duration, tries=tries, draws=draws, seed=seed + k, by_hand=by_hand
+        )
         now = now.after(best.forecasts[0].covariance)
         relative = best.forecasts[0].relative(wanted)
         found.append(best)
-        if np.all(relative <= accuracy) or relative.max() > (1.0 - _ENOUGH) * worst:
+        left = float(np.log(np.maximum(relative / accuracy, 1.0)).sum())
+        if left == 0.0 or left > (1.0 - _ENOUGH) * missing:
             break
-        worst = float(relative.max())
+        missing, unmet = left, aims(vehicle, tuple(np.array(wanted)[relative > accuracy].tolist()))
     if progress is not None:
         progress("what it will make known", 0.95)
     ends = [_after(outlook, each, found, space) for each in draws_of(outlook, _DRAWS, seed + 1)]
@@ -164,7 +170,16 @@ def plan(
         Planned(each.segment, _three(each.extents), _leaving(outlook, each.segment, space, radius, seed))
         for each in found
     )
-    return Plan(vehicle.name, sensors, space, accuracy, segments, expected)
+    return Plan(vehicle.name, sensors, space, accuracy, segments, expected, by_hand)
+
+
+def aims(vehicle: Vehicle, unmet: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the coefficients that the next segment is for: those on axes that thrusters drive, if there are any left.
+
+    The others are shown only by chance, as where a drawn vehicle tilts by itself.
+    """
+    able = available_rows(vehicle)
+    return tuple(name for name in unmet if name not in COEFFICIENTS or index(name)[1] in able) or unmet
 
 
 def _three(values: Array) -> tuple[float, float, float]:
@@ -233,6 +248,7 @@ def write_plan(found: Plan, place: str | os.PathLike[str]) -> None:
     document = tomlkit.document()
     document.add(tomlkit.comment(_TITLE))
     document.update({"vehicle": found.vehicle, "sensors": found.sensors, "accuracy": found.accuracy})
+    document["by_hand"] = found.by_hand
     if found.space is not None:
         document["space"] = {"size": list(found.space.size), "margin": found.space.margin}
         if found.space.start is not None:
@@ -313,7 +329,13 @@ def _plan_of(data: dict[str, Any]) -> Plan:
         for name, each in data["expected"].items()
     ]
     return Plan(
-        str(data["vehicle"]), str(data["sensors"]), space, float(data["accuracy"]), tuple(segments), tuple(expected)
+        str(data["vehicle"]),
+        str(data["sensors"]),
+        space,
+        float(data["accuracy"]),
+        tuple(segments),
+        tuple(expected),
+        data.get("by_hand") is True,
     )
 
 

@@ -19,6 +19,8 @@ __all__ = ["FORMS", "LONGEST", "SHORTEST", "Segment", "changed", "commands_of", 
 
 SHORTEST, LONGEST = 6.0, 12.0  # s
 _QUICKEST, _SLOWEST = 0.4, 2.5  # s between two switches of a telegraph
+_BY_HAND = (1.2, 3.0)  # s between them that a pilot can follow,
+_AT_ONCE = 2  # on as many axes
 _AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 Form = Literal["telegraph", "multisine", "chirp"]
 T = TypeVar("T")
@@ -91,16 +93,24 @@ def drawn_segment(
     duration: float,
     rows: tuple[int, ...] | None = None,
     form: Form = "telegraph",
+    by_hand: bool = False,
 ) -> Segment:
-    """Return a random segment on the axes that the vehicle can be driven along, or on those named."""
+    """Return a random segment on the axes that the vehicle can be driven along, or on those named.
+
+    By hand: on one or two of them, with switches that a pilot can follow.
+    """
     rows = available_rows(vehicle) if rows is None else rows
+    if by_hand:
+        many = int(generator.integers(1, min(_AT_ONCE, len(rows)) + 1))
+        rows = tuple(sorted(int(row) for row in generator.choice(rows, many, replace=False)))
     full = full_wrench(vehicle)
     share = 1.0 / np.sqrt(len(rows))  # thrusters are shared
-    amplitude = tuple(float(full[row] * generator.uniform(0.5, 1.0) * share) for row in rows)
+    least = 0.2 if by_hand else 0.5
+    amplitude = tuple(float(full[row] * generator.uniform(least, 1.0) * share) for row in rows)
     switches, signs = [], []
     for _ in rows:
         if form == "telegraph":
-            switches.append(_turns(generator, duration))
+            switches.append(_turns(generator, duration, *(_BY_HAND if by_hand else (_QUICKEST, _SLOWEST))))
             signs.append((float(generator.choice((-1.0, 1.0))),))
         elif form == "multisine":
             switches.append(tuple(np.sort(generator.uniform(0.15, 1.2, 4)).tolist()))
@@ -111,17 +121,20 @@ def drawn_segment(
     return Segment(form, duration, rows, amplitude, tuple(switches), tuple(signs))
 
 
-def _turns(generator: np.random.Generator, duration: float) -> tuple[float, ...]:
-    slow = generator.uniform(_QUICKEST, _SLOWEST)
-    turns, t = [], float(generator.uniform(0.2, slow))
+def _turns(generator: np.random.Generator, duration: float, quickest: float, slowest: float) -> tuple[float, ...]:
+    slow = generator.uniform(quickest, slowest)
+    turns, t = [], float(generator.uniform(0.5 * quickest, slow))
     while t < duration:
         turns.append(t)
-        t += float(generator.uniform(_QUICKEST, 2.0 * slow - _QUICKEST if slow > _QUICKEST else _QUICKEST))
+        t += float(generator.uniform(quickest, 2.0 * slow - quickest))
     return tuple(turns) or (0.5 * duration,)
 
 
-def changed(segment: Segment, generator: np.random.Generator) -> Segment:
-    """Return a segment changed in one place: a switch moved, an axis stronger or weaker, begun the other way."""
+def changed(segment: Segment, generator: np.random.Generator, *, by_hand: bool = False) -> Segment:
+    """Return a segment changed in one place: a switch moved, an axis stronger or weaker, begun the other way.
+
+    By hand: a switch that would come too soon after another falls away.
+    """
     k = int(generator.integers(len(segment.rows)))
     kind = generator.random()
     if kind < 0.6:
@@ -131,11 +144,23 @@ def changed(segment: Segment, generator: np.random.Generator) -> Segment:
             numbers[j] = np.clip(numbers[j] + generator.normal(0.0, 0.4), 0.1, segment.duration - 0.1)
         else:
             numbers[j] *= np.exp(generator.normal(0.0, 0.15))
-        return replace(segment, switches=_with(segment.switches, k, tuple(np.sort(numbers).tolist())))
+        own = tuple(np.sort(numbers).tolist())
+        if by_hand and segment.form == "telegraph":
+            own = _apart(own, segment.duration) or segment.switches[k]
+        return replace(segment, switches=_with(segment.switches, k, own))
     if kind < 0.85:
         grown = float(segment.amplitude[k] * np.exp(generator.normal(0.0, 0.25)))
         return replace(segment, amplitude=_with(segment.amplitude, k, grown))
     return replace(segment, signs=_with(segment.signs, k, tuple(-each for each in segment.signs[k])))
+
+
+def _apart(switches: tuple[float, ...], duration: float) -> tuple[float, ...]:
+    """Return those of the switches [s] that a pilot can follow."""
+    kept: list[float] = []
+    for t in switches:
+        if t - (kept[-1] if kept else -0.5 * _BY_HAND[0]) >= _BY_HAND[0] and duration - t >= 0.5 * _BY_HAND[0]:
+            kept.append(t)
+    return tuple(kept)
 
 
 def _with(values: tuple[T, ...], k: int, value: T) -> tuple[T, ...]:

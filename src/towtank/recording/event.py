@@ -12,7 +12,19 @@ __all__ = ["EVENT_ENCODING", "EVENT_KINDS", "EVENT_SCHEMA", "EVENT_TOPIC", "Even
 
 EVENT_TOPIC, EVENT_ENCODING = "/towtank/events", "json"
 EVENT_KINDS = (
-    *("change", "thruster", "configuration", "mended", "link", "occlusion", "overload", "clock", "mark", "resume"),
+    *(
+        "change",
+        "thruster",
+        "configuration",
+        "mended",
+        "link",
+        "occlusion",
+        "overload",
+        "clock",
+        "mark",
+        "resume",
+        "plan",
+    ),
 )
 _NOTHING: Mapping[str, float | str] = MappingProxyType({})
 _FORM = {

@@ -105,6 +105,15 @@ def live(
             "recognised.",
         ),
     ] = None,
+    plan: Annotated[
+        Path | None,
+        typer.Option(
+            "--plan",
+            metavar="PLAN.toml",
+            help="Lead the pilot through a plan that towtank plan wrote: what to drive now and next, with a "
+            "count-down; after each segment the next is designed from what was really driven.",
+        ),
+    ] = None,
     mapping: Map = None,
     model_file: Annotated[
         Path | None,
@@ -139,6 +148,7 @@ def live(
       towtank live udpin:0.0.0.0:14550 --vehicle bluerov2_heavy --record dive.mcap -o mine.toml
       towtank live json:127.0.0.1:5005 udpin:0.0.0.0:14550 --vehicle mine.toml --map mocap.toml
       towtank live udpin:0.0.0.0:14550 --vehicle bluerov2_heavy --page
+      towtank live udpin:0.0.0.0:14550 --vehicle bluerov2_heavy --plan plan.toml --page
       towtank live replay:dive.mcap@0 --vehicle bluerov2_heavy --json
     """
     if method not in STREAMING_METHODS:
@@ -175,6 +185,7 @@ def live(
         prior=prior,
         changes=not no_changes,
         configurations=configurations,
+        plan=plan,
         mapping=mapping,
         model_file=model_file,
         report=report,

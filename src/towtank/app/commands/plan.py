@@ -49,6 +49,9 @@ def plan(
         float | None,
         typer.Option("--force", metavar="N", help="Random force that the water makes; default: as it usually is."),
     ] = None,
+    by_hand: Annotated[
+        bool, typer.Option("--by-hand", help="Segments that a pilot can drive: two axes at a time, not too quick.")
+    ] = False,
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="The same seed gives the same plan.")] = 0,
     output_file: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="Plan to write, .toml.")
@@ -90,6 +93,7 @@ def plan(
             minutes=minutes,
             force=force,
             seed=seed,
+            by_hand=by_hand,
             progress=progress,
         )
     if output_file is not None:

@@ -152,6 +152,10 @@ class DemoFeed:
         """Add an event of somebody's own."""
         self._events.add(Event(max(self._t, 0.0), "mark", text))
 
+    def ask(self, what: str) -> bool:
+        """Do nothing: the demo drives by itself."""
+        return False
+
     def _moment(self) -> Moment:
         """Return what there is to judge."""
         learner, end = self._learner, max(self._t, _SHORTEST)

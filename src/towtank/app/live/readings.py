@@ -11,6 +11,7 @@ from towtank.dashboard.prediction import Prediction
 from towtank.dashboard.verdict import notes, predicted, verdict
 from towtank.live.session import Session
 from towtank.live.status import Status
+from towtank.planning.coach import View
 from towtank.vehicle import Vehicle
 
 __all__ = ["Reading", "Readings"]
@@ -25,6 +26,7 @@ class Reading:
     Attributes:
         state: "learning", "no data since 12 s" and so on. verdict: what the model is of use for, what to drive next.
         prediction: how far off the free run of the last seconds is. notes: of links and filter, each once.
+        plan: what the pilot is shown; None where nothing is planned.
         rms: of the free run (6,) [m/s, rad/s], NaN where not measured; empty where there is none of now.
     """
 
@@ -33,13 +35,23 @@ class Reading:
     prediction: str
     notes: tuple[str, ...]
     rms: tuple[float, ...] = ()
+    plan: View | None = None
 
 
 class Readings:
-    """Reads a session; to be made before that runs. `verdict` returns what its model can be used for."""
+    """Reads a session; to be made before that runs.
 
-    def __init__(self, session: Session, vehicle: Vehicle, verdict: Callable[[], str] = str) -> None:
-        self._verdict = verdict
+    `verdict` returns what its model can be used for, `plan` what the pilot is shown.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        vehicle: Vehicle,
+        verdict: Callable[[], str] = str,
+        plan: Callable[[], View] | None = None,
+    ) -> None:
+        self._verdict, self._plan = verdict, plan
         self._tap, self._vehicle = Tap(), vehicle
         self._prediction = Prediction(vehicle)
         self._due = 0.0
@@ -59,4 +71,5 @@ class Readings:
             prediction=predicted(now, run),
             notes=notes(now),
             rms=() if run is None else tuple(run.rms.tolist()),
+            plan=None if self._plan is None else self._plan(),
         )

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from towtank.app.live.coaching import plan_document
 from towtank.app.live.facts import LiveFit
 from towtank.app.live.readings import Reading
 from towtank.app.live.view import coefficient_rows, event_line, likely_line, link_lines, measures
@@ -163,6 +164,7 @@ def live_line(status: Status, reading: Reading, events: Sequence[Event] = ()) ->
         "lost": None if recording is None else recording.lost,
         "events": events_document(events),
         "warnings": status.warnings,
+        **({} if reading.plan is None else {"plan": plan_document(reading.plan)}),
     }
 
 

@@ -45,8 +45,10 @@ from towtank.vehicle import Provenance, Vehicle, save_vehicle
 from towtank.vehicle.names import RESTORING
 
 if TYPE_CHECKING:
+    from towtank.app.live.coaching import Coaching
     from towtank.app.live.reports import LiveReports
     from towtank.dashboard.page import Page
+    from towtank.planning import Plan
 
 __all__ = ["LiveOptions", "run_live"]
 
@@ -77,6 +79,7 @@ class LiveOptions:
     page: str | None = None
     foxglove: str | None = None
     keep_all: bool = False
+    plan: Path | None = None
 
 
 def run_live(options: LiveOptions, output: Output) -> None:
@@ -88,6 +91,7 @@ def run_live(options: LiveOptions, output: Output) -> None:
         for text in said:
             output.warn(text)
     known = None if options.configurations is None else read_configurations(options.configurations, output)
+    plan = _plan(options, vehicle, output)
     mapping = None if options.mapping is None else load_mapping(options.mapping)
     sources = [(text, open_source(text, vehicle, mapping)) for text in options.sources]
 
@@ -138,7 +142,9 @@ def run_live(options: LiveOptions, output: Output) -> None:
     )
     reports = _reports(options, session)
     judge = _judge(session, vehicle, shown=predicting or options.page is not None)
-    readings = Readings(session, vehicle, lambda: judge.text) if predicting else None
+    coaching = _coaching(options, session, vehicle, plan)
+    view = None if coaching is None or plan is None else coaching.view
+    readings = Readings(session, vehicle, lambda: judge.text, view) if predicting else None
     try:
         if before is not None:
             with output.progress("learning from what was recorded") as progress:
@@ -146,7 +152,7 @@ def run_live(options: LiveOptions, output: Output) -> None:
                 rows, since, inputs = before.rows(progress), before.since, before.inputs
                 session.learning.catch_up(rows, since=since, inputs=inputs, attributes=attributes)
             output.say(_gone_on(options, before, session))
-        page = _page(options, session, judge, vehicle, reports, output)
+        page = _page(options, session, judge, vehicle, reports, coaching, output)
         viewers = _foxglove(options, session, vehicle, epoch, output)
         session.open()
     except BaseException:
@@ -156,7 +162,8 @@ def run_live(options: LiveOptions, output: Output) -> None:
                 log.path.unlink(missing_ok=True)
         raise
     output.say(f"listening to {', '.join(options.sources)}")
-    with _ends() as stop, serving(page, output.say), viewers, judge:
+    leading = contextlib.nullcontext() if coaching is None else coaching
+    with _ends() as stop, serving(page, output.say), viewers, judge, leading:
         status = _run(session, stop, options, vehicle, readings, output)
     with contextlib.suppress(TimeoutError):
         judge.judge()  # of all that was learned from
@@ -170,6 +177,31 @@ def _reports(options: LiveOptions, session: Session) -> LiveReports | None:
     from towtank.app.live.reports import LiveReports
 
     return LiveReports(session, options)
+
+
+def _plan(options: LiveOptions, vehicle: Vehicle, output: Output) -> Plan | None:
+    """Return the plan that is to be driven; None without one. Raises InputError."""
+    if options.plan is None:
+        return None
+    from towtank.planning import read_plan
+
+    plan = read_plan(options.plan)
+    if options.method != "joint":
+        raise InputError(f"--plan: the method {options.method} states no posterior to plan from; use joint")
+    if not vehicle.thrusters:
+        raise InputError(f"--plan: {vehicle.name} has no thrusters; add [[thrusters]] to its file")
+    if plan.vehicle != vehicle.name:
+        output.warn(f"{options.plan}: planned for {plan.vehicle}, driven by {vehicle.name}: its promises differ")
+    return plan
+
+
+def _coaching(options: LiveOptions, session: Session, vehicle: Vehicle, plan: Plan | None) -> Coaching | None:
+    """Return what leads the pilot: through a plan, or on the page through what narrows most; else None."""
+    if plan is None and (options.page is None or options.method != "joint" or not vehicle.thrusters):
+        return None
+    from towtank.app.live.coaching import Coaching
+
+    return Coaching(session, vehicle, plan)
 
 
 def _judge(session: Session, vehicle: Vehicle, *, shown: bool = True) -> Judge:
@@ -191,6 +223,7 @@ def _page(
     judge: Judge,
     vehicle: Vehicle,
     reports: LiveReports | None,
+    coaching: Coaching | None,
     output: Output,
 ) -> Page | None:
     """Return the live page of a session, bound to its address; None where none is asked for."""
@@ -202,7 +235,7 @@ def _page(
     names = (*vehicle.hydrodynamics, *RESTORING)
     before = {name: value for name in names if (value := vehicle.coefficient(name))}
     about = About(title=", ".join(options.sources), vehicle=vehicle, method=options.method, reference=before)
-    feed = LiveFeed(session, about, lambda: judge.text)
+    feed = LiveFeed(session, about, lambda: judge.text, coaching)
     return new_page(feed, options.page, output.say, reports=None if reports is None else reports.now)
 
 

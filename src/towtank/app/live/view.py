@@ -12,6 +12,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from towtank.app.live.coaching import plan_lines
 from towtank.app.live.readings import Reading, Readings
 from towtank.app.terminal.output import Output
 from towtank.app.terminal.spark import spark
@@ -206,6 +207,8 @@ class LiveView:
             lines = [Text.assemble((self._title, "bold"), f"  {clock(status.elapsed)}")]
             lines += self._lines(reading.state, "bold yellow")
         lines += self._lines(reading.verdict, "bold" if good else "bold yellow")
+        for k, text in enumerate([] if reading.plan is None else plan_lines(reading.plan)):
+            lines += self._lines(text, "bold cyan" if k == 0 else "cyan")
         for text in status.warnings:
             lines += self._lines(text, "yellow", "! ")
         return lines

@@ -1,0 +1,267 @@
+"""Leads the pilot of a live session: counts down, follows, and designs the next segment from what is known by now.
+
+What is known is the learner's own posterior, so that it does not matter how well a segment was driven. Designing takes
+seconds, and runs beside learning; the pilot brings the vehicle back meanwhile.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Self
+
+from towtank.digits import some_of
+from towtank.errors import InputError
+from towtank.identification import Estimate
+from towtank.live.session import Session
+from towtank.planning import Outlook, Plan, Segment, Space, aims, design, diagonal
+from towtank.planning.coach import AXES, Coach, Known, Movement, Stage, View
+from towtank.planning.forecast import quantity_of
+from towtank.recording.event import Event
+from towtank.vehicle import Vehicle, index
+
+if TYPE_CHECKING:
+    from towtank.planning import Design
+
+__all__ = ["Coaching", "plan_document", "plan_lines"]
+
+_TICK = 0.05  # s
+_TRIES, _DRAWS = 24, 2  # of a segment that is designed while somebody waits for it
+_ENOUGH = 0.02  # by which a segment is expected to lessen what is missing, as a share of it, to be worth driving
+_DURATION, _ACCURACY = 8.0, 0.05  # s, share: without a plan
+_FIRST = 10.0  # s that must have been learned from before a segment is thought of, without a plan
+_KNOWN = 0.25  # s between two looks at what is known
+
+
+class Coaching:
+    """Leads a pilot while it is entered.
+
+    Args:
+        session: whose samples are followed, and whose learner is asked. vehicle: as the learner was given it.
+        plan: what is to be driven; None: what narrows most, from ten seconds of learning on, begun by the pilot alone.
+    """
+
+    def __init__(self, session: Session, vehicle: Vehicle, plan: Plan | None) -> None:
+        self._session, self._vehicle, self._plan = session, vehicle, plan
+        if plan is None:
+            self._coach = Coach(vehicle, diagonal(Outlook.of(vehicle)), _ACCURACY, waits=True)
+        else:
+            wanted, segments = (each.name for each in plan.expected), (each.segment for each in plan.segments)
+            self._coach = Coach(vehicle, tuple(wanted), plan.accuracy, tuple(segments))
+        self._sensors = "" if plan is None else plan.sensors
+        self._seen: set[str] = set()
+        self._missing = math.inf
+        self._seed = 0
+        self._looked = -math.inf
+        session.learning.listeners += (self._see,)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="coach", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def view(self) -> View:
+        """Return what the pilot is shown now."""
+        return self._coach.view(self._session.t)
+
+    def document(self) -> dict[str, Any]:
+        """Return the same for the page and for programs."""
+        return plan_document(self.view())
+
+    def ask(self, what: str) -> bool:
+        """Do what the pilot asks for: "begin", "hold" or "on"; return whether that was possible."""
+        done = self._coach.ask(what)
+        if done and what == "hold":
+            self._tell("held by the pilot")
+        return done
+
+    def _see(self, t: float, arguments: Mapping[str, Any]) -> None:
+        self._coach.see(t, arguments)
+        if not self._sensors and len(self._seen) < 3:
+            pose = arguments.get("pose")
+            if pose is not None and pose[0] == pose[0]:
+                self._seen.add("pose")
+            velocity = arguments.get("velocity")
+            if velocity is not None and velocity[0] == velocity[0]:
+                self._seen.add("dvl")
+
+    def _run(self) -> None:
+        while not self._stop.wait(_TICK):
+            if not math.isfinite(self._session.t):
+                continue
+            happened = self._coach.tick(self._session.t, self._unable())
+            if happened:
+                self._tell(happened)
+            self._look()
+            if self._coach.thinks and (self._plan is not None or self._learned >= _FIRST):
+                with contextlib.suppress(TimeoutError):
+                    self._think()
+
+    def _tell(self, text: str) -> None:
+        self._session.events.add(Event(max(self._session.t, 0.0), "plan", text))
+
+    def _unable(self) -> str:
+        """Return why nothing can be driven now, "" where it can."""
+        learnt = self._session.learning.now
+        if learnt.trouble:
+            return "learning has stopped"
+        if learnt.paused:
+            return "learning is paused"
+        if learnt.left_out is not None:
+            return learnt.left_out.reason
+        return "no commands come" if learnt.silent is not None or not math.isfinite(learnt.t) else ""
+
+    @property
+    def _learned(self) -> float:
+        return self._session.learning.now.estimate.duration
+
+    def _look(self) -> None:
+        """Take note of how well the coefficients are known by now."""
+        if self._session.t - self._looked >= _KNOWN:
+            self._looked = self._session.t
+            self._coach.learn(_shares(self._session.learning.now.estimate, self._vehicle, self._coach.wanted))
+
+    def _think(self) -> None:
+        """Design the next segment from what is known now. Raises TimeoutError where the learner is too busy."""
+        learning = self._session.learning
+        model = learning.errands.ask(learning.learner.model)
+        try:
+            outlook = Outlook.of(model, self._sensors or self._sensors_seen())
+            shares = _known(outlook, self._coach.wanted)
+            self._coach.learn(shares)
+            accuracy = self._coach.accuracy
+            unmet = tuple(name for name, share in shares.items() if share > accuracy)
+            if not unmet:
+                self._coach.offer(None, met=True)
+                self._tell(f"all {len(shares)} coefficients are known to {100.0 * accuracy:g} %")
+                return
+            best = self._design(outlook, unmet)
+            missing = sum(math.log(shares[name] / accuracy) for name in unmet)
+            after = best.forecasts[0].relative(unmet)
+            left = sum(max(math.log(share / accuracy), 0.0) for share in after)
+            if left > (1.0 - _ENOUGH) * missing:
+                self._coach.offer(None, over=True)
+                self._tell(f"more driving would hardly tell more of {some_of(unmet, 3)}")
+            else:
+                self._coach.offer(best.segment, more=0 if left == 0.0 else 1)
+        except InputError as error:  # this model cannot be planned for: what was foreseen is driven
+            self._coach.offer(None)
+            self._tell(f"the next segment stays as it was planned: {error}")
+
+    def _design(self, outlook: Outlook, unmet: tuple[str, ...]) -> Design:
+        plan, duration = self._plan, _DURATION
+        space: Space | None = None
+        by_hand = True
+        if plan is not None:
+            segments: list[Segment] = [each.segment for each in plan.segments]
+            duration, space, by_hand = segments[-1].duration, plan.space, plan.by_hand
+        self._seed += 1
+        return design(
+            outlook,
+            aims(outlook.vehicle, unmet),
+            space=space,
+            duration=duration,
+            draws=_DRAWS,
+            tries=_TRIES,
+            seed=self._seed,
+            by_hand=by_hand,
+        )
+
+    def _sensors_seen(self) -> str:
+        return next((name for name in ("pose", "dvl") if name in self._seen), "gyro-depth")
+
+
+def _known(outlook: Outlook, wanted: tuple[str, ...]) -> dict[str, float]:
+    """Return the deviations of coefficients as shares of their size."""
+    out = {}
+    for name in wanted:
+        if name in outlook.known.names:
+            k = outlook.known.names.index(name)
+            out[name] = math.sqrt(float(outlook.known.covariance[k, k])) / quantity_of(outlook.vehicle, name)
+    return out
+
+
+def _shares(estimate: Estimate, vehicle: Vehicle, wanted: tuple[str, ...]) -> dict[str, float]:
+    """Return the same of an estimate, while it runs; an added mass as a share of the total inertia."""
+    out = {}
+    for each in estimate.coefficients:
+        if each.name not in wanted or not each.identified:
+            continue
+        kind, i, j = index(each.name)
+        size = abs(vehicle.rigid_body_matrix[i, j] - each.value) if kind == "mass" else abs(each.value)
+        out[each.name] = each.std / size if size > 0.0 else math.inf
+    return out
+
+
+# -- for the page, the terminal and programs
+
+
+def plan_document(view: View) -> dict[str, Any]:
+    """Return what the page and `--json-lines` say of a plan."""
+    clock = view.clock if math.isfinite(view.clock) else None
+    return {
+        "stage": view.stage.value,
+        "text": view.text,
+        "clock_s": clock,
+        "segment": view.number,
+        "planned": view.planned,
+        "duration_s": view.duration,
+        "manoeuvred_s": view.seconds,
+        "accuracy": view.accuracy,
+        "offset_m": list(view.offset),
+        "axes": sorted({AXES[each.row] for each in view.movements}, key=AXES.index),
+        "movements": [
+            {
+                "axis": AXES[each.row],
+                "text": each.text,
+                "amount": each.amount,
+                "start_s": each.start,
+                "end_s": each.end,
+                "done": share,
+            }
+            for each, share in zip(view.movements, (*view.done, *[None] * len(view.movements)), strict=False)
+        ],
+        "known": [{"name": each.name, "share": _number(each.share), "met": each.met} for each in view.known],
+    }
+
+
+def plan_lines(view: View) -> list[str]:
+    """Return lines for a terminal: what to do, each axis now and next, and how far everything has come."""
+    met = sum(each.met for each in view.known)
+    worst = max((each for each in view.known if not each.met), key=_badness, default=None)
+    still = "" if worst is None else f"; least known: {_known_text(worst)}"
+    lines = [view.text]
+    if view.stage in (Stage.BRING, Stage.COUNT, Stage.DRIVE):
+        t = view.clock if math.isfinite(view.clock) else -math.inf
+        for row, axis in enumerate(AXES):
+            now, following = view.now_and_next(row)
+            if now is None and following is None:
+                continue
+            parts = [] if now is None else [f"now {now.text} for {now.end - t:.1f} s"]
+            parts += [_next_text(following, t)] if following is not None else ["then let go"]
+            lines.append(f"  {axis:<6} {', '.join(parts)}")
+    lines.append(f"{met} of {len(view.known)} known to {100.0 * view.accuracy:g} % after {view.seconds:.0f} s{still}")
+    return lines
+
+
+def _next_text(movement: Movement, t: float) -> str:
+    return f"next {movement.text}" + (f" in {movement.start - t:.1f} s" if math.isfinite(t) else " at the start")
+
+
+def _known_text(known: Known) -> str:
+    return f"{known.name} " + (f"{100.0 * known.share:.0f} %" if math.isfinite(known.share) else "not at all")
+
+
+def _badness(known: Known) -> float:
+    return known.share if math.isfinite(known.share) else math.inf
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None

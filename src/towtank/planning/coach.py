@@ -1,0 +1,403 @@
+"""Says what to drive now and what next, follows what is really driven, and asks for a new segment after each.
+
+A segment becomes movements of the sticks: one way, so far, so long. It begins with a count-down once the pilot holds
+the sticks still, or asks for it. What was driven is compared with what was asked, movement by movement, for the pilot
+to see; learning itself takes what was driven, well or badly, and the next segment is designed from what is known then.
+Times are the session's own [s].
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from towtank.core.arrays import Array
+from towtank.planning.forecast import RATE
+from towtank.planning.segments import Segment, full_wrench
+from towtank.vehicle import Vehicle, allocate, thruster_wrench
+from towtank.vehicle.thrusters.curves import force_range
+
+__all__ = ["AXES", "Coach", "Known", "Movement", "Stage", "View", "deflection", "movements"]
+
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+_WAYS = (
+    ("forward", "back"),
+    ("right", "left"),
+    ("down", "up"),
+    ("roll right", "roll left"),
+    ("nose up", "nose down"),
+    ("turn right", "turn left"),
+)
+_COUNT = 5.0  # s of the count-down
+_STILL = 3.0  # s for which the sticks are held still before it begins
+_CALM = 0.1  # of the largest force or moment: by which they may move meanwhile
+_GONE = 1.0  # s without commands, after which nobody drives
+_DELAYS = (0.0, 0.2, 0.4, 0.6, 0.8)  # s, by which a pilot may be late
+_LATE = max(_DELAYS) + 0.4  # s after a segment, until what was driven of it has come
+_BEYOND = 1e6  # N, N m: more than any vehicle's thrusters make
+_DONE, _SHORTEST = 0.5, 0.05  # share of a movement that counts as done; s of one that is shown
+
+
+@dataclass(frozen=True)
+class Movement:
+    """One movement of a stick, from `start` to `end` [s of the segment].
+
+    Attributes:
+        row: of the wrench, 0..5 for X .. N. amount: of the full stick, -1 .. 1; above 0 as in FRD.
+        force: that it stands for [N, N m], with its sign.
+    """
+
+    row: int
+    start: float
+    end: float
+    amount: float
+    force: float
+
+    @property
+    def text(self) -> str:
+        """In words, as "forward 60 %"."""
+        return f"{_WAYS[self.row][self.amount < 0.0]} {100.0 * abs(self.amount):.0f} %"
+
+
+def deflection(vehicle: Vehicle, row: int, force: float) -> float:
+    """Return how far a stick is moved for a force or moment along one axis [N, N m], as a share of the full stick.
+
+    Sticks move commands in proportion, and the full stick is where the first of the thrusters is at its limit; without
+    limits it is what `full_wrench` says.
+    """
+    limited = all(math.isfinite(each) for thruster in vehicle.thrusters for each in force_range(thruster.curve))
+    wrench = np.zeros((2, 6))
+    wrench[:, row] = force, math.copysign(_BEYOND if limited else full_wrench(vehicle)[row], force)
+    rest = np.array([thruster.curve.rest for thruster in vehicle.thrusters])
+    asked, full = np.abs(allocate(vehicle, wrench) - rest).max(axis=1)
+    return math.copysign(min(asked / full, 1.0) if full > 0.0 else 0.0, force)
+
+
+def movements(segment: Segment, vehicle: Vehicle) -> tuple[Movement, ...]:
+    """Return the movements of a segment in the order of their starts; of a wave each half, at its largest."""
+    out = []
+    wrench = segment.wrench
+    for row in segment.rows:
+        way = np.sign(wrench[:, row])
+        turns = np.flatnonzero(np.diff(way)) + 1
+        for first, last in zip([0, *turns], [*turns, way.size], strict=True):
+            largest = float(np.abs(wrench[first:last, row]).max()) * float(way[first])
+            if largest and (last - first) / RATE >= _SHORTEST:
+                amount = deflection(vehicle, row, largest)
+                out.append(Movement(row, float(first / RATE), float(last / RATE), amount, largest))
+    return tuple(sorted(out, key=lambda each: (each.start, each.row)))
+
+
+class Stage(StrEnum):
+    """Where the pilot stands."""
+
+    BRING = "bring"  # the vehicle back to the start, and hold the sticks still
+    COUNT = "count"  # the segment begins in a moment
+    DRIVE = "drive"
+    THINK = "think"  # the next segment is being designed
+    HELD = "held"  # by the pilot
+    MET = "met"  # all that is wanted is known
+    OVER = "over"  # nothing more to be had
+
+
+@dataclass(frozen=True)
+class Known:
+    """How well a wanted coefficient is known now, as a share of its size; NaN where nothing is known yet."""
+
+    name: str
+    share: float
+    met: bool
+
+
+@dataclass(frozen=True)
+class View:
+    """What a pilot is shown.
+
+    Attributes:
+        stage: text: a line that says what to do. clock: seconds into the segment, below 0 in the count-down; NaN where
+            none is under way.
+        number: of the segment that is driven or comes next, from 1. planned: of how many, as far as foreseen.
+        duration: of it [s]. movements: of it. done: what was driven of those that are over, shares in their order.
+        known: the wanted coefficients. accuracy: that is wanted, a share. seconds: manoeuvred so far.
+        offset: (3,) [m] to the start: ahead, right, down; empty where the place is not measured.
+    """
+
+    stage: Stage
+    text: str
+    clock: float
+    number: int
+    planned: int
+    duration: float
+    movements: tuple[Movement, ...]
+    done: tuple[float, ...]
+    known: tuple[Known, ...]
+    accuracy: float
+    seconds: float
+    offset: tuple[float, ...] = ()
+
+    def now_and_next(self, row: int) -> tuple[Movement | None, Movement | None]:
+        """Return the movement of an axis that is under way, and the one after it."""
+        own = [each for each in self.movements if each.row == row]
+        t = self.clock if math.isfinite(self.clock) else -math.inf
+        now = next((each for each in own if each.start <= t < each.end), None)
+        return now, next((each for each in own if each.start > t), None)
+
+
+class Coach:
+    """Leads a pilot through segments; any thread may call it.
+
+    Args:
+        vehicle: that is driven. wanted: coefficients. accuracy: that they are to be known to, a share.
+        segments: that are foreseen; the first is driven, each later one unless `offer` brings a better one.
+        waits: begin a segment only when the pilot asks for it.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        wanted: tuple[str, ...],
+        accuracy: float,
+        segments: tuple[Segment, ...] = (),
+        *,
+        waits: bool = False,
+    ) -> None:
+        self._vehicle, self._accuracy, self._waits = vehicle, accuracy, waits
+        self._foreseen = deque(segments)
+        self._full = np.where(full_wrench(vehicle) > 0.0, full_wrench(vehicle), np.inf)
+        self._known = tuple(Known(name, math.nan, met=False) for name in wanted)
+        self._stage = Stage.BRING if segments else Stage.THINK
+        self._segment: Segment | None = None
+        self._movements: tuple[Movement, ...] = ()
+        self._take(self._foreseen.popleft() if segments else None)
+        self._starts = math.nan
+        self._number, self._seconds, self._left_in = 1, 0.0, len(segments)
+        self._driven: deque[tuple[float, Array]] = deque(maxlen=20_000)
+        self._shares: tuple[float, ...] = ()
+        self._pose = self._home = np.full(6, np.nan)
+        self._able = ""
+        self._asked_for = False
+        self._lock = threading.RLock()
+
+    # -- what is seen
+
+    def see(self, t: float, arguments: Mapping[str, object]) -> None:
+        """Take the arguments of `Learner.update` of time t [s]; called by the thread that learns."""
+        if "commands" in arguments:
+            wrench = thruster_wrench(self._vehicle, arguments["commands"], arguments.get("voltage"))  # type: ignore[arg-type]
+        elif "wrench" in arguments:
+            wrench = np.nan_to_num(np.asarray(arguments["wrench"], dtype=np.float64))
+        else:
+            wrench = None
+        pose = arguments.get("pose")
+        with self._lock:
+            if wrench is not None:
+                self._driven.append((t, wrench))
+            if pose is not None:
+                pose = np.asarray(pose)
+                self._pose = np.where(np.isfinite(pose), pose, self._pose)
+
+    def tick(self, t: float, able: str = "") -> str:
+        """Go on to time t [s]; return what happened, "" for nothing.
+
+        Args:
+            able: why nothing can be driven, "" where it can.
+        """
+        with self._lock:
+            self._able = able
+            if self._stage is Stage.BRING and self._segment is not None and not able:
+                if self._asked_for or (not self._waits and self._is_still(t)):
+                    self._stage, self._starts, self._shares = Stage.COUNT, t + _COUNT, ()
+            elif self._stage is Stage.COUNT:
+                if able or not (self._asked_for or self._is_still(t)):
+                    self._stage, self._starts = Stage.BRING, math.nan
+                elif t >= self._starts:
+                    self._stage, self._asked_for = Stage.DRIVE, False
+                    if not np.isfinite(self._home[:3]).all():
+                        self._home = self._pose.copy()
+                    return f"segment {self._number} begins"
+            elif self._stage is Stage.DRIVE and self._segment is not None:
+                end = self._starts + self._segment.duration
+                if able:
+                    self._end_segment(t)
+                    return f"segment {self._number - 1} broken off: {able}"
+                if t >= end + _LATE:
+                    self._end_segment(end)
+                    done = [share for share in self._shares if share >= _DONE]
+                    return f"segment {self._number - 1} driven: {len(done)} of {len(self._shares)} movements done"
+                self._shares = self._done(t)
+            return ""
+
+    def _end_segment(self, t: float) -> None:
+        self._seconds += max(t - self._starts, 0.0)
+        self._shares = self._done(math.inf)
+        self._number += 1
+        self._stage, self._starts = Stage.THINK, math.nan
+
+    def _is_still(self, t: float) -> bool:
+        """Whether commands come, and have hardly changed for some seconds."""
+        recent = []
+        for at, wrench in reversed(self._driven):
+            if at < t - _STILL:
+                break
+            recent.append((at, wrench))
+        if len(recent) < 3 or recent[0][0] < t - _GONE or recent[-1][0] > t - 0.5 * _STILL:
+            return False
+        values = np.array([wrench for _, wrench in recent]) / self._full
+        return bool(np.ptp(values, axis=0).max() <= 2.0 * _CALM)
+
+    def _done(self, t: float) -> tuple[float, ...]:
+        """Return how much of each movement that is over by t [s] was driven, 1 for all of it, however late."""
+        over = [each for each in self._movements if self._starts + each.end + max(_DELAYS) <= t]
+        if len(over) == len(self._shares) or not self._driven:
+            return self._shares
+        driven = [(at, wrench) for at, wrench in self._driven if at >= self._starts - _GONE]
+        if not driven:
+            return (0.0,) * len(over)
+        stamps, values = np.array([at for at, _ in driven]), np.array([wrench for _, wrench in driven])
+        return tuple(self._share(each, stamps, values) for each in over)
+
+    def _share(self, movement: Movement, stamps: Array, values: Array) -> float:
+        n = max(round((movement.end - movement.start) * RATE), 1)
+        at = self._starts + movement.start + (np.arange(n) + 0.5) / RATE
+        best = 0.0
+        for delay in _DELAYS:
+            k = np.searchsorted(stamps, at + delay, "right") - 1
+            held = np.where(k >= 0, values[np.maximum(k, 0), movement.row], 0.0)
+            best = max(best, float(held.mean()) / movement.force)
+        return best
+
+    # -- what is known, and what comes next
+
+    @property
+    def thinks(self) -> bool:
+        """Whether a new segment is waited for, `offer`."""
+        with self._lock:
+            return self._stage is Stage.THINK
+
+    @property
+    def wanted(self) -> tuple[str, ...]:
+        """The coefficients that are wanted."""
+        return tuple(each.name for each in self._known)
+
+    @property
+    def accuracy(self) -> float:
+        """To what they are to be known, a share."""
+        return self._accuracy
+
+    def learn(self, shares: Mapping[str, float]) -> None:
+        """Take how well coefficients are known now, as shares of their size."""
+        with self._lock:
+            self._known = tuple(
+                replace(each, share=share, met=share <= self._accuracy)
+                for each in self._known
+                for share in [shares.get(each.name, math.nan)]
+            )
+
+    def offer(self, segment: Segment | None, *, more: int = 0, met: bool = False, over: bool = False) -> None:
+        """Take the segment that comes next; None: the one that was foreseen.
+
+        Args:
+            more: how many are foreseen after it.
+            met, over: nothing more is driven: all that is wanted is known; nothing more is to be had.
+        """
+        with self._lock:
+            if met or over:
+                self._stage = Stage.MET if met else Stage.OVER
+                self._take(None)
+                return
+            if segment is None and self._foreseen:
+                segment, more = self._foreseen.popleft(), len(self._foreseen)
+            elif self._foreseen:
+                self._foreseen.popleft()
+            self._left_in = self._number + more
+            self._take(segment)
+            self._stage = Stage.OVER if segment is None else Stage.BRING
+
+    def _take(self, segment: Segment | None) -> None:
+        self._segment = segment
+        self._movements = () if segment is None else movements(segment, self._vehicle)
+
+    # -- what the pilot asks for
+
+    def ask(self, what: str) -> bool:
+        """Do what the pilot asks for: "begin" the count-down, "hold", go "on"; return whether that was possible."""
+        with self._lock:
+            if what == "begin" and self._stage in (Stage.BRING, Stage.HELD) and self._segment is not None:
+                self._stage, self._asked_for = Stage.BRING, True
+            elif what == "hold" and self._stage in (Stage.BRING, Stage.COUNT):
+                self._stage, self._asked_for, self._starts = Stage.HELD, False, math.nan
+            elif what == "hold" and self._stage is Stage.DRIVE:
+                self._end_segment(self._driven[-1][0] if self._driven else self._starts)
+            elif what == "on" and self._stage is Stage.HELD:
+                self._stage = Stage.BRING
+            else:
+                return False
+            return True
+
+    # -- what is shown
+
+    def view(self, t: float) -> View:
+        """Return what the pilot is shown at time t [s]."""
+        with self._lock:
+            duration = 0.0 if self._segment is None else self._segment.duration
+            clock = t - self._starts if self._stage in (Stage.COUNT, Stage.DRIVE) else math.nan
+            offset = self._offset()
+            return View(
+                self._stage,
+                self._text(t, offset),
+                clock,
+                self._number,
+                max(self._left_in, self._number if self._segment is not None else 0),
+                duration,
+                self._movements,
+                self._shares,
+                self._known,
+                self._accuracy,
+                self._seconds,
+                offset,
+            )
+
+    def _offset(self) -> tuple[float, ...]:
+        away = self._home[:3] - self._pose[:3]
+        psi = self._pose[5]
+        if not (np.isfinite(away).all() and math.isfinite(psi)):
+            return ()
+        ahead = math.cos(psi) * away[0] + math.sin(psi) * away[1]
+        right = math.cos(psi) * away[1] - math.sin(psi) * away[0]
+        return float(ahead), float(right), float(away[2])
+
+    def _text(self, t: float, offset: tuple[float, ...]) -> str:
+        which = f"segment {self._number}"
+        wait = self._starts - t if math.isfinite(self._starts) else 0.0
+        left = wait + (0.0 if self._segment is None else self._segment.duration)
+        texts = {
+            Stage.THINK: "Bring the vehicle back to the start; the next segment is being designed.",
+            Stage.HELD: f"Held. Go on, or begin {which}, when you are ready.",
+            Stage.MET: f"All {len(self._known)} coefficients are known to {100.0 * self._accuracy:g} %.",
+            Stage.OVER: "More driving would hardly tell more.",
+            Stage.COUNT: f"Segment {self._number} begins in {max(math.ceil(wait), 0)}.",
+            Stage.DRIVE: f"Drive {which}: {left:.0f} s left." if left > 0.0 else "Let go of the sticks.",
+        }
+        if self._stage in texts:
+            return texts[self._stage]
+        if self._able:
+            return f"Waiting: {self._able}."
+        where = f" ({offset_text(offset)})" if offset and max(abs(each) for each in offset) > 0.1 else ""
+        back = "to its start, off the walls" if self._number == 1 else "back to the start"
+        then = "press Begin" if self._waits else f"hold the sticks still for {_STILL:.0f} s"
+        return f"Bring the vehicle {back}{where}, then {then}."
+
+
+def offset_text(offset: tuple[float, ...]) -> str:
+    """Return the way to the start in words, as "1.2 m ahead, 0.4 m left"."""
+    words = (("ahead", "back"), ("right", "left"), ("down", "up"))
+    parts = [
+        f"{abs(each):.1f} m {pair[each < 0.0]}" for each, pair in zip(offset, words, strict=True) if abs(each) > 0.05
+    ]
+    return ", ".join(parts) or "at the start"
