@@ -1,4 +1,4 @@
-"""Says what to drive now and what next, follows what is really driven, and asks for a new segment after each.
+"""Says what to drive now and what next, follows what is really driven, and designs a new segment after each.
 
 A segment becomes movements of the sticks: one way, so far, so long. It begins with a count-down once the pilot holds
 the sticks still, or asks for it. What was driven is compared with what was asked, movement by movement, for the pilot
@@ -18,12 +18,15 @@ from enum import StrEnum
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.planning.forecast import RATE
+from towtank.digits import some_of
+from towtank.planning.design import design
+from towtank.planning.forecast import RATE, Outlook, quantity_of
+from towtank.planning.plan import Plan, aims
 from towtank.planning.segments import Segment, full_wrench
 from towtank.vehicle import Vehicle, allocate, thruster_wrench
 from towtank.vehicle.thrusters.curves import force_range
 
-__all__ = ["AXES", "Coach", "Known", "Movement", "Stage", "View", "deflection", "movements"]
+__all__ = ["AXES", "Coach", "Known", "Movement", "Next", "Stage", "View", "deflection", "movements", "next_segment"]
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 _WAYS = (
@@ -35,13 +38,17 @@ _WAYS = (
     ("turn right", "turn left"),
 )
 _COUNT = 5.0  # s of the count-down
+_EARLY = 1.0  # s before its end, from which on the sticks may move
 _STILL = 3.0  # s for which the sticks are held still before it begins
 _CALM = 0.1  # of the largest force or moment: by which they may move meanwhile
 _GONE = 1.0  # s without commands, after which nobody drives
-_DELAYS = (0.0, 0.2, 0.4, 0.6, 0.8)  # s, by which a pilot may be late
+_DELAYS = (-0.2, 0.0, 0.2, 0.4, 0.6, 0.8)  # s, by which a pilot may be late
 _LATE = max(_DELAYS) + 0.4  # s after a segment, until what was driven of it has come
 _BEYOND = 1e6  # N, N m: more than any vehicle's thrusters make
 _DONE, _SHORTEST = 0.5, 0.05  # share of a movement that counts as done; s of one that is shown
+_TRIES, _DRAWS = 24, 2  # of a segment that is designed while somebody waits for it
+_ENOUGH = 0.02  # by which a segment is expected to lessen what is missing, as a share of it, to be worth driving
+_DURATION = 8.0  # s of a segment, without a plan
 
 
 @dataclass(frozen=True)
@@ -149,6 +156,61 @@ class View:
         return now, next((each for each in own if each.start > t), None)
 
 
+@dataclass(frozen=True)
+class Next:
+    """What comes after a segment.
+
+    Attributes:
+        shares: how well each wanted coefficient is known, as a share of its size. unmet: those that are not yet.
+        segment: to be driven; None where all is known, or more driving would hardly tell more.
+        more: how many are foreseen after it.
+    """
+
+    shares: Mapping[str, float]
+    unmet: tuple[str, ...]
+    segment: Segment | None = None
+    more: int = 0
+
+
+def next_segment(
+    model: Vehicle, wanted: tuple[str, ...], accuracy: float, *, sensors: str, plan: Plan | None = None, seed: int = 0
+) -> Next:
+    """Return the segment that makes most known of what is not known yet: a matter of seconds.
+
+    Args:
+        model: what is known by now, with its covariance. accuracy: that is wanted, a share. sensors: as `Outlook.of`.
+        plan: whose space, duration and way of driving are kept to; without one, open water and a pilot.
+
+    Raises:
+        InputError: the model cannot be planned for.
+    """
+    outlook = Outlook.of(model, sensors)
+    known = outlook.known
+    shares = {
+        name: math.sqrt(float(known.covariance[k, k])) / quantity_of(outlook.vehicle, name)
+        for k, name in enumerate(known.names)
+        if name in wanted
+    }
+    unmet = tuple(name for name in wanted if shares.get(name, 0.0) > accuracy)
+    if not unmet:
+        return Next(shares, unmet)
+    best = design(
+        outlook,
+        aims(outlook.vehicle, unmet),
+        space=None if plan is None else plan.space,
+        duration=_DURATION if plan is None else plan.segments[-1].segment.duration,
+        draws=_DRAWS,
+        tries=_TRIES,
+        seed=seed,
+        by_hand=plan is None or plan.by_hand,
+    )
+    missing = sum(math.log(shares[name] / accuracy) for name in unmet)
+    left = sum(max(math.log(share / accuracy), 0.0) for share in best.forecasts[0].relative(unmet))
+    if left > (1.0 - _ENOUGH) * missing:
+        return Next(shares, unmet)
+    return Next(shares, unmet, best.segment, 0 if left == 0.0 else 1)
+
+
 class Coach:
     """Leads a pilot through segments; any thread may call it.
 
@@ -214,7 +276,8 @@ class Coach:
                 if self._asked_for or (not self._waits and self._is_still(t)):
                     self._stage, self._starts, self._shares = Stage.COUNT, t + _COUNT, ()
             elif self._stage is Stage.COUNT:
-                if able or not (self._asked_for or self._is_still(t)):
+                early = t >= self._starts - _EARLY
+                if able or not (early or self._asked_for or self._is_still(t)):
                     self._stage, self._starts = Stage.BRING, math.nan
                 elif t >= self._starts:
                     self._stage, self._asked_for = Stage.DRIVE, False
@@ -281,6 +344,12 @@ class Coach:
             return self._stage is Stage.THINK
 
     @property
+    def may_change(self) -> bool:
+        """Whether another segment may be offered, since none is counted down or driven."""
+        with self._lock:
+            return self._stage in (Stage.THINK, Stage.BRING, Stage.MET, Stage.OVER) and not self._asked_for
+
+    @property
     def wanted(self) -> tuple[str, ...]:
         """The coefficients that are wanted."""
         return tuple(each.name for each in self._known)
@@ -299,25 +368,27 @@ class Coach:
                 for share in [shares.get(each.name, math.nan)]
             )
 
-    def offer(self, segment: Segment | None, *, more: int = 0, met: bool = False, over: bool = False) -> None:
-        """Take the segment that comes next; None: the one that was foreseen.
+    def offer(self, found: Next | None) -> str:
+        """Take what comes next; None: the segment that was foreseen. Return what that means, "" where it is driven.
 
-        Args:
-            more: how many are foreseen after it.
-            met, over: nothing more is driven: all that is wanted is known; nothing more is to be had.
+        Nothing is taken while a segment is counted down, driven or held.
         """
         with self._lock:
-            if met or over:
-                self._stage = Stage.MET if met else Stage.OVER
-                self._take(None)
-                return
-            if segment is None and self._foreseen:
-                segment, more = self._foreseen.popleft(), len(self._foreseen)
-            elif self._foreseen:
-                self._foreseen.popleft()
+            if not self.may_change:
+                return ""
+            if found is not None:
+                self.learn(found.shares)
+            foreseen = self._foreseen.popleft() if self._foreseen else None
+            segment = foreseen if found is None else found.segment
+            more = len(self._foreseen) if found is None else found.more
             self._left_in = self._number + more
             self._take(segment)
-            self._stage = Stage.OVER if segment is None else Stage.BRING
+            before = self._stage
+            if segment is not None:
+                self._stage = Stage.BRING
+            else:
+                self._stage = Stage.OVER if found is None or found.unmet else Stage.MET
+            return "" if self._stage in (Stage.BRING, before) else self._text(math.nan, ())
 
     def _take(self, segment: Segment | None) -> None:
         self._segment = segment
@@ -374,13 +445,14 @@ class Coach:
 
     def _text(self, t: float, offset: tuple[float, ...]) -> str:
         which = f"segment {self._number}"
+        unmet = [each.name for each in self._known if not each.met]
         wait = self._starts - t if math.isfinite(self._starts) else 0.0
         left = wait + (0.0 if self._segment is None else self._segment.duration)
         texts = {
             Stage.THINK: "Bring the vehicle back to the start; the next segment is being designed.",
             Stage.HELD: f"Held. Go on, or begin {which}, when you are ready.",
             Stage.MET: f"All {len(self._known)} coefficients are known to {100.0 * self._accuracy:g} %.",
-            Stage.OVER: "More driving would hardly tell more.",
+            Stage.OVER: f"More driving would hardly tell more of {some_of(unmet, 3)}.",
             Stage.COUNT: f"Segment {self._number} begins in {max(math.ceil(wait), 0)}.",
             Stage.DRIVE: f"Drive {which}: {left:.0f} s left." if left > 0.0 else "Let go of the sticks.",
         }
