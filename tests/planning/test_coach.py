@@ -9,9 +9,10 @@ import pytest
 
 from towtank import load_vehicle
 from towtank.core.arrays import Array
-from towtank.planning import Segment
+from towtank.planning import Segment, Space
 from towtank.planning.coach import Coach, Next, Stage, deflection, movements, next_segment, offset_text
 from towtank.planning.segments import commands_of, full_wrench
+from towtank.planning.space import radius_of
 from towtank.vehicle import Vehicle, allocate, thruster_wrench
 
 SURGE = Segment("telegraph", 6.0, (0,), (30.0,), ((2.0, 4.5),), ((1.0,),))
@@ -232,3 +233,26 @@ def test_the_next_segment_is_for_what_is_not_known_yet(vehicle: Vehicle) -> None
     easy = next_segment(vehicle, ("X_udot", "X_uu", "N_rr"), 0.9, sensors="pose")
     assert easy.segment is None
     assert easy.unmet == ()
+
+
+@pytest.mark.parametrize("psi", [0.0, 2.0])
+def test_a_segment_ends_where_a_wall_is_near(vehicle: Vehicle, psi: float) -> None:
+    """In the tank's own directions, wherever the poses are measured from."""
+    coach = Coach(vehicle, ("X_udot",), 0.05, (SURGE,), space=Space.from_text("4x3x3"))
+    rest = np.array([each.curve.rest for each in vehicle.thrusters])
+    ahead, began = np.array([math.cos(psi), math.sin(psi), 0.0]), np.array([10.0, -3.0, 1.0])
+
+    def pose(t: float) -> Array:
+        return np.concatenate([began + 0.5 * max(t - 6.0, 0.0) * ahead, [0.0, 0.0, psi]])
+
+    coach.see(0.0, {"pose": pose(0.0), "commands": rest})
+    coach.ask("begin")
+    happened = ""
+    for t in np.arange(0.5, 12.0, 0.1):
+        coach.see(float(t), {"pose": pose(float(t)), "commands": rest})
+        happened = coach.tick(float(t)) or happened
+        if coach.thinks:
+            break
+    assert happened == "segment 1 broken off: a wall is near"
+    gone = 0.5 * (float(t) - 6.0)
+    assert 2.0 - radius_of(vehicle) - 0.2 - gone == pytest.approx(0.5, abs=0.06)  # a second at 0.5 m/s

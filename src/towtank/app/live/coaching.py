@@ -43,7 +43,7 @@ class Coaching:
             self._coach = Coach(vehicle, diagonal(Outlook.of(vehicle)), _ACCURACY, waits=True)
         else:
             wanted, segments = (each.name for each in plan.expected), (each.segment for each in plan.segments)
-            self._coach = Coach(vehicle, tuple(wanted), plan.accuracy, tuple(segments))
+            self._coach = Coach(vehicle, tuple(wanted), plan.accuracy, tuple(segments), space=plan.space)
         self._sensors = "" if plan is None else plan.sensors
         self._seen: set[str] = set()
         self._seed, self._designed = 0, 0.0
