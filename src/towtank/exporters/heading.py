@@ -25,6 +25,7 @@ ORIGIN = "exported by towtank from "  # begins the provenance of what was import
 _LOST = "missing in the file that it was imported from: "
 _SOURCE = re.compile(r"^source: (.*), sha256 ([0-9a-f]{64})$")
 _COEFFICIENT = re.compile(r"^  (\w+) = (\S+)(?: \+- (\S+))?(?: .*)?$")
+_ESCAPE = re.compile(r"\\x([0-9a-f]{2})|\\u([0-9a-f]{4})|\\U([0-9a-f]{8})")
 _MARKS = ("--", "*/", "/*", "%{", "%}", "?>", '"""', "'''", "??")  # begin or end a comment, or are trigraphs
 _ROUNDING = 1e-9  # of the wrench at full speed: what is below it is said to be exact
 
@@ -127,8 +128,15 @@ def heading_of(text: str) -> Heading | None:
             k += 1
             missing.append(body[k].strip())
     error = body[k + 1] if k + 1 < len(body) else ""
-    title, name = body[0].removeprefix("towtank: "), body[1].removeprefix("vehicle: ")
+    title, name = body[0].removeprefix("towtank: "), _ESCAPE.sub(_letter, body[1].removeprefix("vehicle: "))
     return Heading(title, name, source[1], source[2], tuple(coefficients), tuple(missing), error)
+
+
+def _letter(escape: re.Match[str]) -> str:
+    """Return the letter beyond ASCII that an escape stands for; the escape itself where it is another one."""
+    code = int(escape[1] or escape[2] or escape[3], 16)
+    letter = chr(code) if 0x7F < code < 0x110000 else ""
+    return letter if letter.isprintable() and letter else escape[0]
 
 
 def _earlier(vehicle: Vehicle) -> tuple[str, str] | None:

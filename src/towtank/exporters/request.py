@@ -35,6 +35,7 @@ __all__ = [
     "Kept",
     "Request",
     "differing",
+    "is_definite",
     "require_exportable",
     "rounded",
     "speed_range",
@@ -48,6 +49,7 @@ _DEFINITE = 1e-9  # smallest eigenvalue of the mass matrix scaled to a unit diag
 _USUAL, _MOST = 1.0, 5.0  # m/s, rad/s: where nothing says how fast it goes, and in any case
 _STATES = 2000  # random states for the largest error of the wrench
 _NAMED = 12
+_LONGEST = 60  # letters of a name that becomes a file's or a function's; MATLAB takes 63
 
 
 @dataclass(frozen=True)
@@ -84,10 +86,7 @@ def require_exportable(vehicle: Vehicle, place: str, *, allow_unidentified: bool
         InputError: the total mass matrix is not positive definite; or a coefficient was learned and the data did not
             narrow it, unless that is allowed.
     """
-    mass = vehicle.mass_matrix
-    diagonal = np.diag(mass)
-    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    if np.any(diagonal <= 0.0) or np.linalg.eigvalsh(mass / np.outer(scale, scale))[0] <= _DEFINITE:
+    if not is_definite(vehicle.mass_matrix):
         raise InputError(
             f"{place}: the total mass matrix M_RB + M_A is not positive definite, so that any engine would gain energy"
             " from it; mend the file (towtank vehicle check names what is wrong) or learn it anew"
@@ -99,6 +98,13 @@ def require_exportable(vehicle: Vehicle, place: str, *, allow_unidentified: bool
             f"{f' and {len(unknown) - _NAMED} more' if len(unknown) > _NAMED else ''}; learn from a log that drives"
             " these axes, or export what was supposed before the data with --allow-unidentified"
         )
+
+
+def is_definite(mass: Array) -> bool:
+    """Return whether a mass matrix (6, 6) is positive definite."""
+    diagonal = np.diag(mass)
+    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    return bool(np.all(diagonal > 0.0) and np.linalg.eigvalsh(mass / np.outer(scale, scale))[0] > _DEFINITE)
 
 
 def _unidentified(vehicle: Vehicle) -> list[str]:
@@ -119,7 +125,7 @@ def with_plain_buoyancy(vehicle: Vehicle) -> Vehicle:
     B, weight = vehicle.weight - vehicle.weight_minus_buoyancy, vehicle.weight
     moment, r_G = np.array(vehicle.restoring_moment), np.array(vehicle.rigid_body.centre_of_gravity)
     measured = any(getattr(vehicle.restoring, name) is not None for name in ("BG_x", "BG_y", "BG_z"))
-    if B <= 0.0 and np.any(moment != r_G * weight):
+    if B < 0.0 or (B == 0.0 and np.any(moment != r_G * weight)):
         raise InputError(f"{vehicle.name}: the buoyant force comes out as {B:g} N, expected one above 0")
     centre = (r_G * weight - moment) / B if measured else np.array(vehicle.buoyancy.centre)
     x, y, z = (float(each) + 0.0 for each in centre)
@@ -153,7 +159,7 @@ def rounded(vehicle: Vehicle) -> Vehicle:
 def stem_of(vehicle: Vehicle) -> str:
     """Return the vehicle's name as the beginning of a file's name, or as the name of a simulator's model."""
     plain = re.sub(r"(?<![A-Za-z0-9])-|-(?![A-Za-z0-9])", " ", vehicle.name)  # a dash joins two words or goes
-    return re.sub(r"[^A-Za-z0-9_.-]+", "_", plain).strip("._") or "vehicle"
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", plain).strip("._")[:_LONGEST].rstrip("._-") or "vehicle"
 
 
 def speed_range(vehicle: Vehicle) -> Array:
@@ -166,7 +172,9 @@ def speed_range(vehicle: Vehicle) -> Array:
     if not vehicle.thrusters:
         return speeds
     ends = np.array([np.abs(force_range(each.curve)) * each.gain for each in vehicle.thrusters])
-    full = np.abs(configuration_matrix(vehicle)) @ ends.max(axis=1)
+    B = np.abs(configuration_matrix(vehicle))
+    with np.errstate(invalid="ignore"):  # one without limits that does not push along an axis
+        full = np.where(B > 0.0, B * ends.max(axis=1), 0.0).sum(axis=1)
     for i in range(6):
         linear = -vehicle.coefficient(f"{ROWS[i]}_{COLUMNS[i]}")
         quadratic = -vehicle.coefficient(f"{ROWS[i]}_{COLUMNS[i] * 2}")

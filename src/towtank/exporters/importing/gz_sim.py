@@ -16,6 +16,7 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.exporters.frames import folded, turned_bilinear, turned_matrix, turned_vector
+from towtank.exporters.heading import heading_of
 from towtank.exporters.importing.bodies import IDENTITY, Placed, Solid, composite, pose, rigid_body_of, volume_of
 from towtank.exporters.importing.guarded import Imported, number, numbers
 from towtank.exporters.importing.known import doubts_of
@@ -49,14 +50,14 @@ def imported(root: Element, text: str, place: str) -> Imported:
     Raises:
         InputError: no model, a number that is none, a body that is none.
     """
-    del text
-    return _Reading(root, place).vehicle()
+    return _Reading(root, place, ours=heading_of(text) is not None).vehicle()
 
 
 class _Reading:
     """A model being read."""
 
-    def __init__(self, root: Element, place: str) -> None:
+    def __init__(self, root: Element, place: str, *, ours: bool) -> None:
+        self.ours = ours  # towtank wrote it
         self.place, self.left, self.doubts = place, list[str](), list[str]()
         models = [*root.findall("model"), *root.findall("world/model")]
         if not models:
@@ -157,6 +158,8 @@ class _Reading:
                 total += volume or 0.0
                 moment += (volume or 0.0) * frame.p
         self.left += unknown
+        if total <= 0.0 and self.ours:
+            return Buoyancy(force=0.0)
         if total <= 0.0:
             self.doubts.append("no volume to displace water: taken as neutral, lifted at the centre of gravity")
             centre = composite([self._solid(name) for name in self.links]).centre
@@ -373,5 +376,6 @@ def added_mass_coefficients(M_A: Array) -> dict[str, float]:
 
 def thruster_name(joint: str) -> str:
     """Return a joint's name as that of a thruster."""
-    plain = re.sub(r"[^A-Za-z0-9_.-]+", "_", joint).strip("_")
+    plain = re.sub(r"[^A-Za-z0-9_.-]+", "_", joint)
+    plain = plain if plain == joint else plain.strip("_")
     return plain.removesuffix("_joint") or "thruster"

@@ -69,6 +69,8 @@ def import_vehicle(path: str | os.PathLike[str], source: str = "auto") -> Import
         first = error.errors()[0]
         where = ".".join(str(each) for each in first["loc"])
         raise InputError(f"{place}: {where}: {first['msg']}") from None
+    except InputError:
+        raise
     except (ArithmeticError, ValueError) as error:
         raise InputError(f"{place}: its numbers make no vehicle ({error})") from None
     return found._replace(vehicle=vehicle)
