@@ -106,6 +106,39 @@ def test_uuv_simulator(tmp_path: Path) -> None:
     assert any("center_of_buoyancy" in each for each in found.doubts)
 
 
+def classic() -> str:
+    """The same vehicle as SDF of Gazebo classic."""
+    plugins = UUV[UUV.index("<gazebo>") : UUV.rindex("</gazebo>")].replace("<gazebo>", "").replace("</gazebo>", "")
+    return f"""<?xml version="1.0"?>
+<sdf version="1.6"><world name="sea"><model name="ground"><static>1</static><link name="l"/></model><model name="small">
+  <pose>0 0 -5 0 0 1</pose>
+  <link name="small/base_link"><pose>0.1 0 0.2 0 0 0</pose>
+    <inertial><mass>18.0</mass><pose>0 0 -0.02 0 0 0</pose><inertia><ixx>0.5</ixx><ixy>0.01</ixy><ixz>0.02</ixz>
+      <iyy>0.8</iyy><iyz>0.03</iyz><izz>0.9</izz></inertia></inertial></link>
+  <link name="small/thruster_0"><pose>-0.3 0.1 0.25 0 0 0.5</pose><inertial><mass>0.5</mass>
+    <inertia><ixx>1e-4</ixx><iyy>1e-4</iyy><izz>1e-4</izz></inertia></inertial></link>
+  <joint name="small/thruster_0_joint" type="revolute">
+    <pose>0 0 0 0 0 1.0707963267948966</pose><parent>small/base_link</parent><child>small/thruster_0</child>
+    <axis><xyz>1 0 0</xyz></axis></joint>
+  {plugins}
+</model></world></sdf>"""
+
+
+def test_uuv_simulator_in_sdf_of_gazebo_classic_is_told_and_the_same_vehicle(tmp_path: Path) -> None:
+    found = import_vehicle(written(tmp_path / "a.sdf", classic()))
+    same = import_vehicle(written(tmp_path / "a.urdf", UUV)).vehicle
+    assert found.source == "uuv-simulator"
+    vehicle = found.vehicle
+    assert vehicle.name == "small"
+    assert vehicle.hydrodynamics == same.hydrodynamics
+    assert vehicle.buoyancy == same.buoyancy
+    np.testing.assert_allclose(vehicle.mass_matrix, same.mass_matrix, atol=1e-11)
+    np.testing.assert_allclose(configuration_matrix(vehicle), configuration_matrix(same), atol=1e-12)
+    assert vehicle.thrusters[0].curve == same.thrusters[0].curve
+    assert "wobble" in "\n".join(found.left)
+    assert "model ground" in found.left
+
+
 @pytest.mark.parametrize(
     ("conversion", "commands", "forces"),
     [
