@@ -48,7 +48,6 @@ _NARROWED = 0.5  # share of the prior's deviation up to which a coefficient coun
 _DEFINITE = 1e-9  # smallest eigenvalue of the mass matrix scaled to a unit diagonal, as in the physical checks
 _USUAL, _MOST = 1.0, 5.0  # m/s, rad/s: where nothing says how fast it goes, and in any case
 _STATES = 2000  # random states for the largest error of the wrench
-_NAMED = 12
 _LONGEST = 60  # letters of a name that becomes a file's or a function's; MATLAB takes 63
 
 
@@ -94,9 +93,8 @@ def require_exportable(vehicle: Vehicle, place: str, *, allow_unidentified: bool
     unknown = [] if allow_unidentified else _unidentified(vehicle)
     if unknown:
         raise InputError(
-            f"{place}: not identified by the data: {', '.join(unknown[:_NAMED])}"
-            f"{f' and {len(unknown) - _NAMED} more' if len(unknown) > _NAMED else ''}; learn from a log that drives"
-            " these axes, or export what was supposed before the data with --allow-unidentified"
+            f"{place}: not identified by the data: {', '.join(unknown)}; learn from a log that drives these axes,"
+            " or export what was supposed before the data with --allow-unidentified"
         )
 
 

@@ -38,8 +38,8 @@ class Source(NamedTuple):
 
 SOURCES = (
     Source("gz-sim", "gz_sim", "SDF of Gazebo: Hydrodynamics, Buoyancy and Thruster systems"),
-    Source("uuv-simulator", "uuv_simulator", "expanded URDF with the plugins of uuv_simulator"),
-    Source("urdf-hydrodynamics", "urdf", "URDF of blue and auv_controllers"),
+    Source("uuv-simulator", "uuv_simulator", "URDF, xacro or SDF with the plugins of uuv_simulator"),
+    Source("urdf-hydrodynamics", "urdf", "URDF of blue and auv_controllers, thrusters.yaml beside it"),
 )
 
 

@@ -35,12 +35,13 @@ from towtank.vehicle.names import COLUMNS, ROWS
 __all__ = ["PLACE", "kept", "written"]
 
 PLACE = "    # {name} at [{position}] m, pushing along [{direction}]"  # in the YAML; an import reads it back
-_DEGREE = 5  # of the polynomial of thrust: one for both ways
+_DEGREE = {True: 9, False: 5}  # of the polynomial, at most: where thrust goes both ways, and where it goes one
 _SAMPLES = 401
 _DENSE = 33  # points of a table from which on it is taken at its points: that of an import is a polynomial's
 _PWM = (1500.0, 400.0)  # us: rest and reach of commands that are not in us themselves
 _PULSES = (900.0, 2100.0)  # us: a neutral command within is a pulse
 _DIGITS = 4  # decimals [us] to which each power's share at full thrust is rounded
+_FLAT = (0.05, 0.3, 1.0)  # least weights of a pulse, of the largest: the more, the less a polynomial turns back
 _EXACT = 1e-6  # of the largest thrust: what a polynomial may be off and is still called exact
 _WORDS = {"y", "n", "yes", "no", "on", "off", "true", "false", "null"}  # that YAML takes for something else than text
 
@@ -170,28 +171,42 @@ def _remarks(vehicle: Vehicle) -> list[str]:
 
 
 def _polynomial(thruster: Thruster) -> _Polynomial:
-    """Return the polynomial of the highest degree up to 5 that rises or falls all the way.
+    """Return the polynomial that is least off, of those that rise or fall all the way.
 
-    Its coefficients are rounded so that a table of its points has the same ones again.
+    A higher degree must be worth it. Coefficients are rounded so that a table of its points has the same ones again.
     """
     commands, forces, rest = _samples(thruster)
-    dead_band = round(_reach(thruster) * thruster.curve.dead_band)
-    low, high = _twelve(min(0.0, float(forces.min()))), _twelve(max(0.0, float(forces.max())))
-    scale = max(-low, high)
+    neutral, dead_band = round(rest), round(_reach(thruster) * thruster.curve.dead_band)
+    thrust = _twelve(min(0.0, float(forces.min()))), _twelve(max(0.0, float(forces.max())))
     driven = _driven(commands, forces, rest)
-    for degree in range(_DEGREE, 0, -1):
-        if driven.sum() <= degree:
-            continue
-        powers = (forces[driven, None] / scale) ** np.arange(degree + 1)
-        shares = np.round(np.linalg.lstsq(powers, commands[driven], rcond=None)[0], _DIGITS)
-        steps = np.diff(np.polynomial.polynomial.polyval(np.linspace(low, high, _SAMPLES) / scale, shares))
-        if np.all(steps > 0.0) or np.all(steps < 0.0):
-            order = np.argsort(commands[driven])
-            back = np.interp(powers @ shares, commands[driven][order], forces[driven][order])
-            coefficients = np.trim_zeros(shares / scale ** np.arange(degree + 1), "b")
-            error = float(np.abs(back - forces[driven]).max())
-            return _Polynomial(tuple(map(_twelve, coefficients)), (low, high), round(rest), dead_band, error)
-    return _Polynomial((float(round(rest)),), (low, high), round(rest), dead_band, scale)
+    best = _Polynomial((float(neutral),), thrust, neutral, dead_band, max(map(abs, thrust)))
+    for degree in range(1, min(_DEGREE[min(thrust) < 0.0 < max(thrust)], int(driven.sum()) - 1) + 1):
+        for flat in _FLAT:
+            found = _fitted(commands[driven], forces[driven], thrust, degree, flat)
+            if found is not None and found[1] < best.error - _EXACT * max(map(abs, thrust)):
+                best = _Polynomial(found[0], thrust, neutral, dead_band, found[1])
+    return best
+
+
+def _fitted(
+    commands: Array, forces: Array, thrust: tuple[float, float], degree: int, flat: float
+) -> tuple[tuple[float, ...], float] | None:
+    """Return coefficients from thrust to pulse, and the largest error [N] on the way back; None where it turns back.
+
+    A pulse that is wrong weighs by what that is in thrust, the curve's slope, and at least by `flat` of the largest.
+    """
+    scale = max(map(abs, thrust))
+    powers = (forces[:, None] / scale) ** np.arange(degree + 1)
+    slopes = np.abs(np.gradient(forces, commands))
+    weights = slopes / max(float(slopes.max()), 1e-300) + flat
+    solution = np.linalg.lstsq(weights[:, None] * powers, weights * commands, rcond=None)[0]
+    shares = np.round(solution, _DIGITS)
+    steps = np.diff(np.polynomial.polynomial.polyval(np.linspace(*thrust, _SAMPLES) / scale, shares))
+    if not (np.all(steps > 0.0) or np.all(steps < 0.0)):
+        return None
+    back = np.interp(powers @ shares, commands, forces)
+    coefficients = np.trim_zeros(shares / scale ** np.arange(degree + 1), "b")
+    return tuple(map(_twelve, coefficients)), float(np.abs(back - forces).max())
 
 
 def _samples(thruster: Thruster) -> tuple[Array, Array, float]:
