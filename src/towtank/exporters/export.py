@@ -147,7 +147,7 @@ def _places(
     """Return where each file goes. Raises InputError where it cannot."""
     stem = stem_of(vehicle) + target.ending
     if target.suffix in _IMPORTED:
-        stem = _identifier(stem)
+        stem = _identifier(stem.lower() if target.suffix == ".m" else stem)  # as the function in it
     if target.suffix:
         place = Path(stem + target.suffix) if output is None else Path(output)
         if place.is_dir():

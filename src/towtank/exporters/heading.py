@@ -19,7 +19,7 @@ from towtank.exporters.request import Kept, Request, differing, speed_range, wre
 from towtank.vehicle import COEFFICIENTS, Vehicle, index, unit
 from towtank.vehicle.names import ROWS
 
-__all__ = ["ORIGIN", "Heading", "heading_of", "heading_of_request"]
+__all__ = ["ORIGIN", "Heading", "at_least", "heading_of", "heading_of_request"]
 
 ORIGIN = "exported by towtank from "  # begins the provenance of what was imported from such a file
 _LOST = "missing in the file that it was imported from: "
@@ -167,8 +167,14 @@ def _error_line(vehicle: Vehicle, error: Array) -> str:
     scale = _ROUNDING * (vehicle.weight + float(np.abs(vehicle.mass_matrix @ speeds).max()))
     if error.max() <= scale:
         return f"largest error of the wrench, {reach}: none"
-    each = ", ".join(f"{ROWS[i]} {short(error[i], 3)}" for i in range(6))
+    each = ", ".join(f"{ROWS[i]} {at_least(error[i], 3)}" for i in range(6))
     return f"largest error of the wrench, {reach}: {each} (N, N m)"
+
+
+def at_least(value: float, digits: int) -> str:
+    """Return a number above 0 with so many digits, rounded up: what is stated is never exceeded."""
+    step = 10.0 ** (math.floor(math.log10(value)) - digits + 1) if value > 0.0 else 1.0
+    return short(math.ceil(value / step * (1.0 - 1e-12)) * step, digits)
 
 
 def _harmless(line: str) -> str:

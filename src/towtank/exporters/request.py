@@ -6,6 +6,7 @@ difference of the two, in words and as the largest error of the wrench.
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Mapping
@@ -47,7 +48,8 @@ __all__ = [
 _NARROWED = 0.5  # share of the prior's deviation up to which a coefficient counts as identified, as `learn` says it
 _DEFINITE = 1e-9  # smallest eigenvalue of the mass matrix scaled to a unit diagonal, as in the physical checks
 _USUAL, _MOST = 1.0, 5.0  # m/s, rad/s: where nothing says how fast it goes, and in any case
-_STATES = 2000  # random states for the largest error of the wrench
+_STATES = 2000  # random attitudes and velocities for the largest error of the wrench
+_UPRIGHT = np.array(list(itertools.product(0.5 * math.pi * np.arange(-1, 3), 0.5 * math.pi * np.arange(-1, 2))))
 _LONGEST = 60  # letters of a name that becomes a file's or a function's; MATLAB takes 63
 
 
@@ -164,7 +166,7 @@ def speed_range(vehicle: Vehicle) -> Array:
     """Return the speeds (6,) [m/s, rad/s] that the thrusters reach on each axis, between which errors are taken.
 
     Where full thrust on an axis meets its drag on the diagonal; 1 where the file has no thrusters or no drag that
-    says so, and never above 5.
+    says so, and never above 5. Of two digits, as they are stated.
     """
     speeds = np.full(6, _USUAL)
     if not vehicle.thrusters:
@@ -182,23 +184,38 @@ def speed_range(vehicle: Vehicle) -> Array:
         linear, quadratic = max(linear, 0.0), max(quadratic, 0.0)
         root = math.sqrt(linear * linear + 4.0 * quadratic * force)
         speeds[i] = min(2.0 * force / (linear + root), _MOST)
-    return speeds
+    return np.array([float(f"{each:.2g}") for each in speeds])
 
 
 def wrench_error(vehicle: Vehicle, kept: Vehicle) -> Array:
     """Return the largest error (6,) [N, N m] of the wrench that moves `kept` as `vehicle` is to be moved.
 
-    Over random attitudes, velocities up to `speed_range` and accelerations up to the same number per second.
-    Thrusters that lose thrust with inflow are taken at full thrust.
+    Over all attitudes, velocities up to `speed_range` and accelerations up to the same number per second: the wrench is
+    a sum of what each of the three makes of it, so that its extremes are sums of theirs. Those of velocities are looked
+    for at the corners of the range, on its edges and within. Thrusters that lose thrust with inflow are taken at full
+    thrust.
     """
     rng = np.random.default_rng(0)
     speeds = speed_range(vehicle)
     eta = np.zeros((_STATES, 6))
-    eta[:, 3:] = rng.uniform(-1.0, 1.0, (_STATES, 3)) * np.array([math.pi, 0.49 * math.pi, math.pi])
-    nu, nu_dot = (rng.uniform(-1.0, 1.0, (_STATES, 6)) * speeds for _ in range(2))
-    away = inverse_dynamics(kept, eta, nu, nu_dot) - inverse_dynamics(vehicle, eta, nu, nu_dot)
-    away += nu @ (_inflow_damping(kept) - _inflow_damping(vehicle)).T
-    return np.asarray(np.abs(away).max(axis=0))
+    eta[:, 3:] = rng.uniform(-1.0, 1.0, (_STATES, 3)) * np.array([math.pi, 0.5 * math.pi, math.pi])
+    eta[: len(_UPRIGHT), 3:5] = _UPRIGHT
+    corners = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=6)))
+    within = rng.uniform(-1.0, 1.0, (_STATES, 6))
+    edges = np.where(rng.random((_STATES, 6)) < 0.5, np.sign(within), within)
+    nu = np.concatenate([corners, edges, within]) * speeds
+
+    def away(eta: Array, nu: Array) -> Array:
+        still = np.zeros(6)
+        return np.asarray(inverse_dynamics(kept, eta, nu, still) - inverse_dynamics(vehicle, eta, nu, still))
+
+    statics = away(eta, np.zeros(6))
+    motion = away(np.zeros(6), nu) - away(np.zeros(6), np.zeros(6))
+    motion += nu @ (_inflow_damping(kept) - _inflow_damping(vehicle)).T
+    inertia = np.abs(kept.mass_matrix - vehicle.mass_matrix) @ speeds
+    above = statics.max(axis=0) + motion.max(axis=0)
+    below = statics.min(axis=0) + motion.min(axis=0)
+    return np.asarray(np.maximum(np.abs(above), np.abs(below)) + inertia)
 
 
 def _inflow_damping(vehicle: Vehicle) -> Array:

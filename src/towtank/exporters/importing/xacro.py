@@ -25,7 +25,7 @@ __all__ = ["expanded", "is_xacro"]
 _NAMESPACE = re.compile(r"\{[^}]*xacro[^}]*\}(.+)")
 _PART = re.compile(r"\$\$[{(]|\$\{([^}]*)\}|\$\(([^)]*)\)")
 _PARAMETER = re.compile(r"""([*]{0,2}\w+)(?::?=(?:\^\|?)?('[^']*'|"[^"]*"|\S*))?""")
-_MOST, _DEEPEST, _FILES = 100_000, 40, 50  # elements written, macros within macros, files included
+_MOST, _DEEPEST, _FILES = 30_000, 40, 50  # elements written, macros within macros, files included
 _LONGEST, _LARGEST = 10_000, 1e100  # characters of a text, size of a number
 _CURE = "expand it with ROS (xacro model.xacro > model.urdf) and import that"
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array
 from towtank.digits import short
 from towtank.exporters.frames import parallel_axes
-from towtank.exporters.heading import Heading
+from towtank.exporters.heading import Heading, at_least
 from towtank.exporters.request import Kept, Request, rounded, stem_of, with_plain_buoyancy
 from towtank.vehicle import (
     Coefficient,
@@ -160,7 +160,7 @@ def _remarks(vehicle: Vehicle) -> list[str]:
     for each in vehicle.thrusters:
         found = _polynomial(each)
         if found.error > _EXACT * max(map(abs, found.thrust)):
-            lost.setdefault(short(found.error, 2), []).append(each.name)
+            lost.setdefault(at_least(found.error, 2), []).append(each.name)
     out = [
         f"curve of {', '.join(names)}: one polynomial of thrust for both ways, up to {error} N off"
         for error, names in lost.items()
