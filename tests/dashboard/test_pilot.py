@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from towtank.app.live.coaching import Coaching
-from towtank.app.live.coaching import warm_up as warm_coaching_up
 from towtank.core.arrays import Array
 from towtank.dashboard import About, Address
 from towtank.dashboard.live_feed import LiveFeed
@@ -99,7 +98,6 @@ class Led:
         self.vehicle = load_vehicle("bluerov2_heavy")
         self.link = Tanked(self.vehicle)
         warm_up(self.vehicle, new_learner(self.vehicle, "joint", WANTED), lambda text, share: None)
-        warm_coaching_up(self.vehicle)
         learner: Any = new_learner(self.vehicle, "joint", WANTED, background=True, changes=False)
         self.session = Session([("tank", self.link)], self.vehicle, learner, epoch=time.time())
         self.coaching = Coaching(self.session, self.vehicle, plan)

@@ -1,7 +1,7 @@
 """Leads the pilot of a live session: counts down, follows, and designs the next segment from what is known by now.
 
 What is known is the learner's own posterior, so that it does not matter how well a segment was driven. Designing takes
-seconds, and runs beside learning; the pilot brings the vehicle back meanwhile.
+seconds, in a process of its own; the pilot brings the vehicle back meanwhile.
 """
 
 from __future__ import annotations
@@ -12,29 +12,22 @@ import threading
 from collections.abc import Mapping
 from typing import Any, Self
 
-import numpy as np
-
+from towtank.app.live.designing import Designer
 from towtank.errors import InputError
 from towtank.identification import Estimate
 from towtank.live.session import Session
-from towtank.planning import Outlook, Plan, diagonal, forecast
-from towtank.planning.coach import AXES, Coach, Known, Movement, Stage, View, next_segment
+from towtank.planning import Outlook, Plan, diagonal
+from towtank.planning.coach import AXES, Coach, Known, Movement, Next, Stage, View
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle, index
 
-__all__ = ["Coaching", "plan_document", "plan_lines", "warm_up"]
+__all__ = ["Coaching", "plan_document", "plan_lines"]
 
 _TICK = 0.05  # s
 _ACCURACY = 0.05  # without a plan
 _FIRST = 10.0  # s that must have been learned from before a segment is thought of, without a plan,
 _ANEW = 30.0  # s that must have come since, until it is designed anew
 _KNOWN = 0.25  # s between two looks at what is known
-
-
-def warm_up(vehicle: Vehicle) -> None:
-    """Have all that designs a segment compiled, since compiling stops whatever runs beside it."""
-    rest = np.array([[each.curve.rest for each in vehicle.thrusters]] * 10)
-    forecast(Outlook.of(vehicle), vehicle, rest)
 
 
 class Coaching:
@@ -56,6 +49,7 @@ class Coaching:
         self._seen: set[str] = set()
         self._seed, self._designed = 0, 0.0
         self._looked = -math.inf
+        self._designer = Designer(vehicle)
         session.learning.listeners += (self._see,)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="coach", daemon=True)
@@ -67,6 +61,7 @@ class Coaching:
     def __exit__(self, *error: object) -> None:
         self._stop.set()
         self._thread.join()
+        self._designer.close()
 
     def view(self) -> View:
         """Return what the pilot is shown now."""
@@ -101,7 +96,9 @@ class Coaching:
             if happened:
                 self._tell(happened)
             self._look()
-            if self._is_due():
+            if self._designer.designs:
+                self._take()
+            elif self._is_due():
                 with contextlib.suppress(TimeoutError):
                     self._think()
 
@@ -135,18 +132,33 @@ class Coaching:
             self._coach.learn(_shares(self._session.learning.now.estimate, self._vehicle, self._coach.wanted))
 
     def _think(self) -> None:
-        """Design the next segment from what is known now. Raises TimeoutError where the learner is too busy."""
+        """Have the next segment designed from what is known now. Raises TimeoutError where the learner is too busy."""
         learning, coach = self._session.learning, self._coach
         self._designed = learning.now.estimate.duration
         model = learning.errands.ask(learning.learner.model)
-        sensors = self._sensors or self._sensors_seen()
         self._seed += 1
+        sensors = self._sensors or self._sensors_seen()
+        settings = {"sensors": sensors, "plan": self._plan, "seed": self._seed}
         try:
-            found = next_segment(model, coach.wanted, coach.accuracy, sensors=sensors, plan=self._plan, seed=self._seed)
-        except InputError as error:  # this model cannot be planned for: what was foreseen is driven
-            self._tell(f"the next segment stays as it was planned: {error}")
-            found = None
-        means = coach.offer(found)
+            self._designer.ask(model, coach.wanted, coach.accuracy, **settings)
+        except InputError as error:
+            self._offer(None, str(error))
+
+    def _take(self) -> None:
+        """Take the segment that was designed, once it is there."""
+        try:
+            found = self._designer.answer()
+        except InputError as error:
+            self._offer(None, str(error))
+            return
+        if found is not None:
+            self._offer(found)
+
+    def _offer(self, found: Next | None, trouble: str = "") -> None:
+        """Offer a segment to the pilot; where there was trouble with it the one that was foreseen."""
+        if trouble:
+            self._tell(f"the next segment stays as it was planned: {trouble}")
+        means = self._coach.offer(found)
         if means:
             self._tell(means)
 

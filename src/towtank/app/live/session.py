@@ -121,10 +121,6 @@ def run_live(options: LiveOptions, output: Output) -> None:
             from towtank.app.live.reports import warm_up as warm_reports_up
 
             warm_reports_up(vehicle)
-        if _leads(options, vehicle):
-            from towtank.app.live.coaching import warm_up as warm_coaching_up
-
-            warm_coaching_up(vehicle)
     epoch = round(steady_time(), 3) if before is None else before.now_epoch()
     if before is not None and epoch != before.epoch:
         output.warn(
