@@ -107,6 +107,7 @@ class Session:
 
     Attributes:
         epoch: as above. taps: called with the samples of a link as they come, by its thread, before they are sorted.
+        before_end: called when the session ends, before its links are closed.
     """
 
     def __init__(
@@ -126,6 +127,7 @@ class Session:
         self._sources = tuple(sources)
         self._epoch = self.epoch = epoch
         self.taps: tuple[Callable[[Sequence[Arrival]], None], ...] = ()
+        self.before_end: tuple[Callable[[], None], ...] = ()
         self._patient = all(source.patient for _, source in sources)
         self._clocks = tuple(SourceClock(keeps_time=source.keeps_time) for _, source in sources)
         self._commands = tuple(CommandNames(vehicle) for _ in sources)
@@ -383,6 +385,8 @@ class Session:
         return len(within) == len(arrivals)
 
     def _finish(self) -> None:
+        for last in self.before_end:
+            last()
         self._stop.set()
         deadline = time.monotonic() + _ENOUGH
         for thread in self._threads:

@@ -1,4 +1,4 @@
-"""A vehicle that speaks MAVLink, over UDP, TCP or a serial line; it is listened to. What commands it is `live.driving`."""
+"""A vehicle that speaks MAVLink, over UDP, TCP or a serial line. Here it is only listened to."""
 
 from __future__ import annotations
 
