@@ -29,9 +29,9 @@ PARAMETERS = (
 )  # fmt: skip
 RATES = {"HEARTBEAT": 10.0, "NAMED_VALUE_FLOAT": 2.0}  # Hz, asked for besides the usual ones
 _GROUND_STATION = 255.0  # where the autopilot does not say whom it obeys
-_SHORT = 0.5  # s, of FS_PILOT_TIMEOUT
+_SHORT = 0.3  # s, of FS_PILOT_TIMEOUT
 _FULL_GAIN = 0.99
-_ADVICE = "set FS_PILOT_INPUT to 1 or 2 and FS_PILOT_TIMEOUT to 0.3"
+_ADVICE = "set FS_PILOT_INPUT to 1 or 2 and FS_PILOT_TIMEOUT to 0.25"
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ class Driver:
         self.interlock = Interlock(limits or Limits(), overrides=way is Way.RC)
         self._encoder: Encoder | None = None
         self._key, self._pressed = -math.inf, math.inf
-        self._was = Stage.OFF
+        self._was, self._refused = Stage.OFF, ""
         self._lock = threading.RLock()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="drive", daemon=True)
@@ -127,11 +127,13 @@ class Driver:
             if why:
                 if self.interlock.stage is Stage.OFF:
                     self._measured.let_go()
-                self._outside.happened(f"not switched on: {why}", "")
+                if why != self._refused:
+                    self._outside.happened(f"not switched on: {why}", "")
+                self._refused = why
                 return why
             self._helm.anchor(self._measured.t, self._measured.pose)
             self._helm.see(self._measured.t, self._measured.pose)
-            self._was = Stage.READY
+            self._was, self._refused = Stage.READY, ""
             text = f"switched on; pose by {self._measured.text}; walls: {self._helm.walls}"
             self._outside.happened(text, "")
             for each in self._doubts():
@@ -196,7 +198,7 @@ class Driver:
             task = None if self.interlock.stage in (Stage.OFF, Stage.STOPPING) else self._outside.task(t)
             if task is not None and self.interlock.stage is Stage.DRIVING:
                 seen = replace(seen, sticks=helm.sticks(t, task.wrench, task.clock))
-            elif task is not None and not task.over:
+            elif task is not None and not task.over and helm.prepare(task.wrench):  # while nothing is sent yet
                 seen = replace(seen, sticks=np.zeros(6))
             order = self.interlock.step(seen)
             if order.send is not Send.NOTHING and self._encoder is not None:

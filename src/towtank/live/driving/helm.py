@@ -136,6 +136,13 @@ class Helm:
 
     # -- what is given
 
+    def prepare(self, wrench: Array) -> bool:
+        """Find the sticks of a segment (n, 6) [N, N m], some tenths of a second; return whether they were known."""
+        if wrench is self._wrench:
+            return True
+        self._wrench, self._plan = wrench, self.sticks_of.of_wrench(self._limit * wrench)
+        return False
+
     def sticks(self, t: float, wrench: Array | None, clock: float) -> Array | None:
         """Return the sticks (6,) of time t [s]; None where nothing is to be driven.
 
@@ -144,8 +151,7 @@ class Helm:
         """
         if wrench is None or clock >= len(wrench) * PERIOD:
             return None
-        if wrench is not self._wrench:
-            self._wrench, self._plan = wrench, self.sticks_of.of_wrench(self._limit * wrench)
+        self.prepare(wrench)
         if t >= self._due - 0.25 * PERIOD:
             self._due = t + PERIOD if t > self._due + PERIOD else self._due + PERIOD
             self._given = self._guarded(t, self._plan[int(clock / PERIOD)] if clock >= 0.0 else None)

@@ -21,10 +21,10 @@ from towtank.core.arrays import Array
 __all__ = ["PERIOD", "STALE", "Interlock", "Limits", "Order", "Seen", "Send", "Stage"]
 
 PERIOD = 0.02  # s between two steps: a command with each
-STALE = 0.25  # s: a key, a pose or a link that is older is lost
+STALE = 0.2  # s: a key, a pose or a link that is older is lost; thrust then ends within 0.3 s on a busy computer
 _AHEAD = 0.1  # s that a stamp may lie before the step: beyond it cannot be
 _BEAT = 2.5  # s between two heartbeats, which come once a second: one may be lost
-_HELD_UP = 0.2  # s between two steps, after which commands may have come too late to be meant
+_HELD_UP = STALE  # s between two steps, after which commands may have come too late to be meant
 _NEUTRALS = 10  # neutral commands after a stop, one a step
 _RELEASES = 3  # then, where channels are overridden, messages that let go of them
 
@@ -182,7 +182,7 @@ class Interlock:
             return "the vehicle is not in MANUAL mode"
         if _lost(seen.t, seen.pose, STALE):
             return "no pose comes"
-        if _lost(seen.t, seen.outputs, 2.0 * STALE):
+        if _lost(seen.t, seen.outputs, STALE):
             return "the autopilot does not tell its outputs"
         return seen.fault
 
