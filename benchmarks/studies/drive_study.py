@@ -134,19 +134,19 @@ def wall(seed: int) -> tuple[float, float]:
     truth = scaled(guard.vehicle, lambda: 1.0 + 0.3 * rng.choice([-1.0, 1.0]), 0.25)
     wrench = telegraphs(guard, seed, False)[: round(25 * WALL_SECONDS)] @ guard.brake.matrix.T
     steered, sub = Helm(guard), SimulatedSub(truth, START, seed=seed)
-    rig = Rig(sub, steered, wrench)
+    rig = Rig(sub, steered, wrench, world=World(key=False))
     rig.run(0.6)
-    rig.world.key = False
     refused = rig.switch(True)
     rig.begin()
     rig.world.key = True
+    rig.run(0.1)
     least, bent, turns = math.inf, 0, 0
     while sub.t < rig.starts + WALL_SECONDS - PERIOD:
         rig.turn()
         place = steered._in_tank(sub.eta)
         least = min(least, float(guard.space.clearance(place[:3], guard.radius)))
         bent, turns = bent + steered.bent, turns + 1
-        if rig.stage is Stage.OFF:
+        if rig.stage is not Stage.DRIVING:
             raise RuntimeError(f"seed {seed}: {refused or rig.said[-1]}")
     return least, bent / turns
 
