@@ -171,6 +171,7 @@ def live(
       towtank live json:127.0.0.1:5005 udpin:0.0.0.0:14550 --vehicle mine.toml --map mocap.toml
       towtank live udpin:0.0.0.0:14550 --vehicle bluerov2_heavy --page
       towtank live udpin:0.0.0.0:14550 --vehicle bluerov2_heavy --plan plan.toml --page
+      towtank live udpin:0.0.0.0:14550 --vehicle bluerov2_heavy --plan plan.toml --page --drive
       towtank live replay:dive.mcap@0 --vehicle bluerov2_heavy --json
     """
     if method not in STREAMING_METHODS:
