@@ -24,7 +24,7 @@ from dataclasses import asdict, dataclass
 from functools import cache
 
 import numpy as np
-from drive_link import LOSSES, driven, lost, plan_of
+from drive_link import ATTEMPTS, LOSSES, driven, lost, plan_of
 from drive_rig import FAULTS, Rig, World
 from guard_study import guard_of, scaled, telegraphs
 from report import checks_table, show
@@ -154,7 +154,7 @@ def wall(seed: int) -> tuple[float, float]:
 def sockets() -> dict[str, list[tuple[float, int]]]:
     """Return for each loss how long thrust went on [s], and commands sent afterwards."""
     found: dict[str, list[tuple[float, int]]] = {name: [] for name in LOSSES}
-    with driven(SimulatedSub(load_vehicle(VEHICLE), START), plan_of(LOSSES_EACH * len(LOSSES) + 1)) as run:
+    with driven(SimulatedSub(load_vehicle(VEHICLE), START), plan_of(ATTEMPTS * LOSSES_EACH * len(LOSSES))) as run:
         for _ in range(LOSSES_EACH):
             for name in LOSSES:
                 found[name].append(lost(run, name))
