@@ -5,6 +5,7 @@ import { charts } from "./chart";
 import { Coefficients } from "./coefficients";
 import { Controls } from "./controls";
 import { byId, hintScroll, write } from "./dom";
+import { Drive } from "./drive";
 import { Link } from "./link";
 import { Pilot } from "./pilot";
 import { clock } from "./numbers";
@@ -35,6 +36,7 @@ const signals = new Signals();
 const horizon = new Horizon(byId("horizon"));
 const trail = new Track(byId("track"));
 const pilot = new Pilot((what) => void controls.post(what));
+const drive = new Drive((what) => controls.post(what));
 
 // The token is in a cookie by now; it had better not stay in the address.
 if (new URLSearchParams(location.search).has("token")) history.replaceState(null, "", location.pathname);
@@ -102,6 +104,7 @@ function stand(next: State): void {
   showLinks(next);
   controls.show(next);
   pilot.show(next.ended ? null : next.plan, controls.able);
+  drive.show(next.ended ? null : next.plan?.drive, controls.able);
   document.body.dataset.sequence = String(next.sequence); // last: everything of this state stands there now
 }
 

@@ -24,6 +24,11 @@ export interface Plan {
   stage: "bring" | "count" | "drive" | "think" | "held" | "met" | "over"; text: string; clock_s: number | null;
   segment: number; planned: number; duration_s: number; manoeuvred_s: number; accuracy: number; offset_m: number[];
   axes: string[]; movements: Movement[]; known: { name: string; share: number | null; met: boolean }[];
+  drive?: Drive;
+}
+
+export interface Drive {
+  stage: "off" | "ready" | "driving" | "stopping"; text: string; held: boolean; guarded: boolean; walls: string;
 }
 
 export interface State {

@@ -125,4 +125,7 @@ class Feed(Protocol):
         """Add an event of somebody's own."""
 
     def ask(self, what: str) -> bool:
-        """Do what the pilot of a plan asks for: "begin", "hold" or "on"; return whether that was possible."""
+        """Do what the pilot of a plan asks for, "begin", "hold" or "on", or who drives it: "drive-on" and so on.
+
+        Returns whether that was possible.
+        """

@@ -30,7 +30,8 @@ __all__ = ["Reports", "application"]
 _POLICY, _LATER = 1008, 1013  # codes of closing
 _IN_ORDER = (1000, 1001, 1005, 1006, 1011, 1012)  # of a peer that left, or that we gave up
 Reports = Callable[[], bytes]
-_CONTROLS = ("pause", "resume", "mark", "begin", "hold", "on")
+_ASKED = ("begin", "hold", "on", "drive-on", "drive-off", "drive-key", "drive-let-go")  # of the pilot's guide
+_CONTROLS = ("pause", "resume", "mark", *_ASKED)
 _LONGEST = 2048  # bytes of a body
 _MARK = 200  # characters of a mark
 _PIECE = 1 << 18  # bytes of the recording that are read at once
@@ -228,7 +229,7 @@ class _Pages:
                 if text is None:
                     return PlainTextResponse('expected {"text": "..."}', 400)
                 self._feed.mark(text)
-            elif name in ("begin", "hold", "on"):
+            elif name in _ASKED:
                 if not self._feed.ask(name):
                     return PlainTextResponse("nothing is to be driven now", 409)
             else:

@@ -104,6 +104,10 @@ class Session:
         room: samples that may wait to be learned from.
         interval: [s] between two readings of the estimate.
         keep_all: learn from everything, also where the vehicle does not move freely in water.
+
+    Attributes:
+        epoch: as above. taps: called with the samples of a link as they come, by its thread, before they are sorted.
+        before_end: called when the session ends, before its links are closed.
     """
 
     def __init__(
@@ -121,7 +125,9 @@ class Session:
         keep_all: bool = False,
     ) -> None:
         self._sources = tuple(sources)
-        self._epoch = epoch
+        self._epoch = self.epoch = epoch
+        self.taps: tuple[Callable[[Sequence[Arrival]], None], ...] = ()
+        self.before_end: tuple[Callable[[], None], ...] = ()
         self._patient = all(source.patient for _, source in sources)
         self._clocks = tuple(SourceClock(keeps_time=source.keeps_time) for _, source in sources)
         self._commands = tuple(CommandNames(vehicle) for _ in sources)
@@ -235,6 +241,11 @@ class Session:
     def mark(self, text: str) -> None:
         """Add an event of somebody's own to the session and its recording."""
         self.events.add(Event(max(self._newest, 0.0), "mark", text))
+
+    def keep(self, t: float, sent: Raw) -> None:
+        """Record what was sent at time t [s of the session]; nothing where nothing is recorded."""
+        if self._recorder is not None:
+            self._recorder.put([], [(t, sent)])
 
     @property
     def t(self) -> float:
@@ -364,6 +375,8 @@ class Session:
         self._deep[rank] = self._deep[rank] or any("z" in each.sample.names for each in within)
         if self._recorder is not None:
             self._recorder.put(within, raw)
+        for tap in self.taps:
+            tap(within)
         if within:
             newest = max((each.t for each in within), default=-math.inf)
             if newest > self._newest:
@@ -372,6 +385,8 @@ class Session:
         return len(within) == len(arrivals)
 
     def _finish(self) -> None:
+        for last in self.before_end:
+            last()
         self._stop.set()
         deadline = time.monotonic() + _ENOUGH
         for thread in self._threads:

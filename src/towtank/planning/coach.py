@@ -470,6 +470,13 @@ class Coach:
 
     # -- what is shown
 
+    def under_way(self, t: float) -> tuple[Segment, float] | None:
+        """Return the segment that is counted down to or driven at time t [s], and seconds into it; None without one."""
+        with self._lock:
+            if self._segment is None or self._stage not in (Stage.COUNT, Stage.DRIVE):
+                return None
+            return self._segment, t - self._starts
+
     def view(self, t: float) -> View:
         """Return what the pilot is shown at time t [s]."""
         with self._lock:

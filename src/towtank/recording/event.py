@@ -24,6 +24,7 @@ EVENT_KINDS = (
         "mark",
         "resume",
         "plan",
+        "drive",
     ),
 )
 _NOTHING: Mapping[str, float | str] = MappingProxyType({})

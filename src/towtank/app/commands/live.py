@@ -9,6 +9,7 @@ import typer
 
 from towtank.app.commands.arguments import Json, KeepAll, Map, Report, output_place, positive_option, report_place
 from towtank.app.terminal.completion import streaming_methods, vehicles
+from towtank.app.terminal.keys import can_read_keys
 from towtank.app.terminal.page_option import FoxgloveOption, PageOption, page_address
 from towtank.errors import InputError, nearest
 from towtank.methods import STREAMING_METHODS
@@ -114,6 +115,27 @@ def live(
             "count-down; after each segment the next is designed from what was really driven.",
         ),
     ] = None,
+    drive: Annotated[
+        bool,
+        typer.Option(
+            "--drive",
+            help="Drive the plan, by the pilot's sticks over MAVLink (ArduSub in MANUAL mode): only while an operator "
+            "has switched on and holds a key, on the page or (space) in the terminal. Tested against simulated "
+            "vehicles only; read docs/driving.md first.",
+        ),
+    ] = False,
+    drive_by: Annotated[
+        str,
+        typer.Option(
+            "--drive-by",
+            metavar="WAY",
+            help='How sticks are sent: "manual" (MANUAL_CONTROL) or "rc" (RC_CHANNELS_OVERRIDE).',
+        ),
+    ] = "manual",
+    drive_limit: Annotated[
+        float,
+        typer.Option("--drive-limit", metavar="PCT", help="Drive by at most this much of what the plan wants [%]."),
+    ] = 100.0,
     mapping: Map = None,
     model_file: Annotated[
         Path | None,
@@ -141,7 +163,7 @@ def live(
     The coefficients and their deviations are shown as they settle, with the state of each link. Only free motion in
     water is learned from; disarmed, at the surface, upside down or before the first command is recorded and reported.
     A payload taken up, lost ballast or a fouled thruster is detected, reported and learned. Ctrl-C stops the session,
-    closes the recording and writes the model. The vehicle is never commanded.
+    closes the recording and writes the model. The vehicle is never commanded, unless --drive asks for it.
 
     \b
     Examples:
@@ -149,6 +171,7 @@ def live(
       towtank live json:127.0.0.1:5005 udpin:0.0.0.0:14550 --vehicle mine.toml --map mocap.toml
       towtank live udpin:0.0.0.0:14550 --vehicle bluerov2_heavy --page
       towtank live udpin:0.0.0.0:14550 --vehicle bluerov2_heavy --plan plan.toml --page
+      towtank live udpin:0.0.0.0:14550 --vehicle bluerov2_heavy --plan plan.toml --page --drive
       towtank live replay:dive.mcap@0 --vehicle bluerov2_heavy --json
     """
     if method not in STREAMING_METHODS:
@@ -162,6 +185,12 @@ def live(
         raise InputError("--no-changes and --configurations: found both; configurations are recognised by changes")
     if len(set(sources)) < len(sources):
         raise InputError(f"SOURCE: found one of {', '.join(sources)} twice")
+    if drive_by not in ("manual", "rc"):
+        raise InputError(f'--drive-by: found "{drive_by}", expected "manual" or "rc"')
+    if not 0.0 < drive_limit <= 100.0:
+        raise InputError(f"--drive-limit: found {drive_limit:g}, expected more than 0 and at most 100")
+    if drive and page is None and (json or json_lines or not can_read_keys()):
+        raise InputError("--drive: expected --page, or a terminal: somebody must hold a key while it drives")
     positive_option("--for", seconds)
     positive_option("--window", window, zero=True)
     output_place("--output", model_file, (".toml",))
@@ -186,6 +215,9 @@ def live(
         changes=not no_changes,
         configurations=configurations,
         plan=plan,
+        drive=drive,
+        drive_by=drive_by,
+        drive_limit=drive_limit / 100.0,
         mapping=mapping,
         model_file=model_file,
         report=report,

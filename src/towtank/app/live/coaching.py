@@ -36,15 +36,16 @@ class Coaching:
     Args:
         session: whose samples are followed, and whose learner is asked. vehicle: as the learner was given it.
         plan: what is to be driven; None: what narrows most, from ten seconds of learning on, begun by the pilot alone.
+        waits: begin a segment of a plan, too, only when the pilot asks for it.
     """
 
-    def __init__(self, session: Session, vehicle: Vehicle, plan: Plan | None) -> None:
+    def __init__(self, session: Session, vehicle: Vehicle, plan: Plan | None, *, waits: bool = False) -> None:
         self._session, self._vehicle, self._plan = session, vehicle, plan
         if plan is None:
             self._coach = Coach(vehicle, diagonal(Outlook.of(vehicle)), _ACCURACY, waits=True)
         else:
             wanted, segments = (each.name for each in plan.expected), (each.segment for each in plan.segments)
-            self._coach = Coach(vehicle, tuple(wanted), plan.accuracy, tuple(segments), space=plan.space)
+            self._coach = Coach(vehicle, tuple(wanted), plan.accuracy, tuple(segments), space=plan.space, waits=waits)
         self._sensors = "" if plan is None else plan.sensors
         self._seen: set[str] = set()
         self._seed, self._designed = 0, 0.0
@@ -66,6 +67,10 @@ class Coaching:
     def view(self) -> View:
         """Return what the pilot is shown now."""
         return self._coach.view(self._session.t)
+
+    def under_way(self) -> tuple[Segment, float] | None:
+        """Return the segment that is counted down to or driven, and seconds into it."""
+        return self._coach.under_way(self._session.t)
 
     def document(self) -> dict[str, Any]:
         """Return the same for the page and for programs."""

@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -46,8 +46,12 @@ from towtank.vehicle.names import RESTORING
 
 if TYPE_CHECKING:
     from towtank.app.live.coaching import Coaching
+    from towtank.app.live.driving import Driving
     from towtank.app.live.reports import LiveReports
     from towtank.dashboard.page import Page
+    from towtank.live.driving.helm import Helm
+    from towtank.live.links.mavlink.source import MavlinkSource
+    from towtank.live.links.source import Source
     from towtank.planning import Plan
 
 __all__ = ["LiveOptions", "run_live"]
@@ -80,6 +84,9 @@ class LiveOptions:
     foxglove: str | None = None
     keep_all: bool = False
     plan: Path | None = None
+    drive: bool = False
+    drive_by: str = "manual"
+    drive_limit: float = 1.0
 
 
 def run_live(options: LiveOptions, output: Output) -> None:
@@ -94,6 +101,8 @@ def run_live(options: LiveOptions, output: Output) -> None:
     plan = _plan(options, vehicle, output)
     mapping = None if options.mapping is None else load_mapping(options.mapping)
     sources = [(text, open_source(text, vehicle, mapping)) for text in options.sources]
+
+    helm, commanded = _helm(options, vehicle, plan, sources, output)
 
     background = not all(source.patient for _, source in sources)
 
@@ -143,7 +152,10 @@ def run_live(options: LiveOptions, output: Output) -> None:
     reports = _reports(options, session)
     judge = _judge(session, vehicle, shown=predicting or options.page is not None)
     coaching = _coaching(options, session, vehicle, plan)
-    view = None if coaching is None or plan is None else coaching.view
+    guide: Coaching | Driving | None = coaching
+    if coaching is not None and helm is not None and commanded is not None:
+        guide = _driving(options, session, commanded, helm, coaching)
+    view = None if guide is None or plan is None else guide.view
     readings = Readings(session, vehicle, lambda: judge.text, view) if predicting else None
     try:
         if before is not None:
@@ -152,7 +164,7 @@ def run_live(options: LiveOptions, output: Output) -> None:
                 rows, since, inputs = before.rows(progress), before.since, before.inputs
                 session.learning.catch_up(rows, since=since, inputs=inputs, attributes=attributes)
             output.say(_gone_on(options, before, session))
-        page = _page(options, session, judge, vehicle, reports, coaching, output)
+        page = _page(options, session, judge, vehicle, reports, guide, output)
         viewers = _foxglove(options, session, vehicle, epoch, output)
         session.open()
     except BaseException:
@@ -162,8 +174,8 @@ def run_live(options: LiveOptions, output: Output) -> None:
                 log.path.unlink(missing_ok=True)
         raise
     output.say(f"listening to {', '.join(options.sources)}")
-    leading = contextlib.nullcontext() if coaching is None else coaching
-    with _ends() as stop, serving(page, output.say), viewers, judge, leading:
+    leading = contextlib.nullcontext() if guide is None else guide
+    with _ends() as stop, serving(page, output.say), viewers, judge, leading, _keys(options, guide, output):
         status = _run(session, stop, options, vehicle, readings, output)
     with contextlib.suppress(TimeoutError):
         judge.judge()  # of all that was learned from
@@ -208,7 +220,45 @@ def _coaching(options: LiveOptions, session: Session, vehicle: Vehicle, plan: Pl
         return None
     from towtank.app.live.coaching import Coaching
 
-    return Coaching(session, vehicle, plan)
+    return Coaching(session, vehicle, plan, waits=options.drive)
+
+
+def _helm(
+    options: LiveOptions,
+    vehicle: Vehicle,
+    plan: Plan | None,
+    sources: Sequence[tuple[str, Source]],
+    output: Output,
+) -> tuple[Helm | None, MavlinkSource | None]:
+    """Return what steers, ready to, and the link that commands go through; neither unless it is to drive."""
+    if not options.drive:
+        return None, None
+    from towtank.app.live.driving import helm_of, link_of, space_of
+
+    space, link = space_of(plan), link_of(sources)
+    with output.progress("making the guard ready"), output.telling_compilation():
+        return helm_of(vehicle, space, options.drive_limit), link
+
+
+def _driving(options: LiveOptions, session: Session, link: MavlinkSource, helm: Helm, coaching: Coaching) -> Driving:
+    from towtank.app.live.driving import Driving
+    from towtank.live.driving.sticks import Way
+
+    return Driving(session, link, helm, coaching, Way(options.drive_by))
+
+
+def _keys(
+    options: LiveOptions, guide: Coaching | Driving | None, output: Output
+) -> contextlib.AbstractContextManager[object]:
+    """Return the keys of the terminal by which a drive is steered; nothing where there is none, or no terminal."""
+    from towtank.app.terminal.keys import Keys, can_read_keys
+
+    if not options.drive or guide is None or options.json_lines or not can_read_keys():
+        return contextlib.nullcontext()
+    names = {"d": "drive-on", "x": "drive-off", "b": "begin", "h": "hold"}
+    output.say("keys: d switch the drive on, x off, b begin the segment, h hold; keep the space bar down to drive")
+    pressed = {letter: partial(guide.ask, what) for letter, what in names.items()}
+    return Keys(pressed, (" ", partial(guide.ask, "drive-key")))
 
 
 def _judge(session: Session, vehicle: Vehicle, *, shown: bool = True) -> Judge:
@@ -230,7 +280,7 @@ def _page(
     judge: Judge,
     vehicle: Vehicle,
     reports: LiveReports | None,
-    coaching: Coaching | None,
+    guide: Coaching | Driving | None,
     output: Output,
 ) -> Page | None:
     """Return the live page of a session, bound to its address; None where none is asked for."""
@@ -242,7 +292,7 @@ def _page(
     names = (*vehicle.hydrodynamics, *RESTORING)
     before = {name: value for name in names if (value := vehicle.coefficient(name))}
     about = About(title=", ".join(options.sources), vehicle=vehicle, method=options.method, reference=before)
-    feed = LiveFeed(session, about, lambda: judge.text, coaching)
+    feed = LiveFeed(session, about, lambda: judge.text, guide)
     return new_page(feed, options.page, output.say, reports=None if reports is None else reports.now)
 
 

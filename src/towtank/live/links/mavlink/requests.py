@@ -1,4 +1,4 @@
-"""What towtank says on a MAVLink link, which is little: it never commands a vehicle.
+"""What towtank says on a MAVLink link, which is little: nothing here commands a vehicle (`live.driving` does).
 
 It asks the autopilot to send some messages more often, and for the values of some parameters; where nothing comes
 until somebody speaks it sends a heartbeat. There is no code here for anything else. It speaks as a system of its own,
@@ -7,7 +7,7 @@ until somebody speaks it sends a heartbeat. There is no code here for anything e
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,6 +68,9 @@ class Requests:
         speaks_first: whether nothing comes until we have spoken.
         bandwidth: of the link [bytes/s], 0 where it is plenty.
         silent: say nothing at all.
+
+    Attributes:
+        silent: nothing is said.
     """
 
     def __init__(self, *, speaks_first: bool, bandwidth: float = 0.0, silent: bool = False) -> None:
@@ -76,19 +79,26 @@ class Requests:
         self._dialect: Any = ardupilotmega
         self._encoder = ardupilotmega.MAVLink(None, srcSystem=SYSTEM, srcComponent=_COMPONENT)
         self._numbers = {kind.msgname: number for number, kind in ardupilotmega.mavlink_map.items()}
-        self._speaks_first, self._silent = speaks_first, silent
+        self._speaks_first, self.silent = speaks_first, silent
         need = _BYTES * sum(_RATES.values())
         slower = min(1.0, _SHARE * bandwidth / need) if bandwidth else 1.0
         self.asked = {name: max(_SLOWEST, slower * rate) for name, rate in _RATES.items()}
         self.parameters: dict[str, float] = {}
         self.target: Sender | None = None
+        self._wanted = _PARAMETERS
         self._version = 2
         self._beat = -1e9
         self._begin()
 
     def _begin(self) -> None:
         self._rates = {name: _Asked() for name in self.asked}
-        self._reads = {name: _Asked() for name in _PARAMETERS}
+        self._reads = {name: _Asked() for name in self._wanted}
+
+    def also(self, rates: Mapping[str, float], parameters: Sequence[str]) -> None:
+        """Ask for further messages [Hz] and parameters."""
+        self.asked |= rates
+        self._wanted = (*parameters, *self._wanted)
+        self._begin()
 
     def begin_anew(self) -> None:
         """Ask for everything again: the autopilot has started anew and forgotten the rates."""
@@ -104,7 +114,7 @@ class Requests:
     @property
     def settled(self) -> bool:
         """Whether nothing more can be expected of the parameters."""
-        return self._silent or all(each.settled for each in self._reads.values())
+        return self.silent or all(each.settled for each in self._reads.values())
 
     def due(self, now: float, heard: float) -> list[bytes]:
         """Return what is to be sent now.
@@ -112,7 +122,7 @@ class Requests:
         Args:
             now: time [s]. heard: when the last message came [s].
         """
-        if self._silent:
+        if self.silent:
             return []
         found = []
         if now - self._beat >= _BEAT and (self._speaks_first or now - heard > _SILENCE):
@@ -162,7 +172,7 @@ class Requests:
 
     def said(self) -> list[str]:
         """Return what was asked and answered, in lines for a person."""
-        if self._silent:
+        if self.silent:
             return ["asks for nothing, as told"]
         if self.target is None:
             return []

@@ -1,13 +1,15 @@
-"""A vehicle that speaks MAVLink, over UDP, TCP or a serial line; it is listened to and never commanded."""
+"""A vehicle that speaks MAVLink, over UDP, TCP or a serial line. Here it is only listened to."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
+from towtank.errors import InputError
 from towtank.live.links.datagrams import Allowance, received_from
 from towtank.live.links.mavlink.connection import Address, connection_of
 from towtank.live.links.mavlink.frames import Frame, Framer
@@ -29,6 +31,7 @@ _STATE = 0.5  # s between two looks at rates
 _MOST_SENDERS = 100
 _SILENT = 3.0  # s after which a sender's messages may come from another address
 _RAW = "raw"
+Watch = Callable[[str, Callable[[], Any], float], None]  # a message's name, its fields on demand, when it came [s]
 
 
 class MavlinkSource:
@@ -38,6 +41,9 @@ class MavlinkSource:
         text: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, /dev/NAME,BAUD; with "?listen" behind it nothing is
             sent, not even a question for rates.
         vehicle: whose thrusters the outputs drive.
+
+    Attributes:
+        watch: called with every message of the autopilot that is followed; None: nobody watches.
     """
 
     name = "mavlink"
@@ -63,6 +69,33 @@ class MavlinkSource:
         self._foreign: dict[str, int] = {}  # messages of a sender from another address, by both
         self._noise = Allowance()
         self._state = SourceState()
+        self.watch: Watch | None = None
+
+    def also(self, rates: Mapping[str, float], parameters: Sequence[str]) -> None:
+        """Ask for further messages [Hz] and parameters; to be called before it is opened.
+
+        Raises:
+            InputError: it asks for nothing, as told.
+        """
+        if self._requests.silent:
+            raise InputError(f'source "{self._text}": found {_LISTEN}, with which nothing may be sent; leave it out')
+        self._requests.also(rates, parameters)
+
+    @property
+    def target(self) -> Sender | None:
+        """The autopilot that is followed; None while there is none."""
+        return self._requests.target
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The autopilot's parameters, as far as they are known."""
+        return dict(self._requests.parameters)
+
+    def send(self, data: bytes) -> None:
+        """Send something of somebody else's to the autopilot; any thread may call it."""
+        target = self._requests.target
+        if target is not None:
+            self._connection.send(data, self._addresses.get(target))
 
     def open(self) -> None:
         """Open the connection. Raises InputError where that cannot be."""
@@ -113,6 +146,8 @@ class MavlinkSource:
             self._addresses[frame.sender], self._spoken[frame.sender] = address, received
             self._versions[frame.sender] = max(frame.version, self._versions.get(frame.sender, 1))
         layout = self._layouts[frame.number]
+        if self.watch is not None and frame.sender == self._requests.target:
+            self.watch(layout.name, lambda: layout.rows([frame.payload])[0], received)
         if layout.name == "COMMAND_ACK":
             row = layout.rows([frame.payload])[0]
             self._requests.hear(frame, float(row["command"]), float(row["result"]))

@@ -1,0 +1,159 @@
+"""What sticks do with a vehicle, how they are sent, and what is taken for a pose."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from towtank.errors import InputError
+from towtank.live.driving.heard import Autopilot, Measured
+from towtank.live.driving.sticks import Encoder, Sticks, Way
+from towtank.live.links.source import Sample
+from towtank.live.pipeline.sorter import Arrival
+from towtank.planning import Guard, Space, drawn_around
+from towtank.readers.mavlink.senders import Sender
+from towtank.vehicle import load_vehicle, thruster_wrench
+
+HEAVY = load_vehicle("bluerov2_heavy")
+
+
+def sticks_of(name: str) -> Sticks:
+    vehicle = load_vehicle(name)
+    return Sticks(Guard.of(vehicle, Space.from_text("9x9x5"), drawn_around(vehicle, 1, 0.3)))
+
+
+def message(data: bytes) -> Any:
+    found = dialect.MAVLink(None).parse_buffer(data)
+    assert found is not None
+    return found[0]
+
+
+@pytest.mark.parametrize(("name", "frame"), [("bluerov2_heavy", "VECTORED_6DOF"), ("bluerov2", "VECTORED")])
+def test_each_stick_pushes_along_its_own_axis_and_the_way_it_says(name: str, frame: str) -> None:
+    sticks = sticks_of(name)
+    assert sticks.frame.name == frame
+    wrench = thruster_wrench(load_vehicle(name), sticks.commands(0.6 * np.eye(6)))
+    able = np.abs(wrench.diagonal()) > 0.5
+    assert able.tolist() == [True, True, True, True, name == "bluerov2_heavy", True]
+    assert (wrench.diagonal()[able] > 0.0).all()
+
+
+def test_sticks_of_a_wrench_make_that_wrench() -> None:
+    sticks, rng = sticks_of("bluerov2_heavy"), np.random.default_rng(2)
+    full = np.abs(thruster_wrench(HEAVY, sticks.commands(np.eye(6)))).max(axis=0)
+    wanted = rng.uniform(-0.25, 0.25, (60, 6)) * full
+    made = thruster_wrench(HEAVY, sticks.commands(sticks.of_wrench(wanted)))
+    assert np.sqrt(np.mean(((made - wanted) / full) ** 2)) < 0.02
+
+
+def test_forces_that_sticks_can_make_come_back_as_these_sticks() -> None:
+    sticks = sticks_of("bluerov2_heavy")
+    given = np.array([0.4, -0.3, 0.5, 0.1, -0.1, 0.2])
+    assert sticks.of_forces(sticks.forces(given)) == pytest.approx(given, abs=0.005)
+
+
+def test_no_sticks_ask_for_more_than_a_thruster_can() -> None:
+    sticks = sticks_of("bluerov2_heavy")
+    assert np.abs(sticks.commands(np.ones((1, 6))) - 1500.0).max() <= 400.0
+    asked = sticks.of_wrench(np.full((1, 6), 1e4))
+    assert np.abs(asked).max() <= 1.0
+
+
+@pytest.mark.parametrize("name", ["vlbv300", "rexrov", "bluerov_2016", "blueboat"])
+def test_a_vehicle_that_is_none_of_ardusubs_frames_is_refused_in_a_line(name: str) -> None:
+    with pytest.raises(InputError, match=f"--drive: {name}: "):
+        sticks_of(name)
+
+
+def test_manual_control_says_what_ardusub_reads() -> None:
+    found = message(Encoder(Way.MANUAL, 255, Sender(7, 1)).sticks(np.array([0.5, -0.25, 0.2, 0.1, -0.1, 1.0])))
+    assert found.get_type() == "MANUAL_CONTROL"
+    assert (found.get_srcSystem(), found.target) == (255, 7)
+    assert (found.x, found.y, found.z, found.r) == (500, -250, 400, 1000)  # z: 500 at rest, less is down
+    assert (found.s, found.t, found.enabled_extensions, found.buttons) == (-40, 40, 3, 0)  # us of pitch and roll
+
+
+def test_overridden_channels_say_what_ardusub_reads() -> None:
+    encoder = Encoder(Way.RC, 250, Sender(7, 1))
+    found = message(encoder.sticks(np.array([0.5, -0.25, 0.2, 0.1, -0.1, 1.0])))
+    channels = [getattr(found, f"chan{n}_raw") for n in range(1, 9)]
+    assert found.get_srcSystem() == 250
+    assert channels == [1460, 1540, 1420, 1900, 1700, 1400, 65535, 65535]  # pitch roll throttle yaw forward lateral
+    released = message(encoder.release())
+    assert [getattr(released, f"chan{n}_raw") for n in range(1, 7)] == [0] * 6
+
+
+def test_neutral_is_neutral() -> None:
+    manual, rc = (message(Encoder(way, 255, Sender(1, 1)).neutral()) for way in Way)
+    assert (manual.x, manual.y, manual.z, manual.r, manual.s, manual.t) == (0, 0, 500, 0, 0, 0)
+    assert {getattr(rc, f"chan{n}_raw") for n in range(1, 7)} == {1500}
+
+
+# -- what is heard
+
+
+def arrival(t: float, rank: int = 0, topic: str = "pose", **values: float) -> Arrival:
+    return Arrival(t, t, rank, Sample("test", topic, t, t, tuple(values), tuple(values.values())))
+
+
+PLACE, ANGLES = {"x": 1.0, "y": 2.0, "z": 3.0}, {"phi": 0.1, "theta": -0.1, "psi": 2.0}
+
+
+def test_a_pose_is_made_of_place_and_attitude_and_as_old_as_the_older() -> None:
+    measured = Measured(HEAVY)
+    measured.take([arrival(1.0, topic="attitude", **ANGLES)])
+    assert measured.t == -math.inf
+    measured.take([arrival(1.02, **PLACE)])
+    assert measured.t == 1.0
+    assert measured.pose.tolist() == [1.0, 2.0, 3.0, 0.1, -0.1, 2.0]
+    assert len(measured.poses) == 1
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_what_is_no_number_is_no_pose(value: float) -> None:
+    measured = Measured(HEAVY)
+    measured.take([arrival(1.0, **ANGLES, **PLACE), arrival(1.1, **ANGLES, **{**PLACE, "x": value})])
+    assert measured.t == 1.0
+
+
+def test_a_place_that_does_not_change_to_the_last_bit_is_no_measurement() -> None:
+    measured = Measured(HEAVY)
+    for k in range(10):
+        measured.take([arrival(1.0 + 0.1 * k, **ANGLES, **PLACE)])
+    assert measured.t == 1.0
+    measured.take([arrival(2.1, **ANGLES, **{**PLACE, "x": 1.0 + 1e-9})])
+    assert measured.t == 2.1
+
+
+def test_stamps_that_go_back_are_no_news() -> None:
+    measured = Measured(HEAVY)
+    measured.take([arrival(5.0, **ANGLES, **PLACE), arrival(4.0, **ANGLES, **{**PLACE, "x": 1.1})])
+    assert measured.t == 5.0
+    assert measured.pose[0] == 1.0
+
+
+def test_the_source_named_first_is_followed_and_once_held_on_to_no_other() -> None:
+    measured = Measured(HEAVY)
+    measured.take([arrival(1.0, rank=1, **ANGLES, **PLACE)])
+    measured.take([arrival(1.1, rank=0, topic="mocap", **ANGLES, **{**PLACE, "x": 9.0})])
+    assert measured.pose[0] == 9.0
+    measured.hold_on(measured.t)
+    measured.take([arrival(1.5, rank=1, **ANGLES, **{**PLACE, "x": 1.5})])
+    assert (measured.t, measured.pose[0]) == (1.1, 9.0)  # of another origin: a loss, not a pose
+    measured.let_go()
+    measured.take([arrival(1.6, rank=0, topic="mocap", **ANGLES, **{**PLACE, "x": 9.1})])
+    assert measured.pose[0] == 9.1
+
+
+def test_only_ardusub_in_manual_mode_gives_sticks_to_the_thrusters() -> None:
+    autopilot = Autopilot(100.0)
+    for kind, mode, manual in ((12, 19, True), (12, 0, False), (12, 2, False), (2, 19, False)):
+        row = {"base_mode": 128 | 1, "custom_mode": mode, "autopilot": 3, "type": kind}
+        autopilot.hear("HEARTBEAT", lambda row=row: row, 105.0)  # type: ignore[misc]
+        assert autopilot.manual is manual
+    assert autopilot.armed
+    assert (autopilot.link, autopilot.beat) == (5.0, 5.0)
