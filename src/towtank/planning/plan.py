@@ -197,9 +197,10 @@ def plan(
         more = _more(outlook, ends[0], driven, space, wanted, accuracy)
         expected = [_reasoned(outlook, each, accuracy, more[each.name]) for each in expected]
     _require_some(vehicle, expected)
-    alone = unsteered(outlook, driven, space, seed=seed + 2)
+    alone = None if space is None else unsteered(outlook, driven, space, seed=seed + 2)
+    leaves = [0.0] * len(found) if alone is None else alone.leaves
     segments = tuple(
-        Planned(each.segment, _three(each.extents), share) for each, share in zip(found, alone.leaves, strict=True)
+        Planned(each.segment, _three(each.extents), share) for each, share in zip(found, leaves, strict=True)
     )
     return Plan(
         vehicle.name,
@@ -211,8 +212,8 @@ def plan(
         by_hand,
         pose,
         PAUSE if pose else _PAUSE_UNSEEN,
-        alone.whole,
-        None if space is None else alone.room(),
+        0.0 if alone is None else alone.whole,
+        None if alone is None else alone.room(),
     )
 
 
