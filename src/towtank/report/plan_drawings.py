@@ -19,6 +19,7 @@ __all__ = ["Ellipse", "TankView", "ellipse_svg", "tank_svg", "time_line_svg"]
 _WIDTH = 420
 _LEFT, _RIGHT, _TOP, _BOTTOM = 46, 12, 10, 34
 _GAP = 26  # between the two views
+_BEYOND = 0.05  # m beyond the frame, that a path is drawn to
 _STEP = 4  # rows between two points of a path: 0.16 s
 _AXES = ("Surge", "Sway", "Heave", "Roll", "Pitch", "Yaw")
 _UNITS = ("N", "N", "N", "N m", "N m", "N m")
@@ -108,7 +109,8 @@ def _view(view: TankView, row: int, box: tuple[Array, Array], scale: float, plac
     width = float(high[0] - low[0]) * scale
 
     def at(points: Array) -> Array:
-        return np.column_stack([_LEFT + (points[:, 0] - low[0]) * scale, top + (points[:, row] - low[row]) * scale])
+        seen = np.clip(points, low - _BEYOND, high + _BEYOND)
+        return np.column_stack([_LEFT + (seen[:, 0] - low[0]) * scale, top + (seen[:, row] - low[row]) * scale])
 
     sides = f'x="{_LEFT}" y="{top:.1f}" width="{width:.1f}" height="{height:.1f}"'
     out = [
@@ -244,6 +246,7 @@ def ellipse_svg(ellipses: Sequence[Ellipse], asked: float, names: tuple[str, str
     for each in ellipses:
         values, vectors = np.linalg.eigh(each.covariance)
         points = radius * circle * np.sqrt(np.maximum(values, 0.0)) @ vectors.T * scale + middle
+        points = np.clip(points, (0.0, 0.0), (_WIDTH, height))  # what is outside of the frame is not seen
         shapes.append(f'<path class="{each.style}" d="{_path(points)}Z"/>')
     half = np.abs(scale) * radius * asked
     box = (
