@@ -9,9 +9,9 @@ the segments are driven from rest, each in a recording of its own, with motion c
 learning states, the errors (their RMS, and the deviation that the middle one speaks for, which a run that went wrong
 does not change), and the ratios: promised against achieved must be within 0.8 to 1.3.
 
-Then (`--only leaving`) plans with a pose and without one say how likely each of their segments ends at a wall where nobody
-steers, and that one of them does. Fifty times as many vehicles as runs are drawn anew, each with forces of its own, and
-driven by the simulator at 100 Hz; the share that touches a wall must be within 0.05 of what the plan states.
+Then (`--only leaving`) plans with a pose and without one say how likely each of their segments ends at a wall where
+nobody steers, and that one of them does. Fifty times as many vehicles as runs are drawn anew, each with forces of its
+own, and driven by the simulator at 100 Hz; the share that touches a wall must be within 0.05 of what the plan states.
 """
 
 from __future__ import annotations
@@ -124,24 +124,23 @@ def touched(name: str, made: Plan, seed: int) -> Array:
 
 def leaving(runs: int, seed: int, workers: int) -> int:
     """Compare what plans state of leaving the space with what comes of them; return how often it is not close."""
-    many = runs * AT_ONCE
-    table = Table(title=f"Ends at a wall, nobody steering: {many} runs in 5 x 5 x 2.5 m, random force of {FORCE:g} N")
-    for head in ("Vehicle", "Segment", "stated", "counted", "error"):
-        table.add_column(head, justify="left" if head in ("Vehicle", "Segment") else "right")
-    failed = 0
+    many, failed = runs * AT_ONCE, 0
     for name in VEHICLES:
         for pose in (True, False):
             made = plan(load_vehicle(name), space=SPACE, force=FORCE, pose=pose)
             tasks = [(name, made, seed + k) for k in range(runs)]
-            found = np.hstack(over(f"{name}, {'pose' if pose else 'no pose'}", touched, tasks, workers))
+            title = f"{name}, {'with' if pose else 'without'} a pose"
+            found = np.hstack(over(title, touched, tasks, workers))
+            table = Table(title=f"{title}: ends at a wall, nobody steering, {many} runs")
+            for head in ("Segment", "stated", "counted", "stated - counted"):
+                table.add_column(head, justify="left" if head == "Segment" else "right")
             rows = [(f"{k}, {each.segment.duration:g} s", each.leaves) for k, each in enumerate(made.segments, 1)]
             counted = [*found.mean(axis=1), found.any(axis=0).mean()]
             for (segment, stated), share in zip([*rows, ("one of them", made.leaves)], counted, strict=True):
                 failed += abs(stated - share) > CLOSE
                 error = np.sqrt(share * (1.0 - share) / many)
-                whose = f"{name}, {'pose' if pose else 'no pose'}"
-                table.add_row(whose, segment, f"{stated:.3f}", f"{share:.3f} ± {error:.3f}", f"{stated - share:+.3f}")
-    show(table)
+                table.add_row(segment, f"{stated:.3f}", f"{share:.3f} ± {error:.3f}", f"{stated - share:+.3f}")
+            show(table)
     return failed
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.digits import short
 from towtank.planning import RATE, Segment, Space
 from towtank.printable import escaped
 from towtank.report.chart import tick_text, ticks
@@ -174,7 +175,7 @@ def time_line_svg(segment: Segment, label: str) -> str:
         inner.append(f'<path class="rule" d="M{x:.1f} {_TOP}V{height - _BOTTOM}"/>')
     for k, row in enumerate(rows):
         middle = _TOP + (k + 0.5) * _ROW
-        amount = f"{float(np.abs(wrench[:, row]).max()):.2g} {_UNITS[row]}"
+        amount = f"{short(float(np.abs(wrench[:, row]).max()), 3)} {_UNITS[row]}"
         names.append(f'<text class="axis" x="0" y="{middle - 1:.1f}">{_AXES[row]}</text>')
         names.append(f'<text class="amount" x="0" y="{middle + 13:.1f}">{amount}</text>')
         inner += _blocks(wrench[:, row], middle, width, span)
@@ -215,11 +216,10 @@ class Ellipse:
 def ellipse_svg(ellipses: Sequence[Ellipse], asked: float, names: tuple[str, str], label: str) -> str:
     """Return ellipses that hold 95 % of what is possible, across the first number, up the second, in percent.
 
-    The frame holds those after segments; what was known before may be larger than it. asked: deviation, a share.
+    The frame holds the last one and what is asked, a deviation as a share; what was known before may be larger.
     """
     radius = 100.0 * math.sqrt(-2.0 * math.log(0.05))
-    later = [each.covariance for each in ellipses[1:]] or [ellipses[0].covariance]
-    reach = 1.25 * radius * np.max([*(np.sqrt(np.diag(each)) for each in later), np.full(2, asked)], axis=0)
+    reach = 1.35 * radius * np.maximum(np.sqrt(np.diag(ellipses[-1].covariance)), asked)
     height = 260
     width, tall = _WIDTH - _LEFT - _RIGHT, height - _TOP - _BOTTOM
     middle = np.array([_LEFT + 0.5 * width, _TOP + 0.5 * tall])

@@ -66,12 +66,10 @@ _TABLE_NOTE = (
 
 
 def _sums(made: Plan) -> list[tuple[str, str]]:
-    met = sum(not each.reason for each in made.expected)
     many = len(made.segments)
     pauses = f" and {made.pause * (many - 1):g} s of pauses" if many > 1 else ""
     size = "" if made.space is None else " × ".join(f"{each:g}" for each in made.space.size) + " m"
     return [
-        ("Known well enough", f"{met} of {len(made.expected)}"),
         ("Manoeuvring", f"{number(made.manoeuvring, f'{made.manoeuvring:g}', key='manoeuvring_s')} s{pauses}"),
         ("Water", size or "open water"),
         ("Ends at a wall, if nobody steers", _share(made.leaves, "leaves", 0) if made.space is not None else ""),
