@@ -1,4 +1,4 @@
-"""Says what to drive now and what next, follows what is really driven, and asks for a new segment after each.
+"""Says what to drive now and what next, follows what is really driven, and designs a new segment after each.
 
 A segment becomes movements of the sticks: one way, so far, so long. It begins with a count-down once the pilot holds
 the sticks still, or asks for it. What was driven is compared with what was asked, movement by movement, for the pilot
@@ -18,12 +18,16 @@ from enum import StrEnum
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.planning.forecast import RATE
+from towtank.digits import some_of
+from towtank.planning.design import design
+from towtank.planning.forecast import RATE, Outlook, quantity_of
+from towtank.planning.plan import Plan, aims
 from towtank.planning.segments import Segment, full_wrench
+from towtank.planning.space import Space
 from towtank.vehicle import Vehicle, allocate, thruster_wrench
 from towtank.vehicle.thrusters.curves import force_range
 
-__all__ = ["AXES", "Coach", "Known", "Movement", "Stage", "View", "deflection", "movements"]
+__all__ = ["AXES", "Coach", "Known", "Movement", "Next", "Stage", "View", "deflection", "movements", "next_segment"]
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 _WAYS = (
@@ -35,13 +39,18 @@ _WAYS = (
     ("turn right", "turn left"),
 )
 _COUNT = 5.0  # s of the count-down
+_EARLY = 1.0  # s before its end, from which on the sticks may move
 _STILL = 3.0  # s for which the sticks are held still before it begins
 _CALM = 0.1  # of the largest force or moment: by which they may move meanwhile
 _GONE = 1.0  # s without commands, after which nobody drives
-_DELAYS = (0.0, 0.2, 0.4, 0.6, 0.8)  # s, by which a pilot may be late
+_DELAYS = (-0.2, 0.0, 0.2, 0.4, 0.6, 0.8)  # s, by which a pilot may be late
 _LATE = max(_DELAYS) + 0.4  # s after a segment, until what was driven of it has come
+_SPAN, _AHEAD = 0.3, 1.0  # s over which the speed is measured; s ahead, at which a wall is near
 _BEYOND = 1e6  # N, N m: more than any vehicle's thrusters make
 _DONE, _SHORTEST = 0.5, 0.05  # share of a movement that counts as done; s of one that is shown
+_TRIES, _DRAWS = 40, 2  # of a segment that is designed while somebody waits for it
+_ENOUGH = 0.02  # by which a segment is expected to lessen what is missing, as a share of it, to be worth driving
+_DURATION = 8.0  # s of a segment, without a plan
 
 
 @dataclass(frozen=True)
@@ -149,13 +158,123 @@ class View:
         return now, next((each for each in own if each.start > t), None)
 
 
+@dataclass(frozen=True)
+class Next:
+    """What comes after a segment.
+
+    Attributes:
+        shares: how well each wanted coefficient is known, as a share of its size. unmet: those that are not yet.
+        segment: to be driven; None where all is known, or more driving would hardly tell more.
+        more: how many are foreseen after it.
+    """
+
+    shares: Mapping[str, float]
+    unmet: tuple[str, ...]
+    segment: Segment | None = None
+    more: int = 0
+
+
+def next_segment(
+    model: Vehicle, wanted: tuple[str, ...], accuracy: float, *, sensors: str, plan: Plan | None = None, seed: int = 0
+) -> Next:
+    """Return the segment that makes most known of what is not known yet: a matter of seconds.
+
+    Args:
+        model: what is known by now, with its covariance. accuracy: that is wanted, a share. sensors: as `Outlook.of`.
+        plan: whose space, duration and way of driving are kept to; without one, open water and a pilot.
+
+    Raises:
+        InputError: the model cannot be planned for.
+    """
+    outlook = Outlook.of(model, sensors)
+    known = outlook.known
+    shares = {
+        name: math.sqrt(float(known.covariance[k, k])) / quantity_of(outlook.vehicle, name)
+        for k, name in enumerate(known.names)
+        if name in wanted
+    }
+    unmet = tuple(name for name in wanted if shares.get(name, 0.0) > accuracy)
+    if not unmet:
+        return Next(shares, unmet)
+    best = design(
+        outlook,
+        aims(outlook.vehicle, unmet),
+        space=None if plan is None else plan.space,
+        duration=_DURATION if plan is None else plan.segments[-1].segment.duration,
+        draws=_DRAWS,
+        tries=_TRIES,
+        seed=seed,
+        by_hand=plan is None or plan.by_hand,
+    )
+    missing = sum(math.log(shares[name] / accuracy) for name in unmet)
+    left = sum(max(math.log(share / accuracy), 0.0) for share in best.forecasts[0].relative(unmet))
+    if left > (1.0 - _ENOUGH) * missing:
+        return Next(shares, unmet)
+    return Next(shares, unmet, best.segment, 0 if left == 0.0 else 1)
+
+
+class _Place:
+    """Where the vehicle is, as seen from where it began.
+
+    It began at the start of the space, heading along its length: the frame in which poses are measured does not count.
+    """
+
+    def __init__(self, space: Space | None, radius: float) -> None:
+        self._space, self._radius = space, radius
+        self._pose = self._home = np.full(6, np.nan)
+        self._track: deque[tuple[float, Array]] = deque(maxlen=200)
+
+    def see(self, t: float, pose: Array) -> None:
+        """Take a pose (6,), NaN where not measured."""
+        self._pose = np.where(np.isfinite(pose), pose, self._pose)
+        if np.isfinite(pose[:3]).all():
+            self._track.append((t, self._pose[:3]))
+
+    def begin(self) -> None:
+        """Take the present place for the start, if none is known yet."""
+        if not np.isfinite(self._home[:3]).all():
+            self._home = self._pose.copy()
+
+    @property
+    def offset(self) -> tuple[float, ...]:
+        """(3,) [m] to the start: ahead, right, down; empty where the place is not measured."""
+        away = self._home[:3] - self._pose[:3]
+        if not (np.isfinite(away).all() and math.isfinite(self._pose[5])):
+            return ()
+        return _turned(away, self._pose[5])
+
+    def nears_a_wall(self, t: float) -> bool:
+        """Whether the vehicle is within a second of the margin that is to stay free."""
+        if self._space is None or not np.isfinite(self._home).all():
+            return False
+        recent = [(at, place) for at, place in self._track if t - _SPAN <= at]
+        if len(recent) < 2 or recent[-1][0] <= recent[0][0]:
+            return False
+        speed = (recent[-1][1] - recent[0][1]) / (recent[-1][0] - recent[0][0])
+        soon = recent[-1][1] + _AHEAD * speed - self._home[:3]
+        now = recent[-1][1] - self._home[:3]
+        places = self._space.eta0[:3] + np.array([_turned(now, self._home[5]), _turned(soon, self._home[5])])
+        clearance = self._space.clearance(places, self._radius)
+        return bool(clearance[1] < self._space.margin and clearance[1] < clearance[0])
+
+
+def _turned(way: Array, psi: float) -> tuple[float, float, float]:
+    """Return a way (3,), NED, as ahead, right and down of a heading [rad]."""
+    c, s = math.cos(psi), math.sin(psi)
+    return float(c * way[0] + s * way[1]), float(c * way[1] - s * way[0]), float(way[2])
+
+
 class Coach:
     """Leads a pilot through segments; any thread may call it.
 
     Args:
         vehicle: that is driven. wanted: coefficients. accuracy: that they are to be known to, a share.
         segments: that are foreseen; the first is driven, each later one unless `offer` brings a better one.
+        space: whose walls end a segment that comes too close to them; None for open water.
         waits: begin a segment only when the pilot asks for it.
+
+    Raises:
+        InputError: the vehicle has no room in the space.
     """
 
     def __init__(
@@ -165,9 +284,11 @@ class Coach:
         accuracy: float,
         segments: tuple[Segment, ...] = (),
         *,
+        space: Space | None = None,
         waits: bool = False,
     ) -> None:
         self._vehicle, self._accuracy, self._waits = vehicle, accuracy, waits
+        self._place = _Place(space, 0.0 if space is None else space.require_room(vehicle))
         self._foreseen = deque(segments)
         self._full = np.where(full_wrench(vehicle) > 0.0, full_wrench(vehicle), np.inf)
         self._known = tuple(Known(name, math.nan, met=False) for name in wanted)
@@ -179,7 +300,6 @@ class Coach:
         self._number, self._seconds, self._left_in = 1, 0.0, len(segments)
         self._driven: deque[tuple[float, Array]] = deque(maxlen=20_000)
         self._shares: tuple[float, ...] = ()
-        self._pose = self._home = np.full(6, np.nan)
         self._able = ""
         self._asked_for = False
         self._lock = threading.RLock()
@@ -199,8 +319,7 @@ class Coach:
             if wrench is not None:
                 self._driven.append((t, wrench))
             if pose is not None:
-                pose = np.asarray(pose)
-                self._pose = np.where(np.isfinite(pose), pose, self._pose)
+                self._place.see(t, np.asarray(pose, dtype=np.float64))
 
     def tick(self, t: float, able: str = "") -> str:
         """Go on to time t [s]; return what happened, "" for nothing.
@@ -214,18 +333,19 @@ class Coach:
                 if self._asked_for or (not self._waits and self._is_still(t)):
                     self._stage, self._starts, self._shares = Stage.COUNT, t + _COUNT, ()
             elif self._stage is Stage.COUNT:
-                if able or not (self._asked_for or self._is_still(t)):
+                early = t >= self._starts - _EARLY
+                if able or not (early or self._asked_for or self._is_still(t)):
                     self._stage, self._starts = Stage.BRING, math.nan
                 elif t >= self._starts:
                     self._stage, self._asked_for = Stage.DRIVE, False
-                    if not np.isfinite(self._home[:3]).all():
-                        self._home = self._pose.copy()
+                    self._place.begin()
                     return f"segment {self._number} begins"
             elif self._stage is Stage.DRIVE and self._segment is not None:
                 end = self._starts + self._segment.duration
-                if able:
+                why = able or (t < end and self._place.nears_a_wall(t) and "a wall is near")
+                if why:
                     self._end_segment(t)
-                    return f"segment {self._number - 1} broken off: {able}"
+                    return f"segment {self._number - 1} broken off: {why}"
                 if t >= end + _LATE:
                     self._end_segment(end)
                     done = [share for share in self._shares if share >= _DONE]
@@ -281,6 +401,12 @@ class Coach:
             return self._stage is Stage.THINK
 
     @property
+    def may_change(self) -> bool:
+        """Whether another segment may be offered, since none is counted down or driven."""
+        with self._lock:
+            return self._stage in (Stage.THINK, Stage.BRING, Stage.MET, Stage.OVER) and not self._asked_for
+
+    @property
     def wanted(self) -> tuple[str, ...]:
         """The coefficients that are wanted."""
         return tuple(each.name for each in self._known)
@@ -299,25 +425,27 @@ class Coach:
                 for share in [shares.get(each.name, math.nan)]
             )
 
-    def offer(self, segment: Segment | None, *, more: int = 0, met: bool = False, over: bool = False) -> None:
-        """Take the segment that comes next; None: the one that was foreseen.
+    def offer(self, found: Next | None) -> str:
+        """Take what comes next; None: the segment that was foreseen. Return what that means, "" where it is driven.
 
-        Args:
-            more: how many are foreseen after it.
-            met, over: nothing more is driven: all that is wanted is known; nothing more is to be had.
+        Nothing is taken while a segment is counted down, driven or held.
         """
         with self._lock:
-            if met or over:
-                self._stage = Stage.MET if met else Stage.OVER
-                self._take(None)
-                return
-            if segment is None and self._foreseen:
-                segment, more = self._foreseen.popleft(), len(self._foreseen)
-            elif self._foreseen:
-                self._foreseen.popleft()
+            if not self.may_change:
+                return ""
+            if found is not None:
+                self.learn(found.shares)
+            foreseen = self._foreseen.popleft() if self._foreseen else None
+            segment = foreseen if found is None else found.segment
+            more = len(self._foreseen) if found is None else found.more
             self._left_in = self._number + more
             self._take(segment)
-            self._stage = Stage.OVER if segment is None else Stage.BRING
+            before = self._stage
+            if segment is not None:
+                self._stage = Stage.BRING
+            else:
+                self._stage = Stage.OVER if found is None or found.unmet else Stage.MET
+            return "" if self._stage in (Stage.BRING, before) else self._text(math.nan, ())
 
     def _take(self, segment: Segment | None) -> None:
         self._segment = segment
@@ -347,7 +475,7 @@ class Coach:
         with self._lock:
             duration = 0.0 if self._segment is None else self._segment.duration
             clock = t - self._starts if self._stage in (Stage.COUNT, Stage.DRIVE) else math.nan
-            offset = self._offset()
+            offset = self._place.offset
             return View(
                 self._stage,
                 self._text(t, offset),
@@ -363,24 +491,16 @@ class Coach:
                 offset,
             )
 
-    def _offset(self) -> tuple[float, ...]:
-        away = self._home[:3] - self._pose[:3]
-        psi = self._pose[5]
-        if not (np.isfinite(away).all() and math.isfinite(psi)):
-            return ()
-        ahead = math.cos(psi) * away[0] + math.sin(psi) * away[1]
-        right = math.cos(psi) * away[1] - math.sin(psi) * away[0]
-        return float(ahead), float(right), float(away[2])
-
     def _text(self, t: float, offset: tuple[float, ...]) -> str:
         which = f"segment {self._number}"
+        unmet = [each.name for each in self._known if not each.met]
         wait = self._starts - t if math.isfinite(self._starts) else 0.0
         left = wait + (0.0 if self._segment is None else self._segment.duration)
         texts = {
-            Stage.THINK: "Bring the vehicle back to the start; the next segment is being designed.",
+            Stage.THINK: "Stop, and bring the vehicle back to the start; the next segment is being designed.",
             Stage.HELD: f"Held. Go on, or begin {which}, when you are ready.",
             Stage.MET: f"All {len(self._known)} coefficients are known to {100.0 * self._accuracy:g} %.",
-            Stage.OVER: "More driving would hardly tell more.",
+            Stage.OVER: f"More driving would hardly tell more of {some_of(unmet, 3)}.",
             Stage.COUNT: f"Segment {self._number} begins in {max(math.ceil(wait), 0)}.",
             Stage.DRIVE: f"Drive {which}: {left:.0f} s left." if left > 0.0 else "Let go of the sticks.",
         }
@@ -389,7 +509,7 @@ class Coach:
         if self._able:
             return f"Waiting: {self._able}."
         where = f" ({offset_text(offset)})" if offset and max(abs(each) for each in offset) > 0.1 else ""
-        back = "to its start, off the walls" if self._number == 1 else "back to the start"
+        back = "to its start, heading along the tank" if self._number == 1 else "back to the start"
         then = "press Begin" if self._waits else f"hold the sticks still for {_STILL:.0f} s"
         return f"Bring the vehicle {back}{where}, then {then}."
 

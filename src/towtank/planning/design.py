@@ -17,7 +17,7 @@ from towtank.errors import InputError, nearest
 from towtank.planning.forecast import Forecast, Outlook, draws_of, forecast
 from towtank.planning.segments import LONGEST, SHORTEST, Segment, changed, commands_of, drawn_segment
 from towtank.planning.space import Space
-from towtank.vehicle import COEFFICIENTS, Vehicle
+from towtank.vehicle import COEFFICIENTS, Vehicle, index
 from towtank.vehicle.names import COLUMNS, ROWS
 
 __all__ = ["Design", "design", "diagonal", "excess", "judged", "require_possible"]
@@ -25,6 +25,7 @@ __all__ = ["Design", "design", "diagonal", "excess", "judged", "require_possible
 _DRAWS, _TRIES = 4, 60
 _RANDOM = 0.4  # share of the tries that begin anew; the others change the best so far
 _COST = 60.0  # of a metre, a radian or a metre per second beyond a bound, in the units of the criterion
+_SPARE = 0.5  # of the room along the shortest side, that a pilot is left
 _LOST = 1e6  # of a run that grows beyond all bounds
 
 
@@ -102,12 +103,17 @@ def design(
     """
     require_possible(outlook, wanted, duration)
     radius = 0.0 if space is None else space.require_room(outlook.vehicle)
+    if space is not None and by_hand:
+        space = _for_hands(space, radius)
     generator = np.random.default_rng(seed)
     vehicles = draws_of(outlook, draws, seed)
     best: Design | None = None
+    first = tuple({index(name)[1] for name in wanted if name in COEFFICIENTS})
     for k in range(tries):
         if best is None or k < _RANDOM * tries:
-            segment = drawn_segment(outlook.vehicle, generator, duration=duration, rows=rows, by_hand=by_hand)
+            segment = drawn_segment(
+                outlook.vehicle, generator, duration=duration, rows=rows, by_hand=by_hand, first=first
+            )
         else:
             segment = changed(best.segment, generator, by_hand=by_hand)
         found = judged(
@@ -120,6 +126,12 @@ def design(
     if best is None:
         raise InputError(f"{outlook.vehicle.name}: no segment keeps its motion within bounds")
     return replace(best, tries=tries)
+
+
+def _for_hands(space: Space, radius: float) -> Space:
+    """Return the space with more to spare, since a pilot is late and does not hit the sticks exactly."""
+    room = 0.5 * min(space.size) - radius - space.margin
+    return replace(space, margin=space.margin + _SPARE * max(room, 0.0), start=tuple(space.eta0[:3].tolist()))
 
 
 def require_possible(outlook: Outlook, wanted: Sequence[str], duration: float) -> None:

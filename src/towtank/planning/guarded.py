@@ -27,7 +27,7 @@ from towtank.simulation.sensors.mocap import Mocap
 from towtank.simulation.simulate import simulate
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_commands, thruster_forces
 
-__all__ = ["DT", "GuardedRun", "guarded_commands", "guarded_run"]
+__all__ = ["DT", "GuardedRun", "Tank", "guarded_commands", "guarded_run"]
 
 DT = 0.01  # s, of the simulation and of the poses
 _DRAWN = 19  # vehicles that the guard reckons with, beside the file's
@@ -103,7 +103,7 @@ def guarded_run(
     noise = np.hstack(
         [1e-3 * stream(seed, "mocap", part).standard_normal((n * _STEPS + 1, 3)) for part in ("position", "attitude")]
     )  # the very noise that `sensors` will record
-    tank = _Tank(truth, push, eta0)
+    tank = Tank(truth, push, eta0)
     observer = Observer.of(vehicle, eta0)
     guard.reset()
     commands, inverse = thruster_commands(vehicle, wanted), _InverseCurves(guard)
@@ -171,7 +171,7 @@ class _InverseCurves:
         return np.asarray(self._commands[rows, self._columns])
 
 
-class _Tank:
+class Tank:
     """The true vehicle, advanced period by period exactly as `simulate` does."""
 
     def __init__(self, truth: Vehicle, push: Array, eta0: Array) -> None:

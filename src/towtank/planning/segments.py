@@ -94,15 +94,18 @@ def drawn_segment(
     rows: tuple[int, ...] | None = None,
     form: Form = "telegraph",
     by_hand: bool = False,
+    first: tuple[int, ...] = (),
 ) -> Segment:
     """Return a random segment on the axes that the vehicle can be driven along, or on those named.
 
-    By hand: on one or two of them, with switches that a pilot can follow.
+    By hand: on one or two of them, one of `first` among these, with switches that a pilot can follow.
     """
     rows = available_rows(vehicle) if rows is None else rows
     if by_hand:
         many = int(generator.integers(1, min(_AT_ONCE, len(rows)) + 1))
-        rows = tuple(sorted(int(row) for row in generator.choice(rows, many, replace=False)))
+        one = int(generator.choice([row for row in first if row in rows] or rows))
+        others = generator.choice([row for row in rows if row != one] or [one], many - 1, replace=False)
+        rows = tuple(sorted({one, *others.tolist()}))
     full = full_wrench(vehicle)
     share = 1.0 / np.sqrt(len(rows))  # thrusters are shared
     least = 0.2 if by_hand else 0.5

@@ -10,28 +10,22 @@ import contextlib
 import math
 import threading
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
-from towtank.digits import some_of
 from towtank.errors import InputError
 from towtank.identification import Estimate
 from towtank.live.session import Session
-from towtank.planning import Outlook, Plan, Segment, Space, aims, design, diagonal
-from towtank.planning.coach import AXES, Coach, Known, Movement, Stage, View
-from towtank.planning.forecast import quantity_of
+from towtank.planning import Outlook, Plan, diagonal
+from towtank.planning.coach import AXES, Coach, Known, Movement, Stage, View, next_segment
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle, index
-
-if TYPE_CHECKING:
-    from towtank.planning import Design
 
 __all__ = ["Coaching", "plan_document", "plan_lines"]
 
 _TICK = 0.05  # s
-_TRIES, _DRAWS = 24, 2  # of a segment that is designed while somebody waits for it
-_ENOUGH = 0.02  # by which a segment is expected to lessen what is missing, as a share of it, to be worth driving
-_DURATION, _ACCURACY = 8.0, 0.05  # s, share: without a plan
-_FIRST = 10.0  # s that must have been learned from before a segment is thought of, without a plan
+_ACCURACY = 0.05  # without a plan
+_FIRST = 10.0  # s that must have been learned from before a segment is thought of, without a plan,
+_ANEW = 30.0  # s that must have come since, until it is designed anew
 _KNOWN = 0.25  # s between two looks at what is known
 
 
@@ -49,11 +43,10 @@ class Coaching:
             self._coach = Coach(vehicle, diagonal(Outlook.of(vehicle)), _ACCURACY, waits=True)
         else:
             wanted, segments = (each.name for each in plan.expected), (each.segment for each in plan.segments)
-            self._coach = Coach(vehicle, tuple(wanted), plan.accuracy, tuple(segments))
+            self._coach = Coach(vehicle, tuple(wanted), plan.accuracy, tuple(segments), space=plan.space)
         self._sensors = "" if plan is None else plan.sensors
         self._seen: set[str] = set()
-        self._missing = math.inf
-        self._seed = 0
+        self._seed, self._designed = 0, 0.0
         self._looked = -math.inf
         session.learning.listeners += (self._see,)
         self._stop = threading.Event()
@@ -100,9 +93,18 @@ class Coaching:
             if happened:
                 self._tell(happened)
             self._look()
-            if self._coach.thinks and (self._plan is not None or self._learned >= _FIRST):
+            if self._is_due():
                 with contextlib.suppress(TimeoutError):
                     self._think()
+
+    def _is_due(self) -> bool:
+        """Whether a segment is to be designed: after each; without a plan also anew, while none is begun."""
+        if self._plan is not None:
+            return self._coach.thinks
+        learned = self._session.learning.now.estimate.duration
+        if self._coach.thinks:
+            return learned >= _FIRST
+        return self._coach.may_change and learned >= self._designed + _ANEW
 
     def _tell(self, text: str) -> None:
         self._session.events.add(Event(max(self._session.t, 0.0), "plan", text))
@@ -118,10 +120,6 @@ class Coaching:
             return learnt.left_out.reason
         return "no commands come" if learnt.silent is not None or not math.isfinite(learnt.t) else ""
 
-    @property
-    def _learned(self) -> float:
-        return self._session.learning.now.estimate.duration
-
     def _look(self) -> None:
         """Take note of how well the coefficients are known by now."""
         if self._session.t - self._looked >= _KNOWN:
@@ -130,66 +128,26 @@ class Coaching:
 
     def _think(self) -> None:
         """Design the next segment from what is known now. Raises TimeoutError where the learner is too busy."""
-        learning = self._session.learning
+        learning, coach = self._session.learning, self._coach
+        self._designed = learning.now.estimate.duration
         model = learning.errands.ask(learning.learner.model)
-        try:
-            outlook = Outlook.of(model, self._sensors or self._sensors_seen())
-            shares = _known(outlook, self._coach.wanted)
-            self._coach.learn(shares)
-            accuracy = self._coach.accuracy
-            unmet = tuple(name for name, share in shares.items() if share > accuracy)
-            if not unmet:
-                self._coach.offer(None, met=True)
-                self._tell(f"all {len(shares)} coefficients are known to {100.0 * accuracy:g} %")
-                return
-            best = self._design(outlook, unmet)
-            missing = sum(math.log(shares[name] / accuracy) for name in unmet)
-            after = best.forecasts[0].relative(unmet)
-            left = sum(max(math.log(share / accuracy), 0.0) for share in after)
-            if left > (1.0 - _ENOUGH) * missing:
-                self._coach.offer(None, over=True)
-                self._tell(f"more driving would hardly tell more of {some_of(unmet, 3)}")
-            else:
-                self._coach.offer(best.segment, more=0 if left == 0.0 else 1)
-        except InputError as error:  # this model cannot be planned for: what was foreseen is driven
-            self._coach.offer(None)
-            self._tell(f"the next segment stays as it was planned: {error}")
-
-    def _design(self, outlook: Outlook, unmet: tuple[str, ...]) -> Design:
-        plan, duration = self._plan, _DURATION
-        space: Space | None = None
-        by_hand = True
-        if plan is not None:
-            segments: list[Segment] = [each.segment for each in plan.segments]
-            duration, space, by_hand = segments[-1].duration, plan.space, plan.by_hand
+        sensors = self._sensors or self._sensors_seen()
         self._seed += 1
-        return design(
-            outlook,
-            aims(outlook.vehicle, unmet),
-            space=space,
-            duration=duration,
-            draws=_DRAWS,
-            tries=_TRIES,
-            seed=self._seed,
-            by_hand=by_hand,
-        )
+        try:
+            found = next_segment(model, coach.wanted, coach.accuracy, sensors=sensors, plan=self._plan, seed=self._seed)
+        except InputError as error:  # this model cannot be planned for: what was foreseen is driven
+            self._tell(f"the next segment stays as it was planned: {error}")
+            found = None
+        means = coach.offer(found)
+        if means:
+            self._tell(means)
 
     def _sensors_seen(self) -> str:
         return next((name for name in ("pose", "dvl") if name in self._seen), "gyro-depth")
 
 
-def _known(outlook: Outlook, wanted: tuple[str, ...]) -> dict[str, float]:
-    """Return the deviations of coefficients as shares of their size."""
-    out = {}
-    for name in wanted:
-        if name in outlook.known.names:
-            k = outlook.known.names.index(name)
-            out[name] = math.sqrt(float(outlook.known.covariance[k, k])) / quantity_of(outlook.vehicle, name)
-    return out
-
-
 def _shares(estimate: Estimate, vehicle: Vehicle, wanted: tuple[str, ...]) -> dict[str, float]:
-    """Return the same of an estimate, while it runs; an added mass as a share of the total inertia."""
+    """Return how well coefficients are known as shares of their size; an added mass as a share of the total inertia."""
     out = {}
     for each in estimate.coefficients:
         if each.name not in wanted or not each.identified:
