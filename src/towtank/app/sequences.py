@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -19,7 +20,7 @@ __all__ = ["TOPIC", "sequence_place", "write_sequence"]
 
 TOPIC = "/towtank/commands"
 _TYPE = "std_msgs/msg/Float64MultiArray"
-_VERSION = 8  # of bags: what Iron and later write, and Humble reads
+_VERSION: Final = 8  # of bags: what Iron and later write, and Humble reads
 _SUFFIXES = (".csv", ".parquet", ".mcap")
 
 

@@ -57,7 +57,7 @@ def tank_svg(view: TankView, label: str) -> str:
         f'<svg class="chart tank" viewBox="0 0 {_WIDTH} {total:.0f}" role="img" aria-label="{escaped(label)}">',
         *_rulers(low, high, scale, heights),
     ]
-    floor = _TOP
+    floor = float(_TOP)
     for row, height in zip((1, 2), heights, strict=True):
         out += _view(view, row, (low, high), scale, (floor, height))
         floor += height + _GAP
