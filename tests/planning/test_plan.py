@@ -14,6 +14,7 @@ from towtank.app.sequences import TOPIC, write_sequence
 from towtank.planning import PAUSE, RATE, Plan, Segment, Space, plan, read_plan, write_plan
 from towtank.planning.segments import FORMS, changed, commands_of, drawn_segment
 from towtank.readers import read
+from towtank.report.verdict import plan_notes
 from towtank.vehicle import Vehicle, allocatable_axes, thruster_wrench
 
 
@@ -99,7 +100,7 @@ def test_few_thrusters_are_told_what_they_cannot_have() -> None:
     found = plan(load_vehicle("lauv"), minutes=0.15, tries=3, draws=1)
     reasons = {each.name: each.reason for each in found.expected}
     assert not found.met
-    assert reasons["Y_vv"] == "no thruster moves the vehicle in sway"
+    assert reasons["Y_vv"] == "no thruster moves the vehicle in sway; one that pushes along y would"
     assert reasons["X_udot"] == "" or reasons["X_udot"].startswith("would take")
 
 
@@ -171,6 +172,25 @@ def test_wishes_that_cannot_be_had_are_one_clear_line(words: list[str], said: st
 )
 def test_nothing_to_be_had_is_one_clear_line(words: list[str], said: str) -> None:
     assert said in refused("plan", *words)
+
+
+def test_a_vehicle_of_three_thrusters_is_told_which_are_missing(vehicle: Vehicle) -> None:
+    first = vehicle.thrusters[0]
+    places = (
+        ((-0.2, -0.1, 0.0), (1.0, 0.0, 0.0)),
+        ((-0.2, 0.1, 0.0), (1.0, 0.0, 0.0)),
+        ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+    )
+    three = tuple(
+        first.model_copy(update={"name": f"t{k}", "position": place, "direction": way})
+        for k, (place, way) in enumerate(places)
+    )
+    made = plan(vehicle.model_copy(update={"thrusters": three}), minutes=0.15, tries=3, draws=1)
+    notes = plan_notes(made)
+    assert "Y_vv: no thruster moves the vehicle in sway; one that pushes along y would" in notes
+    assert "K_pp: no thruster moves the vehicle in roll; one that pushes along y or z, off the x axis would" in notes
+    assert not any(f"vehicle in {axis};" in each for each in notes for axis in ("surge", "heave", "yaw"))
+    assert {each.name for each in made.expected if each.needs < np.inf} >= {"X_udot", "Z_wdot", "N_rdot"}
 
 
 def test_the_time_that_it_takes_is_foreseen(vehicle: Vehicle) -> None:

@@ -43,6 +43,10 @@ _FEW = 60  # vehicles by which a segment is found gentle enough
 _BAND = (5.0, 95.0)  # percentiles over the draws
 _DRAWS = 8  # vehicles of the band
 _WORDS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+_PUSHES = (
+    *("along x", "along y", "along z", "along y or z, off the x axis", "along x or z, off the y axis"),
+    "along x or y, off the z axis",
+)
 _LONGEST = 600.0  # s, of a segment that a person wrote, and of manoeuvring that is foreseen
 _ENOUGH = 0.02  # by which a segment must lessen what is missing, in logarithms, as a share of it, to be worth driving
 _TITLE = "written by towtank plan; towtank simulate VEHICLE plan.toml drives it in simulation"
@@ -267,7 +271,7 @@ def _hidden(outlook: Outlook, name: str) -> str:
         return ""
     row = index(name)[1]
     if row not in available_rows(outlook.vehicle):
-        return f"no thruster moves the vehicle in {_WORDS[row]}"
+        return f"no thruster moves the vehicle in {_WORDS[row]}; one that pushes {_PUSHES[row]} would"
     if not {POSE[row], VELOCITIES[row]} & outlook.instruments.channels.keys():
         able = [each.name for each in INSTRUMENTS.values() if {POSE[row], VELOCITIES[row]} & each.channels.keys()]
         return f"{outlook.instruments.summary} do not measure {_WORDS[row]}; {' or '.join(able)} would"
