@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import sys
 from functools import cache
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -125,22 +126,21 @@ def touched(name: str, made: Plan, seed: int) -> Array:
 def leaving(runs: int, seed: int, workers: int) -> int:
     """Compare what plans state of leaving the space with what comes of them; return how often it is not close."""
     many, failed = runs * AT_ONCE, 0
-    for name in VEHICLES:
-        for pose in (True, False):
-            made = plan(load_vehicle(name), space=SPACE, force=FORCE, pose=pose)
-            tasks = [(name, made, seed + k) for k in range(runs)]
-            title = f"{name}, {'with' if pose else 'without'} a pose"
-            found = np.hstack(over(title, touched, tasks, workers))
-            table = Table(title=f"{title}: ends at a wall, nobody steering, {many} runs")
-            for head in ("Segment", "stated", "counted", "stated - counted"):
-                table.add_column(head, justify="left" if head == "Segment" else "right")
-            rows = [(f"{k}, {each.segment.duration:g} s", each.leaves) for k, each in enumerate(made.segments, 1)]
-            counted = [*found.mean(axis=1), found.any(axis=0).mean()]
-            for (segment, stated), share in zip([*rows, ("one of them", made.leaves)], counted, strict=True):
-                failed += abs(stated - share) > CLOSE
-                error = np.sqrt(share * (1.0 - share) / many)
-                table.add_row(segment, f"{stated:.3f}", f"{share:.3f} ± {error:.3f}", f"{stated - share:+.3f}")
-            show(table)
+    for pose, name in product((False, True), VEHICLES):
+        made = plan(load_vehicle(name), space=SPACE, force=FORCE, pose=pose)
+        tasks = [(name, made, seed + k) for k in range(runs)]
+        title = f"{name}, {'with' if pose else 'without'} a pose"
+        found = np.hstack(over(title, touched, tasks, workers))
+        table = Table(title=f"{title}: ends at a wall, nobody steering, {many} runs")
+        for head in ("Segment", "stated", "counted", "stated - counted"):
+            table.add_column(head, justify="left" if head == "Segment" else "right")
+        rows = [(f"{k}, {each.segment.duration:g} s", each.leaves) for k, each in enumerate(made.segments, 1)]
+        counted = [*found.mean(axis=1), found.any(axis=0).mean()]
+        for (segment, stated), share in zip([*rows, ("one of them", made.leaves)], counted, strict=True):
+            failed += abs(stated - share) > CLOSE
+            error = np.sqrt(share * (1.0 - share) / many)
+            table.add_row(segment, f"{stated:.3f}", f"{share:.3f} ± {error:.3f}", f"{stated - share:+.3f}")
+        show(table)
     return failed
 
 
