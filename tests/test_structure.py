@@ -14,7 +14,7 @@ import pytest
 import towtank
 
 SOURCE = Path(towtank.__file__).parent
-MOST_FILES, MOST_IN_A_FOLDER = 400, 12
+MOST_FILES, MOST_IN_A_FOLDER = 440, 12
 IDENTIFICATION = {"files": 62, "lines": 14_140, "public names": 250, "functions of many parameters": 8, "depth": 9}
 MANY = 8  # parameters
 

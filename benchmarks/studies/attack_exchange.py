@@ -58,6 +58,22 @@ UUV = """<?xml version="1.0"?>
 """
 
 
+CLASSIC = UUV[: UUV.index("<robot")] + (
+    """<sdf version="1.6"><model name="r"><link name="b"><inertial><mass>18</mass><pose>0 0 0.01 0 0 0.1</pose>
+<inertia><ixx>0.5</ixx><iyy>0.8</iyy><izz>0.9</izz></inertia></inertial></link>
+<link name="t"><pose>-0.4 0.1 0 0 0 1.5</pose></link><joint name="j" type="revolute"><parent>b</parent><child>t</child>
+<axis><xyz>1 0 0</xyz></axis></joint>"""
+    + UUV[UUV.index("<gazebo>") : UUV.rindex("</robot>")].replace("<gazebo>", "").replace("</gazebo>", "")
+    + "</model></sdf>"
+)
+XACRO = UUV.replace(
+    '<robot name="r">',
+    """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="m" value="${9 * 2}"/>
+<xacro:macro name="empty" params="n:=1 *block"><link name="l${n}"/><xacro:insert_block name="block"/></xacro:macro>
+<xacro:empty n="2"><link name="k"/></xacro:empty><xacro:if value="${m > 10}"><link name="h"/></xacro:if>""",
+).replace('<mass value="18"/>', '<mass value="${m}"/>')
+
+
 class Result(NamedTuple):
     """What came of files: how many were read or refused, and what was wrong, with the file's number."""
 
@@ -68,15 +84,17 @@ class Result(NamedTuple):
 
 
 @cache
-def models() -> tuple[bytes, ...]:
-    """Return sound files of every kind that can be imported."""
+def sound() -> tuple[tuple[bytes, ...], bytes]:
+    """Return sound files of every kind that can be imported, and the YAML that stands beside some."""
     out = [UUV.encode()]
     with tempfile.TemporaryDirectory() as name:
         for vehicle in ("lauv", "bluerov2_heavy"):
             for target in ("gz-sim", "urdf-hydrodynamics"):
                 out.append(export(vehicle, target, Path(name) / f"{vehicle}{target}").files[0].read_bytes())
         out.append((Path(name) / "lauvgz-sim" / "world.sdf").read_bytes())
-    return tuple(out)
+        yaml = (Path(name) / "lauvurdf-hydrodynamics" / "thrusters.yaml").read_bytes()
+    out += [CLASSIC.encode(), XACRO.encode()]
+    return tuple(out), yaml
 
 
 def hostile(text: str, rng: random.Random) -> bytes:
@@ -123,9 +141,14 @@ def attack(seeds: range) -> Result:
         path = Path(name) / "model.xml"
         for seed in seeds:
             rng = random.Random(seed)
-            data = rng.choice(models())
-            broken = hostile(data.decode(), rng) if rng.random() < 0.5 else mutated(data, models(), rng)[1]
+            files, yaml = sound()
+            data = rng.choice(files)
+            broken = hostile(data.decode(), rng) if rng.random() < 0.5 else mutated(data, files, rng)[1]
             path.write_bytes(broken)
+            if b"<hydrodynamics>" in data:  # its thrusters stand beside it
+                beside = path.with_name("thrusters.yaml")
+                beside.write_bytes(mutated(yaml, (yaml,), rng)[1] if rng.random() < 0.5 else yaml)
+                path.write_bytes(data if rng.random() < 0.5 else broken)
             began = time.perf_counter()
             with warnings.catch_warnings():
                 warnings.simplefilter("error")
@@ -141,7 +164,7 @@ def attack(seeds: range) -> Result:
                             wrong.append(f"{seed}: export: {error}")
                 except InputError as error:
                     refused += 1
-                    if "\n" in str(error) or not str(error).startswith(str(path)) or len(str(error)) > 600:
+                    if "\n" in str(error) or not str(error).startswith(name) or len(str(error)) > 600:
                         wrong.append(f"{seed}: refusal: {str(error)[:300]!r}")
                 except Exception:
                     wrong.append(f"{seed}: {traceback.format_exc(limit=-2)}")

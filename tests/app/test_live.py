@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from towtank import load_vehicle
+from towtank import load_vehicle, save_vehicle
+from towtank.app.live.coaching import plan_lines
 from towtank.app.live.readings import Readings
 from towtank.app.live.view import LiveView
 from towtank.app.terminal.output import Output
@@ -25,6 +26,8 @@ from towtank.live import open_source
 from towtank.live.pipeline.instants import rows_of
 from towtank.live.session import Session
 from towtank.live.warm_up import new_learner
+from towtank.planning import Accuracy, Plan, Planned, Segment, read_plan, write_plan
+from towtank.planning.coach import Coach
 from towtank.readers import read
 from towtank.simulation import Mocap, manoeuvre, simulate
 
@@ -40,6 +43,54 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("live") / "surge.csv"
     simulate(vehicle, commands=plan.commands, dt=0.01, sensors=Mocap(rate=100.0), seed=1).write(path)
     return path
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A plan of one segment for surge, beside a vehicle without thrusters."""
+    segment = Segment("telegraph", 6.0, (0,), (20.0,), ((2.0, 4.0),), ((1.0,),))
+    expected = tuple(Accuracy(name, 0.5, 0.05, 0.05, 0.05, "") for name in FREE.split(","))
+    path = tmp_path_factory.mktemp("plan") / "plan.toml"
+    write_plan(
+        Plan(VEHICLE, "pose", None, 1e-5, (Planned(segment, (1.0, 0.1, 0.1), 0.0),), expected, by_hand=True), path
+    )
+    save_vehicle(load_vehicle(VEHICLE).model_copy(update={"thrusters": ()}), path.with_name("cup.toml"))
+    return path
+
+
+def test_a_pilot_is_led_in_the_terminal_and_for_programs(plan: Path, tmp_path: Path) -> None:
+    """Rest, then the segment, as it is driven after a count-down; it is followed, and a next one designed."""
+    vehicle = load_vehicle(VEHICLE)
+    made = read_plan(plan)
+    rest = np.array([[each.curve.rest for each in vehicle.thrusters]] * 400)
+    driven = np.repeat(made.commands(vehicle), 2, axis=0)
+    commands = np.vstack([rest[:350], driven, rest])
+    simulate(vehicle, commands=commands, dt=0.02, sensors=Mocap(rate=50.0), seed=1).write(tmp_path / "run.csv")
+    asked = ("replay:run.csv@1", "--vehicle", VEHICLE, "--free", FREE, "--json-lines", "--plan", str(plan))
+    done = towtank(*asked, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    plans = [line["plan"] for line in lines if line.get("plan")]
+    assert {"bring", "count", "drive"} <= {each["stage"] for each in plans}
+    assert plans[0]["axes"] == ["surge"]
+    assert [each["text"].split()[0] for each in plans[0]["movements"]] == ["forward", "back", "forward"]
+    assert any(each["done"] is not None for line in plans for each in line["movements"])
+    said = [event["text"] for line in lines for event in line.get("events", [])]
+    assert "segment 1 begins" in said
+
+
+def test_lines_of_a_plan_fit_a_terminal(plan: Path) -> None:
+    made = read_plan(plan)
+    coach = Coach(load_vehicle(VEHICLE), ("X_udot", "X_uu"), 0.05, tuple(each.segment for each in made.segments))
+    coach.ask("begin")
+    coach.tick(0.0)
+    coach.tick(5.0)
+    lines = plan_lines(coach.view(5.5))
+    assert max(map(len, lines)) <= 80
+    assert lines[0] == "Drive segment 1: 6 s left."
+    assert lines[1].startswith("  surge  now forward ")
+    assert lines[1].endswith("in 1.5 s")
+    assert lines[-1] == "0 of 2 known to 5 % after 0 s; least known: X_udot not at all"
 
 
 def started(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
@@ -193,17 +244,21 @@ def test_lines_of_standard_input_are_learned_from(log: Path, tmp_path: Path) -> 
         (("json:127.0.0.1:5005", "--vehicle", VEHICLE, "--window", "-1"), "--window"),
         (("json:127.0.0.1:5005", "--vehicle", VEHICLE, "--json", "--json-lines"), "expected one of them"),
         (("-", "-", "--vehicle", VEHICLE), "twice"),
+        (("json:127.0.0.1:5005", "--vehicle", VEHICLE, "--plan", "none.toml"), "none.toml: no such file"),
+        (("json:127.0.0.1:5005", "--vehicle", VEHICLE, "--plan", "PLAN", "--method", "paper"), "use joint"),
+        (("json:127.0.0.1:5005", "--vehicle", "CUP", "--plan", "PLAN"), "has no thrusters"),
     ],
 )
-def test_wrong_arguments_are_one_line(arguments: tuple[str, ...], said: str, tmp_path: Path) -> None:
+def test_wrong_arguments_are_one_line(arguments: tuple[str, ...], said: str, tmp_path: Path, plan: Path) -> None:
     from typer.testing import CliRunner
 
     from towtank.app.cli import app
 
     before = Path.cwd()
+    there = {"PLAN": plan, "CUP": plan.with_name("cup.toml")}
     os.chdir(tmp_path)
     try:
-        done = CliRunner().invoke(app, ["live", *arguments])
+        done = CliRunner().invoke(app, ["live", *(str(there.get(each, each)) for each in arguments)])
     finally:
         os.chdir(before)
     assert done.exit_code == 2

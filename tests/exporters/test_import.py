@@ -106,6 +106,132 @@ def test_uuv_simulator(tmp_path: Path) -> None:
     assert any("center_of_buoyancy" in each for each in found.doubts)
 
 
+def classic() -> str:
+    """The same vehicle as SDF of Gazebo classic."""
+    plugins = UUV[UUV.index("<gazebo>") : UUV.rindex("</gazebo>")].replace("<gazebo>", "").replace("</gazebo>", "")
+    return f"""<?xml version="1.0"?>
+<sdf version="1.6"><world name="sea"><model name="ground"><static>1</static><link name="l"/></model><model name="small">
+  <pose>0 0 -5 0 0 1</pose>
+  <link name="small/base_link"><pose>0.1 0 0.2 0 0 0</pose>
+    <inertial><mass>18.0</mass><pose>0 0 -0.02 0 0 0</pose><inertia><ixx>0.5</ixx><ixy>0.01</ixy><ixz>0.02</ixz>
+      <iyy>0.8</iyy><iyz>0.03</iyz><izz>0.9</izz></inertia></inertial></link>
+  <link name="small/thruster_0"><pose>-0.3 0.1 0.25 0 0 0.5</pose><inertial><mass>0.5</mass>
+    <inertia><ixx>1e-4</ixx><iyy>1e-4</iyy><izz>1e-4</izz></inertia></inertial></link>
+  <joint name="small/thruster_0_joint" type="revolute">
+    <pose>0 0 0 0 0 1.0707963267948966</pose><parent>small/base_link</parent><child>small/thruster_0</child>
+    <axis><xyz>1 0 0</xyz></axis></joint>
+  {plugins}
+</model></world></sdf>"""
+
+
+def test_uuv_simulator_in_sdf_of_gazebo_classic_is_told_and_the_same_vehicle(tmp_path: Path) -> None:
+    found = import_vehicle(written(tmp_path / "a.sdf", classic()))
+    same = import_vehicle(written(tmp_path / "a.urdf", UUV)).vehicle
+    assert found.source == "uuv-simulator"
+    vehicle = found.vehicle
+    assert vehicle.name == "small"
+    assert vehicle.hydrodynamics == same.hydrodynamics
+    assert vehicle.buoyancy == same.buoyancy
+    np.testing.assert_allclose(vehicle.mass_matrix, same.mass_matrix, atol=1e-11)
+    np.testing.assert_allclose(configuration_matrix(vehicle), configuration_matrix(same), atol=1e-12)
+    assert vehicle.thrusters[0].curve == same.thrusters[0].curve
+    assert "wobble" in "\n".join(found.left)
+    assert "model ground" in found.left
+
+
+XACRO = """<?xml version="1.0"?>
+<robot name="$(arg name)" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:arg name="name" default="small"/>
+  <xacro:include filename="$(find small_description)/urdf/thruster.xacro"/>
+  <xacro:include filename="nowhere.xacro"/>
+  <xacro:property name="mass" value="18.0"/>
+  <xacro:property name="length" value="${2.0 * half}"/>
+  <xacro:property name="half" value="0.2"/>
+  <xacro:macro name="body" params="m:=1 *place **inertia">
+    <link name="small/base_link"><inertial><mass value="${m}"/><xacro:insert_block name="place"/>
+      <xacro:insert_block name="inertia"/></inertial></link>
+  </xacro:macro>
+  <xacro:body m="${mass}"><origin xyz="0 0 ${-mass / 900}" rpy="0 0 0"/>
+    <box><inertia ixx="0.5" ixy="0.01" ixz="0.02" iyy="0.8" iyz="0.03" izz="0.9"/></box></xacro:body>
+  <xacro:thruster number="0"><origin xyz="${-length} 0.1 0.05" rpy="0 0 ${pi / 2}"/></xacro:thruster>
+  <xacro:unless value="${mass &gt; 10 and not false}"><nonsense/></xacro:unless>
+  <xacro:lights count="2"/>
+  REST
+</robot>
+"""
+INCLUDED = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:macro name="thruster" params="number *origin">
+    <link name="small/thruster_${number}"><inertial><mass value="0.5"/>
+      <inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>
+    <joint name="small/thruster_${number}_joint" type="continuous">
+      <parent link="small/base_link"/><child link="small/thruster_${number}"/>
+      <xacro:insert_block name="origin"/><axis xyz="1 0 0"/></joint>
+  </xacro:macro>
+</robot>
+"""
+
+
+def xacro(folder: Path, text: str) -> Path:
+    """A package with a xacro that includes another."""
+    inside = folder / "small_description"
+    (inside / "urdf").mkdir(parents=True, exist_ok=True)
+    (inside / "robots").mkdir(exist_ok=True)
+    written(inside / "urdf" / "thruster.xacro", INCLUDED)
+    return written(inside / "robots" / "small.urdf.xacro", text)
+
+
+def test_a_xacro_is_expanded_without_ros(tmp_path: Path) -> None:
+    rest = UUV[UUV.index("<gazebo>") : UUV.rindex("</robot>")]
+    found = import_vehicle(xacro(tmp_path, XACRO.replace("REST", rest)))
+    same = import_vehicle(written(tmp_path / "a.urdf", UUV)).vehicle
+    assert found.source == "uuv-simulator"
+    assert found.vehicle.model_copy(update={"provenance": same.provenance}) == same
+    left = "\n".join(found.left)
+    assert "xacro:include nowhere.xacro: no such file beside small.urdf.xacro" in left
+    assert "xacro:lights: no such macro" in left
+
+
+@pytest.mark.parametrize(
+    ("rest", "words"),
+    [
+        ('<a b="${unknown}"/>', "no property unknown"),
+        ('<a b="${__import__(1)}"/>', "not arithmetic"),
+        ('<a b="${().__class__}"/>', "not arithmetic"),
+        ('<a b="${9**9**9**9}"/>', "not arithmetic"),
+        ('<a b="${1/0}"/>', "not arithmetic"),
+        ('<a b="${sqrt(-1)}"/>', "not arithmetic"),
+        ("<a b=\"${'a' * 100000}\"/>", "not arithmetic"),
+        ('<a b="$(env HOME)"/>', "expected an argument with a default"),
+        ('<xacro:if value="maybe"/>', "expected true, false or a number"),
+        ('<xacro:insert_block name="x"/>', "which no macro was given"),
+        ('<xacro:property name="p" value="${p}"/><a b="${p}"/>', "stands for itself"),
+        ('<xacro:macro name="m" params="q"/><xacro:m/>', "a macro wants q"),
+        ('<xacro:macro name="m" params="*q"/><xacro:m/>', "a macro wants a block"),
+        ('<xacro:macro name="m"><a/><xacro:m/><xacro:m/></xacro:macro><xacro:m/>', "within each other"),
+        (
+            '<xacro:property name="p0" value="1"/>'
+            + "".join(f'<xacro:property name="p{k + 1}" value="${{p{k} + p{k}}}"/>' for k in range(35))
+            + '<a b="${p35}"/>',
+            "expressions",
+        ),
+        (
+            '<xacro:property name="p0" value="ha"/>'
+            + "".join(f'<xacro:property name="p{k + 1}" value="${{p{k}}}${{p{k}}}"/>' for k in range(35))
+            + '<a b="${p35}"/>',
+            "characters",
+        ),
+        ('<xacro:include filename="small.urdf.xacro"/>', "none of them recognises it"),
+        ("", "none of them recognises it"),
+    ],
+)
+def test_a_xacro_that_is_not_understood_says_what_to_run(rest: str, words: str, tmp_path: Path) -> None:
+    path = xacro(tmp_path, XACRO.replace("REST", rest))
+    with pytest.raises(InputError) as error:
+        import_vehicle(path)
+    assert words in str(error.value)
+    assert "xacro model.xacro > model.urdf" in str(error.value) or words.startswith(("none", "expected true", "within"))
+
+
 @pytest.mark.parametrize(
     ("conversion", "commands", "forces"),
     [

@@ -256,3 +256,12 @@ def test_a_segment_ends_where_a_wall_is_near(vehicle: Vehicle, psi: float) -> No
     assert happened == "segment 1 broken off: a wall is near"
     gone = 0.5 * (float(t) - 6.0)
     assert 2.0 - radius_of(vehicle) - 0.2 - gone == pytest.approx(0.5, abs=0.06)  # a second at 0.5 m/s
+
+
+def test_what_is_shown_is_plain(vehicle: Vehicle) -> None:
+    """The page's document is JSON, which knows no numbers of NumPy."""
+    coach = Coach(vehicle, ("X_udot",), 0.05, (SURGE,))
+    coach.learn({"X_udot": np.float64(0.01)})
+    (known,) = coach.view(0.0).known
+    assert type(known.met) is bool
+    assert type(known.share) is float

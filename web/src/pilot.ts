@@ -115,9 +115,10 @@ export class Pilot {
     this.drawn = key;
     const whole = plan.duration_s + LEAD;
     const height = TALL * plan.axes.length;
+    const largest = Math.max(...plan.movements.map((each) => Math.abs(each.amount)), 0.01);
     const blocks = plan.movements.map((each) => {
       const row = plan.axes.indexOf(each.axis);
-      const tall = Math.max(Math.abs(each.amount), 0.15) * (TALL / 2 - 1.5);
+      const tall = Math.max(Math.abs(each.amount) / largest, 0.25) * (TALL / 2 - 1.5);
       const middle = (row + 0.5) * TALL;
       const state = each.done === null ? "coming" : each.done >= DONE ? "done" : "missed";
       return draw("rect", {

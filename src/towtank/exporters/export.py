@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import keyword
 import os
+import re
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -13,7 +16,7 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
 from towtank.exporters.heading import Heading, heading_of_request
-from towtank.exporters.request import Kept, Request, require_exportable, stem_of, wrench_error
+from towtank.exporters.request import Kept, Request, is_definite, require_exportable, stem_of, wrench_error
 from towtank.exporters.targets import Target, target_named
 from towtank.outputs import write_atomically
 from towtank.vehicle import AnyVehicle, Vehicle, catalog_names, catalog_text, vehicle_of, vehicle_text
@@ -21,6 +24,7 @@ from towtank.vehicle import AnyVehicle, Vehicle, catalog_names, catalog_text, ve
 __all__ = ["Exported", "export"]
 
 _FASTEST = 20.0  # m/s
+_IMPORTED = (".py", ".m")  # files that are called by their name without the suffix
 
 
 class Exported(NamedTuple):
@@ -79,13 +83,22 @@ def export(
     require_exportable(found, source, allow_unidentified=allow_unidentified)
     writer = target.writer
     kept = writer.kept(request)
+    if not is_definite(kept.vehicle.mass_matrix):
+        raise InputError(
+            f"{source}: what {target.name} can say of its mass and inertia is not positive definite, so that it would"
+            " gain energy; put the origin nearer to the centre of gravity, or choose another target"
+        )
     heading = heading_of_request(f"{target.name} {request.version}", request, kept)
     written = writer.written(request, heading)
-    files = _places(target, found, output, list(written))
-    for place, content in zip(files, written.values(), strict=True):
-        write_atomically(place, lambda stream, content=content: _all(stream, content))  # type: ignore[misc]
-    error = wrench_error(found, kept.vehicle)
-    return Exported(target.name, request.version, found, files, heading, kept, np.asarray(error))
+    try:
+        files = _places(target, found, output, list(written))
+        for place, content in zip(files, written.values(), strict=True):
+            write_atomically(place, lambda stream, content=content: _all(stream, content))  # type: ignore[misc]
+    except OSError as error:
+        place = Path(error.filename or output or ".")
+        raise InputError(f"{place}: cannot be written ({error.strerror}); choose another place") from error
+    away = wrench_error(found, kept.vehicle)
+    return Exported(target.name, request.version, found, files, heading, kept, np.asarray(away))
 
 
 def _all(stream: object, content: bytes) -> None:
@@ -133,6 +146,8 @@ def _places(
 ) -> tuple[Path, ...]:
     """Return where each file goes. Raises InputError where it cannot."""
     stem = stem_of(vehicle) + target.ending
+    if target.suffix in _IMPORTED:
+        stem = _identifier(stem.lower() if target.suffix == ".m" else stem)  # as the function in it
     if target.suffix:
         place = Path(stem + target.suffix) if output is None else Path(output)
         if place.is_dir():
@@ -149,3 +164,10 @@ def _places(
     for each in {place.parent for place in places}:
         each.mkdir(parents=True, exist_ok=True)
     return places
+
+
+def _identifier(stem: str) -> str:
+    """Return the beginning of a file's name so that Python can import it, and MATLAB call it."""
+    plain = re.sub(r"\W", "_", stem, flags=re.ASCII)
+    taken = keyword.iskeyword(plain) or plain in sys.stdlib_module_names or plain in ("numpy", "end", "function")
+    return f"v_{plain}" if taken or not plain[0].isalpha() else plain

@@ -19,12 +19,13 @@ from towtank.exporters.request import Kept, Request, differing, speed_range, wre
 from towtank.vehicle import COEFFICIENTS, Vehicle, index, unit
 from towtank.vehicle.names import ROWS
 
-__all__ = ["ORIGIN", "Heading", "heading_of", "heading_of_request"]
+__all__ = ["ORIGIN", "Heading", "at_least", "heading_of", "heading_of_request"]
 
 ORIGIN = "exported by towtank from "  # begins the provenance of what was imported from such a file
 _LOST = "missing in the file that it was imported from: "
 _SOURCE = re.compile(r"^source: (.*), sha256 ([0-9a-f]{64})$")
 _COEFFICIENT = re.compile(r"^  (\w+) = (\S+)(?: \+- (\S+))?(?: .*)?$")
+_ESCAPE = re.compile(r"\\x([0-9a-f]{2})|\\u([0-9a-f]{4})|\\U([0-9a-f]{8})")
 _MARKS = ("--", "*/", "/*", "%{", "%}", "?>", '"""', "'''", "??")  # begin or end a comment, or are trigraphs
 _ROUNDING = 1e-9  # of the wrench at full speed: what is below it is said to be exact
 
@@ -127,8 +128,15 @@ def heading_of(text: str) -> Heading | None:
             k += 1
             missing.append(body[k].strip())
     error = body[k + 1] if k + 1 < len(body) else ""
-    title, name = body[0].removeprefix("towtank: "), body[1].removeprefix("vehicle: ")
+    title, name = body[0].removeprefix("towtank: "), _ESCAPE.sub(_letter, body[1].removeprefix("vehicle: "))
     return Heading(title, name, source[1], source[2], tuple(coefficients), tuple(missing), error)
+
+
+def _letter(escape: re.Match[str]) -> str:
+    """Return the letter beyond ASCII that an escape stands for; the escape itself where it is another one."""
+    code = int(escape[1] or escape[2] or escape[3], 16)
+    letter = chr(code) if 0x7F < code < 0x110000 else ""
+    return letter if letter.isprintable() and letter else escape[0]
 
 
 def _earlier(vehicle: Vehicle) -> tuple[str, str] | None:
@@ -159,8 +167,14 @@ def _error_line(vehicle: Vehicle, error: Array) -> str:
     scale = _ROUNDING * (vehicle.weight + float(np.abs(vehicle.mass_matrix @ speeds).max()))
     if error.max() <= scale:
         return f"largest error of the wrench, {reach}: none"
-    each = ", ".join(f"{ROWS[i]} {short(error[i], 3)}" for i in range(6))
+    each = ", ".join(f"{ROWS[i]} {at_least(error[i], 3)}" for i in range(6))
     return f"largest error of the wrench, {reach}: {each} (N, N m)"
+
+
+def at_least(value: float, digits: int) -> str:
+    """Return a number above 0 with so many digits, rounded up: what is stated is never exceeded."""
+    step = 10.0 ** (math.floor(math.log10(value)) - digits + 1) if value > 0.0 else 1.0
+    return short(math.ceil(value / step * (1.0 - 1e-12)) * step, digits)
 
 
 def _harmless(line: str) -> str:

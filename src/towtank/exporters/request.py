@@ -6,6 +6,7 @@ difference of the two, in words and as the largest error of the wrench.
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Mapping
@@ -35,6 +36,7 @@ __all__ = [
     "Kept",
     "Request",
     "differing",
+    "is_definite",
     "require_exportable",
     "rounded",
     "speed_range",
@@ -46,8 +48,9 @@ __all__ = [
 _NARROWED = 0.5  # share of the prior's deviation up to which a coefficient counts as identified, as `learn` says it
 _DEFINITE = 1e-9  # smallest eigenvalue of the mass matrix scaled to a unit diagonal, as in the physical checks
 _USUAL, _MOST = 1.0, 5.0  # m/s, rad/s: where nothing says how fast it goes, and in any case
-_STATES = 2000  # random states for the largest error of the wrench
-_NAMED = 12
+_STATES = 2000  # random attitudes and velocities for the largest error of the wrench
+_UPRIGHT = np.array(list(itertools.product(0.5 * math.pi * np.arange(-1, 3), 0.5 * math.pi * np.arange(-1, 2))))
+_LONGEST = 60  # letters of a name that becomes a file's or a function's; MATLAB takes 63
 
 
 @dataclass(frozen=True)
@@ -84,10 +87,7 @@ def require_exportable(vehicle: Vehicle, place: str, *, allow_unidentified: bool
         InputError: the total mass matrix is not positive definite; or a coefficient was learned and the data did not
             narrow it, unless that is allowed.
     """
-    mass = vehicle.mass_matrix
-    diagonal = np.diag(mass)
-    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    if np.any(diagonal <= 0.0) or np.linalg.eigvalsh(mass / np.outer(scale, scale))[0] <= _DEFINITE:
+    if not is_definite(vehicle.mass_matrix):
         raise InputError(
             f"{place}: the total mass matrix M_RB + M_A is not positive definite, so that any engine would gain energy"
             " from it; mend the file (towtank vehicle check names what is wrong) or learn it anew"
@@ -95,10 +95,16 @@ def require_exportable(vehicle: Vehicle, place: str, *, allow_unidentified: bool
     unknown = [] if allow_unidentified else _unidentified(vehicle)
     if unknown:
         raise InputError(
-            f"{place}: not identified by the data: {', '.join(unknown[:_NAMED])}"
-            f"{f' and {len(unknown) - _NAMED} more' if len(unknown) > _NAMED else ''}; learn from a log that drives"
-            " these axes, or export what was supposed before the data with --allow-unidentified"
+            f"{place}: not identified by the data: {', '.join(unknown)}; learn from a log that drives these axes,"
+            " or export what was supposed before the data with --allow-unidentified"
         )
+
+
+def is_definite(mass: Array) -> bool:
+    """Return whether a mass matrix (6, 6) is positive definite."""
+    diagonal = np.diag(mass)
+    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    return bool(np.all(diagonal > 0.0) and np.linalg.eigvalsh(mass / np.outer(scale, scale))[0] > _DEFINITE)
 
 
 def _unidentified(vehicle: Vehicle) -> list[str]:
@@ -119,7 +125,7 @@ def with_plain_buoyancy(vehicle: Vehicle) -> Vehicle:
     B, weight = vehicle.weight - vehicle.weight_minus_buoyancy, vehicle.weight
     moment, r_G = np.array(vehicle.restoring_moment), np.array(vehicle.rigid_body.centre_of_gravity)
     measured = any(getattr(vehicle.restoring, name) is not None for name in ("BG_x", "BG_y", "BG_z"))
-    if B <= 0.0 and np.any(moment != r_G * weight):
+    if B < 0.0 or (B == 0.0 and np.any(moment != r_G * weight)):
         raise InputError(f"{vehicle.name}: the buoyant force comes out as {B:g} N, expected one above 0")
     centre = (r_G * weight - moment) / B if measured else np.array(vehicle.buoyancy.centre)
     x, y, z = (float(each) + 0.0 for each in centre)
@@ -153,20 +159,22 @@ def rounded(vehicle: Vehicle) -> Vehicle:
 def stem_of(vehicle: Vehicle) -> str:
     """Return the vehicle's name as the beginning of a file's name, or as the name of a simulator's model."""
     plain = re.sub(r"(?<![A-Za-z0-9])-|-(?![A-Za-z0-9])", " ", vehicle.name)  # a dash joins two words or goes
-    return re.sub(r"[^A-Za-z0-9_.-]+", "_", plain).strip("._") or "vehicle"
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", plain).strip("._")[:_LONGEST].rstrip("._-") or "vehicle"
 
 
 def speed_range(vehicle: Vehicle) -> Array:
     """Return the speeds (6,) [m/s, rad/s] that the thrusters reach on each axis, between which errors are taken.
 
     Where full thrust on an axis meets its drag on the diagonal; 1 where the file has no thrusters or no drag that
-    says so, and never above 5.
+    says so, and never above 5. Of two digits, as they are stated.
     """
     speeds = np.full(6, _USUAL)
     if not vehicle.thrusters:
         return speeds
     ends = np.array([np.abs(force_range(each.curve)) * each.gain for each in vehicle.thrusters])
-    full = np.abs(configuration_matrix(vehicle)) @ ends.max(axis=1)
+    B = np.abs(configuration_matrix(vehicle))
+    with np.errstate(invalid="ignore"):  # one without limits that does not push along an axis
+        full = np.where(B > 0.0, B * ends.max(axis=1), 0.0).sum(axis=1)
     for i in range(6):
         linear = -vehicle.coefficient(f"{ROWS[i]}_{COLUMNS[i]}")
         quadratic = -vehicle.coefficient(f"{ROWS[i]}_{COLUMNS[i] * 2}")
@@ -176,23 +184,38 @@ def speed_range(vehicle: Vehicle) -> Array:
         linear, quadratic = max(linear, 0.0), max(quadratic, 0.0)
         root = math.sqrt(linear * linear + 4.0 * quadratic * force)
         speeds[i] = min(2.0 * force / (linear + root), _MOST)
-    return speeds
+    return np.array([float(f"{each:.2g}") for each in speeds])
 
 
 def wrench_error(vehicle: Vehicle, kept: Vehicle) -> Array:
     """Return the largest error (6,) [N, N m] of the wrench that moves `kept` as `vehicle` is to be moved.
 
-    Over random attitudes, velocities up to `speed_range` and accelerations up to the same number per second.
-    Thrusters that lose thrust with inflow are taken at full thrust.
+    Over all attitudes, velocities up to `speed_range` and accelerations up to the same number per second: the wrench is
+    a sum of what each of the three makes of it, so that its extremes are sums of theirs. Those of velocities are looked
+    for at the corners of the range, on its edges and within. Thrusters that lose thrust with inflow are taken at full
+    thrust.
     """
     rng = np.random.default_rng(0)
     speeds = speed_range(vehicle)
     eta = np.zeros((_STATES, 6))
-    eta[:, 3:] = rng.uniform(-1.0, 1.0, (_STATES, 3)) * np.array([math.pi, 0.49 * math.pi, math.pi])
-    nu, nu_dot = (rng.uniform(-1.0, 1.0, (_STATES, 6)) * speeds for _ in range(2))
-    away = inverse_dynamics(kept, eta, nu, nu_dot) - inverse_dynamics(vehicle, eta, nu, nu_dot)
-    away += nu @ (_inflow_damping(kept) - _inflow_damping(vehicle)).T
-    return np.asarray(np.abs(away).max(axis=0))
+    eta[:, 3:] = rng.uniform(-1.0, 1.0, (_STATES, 3)) * np.array([math.pi, 0.5 * math.pi, math.pi])
+    eta[: len(_UPRIGHT), 3:5] = _UPRIGHT
+    corners = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=6)))
+    within = rng.uniform(-1.0, 1.0, (_STATES, 6))
+    edges = np.where(rng.random((_STATES, 6)) < 0.5, np.sign(within), within)
+    nu = np.concatenate([corners, edges, within]) * speeds
+
+    def away(eta: Array, nu: Array) -> Array:
+        still = np.zeros(6)
+        return np.asarray(inverse_dynamics(kept, eta, nu, still) - inverse_dynamics(vehicle, eta, nu, still))
+
+    statics = away(eta, np.zeros(6))
+    motion = away(np.zeros(6), nu) - away(np.zeros(6), np.zeros(6))
+    motion += nu @ (_inflow_damping(kept) - _inflow_damping(vehicle)).T
+    inertia = np.abs(kept.mass_matrix - vehicle.mass_matrix) @ speeds
+    above = statics.max(axis=0) + motion.max(axis=0)
+    below = statics.min(axis=0) + motion.min(axis=0)
+    return np.asarray(np.maximum(np.abs(above), np.abs(below)) + inertia)
 
 
 def _inflow_damping(vehicle: Vehicle) -> Array:

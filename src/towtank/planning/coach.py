@@ -420,9 +420,9 @@ class Coach:
         """Take how well coefficients are known now, as shares of their size."""
         with self._lock:
             self._known = tuple(
-                replace(each, share=share, met=share <= self._accuracy)
+                replace(each, share=share, met=bool(share <= self._accuracy))
                 for each in self._known
-                for share in [shares.get(each.name, math.nan)]
+                for share in [float(shares.get(each.name, math.nan))]
             )
 
     def offer(self, found: Next | None) -> str:

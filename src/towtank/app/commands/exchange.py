@@ -107,7 +107,7 @@ def export(
 
 
 def import_(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="SDF, URDF or other XML file of a simulator.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="SDF, URDF or xacro of a simulator.")],
     kind: Annotated[
         str, typer.Option("--from", metavar="KIND", help="gz-sim, uuv-simulator, urdf-hydrodynamics, or auto.")
     ] = "auto",

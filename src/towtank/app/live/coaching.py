@@ -12,21 +12,29 @@ import threading
 from collections.abc import Mapping
 from typing import Any, Self
 
+import numpy as np
+
 from towtank.errors import InputError
 from towtank.identification import Estimate
 from towtank.live.session import Session
-from towtank.planning import Outlook, Plan, diagonal
+from towtank.planning import Outlook, Plan, diagonal, forecast
 from towtank.planning.coach import AXES, Coach, Known, Movement, Stage, View, next_segment
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle, index
 
-__all__ = ["Coaching", "plan_document", "plan_lines"]
+__all__ = ["Coaching", "plan_document", "plan_lines", "warm_up"]
 
 _TICK = 0.05  # s
 _ACCURACY = 0.05  # without a plan
 _FIRST = 10.0  # s that must have been learned from before a segment is thought of, without a plan,
 _ANEW = 30.0  # s that must have come since, until it is designed anew
 _KNOWN = 0.25  # s between two looks at what is known
+
+
+def warm_up(vehicle: Vehicle) -> None:
+    """Have all that designs a segment compiled, since compiling stops whatever runs beside it."""
+    rest = np.array([[each.curve.rest for each in vehicle.thrusters]] * 10)
+    forecast(Outlook.of(vehicle), vehicle, rest)
 
 
 class Coaching:
@@ -154,7 +162,7 @@ def _shares(estimate: Estimate, vehicle: Vehicle, wanted: tuple[str, ...]) -> di
             continue
         kind, i, j = index(each.name)
         size = abs(vehicle.rigid_body_matrix[i, j] - each.value) if kind == "mass" else abs(each.value)
-        out[each.name] = each.std / size if size > 0.0 else math.inf
+        out[each.name] = float(each.std / size) if size > 0.0 else math.inf
     return out
 
 

@@ -121,6 +121,10 @@ def run_live(options: LiveOptions, output: Output) -> None:
             from towtank.app.live.reports import warm_up as warm_reports_up
 
             warm_reports_up(vehicle)
+        if _leads(options, vehicle):
+            from towtank.app.live.coaching import warm_up as warm_coaching_up
+
+            warm_coaching_up(vehicle)
     epoch = round(steady_time(), 3) if before is None else before.now_epoch()
     if before is not None and epoch != before.epoch:
         output.warn(
@@ -195,9 +199,16 @@ def _plan(options: LiveOptions, vehicle: Vehicle, output: Output) -> Plan | None
     return plan
 
 
+def _leads(options: LiveOptions, vehicle: Vehicle) -> bool:
+    """Whether the pilot is told what to drive."""
+    return options.plan is not None or (
+        options.page is not None and options.method == "joint" and bool(vehicle.thrusters)
+    )
+
+
 def _coaching(options: LiveOptions, session: Session, vehicle: Vehicle, plan: Plan | None) -> Coaching | None:
     """Return what leads the pilot: through a plan, or on the page through what narrows most; else None."""
-    if plan is None and (options.page is None or options.method != "joint" or not vehicle.thrusters):
+    if not _leads(options, vehicle):
         return None
     from towtank.app.live.coaching import Coaching
 

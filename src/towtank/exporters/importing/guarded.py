@@ -18,7 +18,7 @@ __all__ = ["Imported", "number", "numbers", "read_xml"]
 
 _LARGEST = 20_000_000  # bytes
 _MOST, _DEEPEST = 200_000, 60  # elements, levels
-_LARGEST_NUMBER = 1e9
+_LARGEST_NUMBER = 1e15
 
 
 class Imported(NamedTuple):

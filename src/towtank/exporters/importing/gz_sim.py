@@ -16,15 +16,17 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.exporters.frames import folded, turned_bilinear, turned_matrix, turned_vector
+from towtank.exporters.heading import heading_of
 from towtank.exporters.importing.bodies import IDENTITY, Placed, Solid, composite, pose, rigid_body_of, volume_of
 from towtank.exporters.importing.guarded import Imported, number, numbers
 from towtank.exporters.importing.known import doubts_of
+from towtank.exporters.importing.urdf import Tree
 from towtank.exporters.simulators.gz_sim import DENSITY, bilinear_of_added_mass
 from towtank.vehicle import COEFFICIENTS, Buoyancy, PolynomialCurve, QuadraticCurve, Thruster, Vehicle, index
 from towtank.vehicle.matrices import GRAVITY
 from towtank.vehicle.names import COLUMNS, ROWS
 
-__all__ = ["added_mass_coefficients", "imported", "recognises", "thruster_name"]
+__all__ = ["added_mass_coefficients", "imported", "recognises", "thruster_name", "tree_of_model"]
 
 _FORCES, _VELOCITIES, _ADDED = "xyzkmn", "UVWPQR", "xyzpqr"
 _TERM = re.compile(r"^([xyzkmn])([UVWPQR])(abs)?([UVWPQR])?$")
@@ -39,8 +41,8 @@ _MOST_THRUST = 1000.0  # N
 
 
 def recognises(root: Element) -> bool:
-    """Return whether this is an SDF file."""
-    return root.tag == "sdf"
+    """Return whether this is an SDF file, and none of Gazebo classic with the plugins of uuv_simulator."""
+    return root.tag == "sdf" and next(root.iter("hydrodynamic_model"), None) is None
 
 
 def imported(root: Element, text: str, place: str) -> Imported:
@@ -49,19 +51,26 @@ def imported(root: Element, text: str, place: str) -> Imported:
     Raises:
         InputError: no model, a number that is none, a body that is none.
     """
-    del text
-    return _Reading(root, place).vehicle()
+    return _Reading(root, place, ours=heading_of(text) is not None).vehicle()
+
+
+def tree_of_model(root: Element, base: str, place: str) -> tuple[Tree, tuple[str, ...]]:
+    """Return the links of an SDF model, in the frame of one of them and as one body (FLU); and doubts."""
+    reading = _Reading(root, place, base=base)
+    body = composite([reading.solid(name) for name in reading.links])
+    return Tree(reading.frames, body, tuple(reading.left)), tuple(reading.doubts)
 
 
 class _Reading:
     """A model being read."""
 
-    def __init__(self, root: Element, place: str) -> None:
+    def __init__(self, root: Element, place: str, *, ours: bool = False, base: str = "") -> None:
+        self.ours = ours  # towtank wrote it
         self.place, self.left, self.doubts = place, list[str](), list[str]()
         models = [*root.findall("model"), *root.findall("world/model")]
         if not models:
             raise InputError(f"{place}: found no <model>, expected an SDF file with a vehicle")
-        moved = [each for each in models if any("Hydrodynamics" in _name(plugin) for plugin in each.findall("plugin"))]
+        moved = [each for each in models if any(_moves(plugin) for plugin in each.findall("plugin"))]
         self.model = (moved or models)[0]
         self.left += [f"model {each.get('name')}" for each in models if each is not self.model and moved]
         self.density = self._density(root)
@@ -69,13 +78,13 @@ class _Reading:
         self.joints = {each.get("name", ""): each for each in self.model.findall("joint")}
         if not self.links:
             raise InputError(f"{place}: found a model without links, expected one with <link>")
-        self.base = self._base()
+        self.base = base if base in self.links else self._base()
         here = self._frame(self.base).inverse
         self.frames = {name: self._frame(name).within(here) for name in self.links}
 
     def vehicle(self) -> Imported:
         """Return what was read."""
-        body = rigid_body_of(composite([self._solid(name) for name in self.links]), self.place)
+        body = rigid_body_of(composite([self.solid(name) for name in self.links]), self.place)
         values = self._hydrodynamics()
         thrusters = [self._thruster(each) for each in self._plugins("Thruster")]
         names = [each["name"] for each in thrusters]
@@ -129,7 +138,8 @@ class _Reading:
             raise InputError(f'{self.place}: link {name}: pose relative to "{base}", expected another link')
         return own.within(self._frame(base, (*seen, name)))
 
-    def _solid(self, name: str) -> Solid:
+    def solid(self, name: str) -> Solid:
+        """Return the body of a link, in the frame of the base."""
         inertial, frame, place = self.links[name].find("inertial"), self.frames[name], f"{self.place}: link {name}"
         if inertial is None:
             self.doubts.append(f"link {name}: no inertial, Gazebo takes 1 kg and 1 kg m^2")
@@ -157,9 +167,11 @@ class _Reading:
                 total += volume or 0.0
                 moment += (volume or 0.0) * frame.p
         self.left += unknown
+        if total <= 0.0 and self.ours:
+            return Buoyancy(force=0.0)
         if total <= 0.0:
             self.doubts.append("no volume to displace water: taken as neutral, lifted at the centre of gravity")
-            centre = composite([self._solid(name) for name in self.links]).centre
+            centre = composite([self.solid(name) for name in self.links]).centre
             return Buoyancy(centre=tuple(turned_vector(centre).tolist()))
         lift = self.density * GRAVITY * total
         if lift > 1.5 * mass * GRAVITY or lift < 0.5 * mass * GRAVITY:
@@ -352,6 +364,10 @@ def _name(plugin: Element) -> str:
     return plugin.get("name", "")
 
 
+def _moves(plugin: Element) -> bool:
+    return "Hydrodynamics" in _name(plugin) or next(plugin.iter("hydrodynamic_model"), None) is not None
+
+
 def _is_true(text: str | None) -> bool:
     return (text or "").strip().lower() in ("true", "1", "1.0")
 
@@ -373,5 +389,6 @@ def added_mass_coefficients(M_A: Array) -> dict[str, float]:
 
 def thruster_name(joint: str) -> str:
     """Return a joint's name as that of a thruster."""
-    plain = re.sub(r"[^A-Za-z0-9_.-]+", "_", joint).strip("_")
+    plain = re.sub(r"[^A-Za-z0-9_.-]+", "_", joint)
+    plain = plain if plain == joint else plain.strip("_")
     return plain.removesuffix("_joint") or "thruster"

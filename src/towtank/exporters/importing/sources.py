@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from towtank.errors import InputError, nearest
 from towtank.exporters.heading import Heading, heading_of
 from towtank.exporters.importing.guarded import Imported, read_xml
+from towtank.exporters.importing.xacro import expanded, is_xacro
 from towtank.exporters.request import rounded
 from towtank.vehicle import RESTORING, Coefficient, Provenance, Restoring, Vehicle
 
@@ -37,8 +38,8 @@ class Source(NamedTuple):
 
 SOURCES = (
     Source("gz-sim", "gz_sim", "SDF of Gazebo: Hydrodynamics, Buoyancy and Thruster systems"),
-    Source("uuv-simulator", "uuv_simulator", "expanded URDF with the plugins of uuv_simulator"),
-    Source("urdf-hydrodynamics", "urdf", "URDF of blue and auv_controllers"),
+    Source("uuv-simulator", "uuv_simulator", "URDF, xacro or SDF with the plugins of uuv_simulator"),
+    Source("urdf-hydrodynamics", "urdf", "URDF of blue and auv_controllers, thrusters.yaml beside it"),
 )
 
 
@@ -56,19 +57,26 @@ def import_vehicle(path: str | os.PathLike[str], source: str = "auto") -> Import
         raise InputError(f'--from: found "{source}"{nearest(source, names)}; there are {", ".join(names)} and auto')
     place = Path(path)
     root, text = read_xml(place)
+    missing: tuple[str, ...] = ()
+    if is_xacro(root):
+        root, missing = expanded(root, place)
     known = [each for each in SOURCES if (each.reader.recognises(root) if source == "auto" else each.name == source)]
     if not known:
         raise InputError(
             f"{place}: found <{root.tag[:40]}>, expected one of {', '.join(names)}: none of them recognises it"
+            f"{f'; {missing[0]}' if missing else ''}"
         )
     try:
         found: Imported = known[0].reader.imported(root, text, str(place))
+        found = found._replace(left=(*found.left, *missing))
         heading = heading_of(text)
         vehicle = _with_origin(rounded(found.vehicle), place, found, heading)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(each) for each in first["loc"])
         raise InputError(f"{place}: {where}: {first['msg']}") from None
+    except InputError:
+        raise
     except (ArithmeticError, ValueError) as error:
         raise InputError(f"{place}: its numbers make no vehicle ({error})") from None
     return found._replace(vehicle=vehicle)

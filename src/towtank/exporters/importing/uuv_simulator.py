@@ -1,4 +1,4 @@
-"""Source `uuv-simulator`: a URDF or SDF with the plugins of uuv_simulator (Gazebo classic).
+"""Source `uuv-simulator`: a URDF, or an SDF of Gazebo classic, with the plugins of uuv_simulator.
 
 Its hydrodynamic numbers are FRD: the plugin turns velocities and forces. Links, joints, centre of buoyancy and
 thrusters are FLU. Only the diagonal of quadratic damping acts there, whatever the file holds.
@@ -15,9 +15,9 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.exporters.frames import turned_vector
-from towtank.exporters.importing.bodies import rigid_body_of
+from towtank.exporters.importing.bodies import pose, rigid_body_of
 from towtank.exporters.importing.guarded import Imported, number, numbers
-from towtank.exporters.importing.gz_sim import added_mass_coefficients, thruster_name
+from towtank.exporters.importing.gz_sim import added_mass_coefficients, thruster_name, tree_of_model
 from towtank.exporters.importing.known import doubts_of
 from towtank.exporters.importing.urdf import Tree, tree_of
 from towtank.vehicle import (
@@ -51,11 +51,11 @@ _THRUSTER = {
 
 def recognises(root: Element) -> bool:
     """Return whether a file has the hydrodynamic model of uuv_simulator."""
-    return root.tag == "robot" and next(root.iter("hydrodynamic_model"), None) is not None
+    return root.tag in ("robot", "sdf") and next(root.iter("hydrodynamic_model"), None) is not None
 
 
 def imported(root: Element, text: str, place: str) -> Imported:
-    """Return the vehicle of a URDF of uuv_simulator.
+    """Return the vehicle of a URDF of uuv_simulator, or of an SDF with its plugins.
 
     Raises:
         InputError: no hydrodynamic model, a number that is none, a body that is none.
@@ -68,13 +68,14 @@ def imported(root: Element, text: str, place: str) -> Imported:
     name = link.get("name", "")
     left += [f"hydrodynamic_model of link {each.get('name')}" for each in wet[1:]]
     left += [f"link {name}: {each.tag}" for each in link if each.tag not in _LINK]
-    tree = tree_of(root, _matching(root, name), place)
+    tree, unsure = _tree(root, _matching(root, name), place)
     left += tree.left
+    doubts += unsure
     body = rigid_body_of(tree.body, place)
     model = link.find("hydrodynamic_model")
     values = _hydrodynamics(link if model is None else model, f"{place}: link {name}", left, doubts)
     found = Vehicle(
-        name=root.get("name") or "vehicle",
+        name=_name(root) or "vehicle",
         rigid_body=body,
         buoyancy=_buoyancy(root, link, f"{place}: link {name}"),
         hydrodynamics=values,
@@ -88,14 +89,23 @@ def imported(root: Element, text: str, place: str) -> Imported:
     return Imported(found, "uuv-simulator", (*doubts, *doubts_of(found)), tuple(left))
 
 
+def _name(root: Element) -> str:
+    models = [each for each in root.iter("model") if next(each.iter("hydrodynamic_model"), None) is not None]
+    return (models or [root])[0].get("name", "")
+
+
 def _read(plugin: Element) -> bool:
     file = plugin.get("filename", "")
     return "thruster" in file or next(plugin.iter("hydrodynamic_model"), None) is not None
 
 
+def _tree(root: Element, base: str, place: str) -> tuple[Tree, tuple[str, ...]]:
+    return (tree_of(root, base, place), ()) if root.tag == "robot" else tree_of_model(root, base, place)
+
+
 def _matching(root: Element, name: str) -> str:
     """Return the URDF's link that the plugin's name stands for: namespaces may be missing on one side."""
-    names = [each.get("name", "") for each in root.findall("link")]
+    names = [each.get("name", "") for each in root.findall("link" if root.tag == "robot" else ".//model/link")]
     last = name.rpartition("/")[2]
     return next((each for each in names if each == name or each.rpartition("/")[2] == last), name)
 
@@ -181,11 +191,10 @@ def _thrusters(root: Element, tree: Tree, place: str, left: list[str]) -> tuple[
         left += [f"thruster {name}: {each.tag}" for each in plugin if each.tag not in _THRUSTER]
         frame = tree.frames[link]
         joint = (plugin.findtext("jointName") or "").strip()
-        axis = next((each.find("axis") for each in root.findall("joint") if each.get("name") == joint), None)
-        along = (1.0, 0.0, 0.0) if axis is None else numbers(axis.get("xyz", "1 0 0"), 3, f"{where}: axis")
-        if not any(along):
+        along = _axis(root, joint, where)
+        if not np.any(along):
             raise InputError(f"{where}: found an axis of length 0, expected a direction")
-        direction = frame.R @ np.array(along)
+        direction = frame.R @ along
         curve, sign = _curve(plugin, where, left)
         found.append(
             {
@@ -200,6 +209,19 @@ def _thrusters(root: Element, tree: Tree, place: str, left: list[str]) -> tuple[
     for k, each in enumerate(found):
         each["name"] = each["name"] if names.count(each["name"]) == 1 else f"{each['name']}_{k + 1}"
     return tuple(Thruster.model_validate(each) for each in found)
+
+
+def _axis(root: Element, name: str, place: str) -> Array:
+    """Return the axis (3,) of a joint, within the link that it turns."""
+    joint = next((each for each in root.iter("joint") if each.get("name") == name), None)
+    axis = None if joint is None else joint.find("axis")
+    if joint is None or axis is None:
+        return np.array([1.0, 0.0, 0.0])
+    if root.tag == "robot":
+        return np.array(numbers(axis.get("xyz", "1 0 0"), 3, f"{place}: axis"))
+    placed = joint.findtext("pose")
+    R = np.eye(3) if not placed else pose(numbers(placed, 6, f"{place}: joint {name}: pose")).R
+    return np.asarray(R @ np.array(numbers(axis.findtext("xyz") or "0 0 1", 3, f"{place}: axis")))
 
 
 def _lag(plugin: Element, place: str, left: list[str]) -> float:

@@ -44,6 +44,7 @@ _KINDS = {"odd": 0, "polynomial": 1, "table": 2, "quadratic": 3}
 _FUNCTIONS = ("fabs", "sqrt", "cos", "sin", "atan2", "asin", "pow", "exp")
 _RIGID = ("m", "I_x", "I_y", "I_z", "I_xy", "I_xz", "I_yz", "x_G", "y_G", "z_G")
 _RIGID_UNITS = ("kg", *("kg m^2",) * 6, *("m",) * 3)
+_LONGEST = 40  # letters of the vehicle's name in an identifier
 _SAMPLES = 513  # of a branch, to see whether it falls in between
 _DIGITS = {  # of double and of float: tolerance of the self-test and of allocation in it, bisections, largest number
     False: {"tolerance": "1e-11", "allocated": "1e-7", "bisections": "80", "largest": "1e300", "nothing": "1e-12"},
@@ -73,7 +74,7 @@ def written(request: Request, heading: Heading) -> dict[str, bytes]:
 
 def prefix_of(vehicle: Vehicle) -> str:
     """Return the vehicle's name as the beginning of a C identifier."""
-    name = re.sub(r"[^a-z0-9]+", "_", vehicle.name.lower()).strip("_") or "vehicle"
+    name = re.sub(r"[^a-z0-9]+", "_", vehicle.name.lower()).strip("_")[:_LONGEST].rstrip("_") or "vehicle"
     return name if name[0].isalpha() else f"v_{name}"
 
 

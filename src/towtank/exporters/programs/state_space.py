@@ -57,7 +57,14 @@ def linear_text(request: Request) -> str:
 
 
 def _wrapped(text: str, indent: str = "") -> str:
-    return textwrap.fill(text, 104, initial_indent=indent, subsequent_indent=indent + "    ")
+    return textwrap.fill(
+        text,
+        104,
+        initial_indent=indent,
+        subsequent_indent=indent + "    ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def _row(values: Array) -> str:

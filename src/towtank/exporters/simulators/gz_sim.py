@@ -81,6 +81,11 @@ def _require_stable(vehicle: Vehicle, engine: str) -> None:
 def _commanded(thruster: Thruster) -> Thruster:
     """Return a thruster that is commanded in N; one that is already, with its dead band."""
     low, high = (float(each) for each in _range(thruster))
+    if not low < high:
+        raise InputError(
+            f"{thruster.name}: its curve gives no force at any command, so that Gazebo has no range for it; mend the"
+            " curve or take the thruster out of the file"
+        )
     plain = PolynomialCurve(coefficients=(0.0, 1.0), limits=(low, high))
     same = plain.model_copy(update={"dead_band": thruster.curve.dead_band})
     curve = same if thruster.curve == same and thruster.gain == 1.0 else plain
