@@ -177,6 +177,11 @@ GIVEN: dict[str, Given] = {
         "another.csv": dive,
         **{f"{name}.csv": partial(surge, seed=k) for k, name in enumerate("ab", 1)},
     },
+    "tank-day.md": {
+        "bench.csv": partial(text, content=BENCH),
+        "tank.mcap": partial(half_of_a_run, tracked=False),
+        "kept.mcap": partial(half_of_a_run, tracked=False),
+    },
     "your-log.md": {
         "yaw_1.bag": bag,
         "rovio.toml": partial(block, page="docs/your-log.md", word="/rovio/imu/data"),

@@ -205,7 +205,7 @@ def test_a_vehicle_that_cannot_be_guarded_is_refused_in_one_line():
     ):
         with pytest.raises(InputError, match=words):
             Guard.of(changed, TANK, [])
-    with pytest.raises(InputError, match="larger space"):
+    with pytest.raises(InputError, match="take a tank of"):
         Guard.of(vehicle, Space.from_text("1x1x1"), [])
 
 

@@ -52,5 +52,12 @@ def learned(make: Any, logs: Path) -> Made:
 
 
 @pytest.fixture(scope="session")
+def planned(make: Any) -> Made:
+    """Two segments in a tank, after which one of four coefficients is known too little."""
+    wishes = ("--want", "X_udot,X_uu,N_rdot,N_rr", "--accuracy", "2.9%", "--minutes", 0.27)
+    return make("planned", "plan", "bluerov2_heavy", "--space", "5x5x2.5", *wishes)
+
+
+@pytest.fixture(scope="session")
 def judged(make: Any, logs: Path, learned: Made) -> Made:
     return make("judged", "validate", logs / "learned.toml", logs / "yaw.csv", "--horizon", 3)

@@ -30,7 +30,7 @@ def chromium() -> Iterator[object]:
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [390, 1440])
-@pytest.mark.parametrize("kind", ["learned", "judged"])
+@pytest.mark.parametrize("kind", ["learned", "judged", "planned"])
 def test_it_opens_offline_and_fits(
     kind: str, width: int, scheme: str, chromium, request: pytest.FixtureRequest
 ) -> None:
@@ -57,7 +57,7 @@ def test_it_opens_offline_and_fits(
     context.close()
 
 
-@pytest.mark.parametrize("kind", ["learned", "judged"])
+@pytest.mark.parametrize("kind", ["learned", "judged", "planned"])
 def test_nothing_is_wider_than_the_paper(kind: str, chromium, request: pytest.FixtureRequest) -> None:
     made: Made = request.getfixturevalue(kind)
     page = chromium.new_page(viewport={"width": 687, "height": 1000}, color_scheme="dark")  # 182 mm of A4

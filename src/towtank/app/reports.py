@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -13,19 +14,22 @@ from typing import TYPE_CHECKING
 from towtank.app.tables.learning import delay_deviation, disturbance_document, noise_document, supposed_values
 from towtank.identification import LogLearning
 from towtank.identification.offline.convergence import convergence
+from towtank.planning import Outlook, Plan, draws_of, forecast, forecasts, unsteered
 from towtank.recording import Recording
-from towtank.report import LearnFacts
+from towtank.report import LearnFacts, PlanFacts
 from towtank.report.learn_page import report_html
+from towtank.report.plan_page import plan_html
 from towtank.validation import Usability, Validation, residuals
 from towtank.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from towtank.report import LogFile, Origin
 
-__all__ = ["learn_facts", "origin_of", "write_learn_report", "write_report"]
+__all__ = ["learn_facts", "origin_of", "plan_facts", "write_learn_report", "write_plan_report", "write_report"]
 
 _LIBRARIES = ("numpy", "scipy", "numba")
 _CHUNK = 1 << 20
+_DRAWN = 40  # vehicles whose paths a report of a plan shows
 
 
 def write_report(path: Path, html: str) -> None:
@@ -117,3 +121,23 @@ def learn_facts(
         driven=learning.driven,
         warnings=warnings,
     )
+
+
+def plan_facts(made: Plan, vehicle: Vehicle, force: float | None = None) -> PlanFacts:
+    """Return what a report of a plan is made of: it is forecast again, for the middle vehicle and for some others.
+
+    Args:
+        force: random force in the water [N], as it was planned with.
+    """
+    outlook = Outlook.of(vehicle, made.sensors, force=force)
+    middle = draws_of(outlook, 1)[0]
+    driven = [each.segment for each in made.segments]
+    rest = made.commands(vehicle)[:2]
+    before = replace(forecast(outlook, middle, rest), covariance=outlook.known.covariance)
+    steps = forecasts(outlook, middle, driven, made.space)
+    return PlanFacts(vehicle, made, before, steps, unsteered(outlook, driven, made.space, vehicles=_DRAWN, forces=1))
+
+
+def write_plan_report(path: Path, facts: PlanFacts, commands: Sequence[str]) -> None:
+    """Write the report of a plan. Raises InputError where it cannot be written."""
+    write_report(path, plan_html(replace(facts, origin=origin_of((), commands))))

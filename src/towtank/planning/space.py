@@ -125,7 +125,8 @@ class Space:
             if value < needed:
                 raise InputError(
                     f"space: {vehicle.name} is {2.0 * radius:.2g} m across and needs {needed:.2g} m along {axis} with"
-                    f" {self.margin:g} m to each wall and {_ROOM:g} m to move, found {value:g} m; take a larger space"
+                    f" {self.margin:g} m to each wall and {_ROOM:g} m to move, found {value:g} m; take a tank of"
+                    f" {needed:.2g} x {needed:.2g} x {needed:.2g} m at least"
                 )
         if self.start is not None and self.clearance(np.array(self.start), radius) < self.margin:
             raise InputError(

@@ -8,13 +8,14 @@ from dataclasses import dataclass, field, replace
 
 from towtank.identification import Estimate
 from towtank.identification.offline.convergence import Convergence
+from towtank.planning import Forecast, Plan, Unsteered
 from towtank.recording import Recording
 from towtank.recording.consistency import Finding
 from towtank.recording.event import Event
 from towtank.validation import Comparison, CrossValidation, Prediction, Residual, Usability, Validation
 from towtank.vehicle import Vehicle
 
-__all__ = ["LearnFacts", "LogFile", "Origin", "ValidateFacts"]
+__all__ = ["LearnFacts", "LogFile", "Origin", "PlanFacts", "ValidateFacts"]
 
 
 @dataclass(frozen=True)
@@ -130,4 +131,21 @@ class ValidateFacts:
     recordings: Sequence[Recording] = ()
     left_out: Sequence[str] = ()
     warnings: Sequence[str] = ()
+    origin: Origin = Origin()
+
+
+@dataclass(frozen=True)
+class PlanFacts:
+    """What to drive, and what comes of it.
+
+    Attributes:
+        before: what is known of the middle vehicle. steps: after each segment, with its path.
+        drawn: runs of other vehicles that it may be.
+    """
+
+    vehicle: Vehicle
+    plan: Plan
+    before: Forecast
+    steps: Sequence[Forecast]
+    drawn: Unsteered
     origin: Origin = Origin()

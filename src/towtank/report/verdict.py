@@ -11,6 +11,7 @@ import numpy as np
 from towtank.digits import joined
 from towtank.identification.model.terms import AXES, Axis
 from towtank.identification.posterior.estimate import Estimate, Learned
+from towtank.planning import Plan
 from towtank.recording.axes import judged_by
 from towtank.recording.consistency import Finding
 from towtank.recording.standard import POSE, VELOCITIES
@@ -18,7 +19,16 @@ from towtank.validation import AxisUse, Usability
 from towtank.validation.usability import SHORTEST
 from towtank.vehicle.names import COLUMNS, ROWS
 
-__all__ = ["NAMES", "Verdict", "learn_verdict", "state_of", "usable_text", "validate_verdict"]
+__all__ = [
+    "NAMES",
+    "Verdict",
+    "learn_verdict",
+    "plan_notes",
+    "plan_verdict",
+    "state_of",
+    "usable_text",
+    "validate_verdict",
+]
 
 _SURE, _FAIR = 0.1, 0.5  # relative deviations: known, roughly known
 _GOOD, _USABLE = 80.0, 50.0  # fits [%]
@@ -26,6 +36,7 @@ _GRADES = ("poor", "fair", "good")
 _SPEEDS = np.geomspace(0.05, 2.0, 24)  # m/s, rad/s: at which drag is looked at
 _DRIFTING = {"x", "y"}  # these add up every push of the water, whatever the model
 _MANY = ("the speeds", "the motion")
+_OFTEN = 0.05  # from which on the end of a run at a wall is told
 _ALIKE = 3.0  # ratio up to which the larger of two relative deviations stands for both
 _MERGED = ("stands for both", "cannot be told apart", "are correlated", "stands in proportion", "known only together")
 NAMES: Mapping[str, str] = {
@@ -276,3 +287,49 @@ def _fit(value: float) -> str:
     if value < 0.0:
         return "diverges" if value <= -999.0 else "worse than its mean"
     return f"fit {value:.0f} %"
+
+
+def plan_verdict(made: Plan) -> Verdict:
+    """Return what will be known after a plan, and after how long."""
+    known = [each for each in made.expected if not each.reason]
+    every, many = len(made.expected), len(made.segments)
+    after = f"after {made.manoeuvring:g} s of manoeuvring, in {many} segment{'' if many == 1 else 's'}"
+    share = f"{100.0 * made.accuracy:g} %"
+    if len(known) == every:
+        which = f"all {every} coefficients that are wanted" if every > 1 else made.expected[0].name
+        text = f"{which} will be known to {share} {after}."
+        return Verdict("good", f"{text[0].upper()}{text[1:]}")
+    return Verdict(
+        "fair" if known else "poor",
+        f"{len(known) or 'None'} of {every} coefficients that are wanted will be known to {share} {after}.",
+    )
+
+
+def plan_notes(made: Plan) -> list[str]:
+    """Return what of the wishes cannot be had and what it would take, a line each: coefficients, then the tank."""
+    said: dict[str, list[str]] = {}
+    slow = []
+    for each in made.expected:
+        if each.reason and np.isfinite(each.needs):
+            slow.append(each)
+        elif each.reason:
+            said.setdefault(each.reason, []).append(each.name)
+    lines = [f"{joined(names)}: {reason}" for reason, names in said.items()]
+    if slow:
+        last = max(slow, key=lambda each: each.needs)
+        others = f"; {len(slow) - 1} more need less" if len(slow) > 1 else ""
+        takes = last.reason.removeprefix("would take ")
+        lines.append(
+            f"{100.0 * made.accuracy:g} % of {last.name} needs {takes}, this plan has {made.manoeuvring:g} s"
+            f" (--minutes){others}"
+        )
+    if made.room is not None and made.leaves > _OFTEN:
+        often = f"in {100.0 * made.leaves:.0f} % of cases"
+        if np.isfinite(made.room).all():
+            size = " x ".join(f"{np.ceil(10.0 * each) / 10.0:g}" for each in made.room)
+            lines.append(
+                f"driven as it stands, with nobody steering, it ends at a wall {often}: {size} m would hold 95 %"
+            )
+        else:
+            lines.append(f"driven as it stands, with nobody steering, it ends at a wall {often}, in any tank")
+    return lines

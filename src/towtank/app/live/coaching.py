@@ -16,7 +16,7 @@ from towtank.app.live.designing import Designer
 from towtank.errors import InputError
 from towtank.identification import Estimate
 from towtank.live.session import Session
-from towtank.planning import Outlook, Plan, diagonal
+from towtank.planning import Outlook, Plan, Segment, diagonal
 from towtank.planning.coach import AXES, Coach, Known, Movement, Next, Stage, View
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle, index
