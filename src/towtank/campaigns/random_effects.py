@@ -1,0 +1,274 @@
+"""Random effects: a mean, members that differ from it, and runs of a member that differ from the member.
+
+    run r of member v       l_r(x_r) = e_r^T x_r - 1/2 x_r^T L_r x_r, what its data say of p coefficients
+    run within its member   x_r = x_v + w_r,  w_r ~ N(0, diag(within))
+    member                  x_v = mu + b_v,   b_v ~ N(0, diag(between))
+
+The information L_r (p, p) may be singular: a run says nothing of some directions, and nothing here inverts it. A random
+effect of covariance D that stands between the data and what they are asked for leaves of them
+
+    L' = L (I + D L)^-1,   e' = (I + L D)^-1 e
+
+which is (L^-1 + D)^-1 where L has an inverse. Applied to the runs with D = diag(within), summed over the runs of each
+member, and applied once more with diag(between), this is the likelihood of mu; with it goes the log determinant of
+I + D L. Variances maximise the restricted likelihood, that of the contrasts which mu does not touch (Patterson and
+Thompson, Biometrika 58, 1971), by Fisher scoring within variance >= 0. With P of that likelihood and Z what a random
+effect acts on, u = Z^T P y is what the data pull at the effect and Q = Z^T P Z its covariance: the score of a variance
+is half the sum of u^2 - Q over its effects, and u / sqrt(Q) tells how many deviations an effect is out of line.
+
+Intervals are those of Student's t, with the degrees of freedom of Satterthwaite (Biometrics Bulletin 2, 1946): the
+variance v of a combination is a function of the variances estimated; g its gradient and A their covariance, v is known
+as well as a chi-square of 2 v^2 / (g^T A g) degrees. In a balanced design it is members less one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from towtank.core.arrays import Array
+
+__all__ = ["Evidence", "Solution", "Variances", "restricted_maximum", "solved"]
+
+_FLAT = 1e-6  # information of the mean while variances are asked for, where coordinates are in units of what is known
+_ROUNDS, _HALVINGS = 200, 30
+_STILL = 1e-9  # gain of the log likelihood that is none
+_LEAST_DEGREES = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What n runs of m members say of p coefficients.
+
+    Attributes:
+        information: (n, p, p) of each run, positive semidefinite. score: (n, p) information times what it says.
+        member: (n,) of each run, 0 .. m - 1.
+    """
+
+    information: Array
+    score: Array
+    member: NDArray[np.int64]
+
+    @property
+    def members(self) -> int:
+        """Their number m."""
+        return int(self.member.max()) + 1
+
+    def without(self, runs: NDArray[np.bool_]) -> Evidence:
+        """Return it with these runs (n,) saying nothing."""
+        kept = ~runs
+        return replace(self, information=self.information * kept[:, None, None], score=self.score * kept[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class Variances:
+    """Of the effects of members and of runs, (p,) each."""
+
+    between: Array
+    within: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The mean and the effects at given variances.
+
+    Attributes:
+        mean, covariance: of mu, (p,) and (p, p). likelihood: log of the restricted one, but for a constant.
+        run_information: L' of each run (n, p, p); member_information: of each member (m, p, p).
+        member_mean, member_covariance: of x_v, (m, p) and (m, p, p), the uncertainty of mu in it.
+        pull, pull_covariance: u (m, p) and Q (m, p, p) of the members' effects; run_pull, run_pull_covariance: (n, p)
+            and (n, p, p) of the runs'.
+    """
+
+    evidence: Evidence
+    variances: Variances
+    mean: Array
+    covariance: Array
+    likelihood: float
+    run_information: Array
+    member_information: Array
+    member_mean: Array
+    member_covariance: Array
+    pull: Array
+    pull_covariance: Array
+    run_pull: Array
+    run_pull_covariance: Array
+
+    @property
+    def gradient(self) -> tuple[Array, Array]:
+        """Derivatives (p,) of the likelihood by the variances between and within."""
+        return (
+            0.5 * np.sum(self.pull**2 - _diagonals(self.pull_covariance), axis=0),
+            0.5 * np.sum(self.run_pull**2 - _diagonals(self.run_pull_covariance), axis=0),
+        )
+
+    @cached_property
+    def information(self) -> Array:
+        """Fisher's (2 p, 2 p) of the variances, between first: 1/2 tr(P Z_i Z_i^T P Z_j Z_j^T).
+
+        Within, pairs of runs of different members are left out, which have the mean alone in common.
+        """
+        p, member = self.mean.size, self.evidence.member
+        between = _squares(self.member_information, self.covariance)
+        within = np.zeros((p, p))
+        for v in range(self.evidence.members):
+            within += _squares(self.run_information[member == v], self.member_covariance[v])
+        both = np.zeros((p, p))
+        whole = _sums(self.run_information, member)
+        for v in range(self.evidence.members):
+            left = np.eye(p) - whole[v] @ self.member_covariance[v]
+            both += np.sum((left @ self.run_information[member == v]) ** 2, axis=0)
+        return 0.5 * np.block([[between, both], [both.T, within]])
+
+    def deviations(self, rows: Array, effects: Array | None = None) -> tuple[Array, Array]:
+        """Return variance (k,) and degrees of freedom (k,) of combinations of mu, and of new effects upon them.
+
+        Args:
+            rows: (k, p). effects: (2, p) 1 where a new member's and a new run's effect counts, too; default: none.
+        """
+        added = np.zeros((2, rows.shape[1])) if effects is None else effects
+        spread = added[0] * self.variances.between + added[1] * self.variances.within
+        variance = np.einsum("ki,ij,kj->k", rows, self.covariance, rows) + rows**2 @ spread
+        seen = rows @ self.covariance
+        by_member = np.sum((seen @ self.member_information) ** 2, axis=0)
+        left = np.eye(self.mean.size) - self.variances.between[:, None] * self.member_information
+        by_run = np.sum((seen @ (left.transpose(0, 2, 1)[self.evidence.member] @ self.run_information)) ** 2, axis=0)
+        slope = np.hstack([by_member + rows**2 * added[0], by_run + rows**2 * added[1]])
+        uncertain = np.einsum("ki,ij,kj->k", slope, self.uncertainty, slope)
+        with np.errstate(divide="ignore"):
+            degrees = np.where(uncertain > 0.0, 2.0 * variance**2 / uncertain, np.inf)
+        return variance, np.maximum(degrees, _LEAST_DEGREES)
+
+    @cached_property
+    def uncertainty(self) -> Array:
+        """Covariance (2 p, 2 p) of the variances. None is above 1, the square of what is supposed of the coefficient."""
+        return np.asarray(np.linalg.inv(self.information + np.eye(2 * self.mean.size)))
+
+
+def solved(evidence: Evidence, variances: Variances, prior: Array | None = None) -> Solution:
+    """Return mean and effects at these variances.
+
+    Args:
+        prior: information (p, p) of mu, whose mean is then 0; default: next to none.
+    """
+    p, member = evidence.score.shape[1], evidence.member
+    by_run, run_score, run_size = _left(evidence.information, evidence.score, variances.within)
+    whole, score = _sums(by_run, member), _sums(run_score, member)
+    by_member, member_score, member_size = _left(whole, score, variances.between)
+    total = by_member.sum(axis=0) + (_FLAT * np.eye(p) if prior is None else prior)
+    covariance = _inverse(total)
+    mean = covariance @ member_score.sum(axis=0)
+    likelihood = -0.5 * (run_size + member_size + float(np.linalg.slogdet(total)[1]))
+    likelihood += 0.5 * float(np.sum(evidence.score * variances.within * run_score))
+    likelihood += 0.5 * (float(np.sum(score * variances.between * member_score)) + float(mean @ total @ mean))
+    between = variances.between
+    left = np.eye(p) - between[:, None] * by_member  # (I + D L)^-1
+    member_covariance = np.diag(between) - between[:, None] * by_member * between
+    member_covariance = member_covariance + left @ covariance @ left.transpose(0, 2, 1)
+    member_mean = left @ mean + between * member_score
+    return Solution(
+        evidence=evidence,
+        variances=variances,
+        mean=mean,
+        covariance=covariance,
+        likelihood=likelihood,
+        run_information=by_run,
+        member_information=by_member,
+        member_mean=member_mean,
+        member_covariance=member_covariance,
+        pull=member_score - by_member @ mean,
+        pull_covariance=by_member - by_member @ covariance @ by_member,
+        run_pull=run_score - np.einsum("nij,nj->ni", by_run, member_mean[member]),
+        run_pull_covariance=by_run - by_run @ member_covariance[member] @ by_run,
+    )
+
+
+def restricted_maximum(evidence: Evidence, asked: NDArray[np.bool_], start: Variances) -> Variances:
+    """Return the variances of the highest restricted likelihood.
+
+    Args:
+        asked: which (2, p) of those between and within are; the others stay. start: where the search begins.
+    """
+    p = asked.shape[1]
+    asked = asked.reshape(-1)
+    x = np.concatenate([start.between, start.within])
+    at = solved(evidence, Variances(x[:p], x[p:]))
+    for _ in range(_ROUNDS):
+        slope = np.concatenate(at.gradient)
+        free = asked & ((x > 0.0) | (slope > 0.0))
+        if not free.any():
+            break
+        rows = np.flatnonzero(free)
+        information = at.information[np.ix_(rows, rows)]
+        scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+        unit = information / np.outer(scale, scale) + 1e-6 * np.eye(rows.size)
+        step = np.zeros(2 * p)
+        step[rows] = np.linalg.solve(unit, slope[rows] / scale) / scale
+        alone = np.zeros(2 * p)
+        alone[rows] = slope[rows] / scale**2  # uphill in every coordinate, where the bound at 0 bends the step
+        found = _uphill(evidence, at, x, step) or _uphill(evidence, at, x, alone)
+        if found is None:
+            break
+        better = found.likelihood - at.likelihood
+        at, x = found, np.concatenate([found.variances.between, found.variances.within])
+        if better < _STILL:
+            break
+    return at.variances
+
+
+def _uphill(evidence: Evidence, at: Solution, x: Array, step: Array) -> Solution | None:
+    """Return the solution along a step, of the first of its halves that is more likely; None where none is."""
+    p = x.size // 2
+    share = 1.0
+    for _ in range(_HALVINGS):
+        tried = np.maximum(x + share * step, 0.0)
+        found = solved(evidence, Variances(tried[:p], tried[p:]))
+        if found.likelihood > at.likelihood:
+            return found
+        share *= 0.5
+    return None
+
+
+def _left(information: Array, score: Array, variance: Array) -> tuple[Array, Array, float]:
+    """Return what an effect of this variance (p,) leaves of information (n, p, p) and score (n, p), and its size.
+
+    The size is the sum of log det (I + D L).
+    """
+    root = np.sqrt(variance)
+    inner = np.eye(root.size) + root[:, None] * information * root
+    both = np.concatenate([root[:, None] * information, (root * score)[:, :, None]], axis=2)
+    taken = (information * root) @ np.linalg.solve(inner, both)
+    size = float(np.linalg.slogdet(inner)[1].sum())
+    left = information - taken[:, :, :-1]
+    return 0.5 * (left + left.transpose(0, 2, 1)), score - taken[:, :, -1], size
+
+
+def _sums(each: Array, member: NDArray[np.int64]) -> Array:
+    """Return the sums over the runs of each member."""
+    out = np.zeros((int(member.max()) + 1, *each.shape[1:]))
+    np.add.at(out, member, each)
+    return out
+
+
+def _squares(information: Array, common: Array) -> Array:
+    """Return (p, p) the sum over all pairs (r, s) of the squares of [r = s] L_r - L_r C L_s, element by element."""
+    p = common.shape[0]
+    outer = np.einsum("rik,rjk->kij", information, information, optimize=True)
+    seen = common @ outer
+    pairs = seen.reshape(p, p * p) @ seen.transpose(0, 2, 1).reshape(p, p * p).T
+    own = information @ common @ information
+    return np.asarray(np.sum(information**2 - 2.0 * information * own, axis=0) + pairs)
+
+
+def _inverse(information: Array) -> Array:
+    """Return the inverse (p, p) of a positive definite matrix."""
+    scale = 1.0 / np.sqrt(np.diag(information))
+    inverse = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
+    return np.asarray(0.5 * (inverse + inverse.T))
+
+
+def _diagonals(matrices: Array) -> Array:
+    return np.einsum("nii->ni", matrices)
