@@ -12,7 +12,7 @@ single run (`_OF_A_RUN`: delay, latencies, constant forces) is integrated out be
 Then `random_effects`: run within vehicle within class. Spreads are of single coefficients and independent of each
 other, in the coordinates in which the prior is Gaussian: of total inertias and gains, logarithms. Motion tells forces
 only in units of the thrust, so that inertias and forces are pooled as multiples of the mean gain of the thrusters, in
-which no run has anything to say of the scale (`_per_thrust`); the scale of the class is as uncertain as the prior has
+which no run has anything to say of the scale (`per_thrust`); the scale of the class is as uncertain as the prior has
 it, however many vehicles there are. Gains are a vehicle's, and do not differ from run to run.
 """
 
@@ -56,7 +56,7 @@ _FARTHEST = 3.0  # deviations
 _SAME = 1e-6  # share by which a deviation that was kept may differ
 _SAME_PRIOR = 0.01
 _CHANCE = 0.05  # of naming any run of a class as an outlier where there is none
-_SUSPECT = 2.5  # deviations, the run itself among those that it is compared with
+_SUSPECT, _SUSPECTS = 0.8, 3  # of what an outlier has while it is among those that it is compared with; asked at a time
 _MOST_OUTLIERS = 12
 _START = 1e-2  # of a variance, in units of what was supposed
 _NORMAL_95 = 1.959963984540054
@@ -311,12 +311,16 @@ def pool(runs: Sequence[Run]) -> Fleet:
 
 @dataclass(frozen=True, eq=False)
 class _Likelihood:
-    """What a run's data say, about theta (n,): the information (n, n) and the gradient (n,) of the log likelihood."""
+    """What a run's data say, about theta (n,): the information (n, n) and the gradient (n,) of the log likelihood.
+
+    `unscaled`: all forces were unknown, so that the data say nothing of the scale of thrust.
+    """
 
     free: FreeParameters
     theta: Array
     information: Array
     gradient: Array
+    unscaled: bool = True
 
 
 def _likelihood(run: Run) -> _Likelihood:
@@ -345,7 +349,8 @@ def _likelihood(run: Run) -> _Likelihood:
     )
     order = np.argsort(some)
     free = prior.free.subset([prior.names[row] for row in some])
-    return _Likelihood(free, theta[some][order], information[np.ix_(order, order)], gradient[order])
+    unscaled = bool((_is_force(prior.free) | _is_inertia(prior.free))[np.setdiff1d(np.arange(len(prior.free)), rows)].sum() == 0)
+    return _Likelihood(free, theta[some][order], information[np.ix_(order, order)], gradient[order], unscaled)
 
 
 def _taken_out(posterior: tuple[Array, Array], prior: tuple[Array, Array], theta: Array) -> tuple[Array, Array]:
@@ -465,7 +470,7 @@ def _pooled(runs: Sequence[Run]) -> FleetClass:
     member = np.array([vehicles.index(run.vehicle) for run in runs])
     points = [_point(prior, run, each, base) for run, each in zip(runs, own, strict=True)]
     centre = np.mean(points, axis=0)
-    q, turn = _per_thrust(prior.free, centre)
+    q, turn = per_thrust(prior.free, centre)
     near, near_covariance = prior.seen_from(centre)
     supposed = q + turn @ (near - centre)
     covariance = turn @ near_covariance @ turn.T
@@ -478,7 +483,7 @@ def _pooled(runs: Sequence[Run]) -> FleetClass:
     outliers = _outliers(runs, prior.names, evidence, spreads.asked, variances)
 
     at = supposed + unit * found.mean
-    theta, back = _from_thrust(prior.free, at)
+    theta, back = thrust_undone(prior.free, at)
     rows = back * unit
     effects = np.ones((2, len(unit)))
     new = found.covariance + np.diag(variances.between + variances.within)
@@ -558,8 +563,12 @@ def _evidence(
         rows = [free.names.index(_named(name, free.names)) for name in each.free.names]
         whole, gradient = np.zeros((p, p)), np.zeros(p)
         whole[np.ix_(rows, rows)], gradient[rows] = each.information, each.gradient
-        q, turn = _per_thrust(free, theta)
-        back = np.linalg.inv(turn) * unit  # d theta / d x, x the coordinates here
+        q, turn = per_thrust(free, theta)
+        back = np.linalg.inv(turn)  # d theta / d q
+        if each.unscaled:  # but for errors of the first order, which many runs would add up
+            share = _gain_share(free)
+            back = back @ (np.eye(p) - np.outer(share > 0.0, share))
+        back = back * unit
         information[r] = back.T @ whole @ back
         score[r] = back.T @ gradient + information[r] @ ((q - supposed) / unit)
     return Evidence(information, score, member)
@@ -583,7 +592,7 @@ def _gain_share(free: FreeParameters) -> Array:
     return gains / gains.sum() if gains.sum() > 1 else np.zeros(len(free))
 
 
-def _per_thrust(free: FreeParameters, theta: Array) -> tuple[Array, Array]:
+def per_thrust(free: FreeParameters, theta: Array) -> tuple[Array, Array]:
     """Return inertias and forces as multiples of the thrusters' mean gain (n,), and d q / d theta (n, n)."""
     share, forces, inertias = _gain_share(free), _is_force(free), _is_inertia(free)
     scale = float(share @ theta)
@@ -592,12 +601,12 @@ def _per_thrust(free: FreeParameters, theta: Array) -> tuple[Array, Array]:
     return q, np.diag(shrink) - np.outer(np.where(forces, q, 0.0) + inertias, share)
 
 
-def _from_thrust(free: FreeParameters, q: Array) -> tuple[Array, Array]:
+def thrust_undone(free: FreeParameters, q: Array) -> tuple[Array, Array]:
     """Return theta (n,) of q, and d theta / d q (n, n)."""
     share, forces, inertias = _gain_share(free), _is_force(free), _is_inertia(free)
     scale = float(share @ q)
     theta = np.where(forces, math.exp(scale), 1.0) * q + np.where(inertias, scale, 0.0)
-    return theta, np.asarray(np.linalg.inv(_per_thrust(free, theta)[1]))
+    return theta, np.asarray(np.linalg.inv(per_thrust(free, theta)[1]))
 
 
 def _spreads(evidence: Evidence, prior: Array, free: FreeParameters) -> _Spreads:
@@ -685,23 +694,27 @@ def _outliers(
     out = np.zeros(len(runs), dtype=np.bool_)
     level = _CHANCE / (len(runs) * int(tested.sum()))
     while len(found) < _MOST_OUTLIERS:
-        away = np.where(out[:, None] | ~tested, 0.0, _away(solved(evidence.without(out), variances)))
-        gravest = np.argsort(-np.abs(away).max(axis=1))[:3]
+        kept = evidence.without(out)
+        away = np.where(out[:, None] | ~tested, 0.0, np.abs(_away(solved(kept, variances))))
+        degrees = np.maximum(np.sum(np.diagonal(kept.information, axis1=1, axis2=2) > 1.0, axis=0) - kept.members, 2)
+        far = _quantile(level, degrees - 1)
+        suspect = (away / (far * np.sqrt(degrees / (degrees - 1 + far**2)))).max(axis=1)
         candidates = []
-        for r in gravest[np.abs(away[gravest]).max(axis=1) > _SUSPECT]:
+        for r in np.argsort(-suspect)[:_SUSPECTS]:
+            if suspect[r] < _SUSPECT:
+                continue
             alone = out.copy()
             alone[r] = True
             others = restricted_maximum(evidence.without(alone), asked, variances)
-            score = np.where(tested, _away(solved(evidence.without(out), others))[r], 0.0)
-            k = int(np.argmax(np.abs(score)))
-            degrees = max(_runs_that_know(evidence.without(alone), k) - evidence.members, 1)
-            if _chance(float(score[k]), degrees) < level:
+            score = np.where(tested, _away(solved(kept, others))[r], 0.0)
+            k = int(np.argmax(np.abs(score) / far))
+            if abs(score[k]) > far[k]:
                 candidates.append((abs(float(score[k])), int(r), k, float(score[k]), others))
         if not candidates:
             break
-        _, r, k, score_k, variances = max(candidates, key=lambda each: each[0])
+        _, r, k, deviations, variances = max(candidates, key=lambda each: each[0])
         out[r] = True
-        found.append(Outlier(runs[r].vehicle, runs[r].label, names[k], score_k))
+        found.append(Outlier(runs[r].vehicle, runs[r].label, names[k], deviations))
     return tuple(sorted(found, key=lambda each: -abs(each.deviations)))
 
 
@@ -712,11 +725,6 @@ def _away(solution: Solution) -> Array:
     return np.asarray(np.where(large, solution.run_pull / np.sqrt(np.where(large, variance, 1.0)), 0.0))
 
 
-def _runs_that_know(evidence: Evidence, k: int) -> int:
-    """Return how many runs say anything worth saying of a coefficient."""
-    return int(np.sum(evidence.information[:, k, k] > 1.0))
-
-
 def _student(degrees: Array) -> Array:
     """Return the 97.5 % quantile of Student's t."""
     from scipy.special import stdtrit
@@ -724,11 +732,11 @@ def _student(degrees: Array) -> Array:
     return np.asarray(np.where(np.isfinite(degrees), stdtrit(np.minimum(degrees, 1e6), 0.975), _NORMAL_95))
 
 
-def _chance(deviations: float, degrees: int) -> float:
-    """Return how likely as many deviations, either way, are by chance."""
-    from scipy.special import stdtr
+def _quantile(level: float, degrees: NDArray[np.int64]) -> Array:
+    """Return how many deviations of Student's t are exceeded, either way, with a chance of `level`."""
+    from scipy.special import stdtrit
 
-    return 2.0 * float(stdtr(degrees, -abs(deviations)))
+    return np.asarray(stdtrit(degrees, 1.0 - 0.5 * level))
 
 
 def _share(spread: float | None, each: Pooled) -> str:

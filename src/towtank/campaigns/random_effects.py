@@ -34,8 +34,8 @@ from towtank.core.arrays import Array
 __all__ = ["Evidence", "Solution", "Variances", "restricted_maximum", "solved"]
 
 _FLAT = 1e-6  # information of the mean while variances are asked for, where coordinates are in units of what is known
-_ROUNDS, _HALVINGS = 200, 30
-_STILL = 1e-9  # gain of the log likelihood that is none
+_ROUNDS, _HALVINGS = 200, 20
+_STILL = 1e-6  # gain of the log likelihood that is none
 _LEAST_DEGREES = 1.0
 
 
@@ -198,25 +198,32 @@ def restricted_maximum(evidence: Evidence, asked: NDArray[np.bool_], start: Vari
     at = solved(evidence, Variances(x[:p], x[p:]))
     for _ in range(_ROUNDS):
         slope = np.concatenate(at.gradient)
-        free = asked & ((x > 0.0) | (slope > 0.0))
-        if not free.any():
+        step = _step(at.information, slope, x, asked)
+        if float(slope @ step) < _STILL:
             break
-        rows = np.flatnonzero(free)
-        information = at.information[np.ix_(rows, rows)]
-        scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-        unit = information / np.outer(scale, scale) + 1e-6 * np.eye(rows.size)
-        step = np.zeros(2 * p)
-        step[rows] = np.linalg.solve(unit, slope[rows] / scale) / scale
-        alone = np.zeros(2 * p)
-        alone[rows] = slope[rows] / scale**2  # uphill in every coordinate, where the bound at 0 bends the step
-        found = _uphill(evidence, at, x, step) or _uphill(evidence, at, x, alone)
+        found = _uphill(evidence, at, x, step)
         if found is None:
             break
-        better = found.likelihood - at.likelihood
         at, x = found, np.concatenate([found.variances.between, found.variances.within])
-        if better < _STILL:
-            break
     return at.variances
+
+
+def _step(information: Array, slope: Array, x: Array, asked: NDArray[np.bool_]) -> Array:
+    """Return the scoring step (2 p,) from variances x that ends at 0 or above; what it would take below stays at 0."""
+    step = np.zeros(x.size)
+    free = asked & ((x > 0.0) | (slope > 0.0))
+    while free.any():
+        rows = np.flatnonzero(free)
+        scale = np.sqrt(np.maximum(np.diag(information)[rows], 1e-300))
+        unit = information[np.ix_(rows, rows)] / np.outer(scale, scale) + 1e-6 * np.eye(rows.size)
+        rest = slope[rows] - information[np.ix_(rows, np.flatnonzero(~free))] @ step[~free]
+        step[rows] = np.linalg.solve(unit, rest / scale) / scale
+        below = free & (x + step < 0.0)
+        if not below.any():
+            break
+        step[below] = -x[below]
+        free &= ~below
+    return step
 
 
 def _uphill(evidence: Evidence, at: Solution, x: Array, step: Array) -> Solution | None:
@@ -248,9 +255,8 @@ def _left(information: Array, score: Array, variance: Array) -> tuple[Array, Arr
 
 def _sums(each: Array, member: NDArray[np.int64]) -> Array:
     """Return the sums over the runs of each member."""
-    out = np.zeros((int(member.max()) + 1, *each.shape[1:]))
-    np.add.at(out, member, each)
-    return out
+    whose = (member == np.arange(int(member.max()) + 1)[:, None]).astype(np.float64)
+    return np.asarray(np.tensordot(whose, each, axes=1))
 
 
 def _squares(information: Array, common: Array) -> Array:
