@@ -4,7 +4,7 @@
 
 Every coefficient of a class of BlueROV2 Heavies is drawn about what physics says, vehicles differ from their class by
 10 % (each total inertia by its logarithm, all else as a share of the class), runs of a vehicle from it by 3 %, thrusters
-by 2 %, and the scale of thrust is drawn once for the class, as uncertain as its prior. What a run of 30 s makes known,
+by 2 %, and the scale of thrust is drawn once for the class, as uncertain as its prior. What a run of 60 s makes known,
 with a DVL, gyro and depth, is the information of the joint filter along a manoeuvre (`planning.forecast`), over all
 unknowns together; half of the runs drive one axis alone. The posterior that learning would give is drawn from it: with
 the prior in it, delay, latencies and constant forces drawn anew for each run. It is written as a learned model, and
@@ -44,7 +44,7 @@ from towtank.validation import validate
 from towtank.vehicle import COEFFICIENTS, Vehicle, index
 
 NAME, SENSORS = "bluerov2_heavy", "dvl"
-VEHICLES, RUNS, SECONDS, FIRST = 5, 8, 30.0, 10.0
+VEHICLES, RUNS, SECONDS, FIRST = 5, 8, 60.0, 10.0
 BETWEEN, WITHIN, THRUSTERS = 0.10, 0.03, 0.02
 MANOEUVRES = (*(("all-multisine", seed) for seed in (1, 2, 3, 4)), *((f"{a}-multisine", 5) for a in ("surge", "sway", "heave", "yaw")))
 JUDGED = tuple(f"{r}_{c}{end}" for end in ("dot", "", "@") for r, c in zip("XYZKMN", "uvwpqr", strict=True))

@@ -482,20 +482,11 @@ def _pooled(runs: Sequence[Run]) -> FleetClass:
     found = solved(evidence, variances, precision)
     outliers = _outliers(runs, prior.names, evidence, spreads.asked, variances)
 
-    at = supposed + unit * found.mean
-    theta, back = thrust_undone(prior.free, at)
+    theta, back = thrust_undone(prior.free, supposed + unit * found.mean)
     rows = back * unit
-    effects = np.ones((2, len(unit)))
-    new = found.covariance + np.diag(variances.between + variances.within)
-    unshown = np.where(spreads.asked[0], 0.0, np.maximum(1.0 - np.diag(new), 0.0))  # of one run before any data, at least
-    new = new + np.diag(unshown)
-    variance, degrees = found.deviations(rows, effects)
-    plain = np.sqrt(np.einsum("ki,ij,kj->k", rows, new, rows))
-    before = prior.std
-    wide = np.maximum(plain, np.minimum(plain * _student(degrees) / _NORMAL_95, before))
-    widening = wide / plain
-    covariance = rows @ new @ rows.T * np.outer(widening, widening)
-    pooled = _coefficients(prior, found, theta, rows, wide, spreads)
+    new = _of_a_new_vehicle(found, spreads)
+    covariance = rows @ new @ rows.T
+    pooled = _coefficients(prior, found, theta, rows, np.sqrt(np.diag(covariance)), spreads)
     return FleetClass(
         name=runs[0].klass,
         vehicles=vehicles,
@@ -632,6 +623,21 @@ def _spreads(evidence: Evidence, prior: Array, free: FreeParameters) -> _Spreads
         np.where(within, _START, np.where(own & ~gains, 1.0, 0.0)),
     )
     return _Spreads(np.array([between, within]), start, np.array([by_run.sum(axis=0), by_vehicle.sum(axis=0)]))
+
+
+def _of_a_new_vehicle(found: Solution, spreads: _Spreads) -> Array:
+    """Return the covariance (p, p) of a run of a vehicle that was not among these.
+
+    A spread that nothing shows leaves what is supposed of any vehicle. Where few vehicles show it, deviations are as
+    much wider as Student's interval is than the normal one, but no wider than before any data for that.
+    """
+    p = found.mean.size
+    new = found.covariance + np.diag(found.variances.between + found.variances.within)
+    new += np.diag(np.where(spreads.asked[0], 0.0, np.maximum(1.0 - np.diag(new), 0.0)))
+    _, degrees = found.deviations(np.eye(p), np.ones((2, p)))
+    plain = np.sqrt(np.diag(new))
+    wider = np.maximum(np.minimum(_student(degrees) / _NORMAL_95, 1.0 / plain), 1.0)
+    return np.asarray(new * np.outer(wider, wider))
 
 
 def _coefficients(

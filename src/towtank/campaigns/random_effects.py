@@ -199,6 +199,8 @@ def restricted_maximum(evidence: Evidence, asked: NDArray[np.bool_], start: Vari
     for _ in range(_ROUNDS):
         slope = np.concatenate(at.gradient)
         step = _step(at.information, slope, x, asked)
+        if float(slope @ step) < _STILL:  # the bounds at 0 have bent it
+            step = _step(np.diag(np.diag(at.information)), slope, x, asked)
         if float(slope @ step) < _STILL:
             break
         found = _uphill(evidence, at, x, step)
