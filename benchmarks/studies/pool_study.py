@@ -3,8 +3,8 @@
     python benchmarks/studies/pool_study.py [--runs 200] [--seed 1] [--workers 2] [--real 3] [--output pool.json]
 
 Every coefficient of a class of BlueROV2 Heavies is drawn about what physics says, vehicles differ from their class by
-10 % (each total inertia by its logarithm, all else as a share of the class), runs of a vehicle from it by 3 %, thrusters
-by 2 %, and the scale of thrust is drawn once for the class, as uncertain as its prior. What a run of 60 s makes known,
+10 % (each total inertia by its logarithm, all else as a share of the class), runs of a vehicle from it by 3 %,
+thrusters by 2 %, and the scale of thrust is drawn once for the class, as uncertain as its prior. What a run of 60 s makes known,
 with a DVL, gyro and depth, is the information of the joint filter along a manoeuvre (`planning.forecast`), over all
 unknowns together; half of the runs drive one axis alone. The posterior that learning would give is drawn from it: with
 the prior in it, delay, latencies and constant forces drawn anew for each run. It is written as a learned model, and
@@ -30,23 +30,24 @@ from rich.table import Table
 from runner import over, write_json
 from summary import Check
 
-from towtank import load_vehicle, simulate
+from towtank import load_vehicle
 from towtank.campaigns import Fleet, Run, pool
 from towtank.campaigns.pooling import per_thrust, thrust_undone
 from towtank.core.arrays import Array
-from towtank.identification import learn_recordings
 from towtank.identification.model.parameters import GAIN_PREFIX
 from towtank.identification.model.prior import Prior, prior_of
 from towtank.identification.posterior.result import estimate_of, model_of, with_posterior
 from towtank.planning import RATE, Outlook, forecast
-from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre
-from towtank.validation import validate
+from towtank.simulation import manoeuvre
 from towtank.vehicle import COEFFICIENTS, Vehicle, index
 
 NAME, SENSORS = "bluerov2_heavy", "dvl"
 VEHICLES, RUNS, SECONDS, FIRST = 5, 8, 60.0, 10.0
 BETWEEN, WITHIN, THRUSTERS = 0.10, 0.03, 0.02
-MANOEUVRES = (*(("all-multisine", seed) for seed in (1, 2, 3, 4)), *((f"{a}-multisine", 5) for a in ("surge", "sway", "heave", "yaw")))
+MANOEUVRES = (
+    *(("all-multisine", seed) for seed in (1, 2, 3, 4)),
+    *((f"{a}-multisine", 5) for a in ("surge", "sway", "heave", "yaw")),
+)
 JUDGED = tuple(f"{r}_{c}{end}" for end in ("dot", "", "@") for r, c in zip("XYZKMN", "uvwpqr", strict=True))
 JUDGED = tuple(name.replace(f"{name[2]}@", 2 * name[2]) for name in JUDGED)
 DRAWN, COUPLED = 0.5, 0.2  # how far the class is from physics: of a logarithm of damping, of the deviation of couplings
@@ -77,7 +78,9 @@ class Outcome:
 def outlook() -> Outlook:
     """Return what is known of the vehicle: rigid body and thrusters, and of the rest what physics says."""
     file = load_vehicle(NAME)
-    return Outlook.of(Vehicle(name=NAME, rigid_body=file.rigid_body, buoyancy=file.buoyancy, thrusters=file.thrusters), SENSORS)
+    return Outlook.of(
+        Vehicle(name=NAME, rigid_body=file.rigid_body, buoyancy=file.buoyancy, thrusters=file.thrusters), SENSORS
+    )
 
 
 @cache
@@ -141,7 +144,9 @@ def kinds(prior: Prior) -> dict[str, Array]:
         n == "delay" or n.startswith(("latency", "imu")) or (n in COEFFICIENTS and index(n)[0] == "constant")
         for n in names
     ]
-    damping = [n in COEFFICIENTS and index(n)[0] in ("linear", "quadratic") and index(n)[1] == index(n)[2] for n in names]
+    damping = [
+        n in COEFFICIENTS and index(n)[0] in ("linear", "quadratic") and index(n)[1] == index(n)[2] for n in names
+    ]
     return {
         "run": np.array(of_a_run),
         "gain": np.array([n.startswith(GAIN_PREFIX) for n in names]),
@@ -220,7 +225,15 @@ def rms(errors: Array, axis: int | None = None) -> Array:
 def table(found: Sequence[Outcome]) -> tuple[Table, list[Check]]:
     """Return what is seen of each coefficient, and what must hold."""
     made = Table(title=f"{len(found)} fleets of {VEHICLES * RUNS} runs of {VEHICLES} vehicles", title_justify="left")
-    heads = ("Coefficient", "class within 95 %", "vehicles ± / truth", "runs ± / truth", "10 s without %", "with %", "ratio")
+    heads = (
+        "Coefficient",
+        "class within 95 %",
+        "vehicles ± / truth",
+        "runs ± / truth",
+        "10 s without %",
+        "with %",
+        "ratio",
+    )
     for head in (*heads, "new one within 95 %"):
         made.add_column(head, justify="left" if head == "Coefficient" else "right")
     held = np.array([each.held for each in found])
@@ -262,7 +275,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     made, checks = table(found)
     show(made)
     show(checks_table("must hold", checks))
-    write_json(options.output, {"study": "pool", "runs": options.runs, "checks": [each.document() for each in checks]})
+    outcomes = {key: np.array([getattr(each, key) for each in found]) for key in Outcome.__dataclass_fields__}
+    document = {"study": "pool", "judged": JUDGED, "checks": [each.document() for each in checks], **outcomes}
+    write_json(options.output, document)
     return 0 if all(each.met for each in checks) else 1
 
 

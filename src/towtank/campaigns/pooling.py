@@ -151,9 +151,10 @@ class FleetClass:
 
     Attributes:
         vehicles, runs: names of both, in their order. coefficients: without gains and lag. outliers: gravest first.
-        base: the vehicle that runs were learned from. unknowns: names of all that was pooled, lag and gains too.
-        mean, covariance: of these for a new vehicle in a run, in the coordinates of the prior. reference: deviations
-            before any data. spread: deviations of runs about their vehicle, 0 where not known, as `per_thrust`.
+        base: the vehicle that runs were learned from, with what was supposed where no run tells more.
+        free: all that was pooled, lag and gains too. mean, covariance: of it for a new vehicle in a run, in the
+            coordinates of the prior. reference: deviations before any data.
+        spread: deviations of runs about their vehicle, 0 where not shown, as `per_thrust` has them.
     """
 
     name: str
@@ -349,7 +350,9 @@ def _likelihood(run: Run) -> _Likelihood:
     )
     order = np.argsort(some)
     free = prior.free.subset([prior.names[row] for row in some])
-    unscaled = bool((_is_force(prior.free) | _is_inertia(prior.free))[np.setdiff1d(np.arange(len(prior.free)), rows)].sum() == 0)
+    unscaled = bool(
+        (_is_force(prior.free) | _is_inertia(prior.free))[np.setdiff1d(np.arange(len(prior.free)), rows)].sum() == 0
+    )
     return _Likelihood(free, theta[some][order], information[np.ix_(order, order)], gradient[order], unscaled)
 
 
@@ -493,12 +496,12 @@ def _pooled(runs: Sequence[Run]) -> FleetClass:
         runs=tuple(run.label for run in runs),
         coefficients=pooled,
         outliers=outliers,
-        base=base,
+        base=_whole(base, whole, prior.names),
         free=prior.free,
         mean=theta,
         covariance=covariance,
         reference=prior.reference,
-        spread=unit * np.sqrt(variances.within),
+        spread=np.where(spreads.asked[1], unit * np.sqrt(variances.within), 0.0),
     )
 
 
@@ -519,6 +522,16 @@ def _base(runs: Sequence[Run]) -> Vehicle:
                 f" of the same class {run.klass} has {joined(sorted(names) or ['none'])}; give it a class of its own"
             )
     return base
+
+
+def _whole(base: Vehicle, supposed: Prior, pooled: Sequence[str]) -> Vehicle:
+    """Return the vehicle with what is supposed of the coefficients that no run told, where that is not 0."""
+    changes: dict[str, Coefficient | float] = {}
+    lines = zip(supposed.names, supposed.values, supposed.value_std, supposed.sources, strict=True)
+    for name, value, std, source in lines:
+        if name in COEFFICIENTS and name not in pooled and value != 0.0:
+            changes[name] = Coefficient(value=float(value), std=float(std), source=source)
+    return base.with_coefficients(changes)
 
 
 def _driven(runs: Sequence[Run]) -> bool:
@@ -617,7 +630,7 @@ def _spreads(evidence: Evidence, prior: Array, free: FreeParameters) -> _Spreads
     np.add.at(runs_of, evidence.member, by_run.astype(np.int64))
     gains = free.codes[:, 0] == IN_GAIN
     between, within = by_vehicle.sum(axis=0) >= 2, (runs_of >= 2).any(axis=0) & ~gains
-    own = ~between & ~within
+    own = ~between & ~within & (len(evidence.score) > 1)
     start = Variances(
         np.where(between, _START, np.where(own & gains, 1.0, 0.0)),
         np.where(within, _START, np.where(own & ~gains, 1.0, 0.0)),
@@ -632,9 +645,10 @@ def _of_a_new_vehicle(found: Solution, spreads: _Spreads) -> Array:
     much wider as Student's interval is than the normal one, but no wider than before any data for that.
     """
     p = found.mean.size
-    new = found.covariance + np.diag(found.variances.between + found.variances.within)
+    shown = np.where(spreads.asked, np.array([found.variances.between, found.variances.within]), 0.0)
+    new = found.covariance + np.diag(shown.sum(axis=0))
     new += np.diag(np.where(spreads.asked[0], 0.0, np.maximum(1.0 - np.diag(new), 0.0)))
-    _, degrees = found.deviations(np.eye(p), np.ones((2, p)))
+    _, degrees = found.deviations(np.eye(p), spreads.asked.astype(np.float64))
     plain = np.sqrt(np.diag(new))
     wider = np.maximum(np.minimum(_student(degrees) / _NORMAL_95, 1.0 / plain), 1.0)
     return np.asarray(new * np.outer(wider, wider))
@@ -735,7 +749,7 @@ def _student(degrees: Array) -> Array:
     """Return the 97.5 % quantile of Student's t."""
     from scipy.special import stdtrit
 
-    return np.asarray(np.where(np.isfinite(degrees), stdtrit(np.minimum(degrees, 1e6), 0.975), _NORMAL_95))
+    return np.asarray(stdtrit(degrees, 0.975))
 
 
 def _quantile(level: float, degrees: NDArray[np.int64]) -> Array:
@@ -764,9 +778,7 @@ def _as_vehicle(
     middle = with_coordinates(base, free.names, held)
     known = {n: middle.coefficient(n) for n in free.names if n in COEFFICIENTS}
     changes: dict[str, Coefficient | float] = {
-        n: Coefficient(value=known[n], std=float(std[k]), source=source)
-        for k, n in enumerate(free.names)
-        if n in known
+        n: Coefficient(value=known[n], std=float(std[k]), source=source) for k, n in enumerate(free.names) if n in known
     }
     notes = (*base.provenance.notes, "means and deviations are of a new vehicle of the class, not of one that was run")
     made = middle.with_coefficients(changes, provenance=Provenance(source=source, notes=notes))
@@ -777,4 +789,4 @@ def _as_vehicle(
 def _is_damping(free: FreeParameters) -> NDArray[np.bool_]:
     """Return which (n,) take energy out: linear and quadratic damping on the diagonal."""
     out = [name in COEFFICIENTS and index(name)[0] in ("linear", "quadratic") for name in free.names]
-    return np.array(out) & (free.codes[:, 1] == free.codes[:, 2])
+    return np.asarray(np.array(out) & (free.codes[:, 1] == free.codes[:, 2]))

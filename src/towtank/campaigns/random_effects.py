@@ -36,7 +36,7 @@ __all__ = ["Evidence", "Solution", "Variances", "restricted_maximum", "solved"]
 _FLAT = 1e-6  # information of the mean while variances are asked for, where coordinates are in units of what is known
 _ROUNDS, _HALVINGS = 200, 20
 _STILL = 1e-6  # gain of the log likelihood that is none
-_LEAST_DEGREES = 1.0
+_LEAST_DEGREES, _MANY_DEGREES = 1.0, 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +65,11 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False)
 class Variances:
-    """Of the effects of members and of runs, (p,) each."""
+    """Of the effects of members and of runs, (p,) each; `estimated` (2, p): which of them, None: none is uncertain."""
 
     between: Array
     within: Array
+    estimated: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,14 +139,17 @@ class Solution:
         by_run = np.sum((seen @ (left.transpose(0, 2, 1)[self.evidence.member] @ self.run_information)) ** 2, axis=0)
         slope = np.hstack([by_member + rows**2 * added[0], by_run + rows**2 * added[1]])
         uncertain = np.einsum("ki,ij,kj->k", slope, self.uncertainty, slope)
-        with np.errstate(divide="ignore"):
-            degrees = np.where(uncertain > 0.0, 2.0 * variance**2 / uncertain, np.inf)
+        degrees = 2.0 * variance**2 / np.maximum(uncertain, 2.0 * variance**2 / _MANY_DEGREES)
         return variance, np.maximum(degrees, _LEAST_DEGREES)
 
     @cached_property
     def uncertainty(self) -> Array:
-        """Covariance (2 p, 2 p) of the variances. None is above 1, the square of what is supposed of the coefficient."""
-        return np.asarray(np.linalg.inv(self.information + np.eye(2 * self.mean.size)))
+        """Covariance (2 p, 2 p) of the variances; none is above 1, the square of what is supposed of its coefficient."""
+        out = np.zeros((2 * self.mean.size, 2 * self.mean.size))
+        if self.variances.estimated is not None:
+            rows = np.flatnonzero(self.variances.estimated)
+            out[np.ix_(rows, rows)] = np.linalg.inv(self.information[np.ix_(rows, rows)] + np.eye(rows.size))
+        return out
 
 
 def solved(evidence: Evidence, variances: Variances, prior: Array | None = None) -> Solution:
@@ -192,7 +196,7 @@ def restricted_maximum(evidence: Evidence, asked: NDArray[np.bool_], start: Vari
     Args:
         asked: which (2, p) of those between and within are; the others stay. start: where the search begins.
     """
-    p = asked.shape[1]
+    p, estimated = asked.shape[1], asked
     asked = asked.reshape(-1)
     x = np.concatenate([start.between, start.within])
     at = solved(evidence, Variances(x[:p], x[p:]))
@@ -207,7 +211,7 @@ def restricted_maximum(evidence: Evidence, asked: NDArray[np.bool_], start: Vari
         if found is None:
             break
         at, x = found, np.concatenate([found.variances.between, found.variances.within])
-    return at.variances
+    return replace(at.variances, estimated=estimated)
 
 
 def _step(information: Array, slope: Array, x: Array, asked: NDArray[np.bool_]) -> Array:
@@ -279,4 +283,4 @@ def _inverse(information: Array) -> Array:
 
 
 def _diagonals(matrices: Array) -> Array:
-    return np.einsum("nii->ni", matrices)
+    return np.asarray(np.einsum("nii->ni", matrices))
