@@ -27,10 +27,9 @@ def known_exactly(values: Array, member: Array, std: float) -> Evidence:
     return Evidence(information, values / std**2, member)
 
 
-def maximum(evidence: Evidence, between: bool = True, within: bool = True) -> Variances:
+def maximum(evidence: Evidence) -> Variances:
     p = evidence.score.shape[1]
-    asked = np.array([[between] * p, [within] * p])
-    return restricted_maximum(evidence, asked, Variances(*(0.01 * asked)))
+    return restricted_maximum(evidence, np.eye(2 * p), Variances(np.full(p, 0.01), np.full(p, 0.01)))
 
 
 def correlated(n: int = 12, p: int = 3, seed: int = 1) -> Evidence:

@@ -451,11 +451,12 @@ def _twin(name: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Spreads:
-    """Which spreads (2, p) between vehicles and within them are `asked` for, where all of them `start`, and how many
-    runs and vehicles know the coefficient (2, p) `counts`.
+    """Which spreads (2, p) between vehicles and within them are `asked` for, by which parameters they are `estimated`,
+    where all of them `start`, and how many runs and vehicles know the coefficient, `counts` (2, p).
     """
 
     asked: NDArray[np.bool_]
+    estimated: Array
     start: Variances
     counts: NDArray[np.int64]
 
@@ -480,10 +481,10 @@ def _pooled(runs: Sequence[Run]) -> FleetClass:
     unit = np.sqrt(np.diag(covariance))
     evidence = _evidence(prior.free, own, points, member, supposed, unit)
     precision = np.linalg.inv(covariance / np.outer(unit, unit))
-    spreads = _spreads(evidence, precision, prior.free)
-    variances = restricted_maximum(evidence, spreads.asked, spreads.start)
+    spreads = _spreads(evidence, precision, prior.free, unit)
+    variances = restricted_maximum(evidence, spreads.estimated, spreads.start)
     found = solved(evidence, variances, precision)
-    outliers = _outliers(runs, prior.names, evidence, spreads.asked, variances)
+    outliers = _outliers(runs, prior.names, evidence, spreads, variances)
 
     theta, back = thrust_undone(prior.free, supposed + unit * found.mean)
     rows = back * unit
@@ -613,13 +614,14 @@ def thrust_undone(free: FreeParameters, q: Array) -> tuple[Array, Array]:
     return theta, np.asarray(np.linalg.inv(per_thrust(free, theta)[1]))
 
 
-def _spreads(evidence: Evidence, prior: Array, free: FreeParameters) -> _Spreads:
+def _spreads(evidence: Evidence, prior: Array, free: FreeParameters, unit: Array) -> _Spreads:
     """Return which spreads are asked for, and what the others are taken for.
 
     A coefficient is known where its deviation is at most half of what was supposed. Two vehicles must know it for a
     spread between them, two runs of one vehicle for one within. Where nobody can say either, each run has its own, as
     far from the class as was supposed of any vehicle: runs that disagree on what none of them knows would bend what
-    they do know. So have vehicles their gains, which are the same in all runs of one.
+    they do know. So have vehicles their gains, which are the same in all runs of one. Thrusters are of one make: their
+    gains spread alike.
     """
     supposed = np.diag(np.linalg.inv(prior))
     by_run = np.diagonal(np.linalg.inv(evidence.information + prior), axis1=1, axis2=2) <= NARROWED**2 * supposed
@@ -635,7 +637,12 @@ def _spreads(evidence: Evidence, prior: Array, free: FreeParameters) -> _Spreads
         np.where(between, _START, np.where(own & gains, 1.0, 0.0)),
         np.where(within, _START, np.where(own & ~gains, 1.0, 0.0)),
     )
-    return _Spreads(np.array([between, within]), start, np.array([by_run.sum(axis=0), by_vehicle.sum(axis=0)]))
+    asked = np.array([between, within])
+    each = np.eye(2 * len(free))[np.concatenate([between & ~gains, within])]
+    alike = np.where(between & gains, np.min(unit[gains], initial=np.inf) ** 2 / unit**2, 0.0)
+    if alike.any():
+        each = np.vstack([each, np.concatenate([alike, np.zeros(len(free))])])
+    return _Spreads(asked, each, start, np.array([by_run.sum(axis=0), by_vehicle.sum(axis=0)]))
 
 
 def _of_a_new_vehicle(found: Solution, spreads: _Spreads) -> Array:
@@ -700,14 +707,14 @@ def _outliers(
     runs: Sequence[Run],
     names: Sequence[str],
     evidence: Evidence,
-    asked: NDArray[np.bool_],
+    spreads: _Spreads,
     variances: Variances,
 ) -> tuple[Outlier, ...]:
     """Return the runs that are out of line, each asked with the variances that the others have without it.
 
     One after the other, the gravest first: two of a kind would hide each other.
     """
-    tested = asked[1]
+    tested = spreads.asked[1]
     if not tested.any():
         return ()
     found: list[Outlier] = []
@@ -725,7 +732,7 @@ def _outliers(
                 continue
             alone = out.copy()
             alone[r] = True
-            others = restricted_maximum(evidence.without(alone), asked, variances)
+            others = restricted_maximum(evidence.without(alone), spreads.estimated, variances)
             score = np.where(tested, _away(solved(kept, others))[r], 0.0)
             k = int(np.argmax(np.abs(score) / far))
             if abs(score[k]) > far[k]:

@@ -65,11 +65,16 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False)
 class Variances:
-    """Of the effects of members and of runs, (p,) each; `estimated` (2, p): which of them, None: none is uncertain."""
+    """Of the effects of members and of runs, (p,) each.
+
+    Attributes:
+        estimated: (k, 2 p) which of them, between first, one of k parameters makes, and in what proportion; k = 0 where
+            all are taken as known.
+    """
 
     between: Array
     within: Array
-    estimated: NDArray[np.bool_] | None = None
+    estimated: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,11 +150,10 @@ class Solution:
     @cached_property
     def uncertainty(self) -> Array:
         """Covariance (2 p, 2 p) of the variances; none is above 1, the square of what is supposed of its coefficient."""
-        out = np.zeros((2 * self.mean.size, 2 * self.mean.size))
-        if self.variances.estimated is not None:
-            rows = np.flatnonzero(self.variances.estimated)
-            out[np.ix_(rows, rows)] = np.linalg.inv(self.information[np.ix_(rows, rows)] + np.eye(rows.size))
-        return out
+        if self.variances.estimated is None:
+            return np.zeros((2 * self.mean.size, 2 * self.mean.size))
+        made = self.variances.estimated
+        return np.asarray(made.T @ np.linalg.inv(made @ self.information @ made.T + np.eye(len(made))) @ made)
 
 
 def solved(evidence: Evidence, variances: Variances, prior: Array | None = None) -> Solution:
@@ -190,58 +194,61 @@ def solved(evidence: Evidence, variances: Variances, prior: Array | None = None)
     )
 
 
-def restricted_maximum(evidence: Evidence, asked: NDArray[np.bool_], start: Variances) -> Variances:
+def restricted_maximum(evidence: Evidence, estimated: Array, start: Variances) -> Variances:
     """Return the variances of the highest restricted likelihood.
 
     Args:
-        asked: which (2, p) of those between and within are; the others stay. start: where the search begins.
+        estimated: (k, 2 p) as `Variances` has it; what no parameter makes stays. start: where the search begins.
     """
-    p, estimated = asked.shape[1], asked
-    asked = asked.reshape(-1)
-    x = np.concatenate([start.between, start.within])
-    at = solved(evidence, Variances(x[:p], x[p:]))
+    at = solved(evidence, replace(start, estimated=estimated))
+    count = np.maximum(estimated.astype(np.bool_).sum(axis=1), 1)
+    share = np.divide(1.0, estimated, out=np.zeros_like(estimated), where=estimated > 0.0)
+    z = share @ np.concatenate([start.between, start.within]) / count
     for _ in range(_ROUNDS):
-        slope = np.concatenate(at.gradient)
-        step = _step(at.information, slope, x, asked)
+        slope, information = estimated @ np.concatenate(at.gradient), estimated @ at.information @ estimated.T
+        step = _step(information, slope, z)
         if float(slope @ step) < _STILL:  # the bounds at 0 have bent it
-            step = _step(np.diag(np.diag(at.information)), slope, x, asked)
+            step = _step(np.diag(np.diag(information)), slope, z)
         if float(slope @ step) < _STILL:
             break
-        found = _uphill(evidence, at, x, step)
+        found = _uphill(at, z, step)
         if found is None:
             break
-        at, x = found, np.concatenate([found.variances.between, found.variances.within])
-    return replace(at.variances, estimated=estimated)
+        at, z = found
+    return at.variances
 
 
-def _step(information: Array, slope: Array, x: Array, asked: NDArray[np.bool_]) -> Array:
-    """Return the scoring step (2 p,) from variances x that ends at 0 or above; what it would take below stays at 0."""
-    step = np.zeros(x.size)
-    free = asked & ((x > 0.0) | (slope > 0.0))
+def _step(information: Array, slope: Array, z: Array) -> Array:
+    """Return the scoring step (k,) from variances z that ends at 0 or above; what it would take below stays at 0."""
+    step = np.zeros(z.size)
+    free = (z > 0.0) | (slope > 0.0)
     while free.any():
         rows = np.flatnonzero(free)
         scale = np.sqrt(np.maximum(np.diag(information)[rows], 1e-300))
         unit = information[np.ix_(rows, rows)] / np.outer(scale, scale) + 1e-6 * np.eye(rows.size)
         rest = slope[rows] - information[np.ix_(rows, np.flatnonzero(~free))] @ step[~free]
         step[rows] = np.linalg.solve(unit, rest / scale) / scale
-        below = free & (x + step < 0.0)
+        below = free & (z + step < 0.0)
         if not below.any():
             break
-        step[below] = -x[below]
+        step[below] = -z[below]
         free &= ~below
     return step
 
 
-def _uphill(evidence: Evidence, at: Solution, x: Array, step: Array) -> Solution | None:
-    """Return the solution along a step, of the first of its halves that is more likely; None where none is."""
-    p = x.size // 2
-    share = 1.0
+def _uphill(at: Solution, z: Array, step: Array) -> tuple[Solution, Array] | None:
+    """Return solution and parameters along a step, of the first of its halves that is likelier; None where none is."""
+    variances = at.variances
+    made = np.zeros((0, 2 * at.mean.size)) if variances.estimated is None else variances.estimated
+    x, p = np.concatenate([variances.between, variances.within]), at.mean.size
+    others = np.where(made.any(axis=0), 0.0, x)
     for _ in range(_HALVINGS):
-        tried = np.maximum(x + share * step, 0.0)
-        found = solved(evidence, Variances(tried[:p], tried[p:]))
+        tried = np.maximum(z + step, 0.0)
+        x = others + tried @ made
+        found = solved(at.evidence, replace(variances, between=x[:p], within=x[p:]))
         if found.likelihood > at.likelihood:
-            return found
-        share *= 0.5
+            return found, tried
+        step = 0.5 * step
     return None
 
 
