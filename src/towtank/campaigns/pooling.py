@@ -232,7 +232,7 @@ class FleetClass:
         }
 
     def rows(self) -> list[tuple[str, ...]]:
-        """Return cells of a table, under `Fleet.HEADS`, of what the class knows better than was supposed."""
+        """Return cells of a table, under `Fleet.HEADS`, of what the class knows and of what shows a spread."""
         return [
             (
                 each.name,
@@ -244,7 +244,7 @@ class FleetClass:
                 f"{each.runs}/{each.vehicles}",
             )
             for each in self.coefficients
-            if each.known
+            if each.known or each.between is not None or each.within is not None
         ]
 
 
@@ -359,11 +359,11 @@ def _likelihood(run: Run) -> _Likelihood:
 def _taken_out(posterior: tuple[Array, Array], prior: tuple[Array, Array], theta: Array) -> tuple[Array, Array]:
     """Return information (n, n) and gradient (n,) at theta of the likelihood that makes a posterior of a prior.
 
-    Learning widens deviations by what windows of a run contradict each other, and leaves the mean where it is: in a
-    direction that is hardly narrowed any more the mean may have gone far, and prior and likelihood that explain both
-    would put the likelihood many times farther. Of a run that states what it knows, a direction whose variance is a
-    share d of the prior's lies y from the prior's mean, y of variance 1 - d, and its likelihood y / (1 - d). Beyond
-    three deviations of y that much is not believed, though no less than y itself.
+    Of a direction whose variance a run narrows to a share d of the prior's, the mean lies y from the prior's mean, y of
+    variance 1 - d, and the likelihood itself at y / (1 - d). But learning widens deviations by what windows of a run
+    contradict each other, and leaves the mean where it went; with the d that is stated, the likelihood of such a run
+    would lie many times too far. Where y is more than three of its deviations, the run is taken to have narrowed the
+    direction as much as makes y three, before it was widened; its information is what it states.
     """
     root = np.linalg.cholesky(prior[1])
     white = np.linalg.solve(root, np.linalg.solve(root, posterior[1]).T)
@@ -371,9 +371,8 @@ def _taken_out(posterior: tuple[Array, Array], prior: tuple[Array, Array], theta
     told = np.maximum(1.0 / np.maximum(shares, 1e-300) - 1.0, 0.0)
     told[told < _ROUNDED] = 0.0
     away = axes.T @ np.linalg.solve(root, posterior[0] - prior[0])
-    narrowed = np.where(told > 0.0, 1.0 - shares, 1.0)
-    farthest = np.maximum(np.abs(away), _FARTHEST / np.sqrt(narrowed))
-    says = told * np.clip(away / narrowed, -farthest, farthest)
+    narrowed = np.where(told > 0.0, np.maximum(1.0 - shares, np.minimum((away / _FARTHEST) ** 2, 1.0)), 1.0)
+    says = told * away / narrowed
     says -= told * (axes.T @ np.linalg.solve(root, theta - prior[0]))
     back = np.linalg.solve(root.T, axes)
     return (back * told) @ back.T, back @ says

@@ -149,7 +149,7 @@ class Solution:
 
     @cached_property
     def uncertainty(self) -> Array:
-        """Covariance (2 p, 2 p) of the variances; none is above 1, the square of what is supposed of its coefficient."""
+        """Covariance (2 p, 2 p) of the variances; none is supposed to lie above 1, that of the coefficient itself."""
         if self.variances.estimated is None:
             return np.zeros((2 * self.mean.size, 2 * self.mean.size))
         made = self.variances.estimated
