@@ -1,6 +1,6 @@
 """Fleets put to the test: 40 runs of 5 vehicles are pooled, and a sixth vehicle is learned from 10 s.
 
-    python benchmarks/studies/pool_study.py [--runs 200] [--seed 1] [--workers 2] [--real 3] [--output pool.json]
+    python benchmarks/studies/pool_study.py [--runs 200] [--seed 1] [--workers 2] [--real 3] [--boat] [--output pool.json]
 
 Every coefficient of a class of BlueROV2 Heavies is drawn about what physics says. Vehicles differ from their class by
 10 % (each total inertia by its logarithm, all else as a share of the class), runs of one by 3 %, thrusters
@@ -12,7 +12,8 @@ the prior in it, delay, latencies and constant forces drawn anew for each run. I
 
 --real N: a fleet of 8 simulated logs of 20 s of 4 vehicles, and N further vehicles from their first 10 s, without the
 fleet and with it, all by `learn` itself; the models then predict 20 s that they have not seen. 5 s a log, hence 0 by
-default.
+default. --boat: the boat's eight logs of `real_cases.py`, each learned by itself, then pooled; all of them, and without
+the two in which it spins.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from real_cases import BOAT_HALVES, SPINS, boat, data_folder
 from report import checks_table, show
 from rich.table import Table
 from runner import over, write_json
@@ -331,6 +333,27 @@ def by_learning(new: int, seed: int) -> Table:
     return made
 
 
+def of_the_boat() -> list[Table]:
+    """Return what the boat's logs say together, all eight of them and the six with surge."""
+    data = data_folder()
+    if data is None:
+        return []
+    logs = boat(data)
+    names = [name for half in BOAT_HALVES for name in half]
+    runs = {name: Run("boat", "blueboat_2024", name, logs.learn(name).model, logs.vehicle) for name in names}
+    out = []
+    for title, chosen in (("all eight logs", names), ("six logs", [name for name in names if name not in SPINS])):
+        found = pool([runs[name] for name in chosen])
+        made = Table(title=f"the boat, {title}", title_justify="left")
+        for head in found.HEADS:
+            made.add_column(head.lstrip(">"), justify="right" if head.startswith(">") else "left")
+        for row in found.classes[0].rows():
+            made.add_row(*row)
+        made.caption = "; ".join(each.text for each in found.classes[0].outliers) or "no outlier"
+        out.append(made)
+    return out
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; return 1 where something does not hold."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -338,10 +361,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1, help="of the first fleet (default 1)")
     parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
     parser.add_argument("--real", type=int, default=0, help="new vehicles learned from real logs (default 0)")
+    parser.add_argument("--boat", action="store_true", help="pool the boat's eight logs")
     parser.add_argument("--output", type=Path, help="JSON file to write")
     options = parser.parse_args(argv)
     if options.real:
         show(by_learning(options.real, options.seed))
+    if options.boat:
+        show(*of_the_boat())
     if not options.runs:
         return 0
     found = over("fleets", perform, [(options.seed + k,) for k in range(options.runs)], options.workers)

@@ -375,7 +375,7 @@ def test_one_vehicle_says_how_its_runs_differ_and_nothing_of_others() -> None:
     assert each.between is None
     assert each.within is not None
     assert each.next_std >= 0.95 * each.prior_std
-    assert "deviations are those before any data" in found.vehicle.provenance.source
+    assert "no deviation is below that before any data" in found.vehicle.provenance.source
 
 
 def test_the_file_is_a_prior_that_knows_what_the_fleet_knows(fleet: Fleet, tmp_path: Path) -> None:

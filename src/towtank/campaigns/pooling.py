@@ -181,7 +181,7 @@ class FleetClass:
         """The class as a vehicle whose posterior is what is supposed of a new one, for `--prior`."""
         source = f"pooled by towtank: {len(self.runs)} runs of {len(self.vehicles)} vehicles"
         if len(self.vehicles) < 2:
-            source += "; how vehicles differ one cannot say, so that the deviations are those before any data"
+            source += "; how vehicles differ one cannot say, so that no deviation is below that before any data"
         return _as_vehicle(self.base, self.free, self.mean, self.covariance, self.reference, self.name, source)
 
     def widened(self, model: Vehicle) -> Vehicle:
@@ -769,7 +769,7 @@ def _share(spread: float | None, each: Pooled) -> str:
     """Return a spread as a share of the size, or in its own unit where there is no size worth sharing."""
     if spread is None:
         return "-"
-    return f"{100.0 * spread / each.size:.2g} %" if each.size > each.std else short(spread, 2)
+    return f"{short(100.0 * spread / each.size, 2)} %" if each.size > each.std else short(spread, 2)
 
 
 def _as_vehicle(
