@@ -1,6 +1,6 @@
 """Fleets put to the test: 40 runs of 5 vehicles are pooled, and a sixth vehicle is learned from 10 s.
 
-    python benchmarks/studies/pool_study.py [--runs 200] [--seed 1] [--workers 2] [--real 3] [--boat] [--output pool.json]
+    python benchmarks/studies/pool_study.py [--runs 200] [--seed 1] [--workers 2] [--real 3] [--boat] [--output FILE]
 
 Every coefficient of a class of BlueROV2 Heavies is drawn about what physics says. Vehicles differ from their class by
 10 % (each total inertia by its logarithm, all else as a share of the class), runs of one by 3 %, thrusters

@@ -481,9 +481,9 @@ def _pooled(runs: Sequence[Run]) -> FleetClass:
     evidence = _evidence(prior.free, own, points, member, supposed, unit)
     precision = np.linalg.inv(covariance / np.outer(unit, unit))
     spreads = _spreads(evidence, precision, prior.free, unit)
-    variances = restricted_maximum(evidence, spreads.estimated, spreads.start)
+    variances = restricted_maximum(evidence, spreads.estimated, spreads.start, precision)
     found = solved(evidence, variances, precision)
-    outliers = _outliers(runs, prior.names, evidence, spreads, variances)
+    outliers = _outliers(runs, prior.names, spreads, found, precision)
 
     theta, back = thrust_undone(prior.free, supposed + unit * found.mean)
     rows = back * unit
@@ -705,15 +705,15 @@ def _coefficients(
 def _outliers(
     runs: Sequence[Run],
     names: Sequence[str],
-    evidence: Evidence,
     spreads: _Spreads,
-    variances: Variances,
+    pooled: Solution,
+    prior: Array,
 ) -> tuple[Outlier, ...]:
     """Return the runs that are out of line, each asked with the variances that the others have without it.
 
     One after the other, the gravest first: two of a kind would hide each other.
     """
-    tested = spreads.asked[1]
+    evidence, variances, tested = pooled.evidence, pooled.variances, spreads.asked[1]
     if not tested.any():
         return ()
     found: list[Outlier] = []
@@ -721,7 +721,7 @@ def _outliers(
     level = _CHANCE / (len(runs) * int(tested.sum()))
     while len(found) < _MOST_OUTLIERS:
         kept = evidence.without(out)
-        away = np.where(out[:, None] | ~tested, 0.0, np.abs(_away(solved(kept, variances))))
+        away = np.where(out[:, None] | ~tested, 0.0, np.abs(_away(solved(kept, variances, prior))))
         degrees = np.maximum(np.sum(np.diagonal(kept.information, axis1=1, axis2=2) > 1.0, axis=0) - kept.members, 2)
         far = _quantile(level, degrees - 1)
         suspect = (away / (far * np.sqrt(degrees / (degrees - 1 + far**2)))).max(axis=1)
@@ -731,8 +731,8 @@ def _outliers(
                 continue
             alone = out.copy()
             alone[r] = True
-            others = restricted_maximum(evidence.without(alone), spreads.estimated, variances)
-            score = np.where(tested, _away(solved(kept, others))[r], 0.0)
+            others = restricted_maximum(evidence.without(alone), spreads.estimated, variances, prior)
+            score = np.where(tested, _away(solved(kept, others, prior))[r], 0.0)
             k = int(np.argmax(np.abs(score) / far))
             if abs(score[k]) > far[k]:
                 candidates.append((abs(float(score[k])), int(r), k, float(score[k]), others))

@@ -10,11 +10,15 @@ effect of covariance D that stands between the data and what they are asked for 
     L' = L (I + D L)^-1,   e' = (I + L D)^-1 e
 
 which is (L^-1 + D)^-1 where L has an inverse. Applied to the runs with D = diag(within), summed over the runs of each
-member, and applied once more with diag(between), this is the likelihood of mu; with it goes the log determinant of
-I + D L. Variances maximise the restricted likelihood, that of the contrasts which mu does not touch (Patterson and
-Thompson, Biometrika 58, 1971), by Fisher scoring within variance >= 0. With P of that likelihood and Z what a random
-effect acts on, u = Z^T P y is what the data pull at the effect and Q = Z^T P Z its covariance: the score of a variance
-is half the sum of u^2 - Q over its effects, and u / sqrt(Q) tells how many deviations an effect is out of line.
+member, and applied once more with diag(between), this is the likelihood of mu. It is reckoned as equations |F x - s|^2,
+L = F^T F, summed by QR: information differs by ten orders between directions, likelihoods compared by one unit.
+
+Variances maximise the restricted likelihood, with mu integrated out (Patterson and Thompson, Biometrika 58, 1971), by
+Fisher scoring within variance >= 0. A flat mu makes it that of contrasts alone; where runs say next to nothing of many
+directions, a flat mu would explain what members differ by with a mean far from all that is plausible, so that it has
+its prior. With P of that likelihood and Z what a random effect acts on, u = Z^T P y is what the data pull at the effect
+and Q = Z^T P Z its covariance: the score of a variance is half the sum of u^2 - Q over its effects, and u / sqrt(Q)
+tells how many deviations an effect is out of line.
 
 Intervals are those of Student's t, with the degrees of freedom of Satterthwaite (Biometrics Bulletin 2, 1946): the
 variance v of a combination is a function of the variances estimated; g its gradient and A their covariance, v is known
@@ -23,6 +27,8 @@ as well as a chi-square of 2 v^2 / (g^T A g) degrees. In a balanced design it is
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -35,6 +41,7 @@ __all__ = ["Evidence", "Solution", "Variances", "restricted_maximum", "solved"]
 
 _FLAT = 1e-6  # information of the mean while variances are asked for, where coordinates are in units of what is known
 _ROUNDS, _HALVINGS = 200, 20
+_NOTHING = 1e-13  # of a run's largest information
 _STILL = 1e-6  # gain of the log likelihood that is none
 _LEAST_DEGREES, _MANY_DEGREES = 1.0, 1e6
 
@@ -56,6 +63,16 @@ class Evidence:
     def members(self) -> int:
         """Their number m."""
         return int(self.member.max()) + 1
+
+    @cached_property
+    def equations(self) -> Array:
+        """[F, s] (n, p, p + 1) of each run, F^T F its information, F^T s its score: what it says is |F x - s|^2."""
+        size, axes = np.linalg.eigh(0.5 * (self.information + self.information.transpose(0, 2, 1)))
+        told = size > _NOTHING * np.maximum(size[:, -1:], 1.0)
+        root = np.sqrt(np.where(told, size, 1.0))
+        F = np.where(told, root, 0.0)[:, :, None] * axes.transpose(0, 2, 1)
+        s = np.where(told, np.einsum("nji,nj->ni", axes, self.score) / root, 0.0)
+        return np.concatenate([F, s[:, :, None]], axis=2)
 
     def without(self, runs: NDArray[np.bool_]) -> Evidence:
         """Return it with these runs (n,) saying nothing."""
@@ -162,45 +179,75 @@ def solved(evidence: Evidence, variances: Variances, prior: Array | None = None)
     Args:
         prior: information (p, p) of mu, whose mean is then 0; default: next to none.
     """
-    p, member = evidence.score.shape[1], evidence.member
-    by_run, run_score, run_size = _left(evidence.information, evidence.score, variances.within)
-    whole, score = _sums(by_run, member), _sums(run_score, member)
-    by_member, member_score, member_size = _left(whole, score, variances.between)
-    total = by_member.sum(axis=0) + (_FLAT * np.eye(p) if prior is None else prior)
-    covariance = _inverse(total)
-    mean = covariance @ member_score.sum(axis=0)
-    likelihood = -0.5 * (run_size + member_size + float(np.linalg.slogdet(total)[1]))
-    likelihood += 0.5 * float(np.sum(evidence.score * variances.within * run_score))
-    likelihood += 0.5 * (float(np.sum(score * variances.between * member_score)) + float(mean @ total @ mean))
-    between = variances.between
+    p, member, between = evidence.score.shape[1], evidence.member, variances.between
+    runs, run_size = _left(evidence.equations, variances.within)
+    whole, run_misfit = _together([runs[member == v].reshape(-1, p + 1) for v in range(evidence.members)])
+    members, member_size = _left(whole, between)
+    before = math.sqrt(_FLAT) * np.eye(p) if prior is None else np.linalg.cholesky(prior).T
+    last, member_misfit = _together([np.vstack([members.reshape(-1, p + 1), np.hstack([before, np.zeros((p, 1))])])])
+    root = np.linalg.inv(last[0, :, :p])
+    mean, covariance = root @ last[0, :, p], root @ root.T
+    size = run_size + member_size - 2.0 * float(np.log(np.abs(np.diag(root))).sum())
+    by_run, by_member = (each[:, :, :p].transpose(0, 2, 1) @ each[:, :, :p] for each in (runs, members))
     left = np.eye(p) - between[:, None] * by_member  # (I + D L)^-1
     member_covariance = np.diag(between) - between[:, None] * by_member * between
     member_covariance = member_covariance + left @ covariance @ left.transpose(0, 2, 1)
-    member_mean = left @ mean + between * member_score
+    pull = _pull(members, np.broadcast_to(mean, (len(members), p)))
+    member_mean = mean + between * pull
     return Solution(
         evidence=evidence,
         variances=variances,
         mean=mean,
         covariance=covariance,
-        likelihood=likelihood,
+        likelihood=-0.5 * (size + run_misfit + member_misfit),
         run_information=by_run,
         member_information=by_member,
         member_mean=member_mean,
         member_covariance=member_covariance,
-        pull=member_score - by_member @ mean,
+        pull=pull,
         pull_covariance=by_member - by_member @ covariance @ by_member,
-        run_pull=run_score - np.einsum("nij,nj->ni", by_run, member_mean[member]),
+        run_pull=_pull(runs, member_mean[member]),
         run_pull_covariance=by_run - by_run @ member_covariance[member] @ by_run,
     )
 
 
-def restricted_maximum(evidence: Evidence, estimated: Array, start: Variances) -> Variances:
+def _pull(equations: Array, x: Array) -> Array:
+    """Return F^T (s - F x) (n, p) of equations (n, p, p + 1) at x (n, p)."""
+    F, s = equations[:, :, :-1], equations[:, :, -1]
+    return np.asarray(np.einsum("nki,nk->ni", F, s - np.einsum("nkj,nj->nk", F, x)))
+
+
+def _together(blocks: Sequence[Array]) -> tuple[Array, float]:
+    """Return the equations (m, p, p + 1) that stand for each block of them, and what the blocks themselves misfit."""
+    p = blocks[0].shape[1] - 1
+    out, misfit = np.zeros((len(blocks), p, p + 1)), 0.0
+    for k, block in enumerate(blocks):
+        R = np.linalg.qr(block, mode="r")
+        out[k, : min(p, len(R))] = R[:p]
+        misfit += float(R[p, p] ** 2) if len(R) > p else 0.0
+    return out, misfit
+
+
+def _left(equations: Array, variance: Array) -> tuple[Array, float]:
+    """Return what an effect of this variance (p,) leaves of equations (n, p, p + 1), and its size.
+
+    F x - s gets the covariance I + F D F^T; divided by its root it is of unit covariance again. The size is the sum of
+    log det (I + F D F^T).
+    """
+    F = equations[:, :, :-1]
+    root = np.linalg.cholesky(np.eye(F.shape[1]) + (F * variance) @ F.transpose(0, 2, 1))
+    size = 2.0 * float(np.log(np.einsum("nii->ni", root)).sum())
+    return np.linalg.solve(root, equations), size
+
+
+def restricted_maximum(evidence: Evidence, estimated: Array, start: Variances, prior: Array | None = None) -> Variances:
     """Return the variances of the highest restricted likelihood.
 
     Args:
         estimated: (k, 2 p) as `Variances` has it; what no parameter makes stays. start: where the search begins.
+        prior: as for `solved`.
     """
-    at = solved(evidence, replace(start, estimated=estimated))
+    at = solved(evidence, replace(start, estimated=estimated), prior)
     count = np.maximum(estimated.astype(np.bool_).sum(axis=1), 1)
     share = np.divide(1.0, estimated, out=np.zeros_like(estimated), where=estimated > 0.0)
     z = share @ np.concatenate([start.between, start.within]) / count
@@ -211,7 +258,8 @@ def restricted_maximum(evidence: Evidence, estimated: Array, start: Variances) -
             step = _step(np.diag(np.diag(information)), slope, z)
         if float(slope @ step) < _STILL:
             break
-        found = _uphill(at, z, step)
+        bent = _step(np.diag(np.diag(information)), slope, z)
+        found = _uphill(at, z, step, prior) or _uphill(at, z, bent, prior)
         if found is None:
             break
         at, z = found
@@ -236,7 +284,7 @@ def _step(information: Array, slope: Array, z: Array) -> Array:
     return step
 
 
-def _uphill(at: Solution, z: Array, step: Array) -> tuple[Solution, Array] | None:
+def _uphill(at: Solution, z: Array, step: Array, prior: Array | None) -> tuple[Solution, Array] | None:
     """Return solution and parameters along a step, of the first of its halves that is likelier; None where none is."""
     variances = at.variances
     made = np.zeros((0, 2 * at.mean.size)) if variances.estimated is None else variances.estimated
@@ -245,25 +293,11 @@ def _uphill(at: Solution, z: Array, step: Array) -> tuple[Solution, Array] | Non
     for _ in range(_HALVINGS):
         tried = np.maximum(z + step, 0.0)
         x = others + tried @ made
-        found = solved(at.evidence, replace(variances, between=x[:p], within=x[p:]))
+        found = solved(at.evidence, replace(variances, between=x[:p], within=x[p:]), prior)
         if found.likelihood > at.likelihood:
             return found, tried
         step = 0.5 * step
     return None
-
-
-def _left(information: Array, score: Array, variance: Array) -> tuple[Array, Array, float]:
-    """Return what an effect of this variance (p,) leaves of information (n, p, p) and score (n, p), and its size.
-
-    The size is the sum of log det (I + D L).
-    """
-    root = np.sqrt(variance)
-    inner = np.eye(root.size) + root[:, None] * information * root
-    both = np.concatenate([root[:, None] * information, (root * score)[:, :, None]], axis=2)
-    taken = (information * root) @ np.linalg.solve(inner, both)
-    size = float(np.linalg.slogdet(inner)[1].sum())
-    left = information - taken[:, :, :-1]
-    return 0.5 * (left + left.transpose(0, 2, 1)), score - taken[:, :, -1], size
 
 
 def _sums(each: Array, member: NDArray[np.int64]) -> Array:
@@ -280,13 +314,6 @@ def _squares(information: Array, common: Array) -> Array:
     pairs = seen.reshape(p, p * p) @ seen.transpose(0, 2, 1).reshape(p, p * p).T
     own = information @ common @ information
     return np.asarray(np.sum(information**2 - 2.0 * information * own, axis=0) + pairs)
-
-
-def _inverse(information: Array) -> Array:
-    """Return the inverse (p, p) of a positive definite matrix."""
-    scale = 1.0 / np.sqrt(np.diag(information))
-    inverse = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
-    return np.asarray(0.5 * (inverse + inverse.T))
 
 
 def _diagonals(matrices: Array) -> Array:
