@@ -40,7 +40,7 @@ from towtank.core.arrays import Array
 from towtank.identification import learn_recordings
 from towtank.identification.model.parameters import GAIN_PREFIX
 from towtank.identification.model.prior import Prior, prior_of
-from towtank.identification.posterior.result import estimate_of, model_of, with_posterior
+from towtank.identification.posterior.result import with_posterior
 from towtank.planning import RATE, Outlook, forecast
 from towtank.recording import Recording
 from towtank.simulation import Ins, OrnsteinUhlenbeck, manoeuvre
@@ -131,19 +131,13 @@ def posterior(prior: Prior, template: Template, theta: Array, chance: np.random.
 
 def learned(prior: Prior, mean: Array, covariance: Array) -> Vehicle:
     """Return the model that learning makes of a posterior."""
-    file = outlook().vehicle
-    names = prior.names
-    estimate, _ = estimate_of(file, prior, mean, covariance, SECONDS, 0)
-    gains = {
-        name.removeprefix(GAIN_PREFIX): (float(np.exp(mean[k])), 0.0)
-        for k, name in enumerate(names)
-        if name.startswith(GAIN_PREFIX)
-    }
-    lag, delay = (float(max(mean[names.index(name)], 0.0)) for name in ("lag", "delay"))
-    model = model_of(file, estimate, "drawn", delay=delay, lag=lag, gains=gains)
-    return with_posterior(model, prior, mean, covariance)
+    at = np.where(prior.free.signs < 0.0, prior.free.rigid - mean, mean)
+    at = np.where(kinds(prior)["damping"], np.minimum(at, 0.0), at)
+    at = np.where(np.array(prior.names) == "delay", np.maximum(at, 0.0), at)
+    return with_posterior(with_coordinates(outlook().vehicle, prior.names, at), prior, mean, covariance)
 
 
+@cache
 def kinds(prior: Prior) -> dict[str, Array]:
     """Return masks (n,) of the unknowns: those of a run, gains, total inertias, damping on the diagonal."""
     names = prior.names

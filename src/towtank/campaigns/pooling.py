@@ -44,9 +44,10 @@ from towtank.identification.model.parameters import (
     FreeParameters,
 )
 from towtank.identification.model.prior import Prior, prior_of
-from towtank.identification.posterior.result import NARROWED
+from towtank.identification.posterior.result import NARROWED, estimate_of, model_of, with_posterior
+from towtank.identification.posterior.thrusters import learned_gains
 from towtank.vehicle import COEFFICIENTS, Coefficient, Provenance, Vehicle, index, mirror, save_vehicle
-from towtank.vehicle.posterior import Posterior, unit_of_unknown, with_coordinates
+from towtank.vehicle.posterior import Posterior, unit_of_unknown
 
 __all__ = ["Fleet", "FleetClass", "Outlier", "Pooled", "Run", "pool"]
 
@@ -152,8 +153,8 @@ class FleetClass:
     Attributes:
         vehicles, runs: names of both, in their order. coefficients: without gains and lag. outliers: gravest first.
         base: the vehicle that runs were learned from, with what was supposed where no run tells more.
-        free: all that was pooled, lag and gains too. mean, covariance: of it for a new vehicle in a run, in the
-            coordinates of the prior. reference: deviations before any data.
+        prior: of all that was pooled, lag and gains too. mean, covariance: of it for a new vehicle in a run, in the
+            coordinates of the prior.
         spread: deviations of runs about their vehicle, 0 where not shown, as `per_thrust` has them.
     """
 
@@ -163,10 +164,9 @@ class FleetClass:
     coefficients: tuple[Pooled, ...]
     outliers: tuple[Outlier, ...]
     base: Vehicle
-    free: FreeParameters
+    prior: Prior
     mean: Array
     covariance: Array
-    reference: Array
     spread: Array
 
     def __getitem__(self, name: str) -> Pooled:
@@ -178,11 +178,22 @@ class FleetClass:
 
     @cached_property
     def vehicle(self) -> Vehicle:
-        """The class as a vehicle whose posterior is what is supposed of a new one, for `--prior`."""
+        """The class as a vehicle whose posterior is what is supposed of a new one, for `--prior`.
+
+        Coefficients are the likeliest physical ones, as those of a model that was learned from a log.
+        """
         source = f"pooled by towtank: {len(self.runs)} runs of {len(self.vehicles)} vehicles"
         if len(self.vehicles) < 2:
             source += "; how vehicles differ one cannot say, so that no deviation is below that before any data"
-        return _as_vehicle(self.base, self.free, self.mean, self.covariance, self.reference, self.name, source)
+        prior, theta = self.prior, self.mean
+        estimate, _ = estimate_of(self.base, prior, theta, self.covariance, 0.0, 0)
+        gains = learned_gains(self.base, prior.free, theta, np.sqrt(np.diag(self.covariance)))
+        lag = max(float(theta[prior.names.index(LAG)]), 0.0) if LAG in prior.names else math.nan
+        made = model_of(self.base, estimate, source, delay=self.base.command_delay, lag=lag, gains=gains)
+        made = with_posterior(made, prior, theta, self.covariance)
+        notes = (*self.base.provenance.notes, "means and deviations are of a new vehicle of the class")
+        words = {"name": self.name, "description": f"a new vehicle of {self.name}", "posterior": made.posterior}
+        return made.model_copy(update={**words, "provenance": Provenance(source=source, notes=notes)})
 
     def widened(self, model: Vehicle) -> Vehicle:
         """Return the model of a single run with deviations that include what runs of one vehicle differ by.
@@ -191,12 +202,12 @@ class FleetClass:
             InputError: the model has no posterior.
         """
         posterior = _posterior_of(model, model.name)
-        signs, wider, added = self.free.signs, posterior.covariance, {}
+        signs, wider, added = self.prior.free.signs, posterior.covariance, {}
         scale = self._thrust(model)
-        for k, name in enumerate(self.free.names):
+        for k, name in enumerate(self.prior.free.names):
             row = [i for i, other in enumerate(posterior.names) if other in (name, _twin(name))]
             if row:
-                grown = self.spread[k] * (scale if _is_force(self.free)[k] else 1.0)
+                grown = self.spread[k] * (scale if _is_force(self.prior.free)[k] else 1.0)
                 wider[row[0], row[0]] += grown**2
                 added[posterior.names[row[0]]] = grown * self._unit(k, model) * signs[k]
         known = {**model.hydrodynamics, **{n: c for n, c in model.restoring if c is not None}}
@@ -216,8 +227,8 @@ class FleetClass:
 
     def _unit(self, k: int, model: Vehicle) -> float:
         """Return the size of a coefficient's change for one unit of its coordinate."""
-        i = self.free.codes[k, 1]
-        return float(model.mass_matrix[i, i]) if _is_inertia(self.free)[k] else 1.0
+        i = self.prior.free.codes[k, 1]
+        return float(model.mass_matrix[i, i]) if _is_inertia(self.prior.free)[k] else 1.0
 
     def document(self) -> dict[str, Any]:
         """Return it as JSON has it."""
@@ -497,10 +508,9 @@ def _pooled(runs: Sequence[Run]) -> FleetClass:
         coefficients=pooled,
         outliers=outliers,
         base=_whole(base, whole, prior.names),
-        free=prior.free,
+        prior=prior,
         mean=theta,
         covariance=covariance,
-        reference=prior.reference,
         spread=np.where(spreads.asked[1], unit * np.sqrt(variances.within), 0.0),
     )
 
@@ -770,29 +780,3 @@ def _share(spread: float | None, each: Pooled) -> str:
     if spread is None:
         return "-"
     return f"{short(100.0 * spread / each.size, 2)} %" if each.size > each.std else short(spread, 2)
-
-
-def _as_vehicle(
-    base: Vehicle, free: FreeParameters, theta: Array, covariance: Array, reference: Array, name: str, source: str
-) -> Vehicle:
-    """Return a vehicle at theta (n,) with this posterior."""
-    signs = free.signs
-    at = np.where(signs < 0.0, free.rigid - theta, theta)
-    posterior_mean = np.where(free.codes[:, 0] == IN_GAIN, 0.0, at)  # its thrusters have these gains
-    held = np.where(_is_damping(free), np.minimum(at, 0.0), at)
-    std = np.sqrt(np.diag(covariance)) * np.abs(free.slopes(theta))
-    middle = with_coordinates(base, free.names, held)
-    known = {n: middle.coefficient(n) for n in free.names if n in COEFFICIENTS}
-    changes: dict[str, Coefficient | float] = {
-        n: Coefficient(value=known[n], std=float(std[k]), source=source) for k, n in enumerate(free.names) if n in known
-    }
-    notes = (*base.provenance.notes, "means and deviations are of a new vehicle of the class, not of one that was run")
-    made = middle.with_coefficients(changes, provenance=Provenance(source=source, notes=notes))
-    posterior = Posterior.from_covariance(free.names, posterior_mean, covariance * np.outer(signs, signs), reference)
-    return made.model_copy(update={"name": name, "description": f"a new vehicle of {name}", "posterior": posterior})
-
-
-def _is_damping(free: FreeParameters) -> NDArray[np.bool_]:
-    """Return which (n,) take energy out: linear and quadratic damping on the diagonal."""
-    out = [name in COEFFICIENTS and index(name)[0] in ("linear", "quadratic") for name in free.names]
-    return np.asarray(np.array(out) & (free.codes[:, 1] == free.codes[:, 2]))

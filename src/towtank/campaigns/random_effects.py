@@ -222,7 +222,7 @@ def _together(blocks: Sequence[Array]) -> tuple[Array, float]:
     p = blocks[0].shape[1] - 1
     out, misfit = np.zeros((len(blocks), p, p + 1)), 0.0
     for k, block in enumerate(blocks):
-        R = np.linalg.qr(block, mode="r")
+        R = np.asarray(np.linalg.qr(block, mode="r"), dtype=np.float64)
         out[k, : min(p, len(R))] = R[:p]
         misfit += float(R[p, p] ** 2) if len(R) > p else 0.0
     return out, misfit
@@ -235,9 +235,9 @@ def _left(equations: Array, variance: Array) -> tuple[Array, float]:
     log det (I + F D F^T).
     """
     F = equations[:, :, :-1]
-    root = np.linalg.cholesky(np.eye(F.shape[1]) + (F * variance) @ F.transpose(0, 2, 1))
-    size = 2.0 * float(np.log(np.einsum("nii->ni", root)).sum())
-    return np.linalg.solve(root, equations), size
+    root: Array = np.asarray(np.linalg.cholesky(np.eye(F.shape[1]) + (F * variance) @ F.transpose(0, 2, 1)))
+    size = 2.0 * float(np.log(_diagonals(root)).sum())
+    return np.asarray(np.linalg.solve(root, equations), dtype=np.float64), size
 
 
 def restricted_maximum(evidence: Evidence, estimated: Array, start: Variances, prior: Array | None = None) -> Variances:
