@@ -288,6 +288,19 @@ def test_the_scale_of_thrust_is_no_surer_for_many_vehicles(fleet: Fleet) -> None
         assert mass.std > scale * mass.size
 
 
+def test_a_run_that_went_farther_than_it_states_is_not_taken_beyond_its_word() -> None:
+    """Widened afterwards to 95 % of the prior, 2.5 deviations away: by information alone its data would lie at 26."""
+    k = place("X_uu")
+    mean, covariance = SUPPOSED.mean.copy(), SUPPOSED.covariance.copy()
+    mean[k] += 2.5 * SUPPOSED.std[k]
+    covariance[k, k] *= 0.95**2
+    found = pool([Run("v", BEFORE.name, "1", modelled(BEFORE, SUPPOSED, mean, covariance), BEFORE)]).classes[0]
+    data, told = 2.5 / (2.5 / 3.0) ** 2, 1.0 / 0.95**2 - 1.0
+    away = (found["X_uu"].value - SUPPOSED.mean[k]) / SUPPOSED.std[k]
+    assert away == pytest.approx(told / (1.0 + told) * data, rel=0.05)
+    assert away < told / (1.0 + told) * 26.0 / 5.0
+
+
 def test_vehicles_and_runs_in_another_order_are_the_same_fleet(runs: list[Run], fleet: Fleet) -> None:
     turned = pool(runs[::-1])
     for one in fleet.classes[0].coefficients:
