@@ -19,6 +19,7 @@ import pytest
 import typer
 
 import towtank as tt
+from towtank import campaigns
 from towtank.app.cli import app
 from towtank.recording import Recording
 from towtank.simulation import Ins, manoeuvre, simulate
@@ -147,6 +148,12 @@ def surge(path: Path, seed: int) -> None:
     simulate(truth, commands=commands, dt=0.05, substeps=5, sensors=SLOW, seed=seed).write(path)
 
 
+def fleet(path: Path) -> None:
+    before = tt.load_vehicle("seamor")
+    models = [tt.learn(driven("seamor", seed), before).model for seed in (1, 2)]
+    campaigns.pool([campaigns.Run(f"{k}", "seamor", f"{k}", each, before) for k, each in enumerate(models)]).write(path)
+
+
 ANGLES = '[columns]\nt = "t"\nphi = "phi"\ntheta = "theta"\npsi = "psi"\n'
 Given = dict[str, Callable[[Path], None]]
 MINE: Given = {"mine.toml": partial(vehicle, name="bluerov2_heavy")}
@@ -165,6 +172,7 @@ GIVEN: dict[str, Given] = {
     },
     **{f"{each}.md": MINE for each in ("c", "casadi", "fmu", "gz-sim", "matlab", "mss", "mujoco", "python")},
     **{f"{each}.md": MINE for each in ("state-space", "urdf-hydrodynamics")},
+    "fleets.md": {"first-dive.BIN": partial(dive, seed=3, vehicle="seamor"), "fleet.toml": fleet},
     "importing.md": {"model.sdf": sdf, "rexrov.urdf": partial(text, content=UUV)},
     "index.md": {**MINE, "model.sdf": sdf},
     "learning.md": {"monday.BIN": dive, "friday.BIN": partial(dive, seed=2)},

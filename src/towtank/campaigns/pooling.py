@@ -1,0 +1,782 @@
+"""What many vehicles of a class say together: the class, the spread of its vehicles, that of their runs.
+
+A learned model is the posterior of one run: prior and data. The prior was the same in all of them and may count once
+only, so each run's own likelihood is taken back out of it, as information,
+
+    L = C^-1 - C_0^-1,    L x = C^-1 m - C_0^-1 m_0
+
+with m, C of the posterior and m_0, C_0 of the prior, in the coordinates in which the prior is of unit covariance, where
+a direction of which the run says nothing is one of an eigenvalue 1 and is left at no information. What belongs to a
+single run (`_OF_A_RUN`: delay, latencies, constant forces) is integrated out before that, each with its own prior.
+
+Then `random_effects`: run within vehicle within class. Spreads are of single coefficients and independent of each
+other, in the coordinates in which the prior is Gaussian: of total inertias and gains, logarithms. Motion tells forces
+only in units of the thrust, so that inertias and forces are pooled as multiples of the mean gain of the thrusters, in
+which no run has anything to say of the scale (`per_thrust`); the scale of the class is as uncertain as the prior has
+it, however many vehicles there are. Gains are a vehicle's, and do not differ from run to run.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from towtank.campaigns.random_effects import Evidence, Solution, Variances, restricted_maximum, solved
+from towtank.core.arrays import Array
+from towtank.core.layout import INFLOW, N_KINDS
+from towtank.digits import joined, measured, short
+from towtank.errors import InputError, nearest
+from towtank.identification.model.parameters import (
+    DELAY,
+    GAIN_PREFIX,
+    IN_GAIN,
+    LAG,
+    LATENCIES,
+    PLACES,
+    UNTRANSFORMED,
+    FreeParameters,
+)
+from towtank.identification.model.prior import Prior, prior_of
+from towtank.identification.posterior.result import NARROWED, estimate_of, model_of, with_posterior
+from towtank.identification.posterior.thrusters import learned_gains
+from towtank.vehicle import COEFFICIENTS, Coefficient, Provenance, Vehicle, index, mirror, save_vehicle
+from towtank.vehicle.posterior import Posterior, unit_of_unknown
+
+__all__ = ["Fleet", "FleetClass", "Outlier", "Pooled", "Run", "pool"]
+
+_OF_A_RUN = (DELAY, *LATENCIES, *PLACES)  # and constant forces
+_ROUNDED = 4e-3  # of the prior's information: what the digits of a learned file may add
+_FARTHEST = 3.0  # deviations
+_SAME = 1e-6  # share by which a deviation that was kept may differ
+_SAME_PRIOR = 0.01
+_CHANCE = 0.05  # of naming any run of a class as an outlier where there is none
+_SUSPECT, _SUSPECTS = 0.8, 3  # of what an outlier has while it is among those that it is compared with; asked at a time
+_MOST_OUTLIERS = 12
+_START = 1e-2  # of a variance, in units of what was supposed
+_NORMAL_95 = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class Run:
+    """What one run taught of one vehicle.
+
+    Attributes:
+        vehicle: which one it was. klass: its class: vehicles built to one drawing. label: of the run.
+        model: learned, with its posterior. before: the vehicle that it was learned from; None: one of which nothing is
+            known but rigid body and thrusters. beside: the one given by `--prior`.
+    """
+
+    vehicle: str
+    klass: str
+    label: str
+    model: Vehicle
+    before: Vehicle | None = None
+    beside: Vehicle | None = None
+
+
+@dataclass(frozen=True)
+class Pooled:
+    """One coefficient of a class, in its own unit.
+
+    Attributes:
+        value, std, low, high: the mean of the class, its deviation and 95 % interval, the scale of thrust in it.
+        between, within: deviations of vehicles about it, and of runs about their vehicle; None where too few know it.
+        size: that shares of spreads are of: the total inertia of an added mass, else |value|.
+        next_std: deviation of what a new vehicle is supposed to have in a run. prior, prior_std: before all runs.
+        runs, vehicles: how many know it by themselves, to half of what was supposed.
+    """
+
+    name: str
+    unit: str
+    value: float
+    std: float
+    low: float
+    high: float
+    between: float | None
+    within: float | None
+    size: float
+    next_std: float
+    prior: float
+    prior_std: float
+    runs: int
+    vehicles: int
+
+    @property
+    def known(self) -> bool:
+        """Whether the class is known to half of what was supposed before all runs."""
+        return self.std <= NARROWED * self.prior_std
+
+    def document(self) -> dict[str, Any]:
+        """Return it as JSON has it."""
+        return {
+            "value": self.value,
+            "std": self.std,
+            "interval": [self.low, self.high],
+            "unit": self.unit,
+            "between": self.between,
+            "within": self.within,
+            "size": self.size,
+            "next_std": self.next_std,
+            "prior": {"value": self.prior, "std": self.prior_std},
+            "identified": self.known,
+            "runs": self.runs,
+            "vehicles": self.vehicles,
+        }
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A run whose coefficient lies `deviations` from what all others say: those of runs, and its own."""
+
+    vehicle: str
+    run: str
+    name: str
+    deviations: float
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        return f"{self.run} ({self.vehicle}): {self.name} {self.deviations:+.1f} deviations from what the others say"
+
+
+@dataclass(frozen=True, eq=False)
+class FleetClass:
+    """A class of vehicles.
+
+    Attributes:
+        vehicles, runs: names of both, in their order. coefficients: without gains and lag. outliers: gravest first.
+        base: the vehicle that runs were learned from, with what was supposed where no run tells more.
+        prior: of all that was pooled, lag and gains too. mean, covariance: of it for a new vehicle in a run, in the
+            coordinates of the prior.
+        spread: deviations of runs about their vehicle, 0 where not shown, as `per_thrust` has them.
+    """
+
+    name: str
+    vehicles: tuple[str, ...]
+    runs: tuple[str, ...]
+    coefficients: tuple[Pooled, ...]
+    outliers: tuple[Outlier, ...]
+    base: Vehicle
+    prior: Prior
+    mean: Array
+    covariance: Array
+    spread: Array
+
+    def __getitem__(self, name: str) -> Pooled:
+        found = [each for each in self.coefficients if each.name in (name, _twin(name))]
+        if not found:
+            known = [each.name for each in self.coefficients]
+            raise InputError(f'class {self.name}: "{name}" was not pooled{nearest(name, known)}')
+        return found[0]
+
+    @cached_property
+    def vehicle(self) -> Vehicle:
+        """The class as a vehicle whose posterior is what is supposed of a new one, for `--prior`.
+
+        Coefficients are the likeliest physical ones, as those of a model that was learned from a log.
+        """
+        source = f"pooled by towtank: {len(self.runs)} runs of {len(self.vehicles)} vehicles"
+        if len(self.vehicles) < 2:
+            source += "; how vehicles differ one cannot say, so that no deviation is below that before any data"
+        prior, theta = self.prior, self.mean
+        estimate, _ = estimate_of(self.base, prior, theta, self.covariance, 0.0, 0)
+        gains = learned_gains(self.base, prior.free, theta, np.sqrt(np.diag(self.covariance)))
+        lag = max(float(theta[prior.names.index(LAG)]), 0.0) if LAG in prior.names else math.nan
+        made = model_of(self.base, estimate, source, delay=self.base.command_delay, lag=lag, gains=gains)
+        made = with_posterior(made, prior, theta, self.covariance)
+        notes = (*self.base.provenance.notes, "means and deviations are of a new vehicle of the class")
+        words = {"name": self.name, "description": f"a new vehicle of {self.name}", "posterior": made.posterior}
+        return made.model_copy(update={**words, "provenance": Provenance(source=source, notes=notes)})
+
+    def widened(self, model: Vehicle) -> Vehicle:
+        """Return the model of a single run with deviations that include what runs of one vehicle differ by.
+
+        Raises:
+            InputError: the model has no posterior.
+        """
+        posterior = _posterior_of(model, model.name)
+        signs, wider, added = self.prior.free.signs, posterior.covariance, {}
+        scale = self._thrust(model)
+        for k, name in enumerate(self.prior.free.names):
+            row = [i for i, other in enumerate(posterior.names) if other in (name, _twin(name))]
+            if row:
+                grown = self.spread[k] * (scale if _is_force(self.prior.free)[k] else 1.0)
+                wider[row[0], row[0]] += grown**2
+                added[posterior.names[row[0]]] = grown * self._unit(k, model) * signs[k]
+        known = {**model.hydrodynamics, **{n: c for n, c in model.restoring if c is not None}}
+        changes: dict[str, Coefficient | float] = {
+            name: known[name].model_copy(update={"std": math.hypot(known[name].std or 0.0, each)})
+            for name, each in added.items()
+            if name in known
+        }
+        found = Posterior.from_covariance(posterior.names, posterior.mean, wider, posterior.prior_std)
+        return model.with_coefficients(changes).model_copy(update={"posterior": found})
+
+    def _thrust(self, model: Vehicle) -> float:
+        """Return the mean gain of the model's thrusters as a multiple of the base's."""
+        before = {each.name: each.gain for each in self.base.thrusters}
+        ratios = [math.log(each.gain / before[each.name]) for each in model.thrusters if each.name in before]
+        return math.exp(float(np.mean(ratios))) if ratios else 1.0
+
+    def _unit(self, k: int, model: Vehicle) -> float:
+        """Return the size of a coefficient's change for one unit of its coordinate."""
+        i = self.prior.free.codes[k, 1]
+        return float(model.mass_matrix[i, i]) if _is_inertia(self.prior.free)[k] else 1.0
+
+    def document(self) -> dict[str, Any]:
+        """Return it as JSON has it."""
+        return {
+            "vehicles": list(self.vehicles),
+            "runs": list(self.runs),
+            "coefficients": {each.name: each.document() for each in self.coefficients},
+            "outliers": [
+                {"vehicle": each.vehicle, "run": each.run, "coefficient": each.name, "deviations": each.deviations}
+                for each in self.outliers
+            ],
+        }
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Return cells of a table, under `Fleet.HEADS`, of what the class knows and of what shows a spread."""
+        return [
+            (
+                each.name,
+                *measured(each.value, each.std),
+                each.unit,
+                *(_share(spread, each) for spread in (each.between, each.within)),
+                short(each.next_std, 2),
+                short(each.prior_std, 2),
+                f"{each.runs}/{each.vehicles}",
+            )
+            for each in self.coefficients
+            if each.known or each.between is not None or each.within is not None
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class Fleet:
+    """What runs of vehicles say of the classes of the vehicles."""
+
+    classes: tuple[FleetClass, ...]
+
+    HEADS = (
+        "Coefficient",
+        ">Class",
+        ">± std",
+        "Unit",
+        ">Vehicles ±",
+        ">Runs ±",
+        ">A new one ±",
+        ">Before ±",
+        ">Known by runs/vehicles",
+    )
+
+    def __getitem__(self, name: str) -> FleetClass:
+        names = [each.name for each in self.classes]
+        if name not in names:
+            raise InputError(f'class: found "{name}", expected one of {", ".join(names)}{nearest(name, names)}')
+        return self.classes[names.index(name)]
+
+    def write(self, path: str | os.PathLike[str], klass: str | None = None) -> None:
+        """Write what is supposed of a new vehicle of a class as a vehicle file for `--prior`.
+
+        Raises:
+            InputError: several classes and none named, or no such class; the file cannot be written.
+        """
+        if klass is None and len(self.classes) > 1:
+            names = [each.name for each in self.classes]
+            raise InputError(f"{path}: found {len(names)} classes ({', '.join(names)}), expected one; name it")
+        save_vehicle((self.classes[0] if klass is None else self[klass]).vehicle, path)
+
+    def document(self) -> dict[str, Any]:
+        """Return it as JSON has it."""
+        return {"classes": {each.name: each.document() for each in self.classes}}
+
+
+def pool(runs: Sequence[Run]) -> Fleet:
+    """Return what runs of vehicles say together, class by class in the order in which classes appear.
+
+    Raises:
+        InputError: no run; one whose model has no posterior, or was learned from another vehicle than is said; vehicles
+            of a class with other thrusters; a run that is there twice.
+    """
+    if not runs:
+        raise InputError("pool: no run given, expected two at least")
+    seen: set[tuple[str, str, str]] = set()
+    for run in runs:
+        key = (run.klass, run.vehicle, run.label)
+        if key in seen:
+            raise InputError(f"{run.label}: stands there twice for {run.vehicle}, expected each run once")
+        seen.add(key)
+    names = dict.fromkeys(run.klass for run in runs)
+    return Fleet(tuple(_pooled([run for run in runs if run.klass == name]) for name in names))
+
+
+# -- what one run says
+
+
+@dataclass(frozen=True, eq=False)
+class _Likelihood:
+    """What a run's data say, about theta (n,): the information (n, n) and the gradient (n,) of the log likelihood.
+
+    `unscaled`: all forces were unknown, so that the data say nothing of the scale of thrust.
+    """
+
+    free: FreeParameters
+    theta: Array
+    information: Array
+    gradient: Array
+    unscaled: bool = True
+
+
+def _likelihood(run: Run) -> _Likelihood:
+    """Return what a run's data say of what is not the run's alone, the prior taken out."""
+    posterior = _posterior_of(run.model, run.label)
+    before = _bare(run.model) if run.before is None else run.before
+    prior = _prior_before(run, before, posterior)
+    place = {name: k for k, name in enumerate(prior.names)}
+    rows = np.array([place[_named(name, place)] for name in posterior.names])
+    gains = _gains(run.model, before, prior.names)
+    signs, rigid = prior.free.signs[rows], prior.free.rigid[rows]
+    mean = np.where(signs < 0.0, rigid - np.array(posterior.mean), np.array(posterior.mean)) + gains[rows]
+    covariance = posterior.covariance * np.outer(signs, signs)
+    supposed = prior.std[rows]
+    theta = prior.mean.copy()
+    theta[rows] = mean
+    theta = _physical(run.model, prior, theta)
+    near, near_covariance = prior.seen_from(theta)
+    kept = np.array([not _of_a_run(prior.names[row]) for row in rows])
+    kept &= np.abs(np.array(posterior.std) / supposed - 1.0) > _SAME  # else nothing in the run shows it
+    if not kept.any():
+        return _Likelihood(prior.free.subset(()), np.empty(0), np.empty((0, 0)), np.empty(0))
+    some = rows[kept]
+    information, gradient = _taken_out(
+        (mean[kept], covariance[np.ix_(kept, kept)]), (near[some], near_covariance[np.ix_(some, some)]), theta[some]
+    )
+    order = np.argsort(some)
+    free = prior.free.subset([prior.names[row] for row in some])
+    unscaled = bool(
+        (_is_force(prior.free) | _is_inertia(prior.free))[np.setdiff1d(np.arange(len(prior.free)), rows)].sum() == 0
+    )
+    return _Likelihood(free, theta[some][order], information[np.ix_(order, order)], gradient[order], unscaled)
+
+
+def _taken_out(posterior: tuple[Array, Array], prior: tuple[Array, Array], theta: Array) -> tuple[Array, Array]:
+    """Return information (n, n) and gradient (n,) at theta of the likelihood that makes a posterior of a prior.
+
+    Of a direction whose variance a run narrows to a share d of the prior's, the mean lies y from the prior's mean, y of
+    variance 1 - d, and the likelihood itself at y / (1 - d). But learning widens deviations by what windows of a run
+    contradict each other, and leaves the mean where it went; with the d that is stated, the likelihood of such a run
+    would lie many times too far. Where y is more than three of its deviations, the run is taken to have narrowed the
+    direction as much as makes y three, before it was widened; its information is what it states.
+    """
+    root = np.linalg.cholesky(prior[1])
+    white = np.linalg.solve(root, np.linalg.solve(root, posterior[1]).T)
+    shares, axes = np.linalg.eigh(0.5 * (white + white.T))
+    told = np.maximum(1.0 / np.maximum(shares, 1e-300) - 1.0, 0.0)
+    told[told < _ROUNDED] = 0.0
+    away = axes.T @ np.linalg.solve(root, posterior[0] - prior[0])
+    narrowed = np.where(told > 0.0, np.maximum(1.0 - shares, np.minimum((away / _FARTHEST) ** 2, 1.0)), 1.0)
+    says = told * away / narrowed
+    says -= told * (axes.T @ np.linalg.solve(root, theta - prior[0]))
+    back = np.linalg.solve(root.T, axes)
+    return (back * told) @ back.T, back @ says
+
+
+def _posterior_of(model: Vehicle, label: str) -> Posterior:
+    if model.posterior is None:
+        raise InputError(f"{label}: its model has no [posterior], expected one learned by method joint or output-error")
+    return model.posterior
+
+
+def _bare(model: Vehicle) -> Vehicle:
+    """Return a vehicle of which nothing is known but rigid body, thrusters and what was stated in [prior]."""
+    thrusters = tuple(each.model_copy(update={"gain": 1.0, "time_constant": 0.0}) for each in model.thrusters)
+    empty = Vehicle(name=model.name, rigid_body=model.rigid_body, buoyancy=model.buoyancy, thrusters=thrusters)
+    return empty.model_copy(update={"prior": model.prior, "scale_std": model.scale_std})
+
+
+def _prior_before(run: Run, before: Vehicle, posterior: Posterior) -> Prior:
+    """Return what was supposed when a run was learned from.
+
+    Raises:
+        InputError: it is not what the run's posterior says was supposed.
+    """
+    commands = any(name == LAG or name.startswith(GAIN_PREFIX) for name in posterior.names)
+    prior = prior_of(before, commands=commands, more=_further(posterior.names), beside=run.beside)
+    for name, std in zip(posterior.names, posterior.prior_std, strict=True):
+        own = _named(name, prior.names)
+        found = float(prior.reference[prior.names.index(own)]) if own in prior.names else math.nan
+        if not abs(found / std - 1.0) <= _SAME_PRIOR:
+            said = "no vehicle was given" if run.before is None else f"{before.name} has {short(found)}"
+            raise InputError(
+                f"{run.label}: {name} was learned from a prior deviation of {short(std)}, but {said}; "
+                "give the vehicle file, and --prior, that the run was learned with"
+            )
+    return prior
+
+
+def _further(names: Sequence[str]) -> list[str]:
+    """Return those that a prior has only where it is asked: latencies, places, forward-speed terms."""
+    return [name for name in names if name not in COEFFICIENTS or index(name)[0] == "forward"]
+
+
+def _physical(model: Vehicle, prior: Prior, theta: Array) -> Array:
+    """Return theta (n,) with the coefficients that the model has, the likeliest that physics allows."""
+    values = prior.free.values(theta)
+    for k, name in enumerate(prior.names):
+        if name in COEFFICIENTS:
+            values[k] = model.coefficient(name)
+    return prior.free.thetas(values)
+
+
+def _gains(model: Vehicle, before: Vehicle, names: Sequence[str]) -> Array:
+    """Return the logarithms (n,) of the model's gains as multiples of what they were before, 0 of other unknowns."""
+    there = {each.name: each.gain for each in before.thrusters}
+    own = {GAIN_PREFIX + each.name: math.log(each.gain / there.get(each.name, each.gain)) for each in model.thrusters}
+    return np.array([own.get(name, 0.0) for name in names])
+
+
+def _of_a_run(name: str) -> bool:
+    """Whether an unknown belongs to a run, not to its vehicle."""
+    return name in _OF_A_RUN or (name in COEFFICIENTS and index(name)[0] == "constant")
+
+
+def _named(name: str, names: Any) -> str:
+    return _twin(name) if name not in names and _twin(name) in names else name
+
+
+def _twin(name: str) -> str:
+    return mirror(name) if name in COEFFICIENTS and index(name)[0] == "mass" else name
+
+
+# -- a class
+
+
+@dataclass(frozen=True, eq=False)
+class _Spreads:
+    """Which spreads (2, p) between vehicles and within them are `asked` for, by which parameters they are `estimated`,
+    where all of them `start`, and how many runs and vehicles know the coefficient, `counts` (2, p).
+    """
+
+    asked: NDArray[np.bool_]
+    estimated: Array
+    start: Variances
+    counts: NDArray[np.int64]
+
+
+def _pooled(runs: Sequence[Run]) -> FleetClass:
+    """Return what the runs of one class say."""
+    own = [_likelihood(run) for run in runs]
+    base = _base(runs)
+    names = dict.fromkeys(name for each in own for name in each.free.names)
+    whole = prior_of(base, commands=_driven(runs), more=_further(list(names)), beside=runs[0].beside)
+    prior = whole.only(tuple(names))
+    if not prior.names:
+        raise InputError(f"class {runs[0].klass}: no run says anything of any coefficient, so that there is no class")
+    vehicles = tuple(dict.fromkeys(run.vehicle for run in runs))
+    member = np.array([vehicles.index(run.vehicle) for run in runs])
+    points = [_point(prior, run, each, base) for run, each in zip(runs, own, strict=True)]
+    centre = np.mean(points, axis=0)
+    q, turn = per_thrust(prior.free, centre)
+    near, near_covariance = prior.seen_from(centre)
+    supposed = q + turn @ (near - centre)
+    covariance = turn @ near_covariance @ turn.T
+    unit = np.sqrt(np.diag(covariance))
+    evidence = _evidence(prior.free, own, points, member, supposed, unit)
+    precision = np.linalg.inv(covariance / np.outer(unit, unit))
+    spreads = _spreads(evidence, precision, prior.free, unit)
+    variances = restricted_maximum(evidence, spreads.estimated, spreads.start, precision)
+    found = solved(evidence, variances, precision)
+    outliers = _outliers(runs, prior.names, spreads, found, precision)
+
+    theta, back = thrust_undone(prior.free, supposed + unit * found.mean)
+    rows = back * unit
+    new = _of_a_new_vehicle(found, spreads)
+    covariance = rows @ new @ rows.T
+    pooled = _coefficients(prior, found, theta, rows, np.sqrt(np.diag(covariance)), spreads)
+    return FleetClass(
+        name=runs[0].klass,
+        vehicles=vehicles,
+        runs=tuple(run.label for run in runs),
+        coefficients=pooled,
+        outliers=outliers,
+        base=_whole(base, whole, prior.names),
+        prior=prior,
+        mean=theta,
+        covariance=covariance,
+        spread=np.where(spreads.asked[1], unit * np.sqrt(variances.within), 0.0),
+    )
+
+
+def _base(runs: Sequence[Run]) -> Vehicle:
+    """Return the vehicle that the class is told by: what the first run was learned from, before any data.
+
+    Raises:
+        InputError: another run's vehicle has other thrusters.
+    """
+    first = runs[0].before
+    base = _bare(runs[0].model) if first is None or first.posterior is not None else first
+    names = {each.name for each in base.thrusters}
+    for run in runs:
+        other = {each.name for each in run.model.thrusters}
+        if other != names:
+            raise InputError(
+                f"{run.label}: {run.vehicle} has the thrusters {joined(sorted(other) or ['none'])}, but {runs[0].label}"
+                f" of the same class {run.klass} has {joined(sorted(names) or ['none'])}; give it a class of its own"
+            )
+    return base
+
+
+def _whole(base: Vehicle, supposed: Prior, pooled: Sequence[str]) -> Vehicle:
+    """Return the vehicle with what is supposed of the coefficients that no run told, where that is not 0."""
+    changes: dict[str, Coefficient | float] = {}
+    lines = zip(supposed.names, supposed.values, supposed.value_std, supposed.sources, strict=True)
+    for name, value, std, source in lines:
+        if name in COEFFICIENTS and name not in pooled and value != 0.0:
+            changes[name] = Coefficient(value=float(value), std=float(std), source=source)
+    return base.with_coefficients(changes)
+
+
+def _driven(runs: Sequence[Run]) -> bool:
+    """Whether any run was driven by thruster commands."""
+    names = [name for run in runs for name in _posterior_of(run.model, run.label).names]
+    return any(name == LAG or name.startswith(GAIN_PREFIX) for name in names)
+
+
+def _point(prior: Prior, run: Run, own: _Likelihood, base: Vehicle) -> Array:
+    """Return theta (n,) that a run's likelihood is told about, of what it does not know the prior's mean."""
+    theta = prior.mean.copy()
+    before = base if run.before is None else run.before
+    gains = _gains(before, base, own.free.names)
+    for k, name in enumerate(own.free.names):
+        theta[prior.names.index(_named(name, prior.names))] = own.theta[k] + gains[k]
+    return theta
+
+
+def _evidence(
+    free: FreeParameters,
+    own: Sequence[_Likelihood],
+    points: Sequence[Array],
+    member: NDArray[np.int64],
+    supposed: Array,
+    unit: Array,
+) -> Evidence:
+    """Return what the runs say, per thrust, from what was supposed, in units of its deviation."""
+    n, p = len(own), len(free)
+    information, score = np.zeros((n, p, p)), np.zeros((n, p))
+    for r, (each, theta) in enumerate(zip(own, points, strict=True)):
+        if not len(each.free):
+            continue
+        rows = [free.names.index(_named(name, free.names)) for name in each.free.names]
+        whole, gradient = np.zeros((p, p)), np.zeros(p)
+        whole[np.ix_(rows, rows)], gradient[rows] = each.information, each.gradient
+        q, turn = per_thrust(free, theta)
+        back = np.linalg.inv(turn)  # d theta / d q
+        if each.unscaled:  # but for errors of the first order, which many runs would add up
+            share = _gain_share(free)
+            back = back @ (np.eye(p) - np.outer(share > 0.0, share))
+        back = back * unit
+        information[r] = back.T @ whole @ back
+        score[r] = back.T @ gradient + information[r] @ ((q - supposed) / unit)
+    return Evidence(information, score, member)
+
+
+def _is_force(free: FreeParameters) -> NDArray[np.bool_]:
+    """Return which (n,) are forces, or couplings of inertia, as they stand."""
+    kind = free.codes[:, 0]
+    return np.asarray((kind < N_KINDS) & (kind != INFLOW) & (free.codes[:, 3] == UNTRANSFORMED))
+
+
+def _is_inertia(free: FreeParameters) -> NDArray[np.bool_]:
+    """Return which (n,) are logarithms of total inertias."""
+    kind = free.codes[:, 0]
+    return np.asarray((kind < N_KINDS) & (free.codes[:, 3] != UNTRANSFORMED))
+
+
+def _gain_share(free: FreeParameters) -> Array:
+    """Return the share (n,) of each unknown in the logarithm of the scale of thrust; one thruster has no scale."""
+    gains = free.codes[:, 0] == IN_GAIN
+    return gains / gains.sum() if gains.sum() > 1 else np.zeros(len(free))
+
+
+def per_thrust(free: FreeParameters, theta: Array) -> tuple[Array, Array]:
+    """Return inertias and forces as multiples of the thrusters' mean gain (n,), and d q / d theta (n, n)."""
+    share, forces, inertias = _gain_share(free), _is_force(free), _is_inertia(free)
+    scale = float(share @ theta)
+    shrink = np.where(forces, math.exp(-scale), 1.0)
+    q = shrink * theta - np.where(inertias, scale, 0.0)
+    return q, np.diag(shrink) - np.outer(np.where(forces, q, 0.0) + inertias, share)
+
+
+def thrust_undone(free: FreeParameters, q: Array) -> tuple[Array, Array]:
+    """Return theta (n,) of q, and d theta / d q (n, n)."""
+    share, forces, inertias = _gain_share(free), _is_force(free), _is_inertia(free)
+    scale = float(share @ q)
+    theta = np.where(forces, math.exp(scale), 1.0) * q + np.where(inertias, scale, 0.0)
+    return theta, np.asarray(np.linalg.inv(per_thrust(free, theta)[1]))
+
+
+def _spreads(evidence: Evidence, prior: Array, free: FreeParameters, unit: Array) -> _Spreads:
+    """Return which spreads are asked for, and what the others are taken for.
+
+    A coefficient is known where its deviation is at most half of what was supposed. Two vehicles must know it for a
+    spread between them, two runs of one vehicle for one within. Where nobody can say either, each run has its own, as
+    far from the class as was supposed of any vehicle: runs that disagree on what none of them knows would bend what
+    they do know. So have vehicles their gains, which are the same in all runs of one. Thrusters are of one make: their
+    gains spread alike.
+    """
+    supposed = np.diag(np.linalg.inv(prior))
+    by_run = np.diagonal(np.linalg.inv(evidence.information + prior), axis1=1, axis2=2) <= NARROWED**2 * supposed
+    whole = np.zeros((evidence.members, *prior.shape))
+    np.add.at(whole, evidence.member, evidence.information)
+    by_vehicle = np.diagonal(np.linalg.inv(whole + prior), axis1=1, axis2=2) <= NARROWED**2 * supposed
+    runs_of = np.zeros((evidence.members, len(free)), dtype=np.int64)
+    np.add.at(runs_of, evidence.member, by_run.astype(np.int64))
+    gains = free.codes[:, 0] == IN_GAIN
+    between, within = by_vehicle.sum(axis=0) >= 2, (runs_of >= 2).any(axis=0) & ~gains
+    own = ~between & ~within & (len(evidence.score) > 1)
+    start = Variances(
+        np.where(between, _START, np.where(own & gains, 1.0, 0.0)),
+        np.where(within, _START, np.where(own & ~gains, 1.0, 0.0)),
+    )
+    asked = np.array([between, within])
+    each = np.eye(2 * len(free))[np.concatenate([between & ~gains, within])]
+    alike = np.where(between & gains, np.min(unit[gains], initial=np.inf) ** 2 / unit**2, 0.0)
+    if alike.any():
+        each = np.vstack([each, np.concatenate([alike, np.zeros(len(free))])])
+    return _Spreads(asked, each, start, np.array([by_run.sum(axis=0), by_vehicle.sum(axis=0)]))
+
+
+def _of_a_new_vehicle(found: Solution, spreads: _Spreads) -> Array:
+    """Return the covariance (p, p) of a run of a vehicle that was not among these.
+
+    A spread that nothing shows leaves what is supposed of any vehicle. Where few vehicles show it, deviations are as
+    much wider as Student's interval is than the normal one, but no wider than before any data for that.
+    """
+    p = found.mean.size
+    shown = np.where(spreads.asked, np.array([found.variances.between, found.variances.within]), 0.0)
+    new = found.covariance + np.diag(shown.sum(axis=0))
+    new += np.diag(np.where(spreads.asked[0], 0.0, np.maximum(1.0 - np.diag(new), 0.0)))
+    _, degrees = found.deviations(np.eye(p), spreads.asked.astype(np.float64))
+    plain = np.sqrt(np.diag(new))
+    wider = np.maximum(np.minimum(_student(degrees) / _NORMAL_95, 1.0 / plain), 1.0)
+    return np.asarray(new * np.outer(wider, wider))
+
+
+def _coefficients(
+    prior: Prior,
+    found: Solution,
+    theta: Array,
+    rows: Array,
+    wide: Array,
+    asked: _Spreads,
+) -> tuple[Pooled, ...]:
+    """Return what is said of each coefficient, in its own unit."""
+    variance, degrees = found.deviations(rows)
+    std, values, slopes = np.sqrt(variance), prior.free.values(theta), np.abs(prior.free.slopes(theta))
+    reach = _student(degrees) * std
+    ends = np.sort([prior.free.values(theta - reach), prior.free.values(theta + reach)], axis=0)
+    own = slopes * np.abs(np.diag(rows))
+    spreads = (own * np.sqrt(found.variances.between), own * np.sqrt(found.variances.within))
+    inertias = _is_inertia(prior.free)
+    out = []
+    for k, name in enumerate(prior.names):
+        if name not in COEFFICIENTS:
+            continue
+        between, within = (float(spreads[e][k]) if asked.asked[e, k] else None for e in (0, 1))
+        out.append(
+            Pooled(
+                name=name,
+                unit=unit_of_unknown(name),
+                value=float(values[k]),
+                std=float(slopes[k] * std[k]),
+                low=float(ends[0, k]),
+                high=float(ends[1, k]),
+                between=between,
+                within=within,
+                size=float(slopes[k] if inertias[k] else abs(values[k])),
+                next_std=float(slopes[k] * wide[k]),
+                prior=float(prior.values[k]),
+                prior_std=float(prior.value_std[k]),
+                runs=int(asked.counts[0, k]),
+                vehicles=int(asked.counts[1, k]),
+            )
+        )
+    return tuple(out)
+
+
+def _outliers(
+    runs: Sequence[Run],
+    names: Sequence[str],
+    spreads: _Spreads,
+    pooled: Solution,
+    prior: Array,
+) -> tuple[Outlier, ...]:
+    """Return the runs that are out of line, each asked with the variances that the others have without it.
+
+    One after the other, the gravest first: two of a kind would hide each other.
+    """
+    evidence, variances, tested = pooled.evidence, pooled.variances, spreads.asked[1]
+    if not tested.any():
+        return ()
+    found: list[Outlier] = []
+    out = np.zeros(len(runs), dtype=np.bool_)
+    level = _CHANCE / (len(runs) * int(tested.sum()))
+    while len(found) < _MOST_OUTLIERS:
+        kept = evidence.without(out)
+        away = np.where(out[:, None] | ~tested, 0.0, np.abs(_away(solved(kept, variances, prior))))
+        degrees = np.maximum(np.sum(np.diagonal(kept.information, axis1=1, axis2=2) > 1.0, axis=0) - kept.members, 2)
+        far = _quantile(level, degrees - 1)
+        suspect = (away / (far * np.sqrt(degrees / (degrees - 1 + far**2)))).max(axis=1)
+        candidates = []
+        for r in np.argsort(-suspect)[:_SUSPECTS]:
+            if suspect[r] < _SUSPECT:
+                continue
+            alone = out.copy()
+            alone[r] = True
+            others = restricted_maximum(evidence.without(alone), spreads.estimated, variances, prior)
+            score = np.where(tested, _away(solved(kept, others, prior))[r], 0.0)
+            k = int(np.argmax(np.abs(score) / far))
+            if abs(score[k]) > far[k]:
+                candidates.append((abs(float(score[k])), int(r), k, float(score[k]), others))
+        if not candidates:
+            break
+        _, r, k, deviations, variances = max(candidates, key=lambda each: each[0])
+        out[r] = True
+        found.append(Outlier(runs[r].vehicle, runs[r].label, names[k], deviations))
+    return tuple(sorted(found, key=lambda each: -abs(each.deviations)))
+
+
+def _away(solution: Solution) -> Array:
+    """Return how many deviations (n, p) each run's effect is out of line."""
+    variance = np.einsum("nii->ni", solution.run_pull_covariance)
+    large = variance > 1e-9 * np.maximum(variance.max(axis=0), 1e-300)
+    return np.asarray(np.where(large, solution.run_pull / np.sqrt(np.where(large, variance, 1.0)), 0.0))
+
+
+def _student(degrees: Array) -> Array:
+    """Return the 97.5 % quantile of Student's t."""
+    from scipy.special import stdtrit
+
+    return np.asarray(stdtrit(degrees, 0.975))
+
+
+def _quantile(level: float, degrees: NDArray[np.int64]) -> Array:
+    """Return how many deviations of Student's t are exceeded, either way, with a chance of `level`."""
+    from scipy.special import stdtrit
+
+    return np.asarray(stdtrit(degrees, 1.0 - 0.5 * level))
+
+
+def _share(spread: float | None, each: Pooled) -> str:
+    """Return a spread as a share of the size, or in its own unit where there is no size worth sharing."""
+    if spread is None:
+        return "-"
+    return f"{short(100.0 * spread / each.size, 2)} %" if each.size > each.std else short(spread, 2)
