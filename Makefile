@@ -10,8 +10,8 @@ READY := .venv/.ready
 COMPILED := .venv/.compiled
 PAGE  := src/towtank/dashboard/static/index.html
 # Each worker begins with files of its own, so that what the tests of a file share is mostly made once; who is done first
-# takes of what the other has left.
-PYTEST := $(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal
+# takes of what the other has left. Linear algebra in one thread of each: those of more wait for each other by spinning.
+PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal
 SOURCES := $(shell find src/towtank -name '*.py')
 WEB   := $(wildcard web/*.json web/*.ts web/*.html web/public/* web/src/*)
 SHELL := bash
@@ -105,7 +105,7 @@ kernels: $(READY)
 	@NUMBA_DISABLE_JIT=1 $(PYTEST) tests/core tests/planning/test_guard.py tests/planning/test_space.py $(KERNEL_TESTS)
 
 docs: $(READY) $(PAGE)
-	$(call quietly,documentation (sphinx),$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs docs/_build/html)
+	$(call quietly,documentation (sphinx),OPENBLAS_NUM_THREADS=1 $(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs docs/_build/html)
 
 bench: $(READY)
 	@$(BIN)/python -m pytest -p no:xdist benchmarks
