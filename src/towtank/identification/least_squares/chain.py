@@ -16,15 +16,13 @@ from towtank.identification.least_squares.recursion import paper_events
 from towtank.identification.least_squares.rls import Scheme, require_scheme
 from towtank.identification.least_squares.solution import AxisInformation
 from towtank.identification.least_squares.state import PaperState, RecursionSettings, new_paper_state
-from towtank.identification.least_squares.velocity import ATTITUDES, VELOCITIES, Motion, new_motion, row_of, rows_of
+from towtank.identification.least_squares.velocity import ATTITUDES, VELOCITIES, Motion, MotionRows, new_motion, rows_of
 from towtank.recording import Grid
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
 
 __all__ = ["PaperChain", "Settings", "Tuning", "uses_commands"]
 
 _LOWPASSED = 0.003  # relative error left by low-passing the motion before squaring it
-_NO_STAMPS = np.empty(0)
-_NO_STAMPS.flags.writeable = False  # as those of a grid: one type, one compilation
 
 
 class Tuning(TypedDict, total=False):
@@ -130,7 +128,6 @@ class PaperChain:
         )
         self.held: ZeroOrderHold = new_zero_order_hold(shape.shape[1], lag, settings.delay)
         self._no_command = np.full(shape.shape[1], np.nan)
-        self._none = np.empty((0, shape.shape[1]))
 
     def restart(self) -> None:
         """Begin a new stretch whose times owe nothing to the last one's; what was learned stays."""
@@ -153,10 +150,11 @@ class PaperChain:
 
     def step(self, t: float, pose: Array, velocity: Array, acceleration: Array, forces: Array | None) -> float:
         """Take one sample; return the length [s] of the interval learned from, 0 where none was."""
-        requested = self._no_command if forces is None else forces
-        row = row_of(t, pose, velocity, acceleration)
-        _, length = paper_events(self.state, self.motion, self.held, row, _NO_STAMPS, self._none, requested[None])
-        return float(length)
+        asked = (self._no_command if forces is None else forces)[None]
+        row = MotionRows(np.array([t]), pose[None], velocity[None], acceleration[None])
+        for each in row:
+            each.flags.writeable = False  # as in a grid: one type, one compilation
+        return paper_events(self.state, self.motion, self.held, row, row.t[:0], asked[:0], asked)[1]
 
     def run(self, grid: Grid) -> int:
         """Take a whole grid, sample by sample; return how many intervals were learned from."""
@@ -166,8 +164,7 @@ class PaperChain:
         else:
             stamps, values, voltage = grid.wrench_t, grid.wrench_values, None
         forces = self.forces(np.array(values), voltage)
-        used, _ = paper_events(self.state, self.motion, self.held, rows_of(grid), stamps, forces, self._none)
-        return int(used)
+        return paper_events(self.state, self.motion, self.held, rows_of(grid), stamps, forces, forces[:0])[0]
 
     def information(self, axis: int) -> AxisInformation:
         """What has been gathered on one axis (a view by copy)."""

@@ -359,16 +359,11 @@ def paper_events(
 ) -> tuple[int, float]:
     """Take samples and held inputs (k, m) with time stamps (k,) of their own, in the order of their times.
 
-    The same as `paper_step` for each; a smooth input needs its stamps to be the samples'. A stream, which has no
-    stamps, brings with each sample what is `asked` for from its time on (n, m); a log does not (0, m). It is one kernel
-    for both, since each that Python calls is compiled by itself.
-
-    Returns:
-        How many intervals were learned from, and the length [s] of the last, 0 where it was not learned from.
+    The same as `paper_step` for each; a smooth input needs its stamps to be the samples'. A stream has no stamps, but
+    what is `asked` for with each sample (n, m), a log (0, m). Returns how many intervals taught, and the last's length.
     """
     t, pose, velocity, acceleration = rows
-    used, length = 0, 0.0
-    event = 0
+    used, event, length = 0, 0, 0.0
     nothing = np.full(held.force.shape[0], np.nan)
     smooth = state.settings.smooth
     for i in range(t.shape[0]):

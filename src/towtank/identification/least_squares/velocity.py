@@ -332,14 +332,6 @@ def _gravity_directions(motion: Motion, rows: MotionRows) -> Array:
     return out
 
 
-def row_of(t: float, pose: Array, velocity: Array, acceleration: Array) -> MotionRows:
-    """Return one sample as `rows_of` returns those of a grid, read-only: one type, one compilation."""
-    one = np.array([t]), pose[None], velocity[None], acceleration[None]
-    for each in one:
-        each.flags.writeable = False
-    return MotionRows(*one)
-
-
 def rows_of(grid: Grid) -> MotionRows:
     """Return the motion of a grid."""
     return MotionRows(grid.t, in_one_block(grid.pose), in_one_block(grid.velocity), in_one_block(grid.acceleration))
