@@ -9,13 +9,16 @@ BIN   := .venv/bin
 READY := .venv/.ready
 COMPILED := .venv/.compiled
 PAGE  := src/towtank/dashboard/static/index.html
+# Each worker begins with files of its own, so that what the tests of a file share is mostly made once; who is done first
+# takes of what the other has left. Linear algebra in one thread of each: those of more wait for each other by spinning.
+PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal
 SOURCES := $(shell find src/towtank -name '*.py')
 WEB   := $(wildcard web/*.json web/*.ts web/*.html web/public/* web/src/*)
 SHELL := bash
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo test lint types layers tests browser kernels docs bench peers engines lock clean
+.PHONY: help demo test parts lint types layers tests browser kernels docs bench peers engines lock clean
 
 help:
 	@echo 'make demo    a simulated tank session, learned sample by sample   (DEMO="--fast" passes options on)'
@@ -28,12 +31,18 @@ help:
 	@echo 'make clean   removes .venv and everything built or cached'
 	@echo 'Set PYTHON=... to choose the interpreter (3.11 or newer) that .venv is made with.'
 
-# The kernels are compiled while npm builds the page; each is made once, by a make of its own, and told in turn.
-demo: $(READY)
-	@$(MAKE) --silent $(COMPILED) >.venv/.compiling 2>&1 & $(MAKE) --silent $(PAGE); wait; cat .venv/.compiling
+demo: parts
 	@$(BIN)/towtank demo --output demo-output $(DEMO)
 
-test: lint types layers tests kernels docs
+# The kernels are compiled while npm builds the page; each is made once, by a make of its own, and told in turn.
+parts: $(READY)
+	@$(MAKE) --silent $(COMPILED) >.venv/.compiling 2>&1 & $(MAKE) --silent $(PAGE); wait; cat .venv/.compiling
+
+# Tests of live sessions wait for most of their time: the other checks run in what that leaves, and are told at the end.
+test: lint parts browser
+	@nice -n 19 $(MAKE) --silent --keep-going --old-file=$(PAGE) types layers docs kernels >.venv/.beside 2>&1 & beside=$$!; \
+	failed=0; echo 'tests, kernels compiled'; $(PYTEST) || failed=1; \
+	wait $$beside || failed=1; cat .venv/.beside; exit $$failed
 
 # $(call quietly,TITLE,COMMAND): one line with the seconds taken; the output only where the command fails.
 define quietly
@@ -64,14 +73,14 @@ $(PAGE): $(WEB)
 	else printf 'FAILED after %d s, there is no live page\n%s\n' $$((SECONDS - start)) "$$out"; fi; \
 	else echo 'npm is missing (Node 20.19 or newer): there is no live page, everything else works'; fi
 
-# The demo's kernels, in two processes. What fails here the demo compiles itself, or says why not.
+# The kernels that demo and tests use most, in two processes. What fails here they compile themselves, or say why not.
 $(COMPILED): $(READY) $(SOURCES)
-	@printf '%-46s' 'kernels of the demo, compiled meanwhile'; start=$$SECONDS; compiling=; failed=; \
+	@printf '%-46s' 'kernels, compiled meanwhile'; start=$$SECONDS; compiling=; failed=; \
 	for group in filter rest; do \
 	$(BIN)/python -m towtank.app.demo.warm_up $$group >.venv/.compiling-$$group 2>&1 & compiling="$$compiling $$group:$$!"; done; \
 	for each in $$compiling; do wait $${each#*:} || failed="$$failed $${each%:*}"; done; \
 	if [ -z "$$failed" ]; then touch $@; printf 'ok %4d s\n' $$((SECONDS - start)); \
-	else printf 'FAILED after %d s; the demo compiles them itself\n' $$((SECONDS - start)); \
+	else printf 'FAILED after %d s; they are compiled where they are used\n' $$((SECONDS - start)); \
 	for group in $$failed; do tail -n 1 .venv/.compiling-$$group; done; fi
 
 # A browser for the tests of the page, which are skipped without one.
@@ -87,16 +96,16 @@ types: $(READY)
 layers: $(READY)
 	$(call quietly,layers (import-linter),$(BIN)/lint-imports)
 
-tests: $(READY) $(PAGE) browser
+tests: parts browser
 	@echo 'tests, kernels compiled'
-	@$(BIN)/python -m pytest -q -n $(WORKERS)
+	@$(PYTEST)
 
 kernels: $(READY)
 	@echo 'tests of the kernels, as plain Python'
-	@NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q -n $(WORKERS) tests/core tests/planning/test_guard.py tests/planning/test_space.py $(KERNEL_TESTS)
+	@NUMBA_DISABLE_JIT=1 $(PYTEST) tests/core tests/planning/test_guard.py tests/planning/test_space.py $(KERNEL_TESTS)
 
 docs: $(READY) $(PAGE)
-	$(call quietly,documentation (sphinx),$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs docs/_build/html)
+	$(call quietly,documentation (sphinx),OPENBLAS_NUM_THREADS=1 $(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs docs/_build/html)
 
 bench: $(READY)
 	@$(BIN)/python -m pytest -p no:xdist benchmarks

@@ -1,4 +1,4 @@
-"""`make demo` makes every part once and says what fails; stand-ins for npm and Python write their calls down."""
+"""`make demo` and `make test` make every part once and say what fails; stand-ins for all tools write calls down."""
 
 from __future__ import annotations
 
@@ -21,6 +21,11 @@ echo "compile ${@: -1}" >> "$CALLS"
 TOWTANK = """#!/bin/bash
 echo "towtank $1" >> "$CALLS"
 """
+CHECK = """#!/bin/bash
+echo "${0##*/}" >> "$CALLS"
+[ "${0##*/}" != "$FAILING" ] || { echo "${0##*/} has found something"; exit 1; }
+"""
+CHECKS = ("ruff", "mypy", "lint-imports", "sphinx-build")
 BUILT = "mkdir -p ../src/towtank/dashboard/static; touch ../src/towtank/dashboard/static/index.html"
 
 
@@ -36,6 +41,9 @@ def clone(tmp_path: Path) -> Path:
     executable(tmp_path / "bin/npm", NPM.replace("{build}", BUILT))
     executable(tmp_path / ".venv/bin/python", PYTHON)
     executable(tmp_path / ".venv/bin/towtank", TOWTANK)
+    executable(tmp_path / "bin/chromium", CHECK)
+    for name in CHECKS:
+        executable(tmp_path / ".venv/bin" / name, CHECK)
     (tmp_path / ".venv/.ready").touch()
     return tmp_path
 
@@ -46,17 +54,23 @@ def executable(path: Path, text: str) -> None:
     path.chmod(0o755)
 
 
-def make_demo(clone: Path, *options: str, failing: str = "") -> tuple[str, list[str]]:
-    """Run `make demo` and return what it printed, and which parts were called."""
+def make(clone: Path, *words: str, failing: str = "") -> tuple[int, str, list[str]]:
+    """Run `make WORDS` and return its exit code, what it printed, and which parts were called."""
     calls = clone / "calls"
     calls.unlink(missing_ok=True)
     known = {"PATH": f"{clone / 'bin'}:/usr/bin:/bin", "CALLS": str(calls), "FAILING": failing}
     environment = {name: value for name, value in os.environ.items() if not name.startswith("MAKE")} | known
     done = subprocess.run(
-        ["make", *options, "demo"], cwd=clone, env=environment, capture_output=True, text=True, timeout=60, check=False
+        ["make", *words], cwd=clone, env=environment, capture_output=True, text=True, timeout=60, check=False
     )
-    assert done.returncode == 0, done
-    return done.stdout, calls.read_text().splitlines()
+    return done.returncode, done.stdout, calls.read_text().splitlines()
+
+
+def make_demo(clone: Path, *options: str, failing: str = "") -> tuple[str, list[str]]:
+    """Run `make demo` and return what it printed, and which parts were called."""
+    code, out, calls = make(clone, *options, "demo", failing=failing)
+    assert code == 0, out
+    return out, calls
 
 
 @pytest.mark.parametrize("options", [(), ("-j",)], ids=["one after the other", "jobs beside each other"])
@@ -65,7 +79,7 @@ def test_every_part_is_made_once(clone: Path, options: tuple[str, ...]) -> None:
     out, calls = make_demo(clone, *options)
     assert sorted(calls[:-1]) == parts
     assert calls[-1] == "towtank demo"
-    assert out.count("the live page (npm)") == out.count("kernels of the demo") == 1
+    assert out.count("the live page (npm)") == out.count("kernels, compiled") == 1
     assert out.count("ok ") == 2
     assert make_demo(clone, *options)[1] == ["towtank demo"]  # nothing has changed since
 
@@ -80,9 +94,46 @@ def test_a_page_that_cannot_be_built_is_tried_once(clone: Path, options: tuple[s
 
 def test_kernels_that_cannot_be_compiled_are_told_and_tried_again(clone: Path) -> None:
     out, calls = make_demo(clone, failing="rest")
-    [line] = [each for each in out.splitlines() if "kernels of the demo" in each]
+    [line] = [each for each in out.splitlines() if "kernels, compiled" in each]
     assert "FAILED after" in line
     assert "ok" not in line
     assert "ValueError: no such kernel" in out
     assert calls[-1] == "towtank demo"
     assert "compile rest" in make_demo(clone)[1]
+
+
+PYTEST, PLAIN = "compile worksteal", "compile tests/identification/test_output_error_kernel.py"  # their last words
+
+
+@pytest.mark.parametrize("options", [(), ("-j",)], ids=["one after the other", "jobs beside each other"])
+def test_every_check_runs_once_after_every_part(clone: Path, options: tuple[str, ...]) -> None:
+    code, out, calls = make(clone, *options, "test")
+    assert code == 0, out
+    assert calls[0] == "ruff"
+    assert sorted(calls[1:5]) == ["compile filter", "compile rest", "npm ci", "npm run"]
+    assert sorted(calls[5:]) == sorted([PYTEST, PLAIN, "mypy", "lint-imports", "sphinx-build"])
+    assert out.count("ok ") == 6
+
+
+@pytest.mark.parametrize("failing", ["mypy", "lint-imports", "sphinx-build", PYTEST, PLAIN])
+def test_a_check_that_fails_fails_all_and_stops_no_other(clone: Path, failing: str) -> None:
+    code, out, calls = make(clone, "test", failing=failing.removeprefix("compile "))
+    assert code != 0
+    assert {PYTEST, PLAIN, "mypy", "lint-imports", "sphinx-build"} <= set(calls)
+    assert out.count("FAILED") == (failing in CHECKS)
+    assert (f"{failing} has found something" in out) == (failing in CHECKS)
+
+
+def test_where_the_style_is_wrong_nothing_else_begins(clone: Path) -> None:
+    code, out, calls = make(clone, "test", failing="ruff")
+    assert code != 0
+    assert "ruff has found something" in out
+    assert calls == ["ruff"]
+
+
+def test_a_page_that_cannot_be_built_is_tried_once_for_all_checks(clone: Path) -> None:
+    executable(clone / "bin/npm", NPM.replace("{build}", "exit 1"))
+    code, out, calls = make(clone, "test")
+    assert code == 0
+    assert calls.count("npm ci") == out.count("there is no live page") == 1
+    assert {PYTEST, "sphinx-build"} <= set(calls)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from towtank.vehicle import load_vehicle, save_vehicle
 
-from .commands import command
+from .commands import command, document
 
 BENCH = "pwm,force_N\n" + "".join(
     f"{pwm},{0.0 if abs(pwm - 1500) < 25 else 4e-4 * (pwm - 1500) * abs(pwm - 1500):.6g}\n"
@@ -37,3 +38,9 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert ran.code == 0, ran
     (folder / "bench.csv").write_text(BENCH)
     return folder
+
+
+@pytest.fixture(scope="session")
+def learned_document(workshop: Path) -> dict[str, Any]:
+    """What `learn` says of `yaw.csv`, everything plausible being free."""
+    return document("learn", workshop / "yaw.csv", "--vehicle", "vlbv300")

@@ -18,6 +18,7 @@ from .commands import command, document, refused
 
 HEADER = "t,r,N"
 T = np.arange(600) / 50.0
+QUICK = ("--free", "N_rdot,N_rr", "--delay", 0, "--window", "0,10")
 
 
 def rows(r: Callable[[float], object] = np.cos, t: np.ndarray = T) -> list[str]:
@@ -130,11 +131,12 @@ def test_infinities_are_counted(tmp_path: Path) -> None:
 def test_an_indefinite_mass_is_told(tmp_path: Path, workshop: Path) -> None:
     vehicle = tmp_path / "v.toml"
     tt.save_vehicle(tt.load_vehicle("vlbv300").with_coefficients({"X_udot": 60.0}), vehicle)
-    ran = command("learn", workshop / "yaw.csv", "--vehicle", vehicle, "--delay", 0)
+    words = ("learn", workshop / "yaw.csv", "--vehicle", vehicle, *QUICK)
+    ran = command(*words)
     assert ran.code == 0
     assert "towtank: warning:" in ran.err
     assert "not positive definite" in ran.err
-    found = document("learn", workshop / "yaw.csv", "--vehicle", vehicle, "--delay", 0)
+    found = document(*words)
     assert any("not positive definite" in text for text in found["warnings"])
 
 
@@ -172,7 +174,7 @@ def test_a_failing_command_leaves_the_old_file(tmp_path: Path, workshop: Path, m
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", fails)
-    ran = command("learn", workshop / "yaw.csv", "--vehicle", "vlbv300", "--delay", 0, "-o", model)
+    ran = command("learn", workshop / "yaw.csv", "--vehicle", "vlbv300", *QUICK, "-o", model)
     assert ran.code == 1
     assert "No space left" in ran.err
     assert ran.err.count("\n") == 1

@@ -106,12 +106,18 @@ def test_the_model_and_the_logs_can_be_read_again(ran: Ran) -> None:
     assert read_parquet(ran.folder / "unseen_session.parquet").duration == 30.0
 
 
-def test_a_terminal_gets_a_live_table(tmp_path: Path) -> None:
-    shown = console(terminal=True)
-    run_demo(tmp_path, seconds=3.0, fast=True, browser=False, console=shown)
-    assert "\x1b[" in text_of(shown)
-    assert "3 of 3 s, 0 s to go: finished" in text_of(shown)
-    last = text_of(shown).rsplit("Coefficient", 1)[1]
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Ran:
+    """The shortest session, on a terminal."""
+    folder, shown = tmp_path_factory.mktemp("short"), console(terminal=True)
+    document = run_demo(folder, seconds=2.0, fast=True, browser=False, console=shown)
+    return Ran(folder, text_of(shown), document)
+
+
+def test_a_terminal_gets_a_live_table(short: Ran) -> None:
+    assert "\x1b[" in short.text
+    assert "2 of 2 s, 0 s to go: finished" in short.text
+    last = short.text.rsplit("Coefficient", 1)[1]
     assert "m - X_udot" in last
     assert max(len(line) for line in last.splitlines() if "\x1b" not in line and "towtank" not in line) <= 80
 
@@ -165,12 +171,11 @@ def test_a_file_in_place_of_the_folder_is_refused_at_once(tmp_path: Path) -> Non
     assert (tmp_path / "taken").read_text() == "mine"
 
 
-def test_a_short_session_says_what_it_could_not_learn(tmp_path: Path) -> None:
-    shown = console()
-    document = run_demo(tmp_path, seconds=2.0, fast=True, browser=False, console=shown)
-    missing = [entry for entry in document["coefficients"].values() if not entry["identified"]]
+def test_a_short_session_says_what_it_could_not_learn(short: Ran) -> None:
+    missing = [entry for entry in short.document["coefficients"].values() if not entry["identified"]]
+    assert missing
     assert all(entry["reason"] for entry in missing)
-    assert {path.name for path in tmp_path.iterdir()} == FILES
+    assert {path.name for path in short.folder.iterdir()} == FILES
 
 
 def test_real_time_takes_the_time_of_the_session() -> None:

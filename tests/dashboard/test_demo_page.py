@@ -16,6 +16,7 @@ from towtank.app.demo.stream import stream
 from towtank.dashboard import Address
 from towtank.dashboard.page import Page
 from towtank.identification import Learner
+from towtank.simulation import tank
 from towtank.simulation.tank import FREE, Session, tank_session
 
 from .rig import needs_browser, needs_page, wait_until
@@ -32,8 +33,10 @@ class Ran:
 
 @pytest.fixture(scope="module")
 def ran() -> Iterator[Ran]:
-    """What `demo --page --payload --fast` runs; the page stays until the tests are done."""
-    session = tank_session(20.0, payload=True)
+    """What `demo --page --payload --fast` runs to 15 s after the change; the page stays until the tests are done."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tank, "PAYLOAD_TAIL", 30.0)
+        session = tank_session(20.0, payload=True)
     learner = Learner(session.known)
     course = LearningCurve(quantities(session.truth, weight=True))
     feed = DemoFeed(session, learner, course)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from functools import cache
 from pathlib import Path
 
@@ -86,15 +87,20 @@ WHEN = LEARNED + CALM
 
 
 @cache
-def _loaded_run() -> Recording:
+def loaded_run() -> Recording:
+    """Return the run in which a payload is taken up."""
     return run_of([(WHEN, payload())], 3)
+
+
+@cache
+def _learned_of_load() -> tt.Learner:
+    return learned(loaded_run())
 
 
 @pytest.fixture
 def loaded() -> tuple[tt.Learner, Recording]:
-    """A learner that has seen a payload taken up, and the run."""
-    run = _loaded_run()
-    return learned(run), run
+    """A learner that has seen a payload taken up, and the run; each test has a copy of its own."""
+    return deepcopy(_learned_of_load()), loaded_run()
 
 
 def test_a_payload_is_noticed_named_and_followed(loaded: tuple[tt.Learner, Recording]) -> None:
@@ -142,8 +148,7 @@ def test_a_fouled_thruster_is_told_apart_from_a_payload() -> None:
 def test_nothing_is_noticed_where_nothing_changes_or_nobody_watches() -> None:
     run = run_of([], 6)
     assert learned(run).events == ()
-    changed = run_of([(WHEN, payload())], 3)
-    assert learned(changed, changes=False).events == ()
+    assert learned(loaded_run(), changes=False).events == ()
 
 
 def test_a_configuration_met_before_is_recognised_and_another_is_not() -> None:
@@ -155,7 +160,7 @@ def test_a_configuration_met_before_is_recognised_and_another_is_not() -> None:
     light = truth().with_coefficients(
         {"X_uu": 0.8 * truth().coefficient("X_uu"), "N_rr": 1.5 * truth().coefficient("N_rr")}
     )
-    run = run_of([(WHEN, payload())], 3)
+    run = loaded_run()
     learner = learned(run, known={"with gripper": stored(payload()), "light": stored(light)})
     assert [event.kind for event in learner.events] == ["change", "configuration"]
     assert learner.events[1].details["configuration"] == "with gripper"

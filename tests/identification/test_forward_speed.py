@@ -27,7 +27,7 @@ from torpedo_study import FINS, LEAST_FIT, LIFT, finned, known, learned, torpedo
 def test_the_yaw_of_a_torpedo_is_predicted_whether_the_file_has_them_or_not() -> None:
     """They are plausible of a vehicle that goes ahead."""
     for case in ("with", "without"):
-        assert learned(case, "joint", seed=1, duration=120.0).fit[0] >= LEAST_FIT
+        assert learned(case, "joint", seed=1, duration=60.0).fit[0] >= LEAST_FIT
 
 
 def test_they_are_free_where_the_file_has_them() -> None:

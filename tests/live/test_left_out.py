@@ -257,7 +257,7 @@ def test_a_session_has_ended_when_everything_is_learned_from(vehicle: Vehicle, d
 @pytest.mark.parametrize("method", ["joint", "paper"])
 def test_a_learner_takes_of_a_recording_what_counts(vehicle: Vehicle, dive: Recording, method: str) -> None:
     run = dive.window(0.0, 13.0)
-    part, whole, asked = (Learner(vehicle, method) for _ in range(3))
+    part, whole, asked = (Learner(vehicle, method, free=FREE) for _ in range(3))
     assert part.run(run) == asked.run(run.window(6.0, 13.0), keep_all=True)
     assert whole.run(run, keep_all=True) > part.run(run.window(6.0, 13.0)) > 0
     never = run.without("armed").replace([Channel("armed", [0.0], [0.0], "1")])

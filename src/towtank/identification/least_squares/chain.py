@@ -12,11 +12,11 @@ from towtank.core.zero_order_hold import ZeroOrderHold, new_zero_order_hold
 from towtank.errors import InputError
 from towtank.identification.data.samples import Sources, with_absent_zero
 from towtank.identification.least_squares.forgetting import directional_information
-from towtank.identification.least_squares.recursion import paper_events, paper_step
+from towtank.identification.least_squares.recursion import paper_events
 from towtank.identification.least_squares.rls import Scheme, require_scheme
 from towtank.identification.least_squares.solution import AxisInformation
 from towtank.identification.least_squares.state import PaperState, RecursionSettings, new_paper_state
-from towtank.identification.least_squares.velocity import ATTITUDES, VELOCITIES, Motion, new_motion, rows_of
+from towtank.identification.least_squares.velocity import ATTITUDES, VELOCITIES, Motion, MotionRows, new_motion, rows_of
 from towtank.recording import Grid
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
 
@@ -150,8 +150,11 @@ class PaperChain:
 
     def step(self, t: float, pose: Array, velocity: Array, acceleration: Array, forces: Array | None) -> float:
         """Take one sample; return the length [s] of the interval learned from, 0 where none was."""
-        requested = self._no_command if forces is None else forces
-        return paper_step(self.state, self.motion, self.held, t, pose, velocity, acceleration, requested)
+        asked = (self._no_command if forces is None else forces)[None]
+        row = MotionRows(np.array([t]), pose[None], velocity[None], acceleration[None])
+        for each in row:
+            each.flags.writeable = False  # as in a grid: one type, one compilation
+        return paper_events(self.state, self.motion, self.held, row, row.t[:0], asked[:0], asked)[1]
 
     def run(self, grid: Grid) -> int:
         """Take a whole grid, sample by sample; return how many intervals were learned from."""
@@ -160,9 +163,8 @@ class PaperChain:
             voltage = np.interp(stamps, grid.t, grid.voltage) if np.isfinite(grid.voltage).any() else None
         else:
             stamps, values, voltage = grid.wrench_t, grid.wrench_values, None
-        return paper_events(
-            self.state, self.motion, self.held, rows_of(grid), stamps, self.forces(np.array(values), voltage)
-        )
+        forces = self.forces(np.array(values), voltage)
+        return paper_events(self.state, self.motion, self.held, rows_of(grid), stamps, forces, forces[:0])[0]
 
     def information(self, axis: int) -> AxisInformation:
         """What has been gathered on one axis (a view by copy)."""

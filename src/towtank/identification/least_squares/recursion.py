@@ -355,19 +355,19 @@ def paper_events(
     rows: MotionRows,
     stamps: Array,
     forces: Array,
-) -> int:
+    asked: Array,
+) -> tuple[int, float]:
     """Take samples and held inputs (k, m) with time stamps (k,) of their own, in the order of their times.
 
-    The same as `paper_step` for each; a smooth input needs its stamps to be the samples'. Returns how many intervals
-    were learned from.
+    The same as `paper_step` for each; a smooth input needs its stamps to be the samples'. A stream has no stamps, but
+    what is `asked` for with each sample (n, m), a log (0, m). Returns how many intervals taught, and the last's length.
     """
     t, pose, velocity, acceleration = rows
-    used = 0
-    event = 0
+    used, event, length = 0, 0, 0.0
     nothing = np.full(held.force.shape[0], np.nan)
     smooth = state.settings.smooth
     for i in range(t.shape[0]):
-        now = nothing
+        now = asked[i] if asked.shape[0] > 0 else nothing
         due = t[i] + 1e-3 * (t[i] - t[i - 1]) if smooth and i > 0 else t[i]
         while event < stamps.shape[0] and stamps[event] <= due:
             if smooth:
@@ -375,6 +375,7 @@ def paper_events(
             else:
                 hold_force(held, stamps[event], forces[event])
             event += 1
-        if paper_step(state, motion, held, t[i], pose[i], velocity[i], acceleration[i], now) > 0.0:
+        length = paper_step(state, motion, held, t[i], pose[i], velocity[i], acceleration[i], now)
+        if length > 0.0:
             used += 1
-    return used
+    return used, length
