@@ -1,8 +1,8 @@
 """What logs hold: the hash of their content, and copies of remote ones in a bounded cache on this machine.
 
 The cache is the folder that TOWTANK_CACHE names, else `towtank` in the user's folder of caches; it holds at most
-TOWTANK_CACHE_GB gigabytes (10), the least recently used go first. A log in use is a link of its own beside the cache, so
-that nobody takes it away. A hash is remembered with the size and the time of change of its file, as make does it.
+TOWTANK_CACHE_GB gigabytes (10), the least recently used go first. A log in use is a link of its own beside the cache,
+so that nobody takes it away. A hash is remembered with the size and the time of change of its file, as make does it.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, BeforeValidator, ValidationError, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
 from towtank.errors import InputError, nearest
 from towtank.methods import METHODS
@@ -103,8 +103,8 @@ class Study(Record):
     vehicles: Annotated[int, _whole(1)] = 1
     runs: Annotated[int, _whole(1)] = 1
     seed: Annotated[int, _whole(0)] = 1
-    between: _Shares = {}
-    within: _Shares = {}
+    between: _Shares = Field(default_factory=dict)
+    within: _Shares = Field(default_factory=dict)
 
 
 class CampaignFile(Record):
@@ -145,7 +145,7 @@ class CampaignFile(Record):
             raise misplaced("logs", 'missing; expected patterns of logs, as ["archive/*/*.BIN"]')
         if simulated and isinstance(self.vehicle, dict):
             raise misplaced("vehicle", "found a table of folders, expected one vehicle to simulate")
-        strange = ("logs", "map", "keep_all", "horizon") if simulated else ()
+        strange: tuple[str, ...] = ("logs", "map", "keep_all", "horizon") if simulated else ()
         strange += ("horizon",) if self.kind == "learn" else ()
         strange += ("method", "free", "prior") if self.kind == "validate" else ()
         for name in strange:
@@ -158,7 +158,7 @@ class CampaignFile(Record):
 
 @dataclass(frozen=True)
 class KnownVehicle:
-    """A vehicle that a campaign supposes: the text of its file and its name, which is the class of those that share it."""
+    """A vehicle that a campaign supposes: the text of its file, and its name, the class of all that share it."""
 
     text: str
     name: str

@@ -11,7 +11,6 @@ from __future__ import annotations
 import contextlib
 import datetime
 import fnmatch
-import glob
 import os
 import random
 import re
@@ -275,8 +274,9 @@ def logs_of(pattern: str, folder: Path) -> list[Found]:
 
 
 def _local_logs(pattern: str, folder: Path) -> Iterator[Found]:
-    for name in glob.glob(str(folder / Path(pattern).expanduser()), recursive=True):
-        path = Path(name)
+    wanted = Path(pattern).expanduser()
+    base = Path(wanted.anchor) if wanted.is_absolute() else folder
+    for path in base.glob(str(wanted.relative_to(wanted.anchor))):
         if path.is_dir() and not (path / "metadata.yaml").is_file():
             continue  # a folder that is no bag
         label = path.relative_to(folder) if path.is_relative_to(folder) else path
@@ -310,8 +310,10 @@ def _remote_logs(pattern: str) -> Iterator[Found]:
 def _expression(pattern: str) -> str:
     """Return the regular expression of a pattern of paths.
 
-    >>> bool(re.fullmatch(_expression("a/**/*.csv"), "a/b/c/d.csv")), bool(re.fullmatch(_expression("a/*.csv"), "a/b/d"))
-    (True, False)
+    >>> bool(re.fullmatch(_expression("a/**/*.csv"), "a/b/c/d.csv"))
+    True
+    >>> bool(re.fullmatch(_expression("a/*.csv"), "a/b/d.csv"))
+    False
     """
     out = []
     for part in re.split(r"(\*\*/|\*\*|\*|\?)", pattern):

@@ -7,8 +7,8 @@
     failed/ID.json           the line that says why there is none
     compacted/HASH.parquet   many parts in one
 
-There are no locks and no data base. What a task yields depends on its name alone, and an object is there whole or not at
-all, so that whoever does a task twice writes the same again.
+There are no locks and no data base. What a task yields depends on its name alone, and an object is there whole or not
+at all, so that whoever does a task twice writes the same again.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Failure:
-    """A task that came to nothing: its name and what it is called, the line that says why, and the exit code of that."""
+    """A task that came to nothing: its name, what it is called, the line that says why, the exit code of that."""
 
     id: str
     label: str
@@ -296,7 +296,7 @@ class Store:
             self.place.remove(f"{_FAILED}/{each.id}.json")
 
     def compact(self, progress: Callable[[str, float], None] | None = None) -> tuple[int, int]:
-        """Put all parts into one file, the plan's and others; return how many files there were and how many are left."""
+        """Put all parts into one file, the plan's and others; return how many there were, and how many are left."""
         import pyarrow as pa
 
         report = progress or (lambda text, share: None)

@@ -14,7 +14,6 @@ import warnings
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -165,7 +164,7 @@ def _simulated(task: Task, study: Study) -> tuple[Vehicle, Recording]:
         seed=seed,
         substeps=max(1, round(driven.dt / _LONGEST_STEP)),
     )
-    return own, run
+    return truth, run
 
 
 def _varied(vehicle: Vehicle, shares: Mapping[str, float], rng: np.random.Generator) -> Vehicle:

@@ -1,5 +1,6 @@
-"""Jobs on the processes of this machine, one thread each. One that dies takes nothing along: its job is tried once more,
-alone, and then its death is the answer.
+"""Jobs on the processes of this machine, one thread each; one that dies takes nothing along.
+
+Its job is tried once more, alone, and then its death is the answer.
 
 A thread watches each process. While a job is tried again no other is performed, so that what died for want of memory
 has all of it, and nobody else can be to blame for what happens.
