@@ -307,7 +307,7 @@ class Store:
             whole = pa.concat_tables(tables).sort_by([("id", "ascending"), ("coefficient", "ascending")])
             name = hashlib.sha256("\n".join(whole["id"].unique().to_pylist()).encode()).hexdigest()[:32]
             report("writing", 0.4)
-            self.place.write(f"{_COMPACTED}/{name}.parquet", _parquet(whole))
+            self.place.write(f"{_COMPACTED}/{name}.parquet", _parquet(whole, small=False))
             gone = [each for each in used if each != f"{_COMPACTED}/{name}.parquet"]
             for k, each in enumerate(gone):
                 report("removing what is in it", 0.5 + 0.5 * k / len(gone))
@@ -351,9 +351,13 @@ def _rows_of(task: Task, result: Result, seconds: float) -> pa.Table:
     return pa.Table.from_pylist(rows, schema=columns)
 
 
-def _parquet(table: pa.Table) -> bytes:
+def _parquet(table: pa.Table, *, small: bool = True) -> bytes:
+    """Return a table as Parquet; of a small one, statistics and dictionaries would be more than what it holds."""
     import pyarrow.parquet as pq
 
     sink = io.BytesIO()
-    pq.write_table(table, sink, compression="zstd")
+    if small:
+        pq.write_table(table, sink, use_dictionary=False, write_statistics=False)
+    else:
+        pq.write_table(table, sink, compression="zstd")
     return sink.getvalue()

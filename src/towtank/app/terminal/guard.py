@@ -34,8 +34,8 @@ __all__ = [
 
 FAULT, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 ORDER = (
-    *("demo", "vehicle", "manoeuvre", "plan", "simulate", "inspect", "learn", "live", "validate", "config"),
-    *("convert", "export", "import"),
+    *("demo", "vehicle", "manoeuvre", "plan", "simulate", "inspect", "learn", "live", "validate", "campaign"),
+    *("config", "convert", "export", "import"),
 )
 
 
