@@ -96,7 +96,8 @@ class Cluster:
                 f"--engine {self.address}: needs the library distributed, which is not installed; install it with "
                 'pip install "towtank[fleet]"'
             ) from None
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        for name in [each for each in logging.root.manager.loggerDict if each.startswith("distributed")]:
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is said here
         deadline = time.monotonic() + patience
         while True:
             left = deadline - time.monotonic()
@@ -248,7 +249,7 @@ def _threads(client: Any) -> int:
 
 
 def _performed(payload: bytes, version: str) -> tuple[float, list[Answer]]:
-    """Perform the jobs of a payload in this thread's child, each once more in a new one where that dies, and say how long."""
+    """Perform the jobs of a payload in this thread's child, each once more where that dies; return the time too."""
     if towtank.__version__ != version:
         raise InputError(f"worker {_name()}: has towtank {towtank.__version__}, expected {version}; install it there")
     began = time.perf_counter()
