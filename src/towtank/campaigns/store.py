@@ -243,24 +243,28 @@ class Store:
         import pyarrow.compute as pc
 
         for _ in range(_AGAIN):
+            large = sorted(self.place.names(_COMPACTED, ".parquet"))
+            small = sorted(self.place.names(_PARTS, ".parquet") & wanted)
             names = [
-                *(f"{_COMPACTED}/{name}.parquet" for name in sorted(self.place.names(_COMPACTED, ".parquet"))),
-                *(f"{_PARTS}/{name}.parquet" for name in sorted(self.place.names(_PARTS, ".parquet") & wanted)),
+                *(f"{_COMPACTED}/{name}.parquet" for name in large),
+                *(f"{_PARTS}/{each}.parquet" for each in small),
             ]
             with ThreadPoolExecutor(_READERS) as pool:
                 found = list(pool.map(self._rows, names))
             if all(table is not None for table in found):
                 break
-        tables, used, seen = [], [], set[str]()
-        for name, table in zip(names, found, strict=True):
-            if table is None:
-                continue
-            fresh = wanted - seen
-            rows = table.filter(pc.is_in(table["id"], pa.array(sorted(fresh), pa.string())))
-            tables.append(rows)
-            seen |= set(rows["id"].unique().to_pylist())
-            used.append(name)
-        return tables, used
+        tables, seen = [], set[str]()
+        for table in found[: len(large)]:
+            if table is not None:
+                fresh = (set(table["id"].unique().to_pylist()) & wanted) - seen
+                tables.append(table.filter(pc.is_in(table["id"], pa.array(sorted(fresh), pa.string()))))
+                seen |= fresh
+        tables += [
+            table
+            for task, table in zip(small, found[len(large) :], strict=True)
+            if table is not None and task not in seen
+        ]
+        return tables, [name for name, table in zip(names, found, strict=True) if table is not None]
 
     def _rows(self, name: str) -> pa.Table | None:
         """Return what a file of rows holds, None where it is gone."""
