@@ -10,6 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from towtank.campaigns import Store
+from towtank.vehicle import load_vehicle
 
 from .commands import command, document, refused
 
@@ -35,6 +36,8 @@ def test_one_process_and_two_have_the_same_table_bit_for_bit(study: Path) -> Non
     assert one.table().drop(["seconds"]).equals(two.table().drop(["seconds"]))
     for each in two.models():
         assert each.load() == next(other for other in one.models() if other.id == each.id).load()
+        assert each.learned_from() == load_vehicle("vlbv300")
+        assert each.prior() is None
     assert [(each.klass, each.vehicle, each.label) for each in two.models()] == [
         ("vlbv300", "vlbv300-1", f"vlbv300-1/run-{k}") for k in (1, 2, 3, 4)
     ]

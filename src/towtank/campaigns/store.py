@@ -4,6 +4,7 @@
     plan.parquet             its tasks, as the last run had them
     parts/ID.parquet         what came of a task: a row for each coefficient. The task is done once it is there
     models/ID.toml           the model that was learned
+    supposed/HASH.toml       the vehicles that it was learned from, and the prior beside them
     failed/ID.json           the line that says why there is none
     compacted/HASH.parquet   many parts in one
 
@@ -23,6 +24,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import towtank
+from towtank.campaigns.configuration import digest
 from towtank.campaigns.places import Place, place_of
 from towtank.campaigns.tasks import Task
 from towtank.errors import InputError
@@ -38,9 +40,11 @@ __all__ = ["CHANNELS", "Failure", "Result", "Store", "StoredModel"]
 CHANNELS = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
 _FORMAT = 1
 _READERS = 8  # parts that are read at a time
-_HEAD, _PLAN, _PARTS, _MODELS, _FAILED, _COMPACTED = (
-    *("campaign.json", "plan.parquet", "parts", "models", "failed", "compacted"),
+_HEAD, _PLAN, _PARTS, _MODELS, _SUPPOSED, _FAILED, _COMPACTED = (
+    *("campaign.json", "plan.parquet", "parts", "models", "supposed", "failed", "compacted"),
 )
+_KEYS = ("id", "class", "vehicle", "run", "supposed", "beside")  # of the plan
+_BATCH = 500  # parts that are put into one table at a time
 _AGAIN = 5  # times that parts are looked for which a compaction has moved meanwhile
 
 
@@ -72,33 +76,51 @@ class Failure:
 
 @dataclass(frozen=True)
 class StoredModel:
-    """A model in a store: the task that learned it, the class and the vehicle that it is of, and the run."""
+    """A model in a store: the task that learned it, the class and the vehicle that it is of, and the run.
+
+    Attributes:
+        supposed, beside: hashes of the vehicle that it was learned from, and of the campaign's prior, "" for none.
+    """
 
     id: str
     klass: str
     vehicle: str
     label: str
+    supposed: str
+    beside: str
     place: Place
 
     def load(self) -> Vehicle:
         """Return the model. Raises InputError where it is gone or damaged."""
+        return self._vehicle(f"{_MODELS}/{self.id}.toml")
+
+    def learned_from(self) -> Vehicle:
+        """Return the vehicle that it was learned from. Raises InputError where it is gone or damaged."""
+        return self._vehicle(f"{_SUPPOSED}/{self.supposed}.toml")
+
+    def prior(self) -> Vehicle | None:
+        """Return what was known beside that, None where nothing was. Raises InputError where it is gone or damaged."""
+        return self._vehicle(f"{_SUPPOSED}/{self.beside}.toml") if self.beside else None
+
+    def _vehicle(self, name: str) -> Vehicle:
         from towtank.vehicle.files import parse_vehicle
 
-        name = f"{_MODELS}/{self.id}.toml"
         data = self.place.read(name)
         if data is None:
-            raise InputError(f"{self.place.name}/{name}: no such file; run the campaign again to have it learned anew")
+            raise InputError(f"{self.place.name}/{name}: no such file; run the campaign again into another store")
         return parse_vehicle(data.decode(), f"{self.place.name}/{name}")
 
 
 @dataclass(frozen=True)
 class Planned:
-    """A task as the plan of a store has it."""
+    """A task as the plan of a store has it; `supposed` and `beside` as a `StoredModel` has them."""
 
     id: str
     klass: str
     vehicle: str
     label: str
+    supposed: str = ""
+    beside: str = ""
 
 
 @dataclass(frozen=True)
@@ -159,9 +181,17 @@ class Store:
             self._same(self._parsed(data), settings)
         import pyarrow as pa
 
-        rows = [{"id": t.id, "class": t.klass, "vehicle": t.vehicle, "run": t.label} for t in tasks]
-        schema = pa.schema([(name, pa.string()) for name in ("id", "class", "vehicle", "run")])
-        plan = _parquet(pa.Table.from_pylist(rows, schema=schema))
+        texts, rows = dict[str, str](), []
+        for task in tasks:
+            supposed, beside = digest(task.text), digest(task.options.prior)
+            texts |= {supposed: task.text, beside: task.options.prior}
+            about = (task.id, task.klass, task.vehicle, task.label, supposed, beside)
+            rows.append(dict(zip(_KEYS, about, strict=True)))
+        there = self.place.names(_SUPPOSED, ".toml")
+        for name, text in texts.items():
+            if name and name not in there:
+                self.place.write(f"{_SUPPOSED}/{name}.toml", text.encode())
+        plan = _parquet(pa.Table.from_pylist(rows, schema=pa.schema([(name, pa.string()) for name in _KEYS])))
         if self.place.read(_PLAN) != plan:
             self.place.write(_PLAN, plan)
 
@@ -189,7 +219,7 @@ class Store:
 
         data = self.place.read(_PLAN)
         rows = [] if data is None else pq.read_table(io.BytesIO(data)).to_pylist()
-        return tuple(Planned(row["id"], row["class"], row["vehicle"], row["run"]) for row in rows)
+        return tuple(Planned(*(row[name] for name in _KEYS)) for row in rows)
 
     # -- what there is
 
@@ -223,48 +253,42 @@ class Store:
         """Return the models of the plan's tasks that are there, in the plan's order; each is read when it is loaded."""
         there = self.place.names(_MODELS, ".toml")
         return tuple(
-            StoredModel(each.id, each.klass, each.vehicle, each.label, self.place)
+            StoredModel(each.id, each.klass, each.vehicle, each.label, each.supposed, each.beside, self.place)
             for each in self.plan
             if each.id in there
         )
 
     def table(self) -> pa.Table:
         """Return the rows of all done tasks of the plan, sorted by class, vehicle, run and coefficient."""
-        import pyarrow as pa
+        whole, _ = self._parts({each.id for each in self.plan})
+        return whole.sort_by([(name, "ascending") for name in ("class", "vehicle", "run", "id", "coefficient")])
 
-        tables, _ = self._parts({each.id for each in self.plan})
-        whole = pa.concat_tables([schema().empty_table(), *tables])
-        order = [(name, "ascending") for name in ("class", "vehicle", "run", "id", "coefficient")]
-        return whole.sort_by(order)
-
-    def _parts(self, wanted: set[str]) -> tuple[list[pa.Table], list[str]]:
-        """Return the rows of wanted tasks, each task's once, and the names of the files that they stand in."""
+    def _parts(self, wanted: set[str]) -> tuple[pa.Table, list[str]]:
+        """Return the rows of wanted tasks, each task's once, and the names of the files that hold them."""
         import pyarrow as pa
         import pyarrow.compute as pc
 
         for _ in range(_AGAIN):
-            large = sorted(self.place.names(_COMPACTED, ".parquet"))
+            large = sorted(f"{_COMPACTED}/{name}.parquet" for name in self.place.names(_COMPACTED, ".parquet"))
             small = sorted(self.place.names(_PARTS, ".parquet") & wanted)
-            names = [
-                *(f"{_COMPACTED}/{name}.parquet" for name in large),
-                *(f"{_PARTS}/{each}.parquet" for each in small),
-            ]
+            tables, seen, gone = [schema().empty_table()], set[str](), False
+            for name in large:
+                table = self._rows(name)
+                gone |= table is None
+                if table is not None:
+                    fresh = (set(table["id"].unique().to_pylist()) & wanted) - seen
+                    tables.append(table.filter(pc.is_in(table["id"], pa.array(sorted(fresh), pa.string()))))
+                    seen |= fresh
+            single = [f"{_PARTS}/{each}.parquet" for each in small if each not in seen]
             with ThreadPoolExecutor(_READERS) as pool:
-                found = list(pool.map(self._rows, names))
-            if all(table is not None for table in found):
+                for k in range(0, len(single), _BATCH):
+                    asked = single[k : k + _BATCH]
+                    found = [table for table in pool.map(self._rows, asked) if table is not None]
+                    gone |= len(found) < len(asked)
+                    tables.append(pa.concat_tables([tables[0], *found]).combine_chunks())
+            if not gone:
                 break
-        tables, seen = [], set[str]()
-        for table in found[: len(large)]:
-            if table is not None:
-                fresh = (set(table["id"].unique().to_pylist()) & wanted) - seen
-                tables.append(table.filter(pc.is_in(table["id"], pa.array(sorted(fresh), pa.string()))))
-                seen |= fresh
-        tables += [
-            table
-            for task, table in zip(small, found[len(large) :], strict=True)
-            if table is not None and task not in seen
-        ]
-        return tables, [name for name, table in zip(names, found, strict=True) if table is not None]
+        return pa.concat_tables(tables).combine_chunks(), [*large, *(f"{_PARTS}/{each}.parquet" for each in small)]
 
     def _rows(self, name: str) -> pa.Table | None:
         """Return what a file of rows holds, None where it is gone."""
@@ -301,14 +325,12 @@ class Store:
 
     def compact(self, progress: Callable[[str, float], None] | None = None) -> tuple[int, int]:
         """Put all parts into one file, the plan's and others; return how many there were, and how many are left."""
-        import pyarrow as pa
-
         report = progress or (lambda text, share: None)
         report("reading", 0.0)
-        tables, used = self._parts(self.done())
+        whole, used = self._parts(self.done())
         left = len(used)
         if len(used) > 1:
-            whole = pa.concat_tables(tables).sort_by([("id", "ascending"), ("coefficient", "ascending")])
+            whole = whole.sort_by([("id", "ascending"), ("coefficient", "ascending")])
             name = hashlib.sha256("\n".join(whole["id"].unique().to_pylist()).encode()).hexdigest()[:32]
             report("writing", 0.4)
             self.place.write(f"{_COMPACTED}/{name}.parquet", _parquet(whole, small=False))
@@ -317,7 +339,7 @@ class Store:
                 report("removing what is in it", 0.5 + 0.5 * k / len(gone))
                 self.place.remove(each)
             left = 1
-        for each in ("", _PARTS, _MODELS, _FAILED, _COMPACTED):
+        for each in ("", _PARTS, _MODELS, _SUPPOSED, _FAILED, _COMPACTED):
             self.place.sweep(each)
         return len(used), left
 
