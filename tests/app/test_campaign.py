@@ -56,7 +56,7 @@ def test_a_table_has_a_row_for_each_coefficient_of_each_run(study: Path) -> None
         assert abs(row["value"] / row["truth"] - 1.0) < 0.1
         assert row["fit_u"] > 80.0
     ran = command("campaign", "table", study / "two", "-o", study / "table.csv")
-    assert "4 runs of 1 vehicles" in ran.out
+    assert "4 runs of 1 vehicle" in ran.out
     with (study / "table.csv").open() as stream:
         assert [row["run"] for row in csv.DictReader(stream)] == [row["run"] for row in rows]
 

@@ -167,7 +167,8 @@ def table_document(rows: pa.Table, file: Path | None) -> dict[str, Any]:
 def show_table(rows: pa.Table, output: Output) -> None:
     """Print the summary of a table."""
     document = table_document(rows, None)
-    output.line(f"{document['runs']} runs of {document['vehicles']} vehicles", "bold")
+    runs, vehicles = document["runs"], document["vehicles"]
+    output.line(f"{runs} run{'s' * (runs != 1)} of {vehicles} vehicle{'s' * (vehicles != 1)}", "bold")
     if not document["runs"]:
         output.line("Nothing is done yet; towtank campaign status says what failed, and why.")
         return
