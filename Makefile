@@ -25,7 +25,7 @@ help:
 	@echo 'make test    every check: lint, types, layers, tests, plain-Python kernels, documentation'
 	@echo 'make docs    the documentation, in docs/_build/html'
 	@echo 'make bench   speed, beside other libraries'
-	@echo 'make peers   live links with real peers: MAVSDK, ROS 2, JSON; sets up their environments   (PEERS="mavsdk")'
+	@echo 'make peers   live links with real peers, campaigns on dask and S3; sets up their environments   (PEERS="mavsdk")'
 	@echo 'make engines exported models in the real engines, each in an environment of its own'
 	@echo 'make lock    requirements.lock anew from pyproject.toml'
 	@echo 'make clean   removes .venv and everything built or cached'
@@ -110,8 +110,11 @@ docs: $(READY) $(PAGE)
 bench: $(READY)
 	@$(BIN)/python -m pytest -p no:xdist benchmarks
 
-# Real peers on loopback, each in an environment of its own; the wheels of ROS 2 are for Python 3.11.
-peers: $(READY) .peers/mavsdk/.ready .peers/ros2/.ready
+# Real peers on loopback, each in an environment of its own; the wheels of ROS 2 are for Python 3.11. Only the environments
+# of the peers that are named are made.
+peers_of = $(if $(PEERS),$(filter $(1),$(PEERS)),$(1))
+PEER_ENVIRONMENTS := $(call peers_of,mavsdk) $(if $(call peers_of,ros2)$(call peers_of,dds),ros2) $(call peers_of,dask) $(call peers_of,s3)
+peers: $(READY) $(PEER_ENVIRONMENTS:%=.peers/%/.ready)
 	@$(BIN)/python benchmarks/peers/run_peers.py $(PEERS)
 	@$(if $(PEERS),,$(MAKE) --silent engines)
 
@@ -123,6 +126,15 @@ peers: $(READY) .peers/mavsdk/.ready .peers/ros2/.ready
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || { \
 	echo "the wheels of ROS 2 need Python 3.11; '$(PYTHON)' is not. Choose it: make peers PYTHON=python3.11"; exit 1; }
 	$(call quietly,setting up ROS 2,$(PYTHON) -m venv .peers/ros2 && .peers/ros2/bin/python -m pip install --quiet --disable-pip-version-check 'ros-rclpy[fastrtps]==9.1.2' ros-nav-msgs==5.5.1 --editable .)
+	@touch $@
+
+# towtank itself, with the libraries of the lock, among them dask.distributed.
+.peers/dask/.ready: pyproject.toml requirements.lock
+	$(call quietly,setting up dask,$(PYTHON) -m venv .peers/dask && .peers/dask/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --requirement requirements.lock && .peers/dask/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .)
+	@touch $@
+
+.peers/s3/.ready:
+	$(call quietly,setting up an S3 server,$(PYTHON) -m venv .peers/s3 && .peers/s3/bin/python -m pip install --quiet --disable-pip-version-check 'moto[server]==5.2.5')
 	@touch $@
 
 # Exported models in the engines that they are for, each in an environment of its own; one that fails does not keep the

@@ -1,6 +1,6 @@
 """`towtank live` with real peers on this machine: what it learns of surge and yaw against the truth.
 
-    make peers            (or: python benchmarks/peers/run_peers.py [mavsdk|ros2|dds|json ...])
+    make peers            (or: python benchmarks/peers/run_peers.py [mavsdk|ros2|dds|json|dask|s3 ...])
 
 The same simulated BlueROV2 Heavy is played in real time by three peers, each in a process of its own, over loopback:
 
@@ -11,7 +11,10 @@ The same simulated BlueROV2 Heavy is played in real time by three peers, each in
     json     JSON lines over UDP
 
 `towtank live` begins with coefficients that are 0.6 times the true ones. X_udot, X_u, X_uu, N_rdot and N_rr must come
-out within 5 % of the truth. All peers but the last have environments of their own, in .peers.
+out within 5 % of the truth. All of these peers but the last have environments of their own, in .peers.
+
+`dask` and `s3` are peers of `towtank campaign`, in `fleet`: a scheduler and its workers while they are killed, and an
+object store behind a proxy that fails.
 """
 
 from __future__ import annotations
@@ -36,6 +39,10 @@ START = 0.6  # of the true coefficients
 PYTHON = {name: ROOT / ".peers" / name / "bin" / "python" for name in ("mavsdk", "ros2")} | {
     "dds": ROOT / ".peers" / "ros2" / "bin" / "python",
     "json": Path(sys.executable),
+}
+FLEET = {
+    "dask": (ROOT / ".peers" / "dask" / "bin" / "python", HERE / "fleet" / "dask_peer.py"),
+    "s3": (Path(sys.executable), HERE / "fleet" / "s3_peer.py"),
 }
 CYCLONE = """<CycloneDDS><Domain Id="any"><General><AllowMulticast>false</AllowMulticast>
 <Interfaces><NetworkInterface name="lo"/></Interfaces></General>
@@ -139,11 +146,18 @@ def main(names: Sequence[str]) -> int:
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         start = wrong_start(folder)
-        results = {name: judged(name, session(name, folder, start), truth) for name in names or PYTHON}
+        live = [name for name in names or PYTHON if name not in FLEET]
+        results = {name: judged(name, session(name, folder, start), truth) for name in live}
+    fleet = {}
+    for name in [name for name in names or FLEET if name in FLEET]:
+        print(f"\n{name}", flush=True)
+        fleet[name] = subprocess.run([str(each) for each in FLEET[name]], check=False).returncode == 0
     print()
     for name, good in results.items():
         print(f"{name:8} {'ok: within' if good else 'FAILED: not within'} {TOLERANCE:g} % of the truth")
-    return 0 if all(results.values()) else 1
+    for name, good in fleet.items():
+        print(f"{name:8} {'ok' if good else 'FAILED'}")
+    return 0 if all([*results.values(), *fleet.values()]) else 1
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Runs trials on several processes, with a line of progress, and writes what came of a study as JSON."""
+"""Runs trials on the processes of campaigns, with a line of progress, and writes what came of a study as JSON."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ import json
 import math
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,13 +15,12 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from trial import Outcome, Trial, perform
 
+from towtank.campaigns.engines.local import perform_all
 from towtank.outputs import write_text
 
 __all__ = ["arguments", "over", "plain", "run", "write_json"]
 
 T = TypeVar("T")
-
-_ONE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def arguments(description: str, runs: int, argv: Sequence[str] | None = None) -> argparse.Namespace:
@@ -81,23 +78,12 @@ def over(
 
 
 def _in_processes(work: Callable[..., T], tasks: Sequence[tuple[Any, ...]], workers: int, done: Any) -> None:
-    before = {name: os.environ.get(name) for name in _ONE_THREAD}
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # the processes that start below inherit it
-    try:
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            waiting = {pool.submit(work, *each): i for i, each in enumerate(tasks)}
-            try:
-                for future in as_completed(waiting):
-                    done(waiting[future], future.result())
-            except BaseException:
-                pool.shutdown(cancel_futures=True)
-                raise
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+    for answer in perform_all(work, tasks, workers):
+        if answer.error is not None:
+            raise answer.error
+        if answer.died is not None:
+            raise RuntimeError(f"the process of task {answer.number} ended twice: {answer.died}")
+        done(answer.number, answer.value)
 
 
 def write_json(path: Path | None, document: dict[str, Any]) -> None:

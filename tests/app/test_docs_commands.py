@@ -154,10 +154,19 @@ def fleet(path: Path) -> None:
     campaigns.pool([campaigns.Run(f"{k}", "seamor", f"{k}", each, before) for k, each in enumerate(models)]).write(path)
 
 
+def archive(path: Path) -> None:
+    """Write the campaign that the page shows, and the logs that it names."""
+    block(path, "docs/campaigns.md", "# campaign.toml")
+    for k, name in enumerate(("rov7", "rov8"), 1):
+        (path.parent / "archive" / name).mkdir(parents=True)
+        dive(path.parent / "archive" / name / "dive.BIN", seed=k)
+
+
 ANGLES = '[columns]\nt = "t"\nphi = "phi"\ntheta = "theta"\npsi = "psi"\n'
 Given = dict[str, Callable[[Path], None]]
 MINE: Given = {"mine.toml": partial(vehicle, name="bluerov2_heavy")}
 GIVEN: dict[str, Given] = {
+    "campaigns.md": {"campaign.toml": archive},
     "README.md": {
         "dive.BIN": dive,
         "other-dive.BIN": partial(dive, seed=2),
@@ -269,7 +278,7 @@ def test_commands_within_sentences_are_there_with_their_options(page: Path) -> N
     for found in IN_A_LINE.findall(page.read_text(encoding="utf-8").replace("\n", " ")):
         words = [word for word in found.split()[1:] if re.fullmatch(r"[a-z-]+", word) and not word.startswith("-")]
         named = {word.partition("=")[0] for word in found.split() if word.startswith("--")}
-        known = options(words[:2]) if words[0] in ("vehicle", "config", "manoeuvre") else options(words[:1])
+        known = options(words[:2]) if words[0] in ("vehicle", "campaign", "config", "manoeuvre") else options(words[:1])
         assert named <= known | {"--install-completion", "--show-completion"}, found
 
 
@@ -278,7 +287,7 @@ def test_the_reference_names_every_option_of_every_command() -> None:
     text, told = REFERENCE.read_text(encoding="utf-8"), dict[str, set[str]]()
     for usage in blocks(REFERENCE):
         words = usage.split()[1:]
-        name = " ".join(words[: 2 if words[0] in ("vehicle", "config", "manoeuvre") else 1])
+        name = " ".join(words[: 2 if words[0] in ("vehicle", "campaign", "config", "manoeuvre") else 1])
         told.setdefault(name, set()).update(re.findall(r"(?<![\w-])(--?[a-z][a-z-]*)", usage))
     for name, named in told.items():
         known = options(name.split())

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from towtank import export
+from towtank.campaigns import Store, read_campaign, tasks_of
 
 from .commands import command
 
@@ -30,6 +31,10 @@ COMMANDS = [
     ["learn"],
     ["live"],
     ["validate"],
+    ["campaign", "run"],
+    ["campaign", "status"],
+    ["campaign", "table"],
+    ["campaign", "compact"],
     ["config", "list"],
     ["config", "save"],
     ["config", "show"],
@@ -38,6 +43,17 @@ COMMANDS = [
     ["export"],
     ["import"],
 ]
+STUDY = """kind = "simulate-learn"
+vehicle = "vlbv300"
+method = "paper"
+free = ["X_udot", "X_uu"]
+delay = 0.0
+[study]
+manoeuvre = "surge-square"
+duration = 6.0
+rate = 20.0
+sensors = "ins"
+"""
 HEAVY = {
     "matplotlib",
     "mcap",
@@ -71,7 +87,7 @@ def test_every_command_has_help_with_an_example_and_json(words: list[str]) -> No
 def test_the_list_of_commands_is_whole() -> None:
     listed = re.findall(r"^  ([a-z]+)  ", command("--help").out, re.MULTILINE)
     first = ["demo", "vehicle", "manoeuvre", "plan", "simulate", "inspect", "learn", "live", "validate"]
-    assert listed == [*first, "config", "convert", "export", "import"]
+    assert listed == [*first, "campaign", "config", "convert", "export", "import"]
 
 
 @pytest.mark.parametrize("words", [words for words in COMMANDS if words not in (["demo"], ["live"])], ids=" ".join)
@@ -85,6 +101,10 @@ def test_examples_run(words: list[str], workshop: Path, tmp_path: Path, monkeypa
     if words in (["config", "show"], ["config", "compare"]):
         for name in ("bare", "with gripper"):
             assert command("config", "save", "learned.toml", "--name", name).code == 0
+    if words[0] == "campaign":
+        (tmp_path / "campaign.toml").write_text(STUDY)
+        asked = read_campaign("campaign.toml")
+        Store.at("results").begin(asked, tasks_of(asked))
     for example in examples(words):
         ran = command(*shlex.split(example)[1:])
         assert ran.code == 0, ran

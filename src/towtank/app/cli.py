@@ -13,6 +13,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from towtank.app.campaign import commands as campaign
 from towtank.app.commands import config, demo, exchange, inspect, learn, live, plan, simulate, validate, vehicle
 from towtank.app.terminal.guard import Commands, PlainCommand
 from towtank.app.terminal.page_option import PagedCommand
@@ -92,6 +93,9 @@ app.command("live", cls=PagedCommand)(live.live)
 
 
 app.command("validate", cls=PlainCommand)(validate.validate)
+
+
+app.add_typer(campaign.commands, name="campaign")
 
 
 app.add_typer(config.commands, name="config")

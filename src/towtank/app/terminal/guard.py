@@ -28,13 +28,14 @@ __all__ = [
     "PlainCommand",
     "drop_output",
     "guarded",
+    "line_of",
     "wants_traceback",
 ]
 
 FAULT, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 ORDER = (
-    *("demo", "vehicle", "manoeuvre", "plan", "simulate", "inspect", "learn", "live", "validate", "config"),
-    *("convert", "export", "import"),
+    *("demo", "vehicle", "manoeuvre", "plan", "simulate", "inspect", "learn", "live", "validate", "campaign"),
+    *("config", "convert", "export", "import"),
 )
 
 
@@ -89,18 +90,23 @@ def guarded(run: Callable[[], Any]) -> int:
             warnings.showwarning = _warning_line
             code = run()
         sys.stdout.flush()
-    except InputError as error:
-        return _report(f"towtank: {error}", WRONG_INPUT)
     except (KeyboardInterrupt, typer.Abort):
         return INTERRUPTED
     except BrokenPipeError:
         drop_output()
         return FAULT
     except Exception as error:
-        if hasattr(error, "format_message"):
-            return _report(_usage_line(error), WRONG_INPUT)
-        return _report(_fault_line(error), FAULT)
+        return _report(*line_of(error))
     return code if isinstance(code, int) else 0
+
+
+def line_of(error: Exception) -> tuple[str, int]:
+    """Return the line that says what went wrong, and the exit code of that."""
+    if isinstance(error, InputError):
+        return f"towtank: {error}", WRONG_INPUT
+    if hasattr(error, "format_message"):
+        return _usage_line(error), WRONG_INPUT
+    return _fault_line(error), FAULT
 
 
 def wants_traceback() -> bool:

@@ -1,0 +1,1 @@
+"""`towtank campaign`: what a task does, the commands, and what they show."""

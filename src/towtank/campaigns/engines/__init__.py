@@ -1,0 +1,1 @@
+"""Who performs the tasks: processes of this machine, or the workers of a dask scheduler."""

@@ -1,0 +1,112 @@
+"""Object stores that refuse, and logs by their patterns; a stand-in answers as S3 does where a bucket is missing."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+
+import pytest
+
+from towtank.campaigns.places import logs_of, patiently, place_of, without_credentials
+from towtank.errors import InputError
+
+
+class Refusing(BaseHTTPRequestHandler):
+    """Has no bucket but one, to which nobody has access."""
+
+    def do_GET(self) -> None:
+        code = 403 if self.path.startswith("/closed") else 404
+        self.send_response(code)
+        self.send_header("Content-Length", "0")
+        self.end_headers()
+
+    do_HEAD = do_PUT = do_POST = do_GET
+
+    def log_message(self, *_: object) -> None:
+        """Say nothing."""
+
+
+@pytest.fixture
+def _endpoint(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    server = HTTPServer(("127.0.0.1", 0), Refusing)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{server.server_port}")
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "nobody")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "nothing")
+    monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
+    place_of.cache_clear()
+    yield
+    place_of.cache_clear()
+    server.shutdown()
+    server.server_close()
+
+
+@pytest.mark.usefixtures("_endpoint")
+def test_a_bucket_that_is_missing_is_one_line() -> None:
+    with pytest.raises(InputError, match=r"^s3://nowhere/store: there is no such bucket; create it first"):
+        place_of("s3://nowhere/store")
+
+
+@pytest.mark.usefixtures("_endpoint")
+def test_a_bucket_that_nobody_may_use_asks_for_credentials() -> None:
+    with pytest.raises(InputError, match=r"^s3://closed/store: access is denied, expected credentials .*AWS_ACCESS"):
+        place_of("s3://key:secret@closed/store")
+
+
+def test_other_schemes_and_places_without_a_bucket_are_refused() -> None:
+    with pytest.raises(InputError, match=r"^ftp://host/store: found ftp://, expected s3://BUCKET/FOLDER"):
+        place_of("ftp://host/store")
+    with pytest.raises(InputError, match=r"^s3:///store: names no bucket"):
+        place_of("s3:///store")
+
+
+def test_messages_hold_no_credentials() -> None:
+    assert without_credentials("s3://key:secret@archive/logs?endpoint_override=x") == "s3://archive/logs"
+
+
+def test_what_fails_now_and_then_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("towtank.campaigns.places._FIRST_PAUSE", 0.0)
+    answers = iter([OSError("503 slow down"), OSError("reset by peer"), 7])
+
+    def ask() -> int:
+        answer = next(answers)
+        if isinstance(answer, OSError):
+            raise answer
+        return answer
+
+    assert patiently(ask, "place") == 7
+    answers = iter([OSError("503 slow down")] * 100)
+    with pytest.raises(OSError, match=r"^place: 503 slow down, 8 times in a row$"):
+        patiently(ask, "place")
+
+
+def test_a_file_is_whole_or_absent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    place = place_of(str(tmp_path / "store"))
+    place.write("parts/a.parquet", b"first")
+    assert (place.names("parts", ".parquet"), place.read("parts/a.parquet")) == ({"a"}, b"first")
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        place.write("parts/a.parquet", b"second")
+    assert place.read("parts/a.parquet") == b"first"
+    assert [path.name for path in (tmp_path / "store" / "parts").iterdir()] == ["a.parquet"]
+
+
+def test_patterns_name_files_and_bags_and_no_other_folders(tmp_path: Path) -> None:
+    for name in ("a.bin", "deep/b.bin", "deep/er/c.bin", "bag/metadata.yaml", "bag/x.db3", "other/x.db3"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(name)
+
+    def labels(pattern: str) -> list[str]:
+        return [each.label for each in logs_of(pattern, tmp_path)]
+
+    assert labels("*.bin") == ["a.bin"]
+    assert labels("**/*.bin") == ["a.bin", "deep/b.bin", "deep/er/c.bin"]
+    assert labels("*") == ["a.bin", "bag"]
+    assert labels(str(tmp_path / "deep" / "*.bin")) == ["deep/b.bin"]
