@@ -22,7 +22,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from plan_study import FORCE, OFF, SPACE, _size, supposed
+from plan_study import FORCE, SPACE, drawn, size_of, supposed
 from report import show
 from rich.table import Table
 from runner import arguments, over
@@ -34,7 +34,7 @@ from towtank.planning.braking import PERIOD
 from towtank.planning.coach import Coach, Stage, View, next_segment
 from towtank.planning.guarded import DT, Tank
 from towtank.simulation import OrnsteinUhlenbeck
-from towtank.vehicle import Vehicle, allocate, index, thruster_forces
+from towtank.vehicle import Vehicle, allocate, thruster_forces
 
 VEHICLES = ("bluerov2_heavy", "vlbv300")
 REACTION, OFF_BY = 0.4, 0.2  # s, share
@@ -124,13 +124,7 @@ def perform(name: str, seed: int) -> Run:
     """Fly one session."""
     file, made = supposed(name), planned(name)
     wanted = tuple(each.name for each in made.expected)
-    chance = np.random.default_rng(seed)
-    drawn = {}
-    for key in wanted:
-        size, value = _size(file, key), file.coefficient(key)
-        away = chance.uniform(-OFF, OFF)
-        drawn[key] = value - away * size if index(key)[0] == "mass" else value * (1.0 + away)
-    truth = file.with_coefficients(drawn)
+    truth = drawn(file, wanted, seed)
     n = round(LONGEST / PERIOD)
     push = OrnsteinUhlenbeck(std=(FORCE,) * 3 + (0.1 * FORCE,) * 3, time_constant=2.0).sample(n * STEPS, DT, seed)
     noise = NOISE * np.random.default_rng([seed, 1]).standard_normal((n * STEPS + 1, 6))
@@ -168,7 +162,7 @@ def perform(name: str, seed: int) -> Run:
             )
     view = coach.view(t)
     learned = {each.name: each for each in learner.estimate.coefficients}
-    sizes = np.array([_size(truth, key) for key in wanted])
+    sizes = np.array([size_of(truth, key) for key in wanted])
     errors = np.array([learned[key].value - truth.coefficient(key) for key in wanted]) / sizes
     stated = np.array([learned[key].std for key in wanted]) / sizes
     return Run(view.stage is Stage.MET, view.seconds, t, view.number - 1, errors, stated, closest < 0.0)

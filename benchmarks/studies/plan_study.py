@@ -17,6 +17,7 @@ own, and driven by the simulator at 100 Hz; the share that touches a wall must b
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from functools import cache
 from itertools import product
 from typing import NamedTuple
@@ -56,12 +57,13 @@ def supposed(name: str) -> Vehicle:
     """Return the file of a vehicle with a deviation of 30 % for what is on the diagonal."""
     vehicle = load_vehicle(name)
     values = {
-        key: Coefficient(value=each.value, std=OFF * _size(vehicle, key)) for key, each in vehicle.hydrodynamics.items()
+        key: Coefficient(value=each.value, std=OFF * size_of(vehicle, key))
+        for key, each in vehicle.hydrodynamics.items()
     }
     return vehicle.with_coefficients(values)
 
 
-def _size(vehicle: Vehicle, name: str) -> float:
+def size_of(vehicle: Vehicle, name: str) -> float:
     """Return what a share of a coefficient is of: the total inertia of an added mass, else the coefficient itself."""
     kind, i, j = index(name)
     return float(vehicle.mass_matrix[i, j]) if kind == "mass" else abs(vehicle.coefficient(name))
@@ -73,17 +75,22 @@ def planned(name: str) -> Plan:
     return plan(supposed(name), space=SPACE, force=FORCE, seed=1)
 
 
+def drawn(file: Vehicle, wanted: Sequence[str], seed: int) -> Vehicle:
+    """Return a vehicle whose wanted coefficients are up to 30 % off its file's."""
+    chance = np.random.default_rng(seed)
+    values = {}
+    for key in wanted:
+        size, value = size_of(file, key), file.coefficient(key)
+        away = chance.uniform(-OFF, OFF)
+        values[key] = value - away * size if index(key)[0] == "mass" else value * (1.0 + away)
+    return file.with_coefficients(values)
+
+
 def perform(name: str, seed: int) -> Run:
     """Drive a plan once and learn."""
     file, made = supposed(name), planned(name)
     wanted = [each.name for each in made.expected]
-    chance = np.random.default_rng(seed)
-    drawn = {}
-    for key in wanted:
-        size, value = _size(file, key), file.coefficient(key)
-        away = chance.uniform(-OFF, OFF)
-        drawn[key] = value - away * size if index(key)[0] == "mass" else value * (1.0 + away)
-    truth = file.with_coefficients(drawn)
+    truth = drawn(file, wanted, seed)
     push = OrnsteinUhlenbeck(std=(FORCE,) * 3 + (0.1 * FORCE,) * 3, time_constant=2.0)
     runs = [
         simulate(
@@ -98,7 +105,7 @@ def perform(name: str, seed: int) -> Run:
         for k, each in enumerate(made.segments)
     ]
     learned = {each.name: each for each in learn_recordings(file, runs).estimate.coefficients}
-    sizes = np.array([_size(truth, key) for key in wanted])
+    sizes = np.array([size_of(truth, key) for key in wanted])
     errors = np.array([learned[key].value - truth.coefficient(key) for key in wanted]) / sizes
     return Run(errors, np.array([learned[key].std for key in wanted]) / sizes)
 

@@ -99,8 +99,10 @@ def test_a_thruster_that_never_pushes_is_written(
     target: str, key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    for each in export(odd(thrusters=[thruster("idle", curve=IDLE[key])]), target).files:
-        read(each)
+    files = export(odd(thrusters=[thruster("idle", curve=IDLE[key])]), target).files
+    assert files
+    for each in files:
+        read(each)  # in its own language
 
 
 @pytest.mark.parametrize("key", IDLE)

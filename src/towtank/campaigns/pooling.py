@@ -1,19 +1,12 @@
 """What many vehicles of a class say together: the class, the spread of its vehicles, that of their runs.
 
-A learned model is the posterior of one run: prior and data. The prior was the same in all of them and may count once
-only, so each run's own likelihood is taken back out of it, as information,
+A learned model is the posterior of one run: prior and data. What its data say alone is `likelihood`'s.
 
-    L = C^-1 - C_0^-1,    L x = C^-1 m - C_0^-1 m_0
-
-with m, C of the posterior and m_0, C_0 of the prior, in the coordinates in which the prior is of unit covariance, where
-a direction of which the run says nothing is one of an eigenvalue 1 and is left at no information. What belongs to a
-single run (`_OF_A_RUN`: delay, latencies, constant forces) is integrated out before that, each with its own prior.
-
-Then `random_effects`: run within vehicle within class. Spreads are of single coefficients and independent of each
-other, in the coordinates in which the prior is Gaussian: of total inertias and gains, logarithms. Motion tells forces
-only in units of the thrust, so that inertias and forces are pooled as multiples of the mean gain of the thrusters, in
-which no run has anything to say of the scale (`per_thrust`); the scale of the class is as uncertain as the prior has
-it, however many vehicles there are. Gains are a vehicle's, and do not differ from run to run.
+The pooling is that of `random_effects`: run within vehicle within class. Spreads are of single coefficients and
+independent of each other, in the coordinates in which the prior is Gaussian: of total inertias and gains, logarithms.
+Motion tells forces only in units of the thrust, so that inertias and forces are pooled as multiples of the mean gain of
+the thrusters, in which no run has anything to say of the scale (`per_thrust`); the scale of the class is as uncertain
+as the prior has it, however many vehicles there are. Gains are a vehicle's, and do not differ from run to run.
 """
 
 from __future__ import annotations
@@ -28,57 +21,42 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from towtank.campaigns.likelihood import (
+    Likelihood,
+    Run,
+    bare,
+    further,
+    gains_beside,
+    is_force,
+    is_inertia,
+    likelihood,
+    named,
+    posterior_of,
+    twin,
+)
 from towtank.campaigns.random_effects import Evidence, Solution, Variances, restricted_maximum, solved
 from towtank.core.arrays import Array
-from towtank.core.layout import INFLOW, N_KINDS
 from towtank.digits import joined, measured, short
 from towtank.errors import InputError, nearest
 from towtank.identification.model.parameters import (
-    DELAY,
     GAIN_PREFIX,
     IN_GAIN,
     LAG,
-    LATENCIES,
-    PLACES,
-    UNTRANSFORMED,
     FreeParameters,
 )
 from towtank.identification.model.prior import Prior, prior_of
 from towtank.identification.posterior.result import NARROWED, estimate_of, model_of, with_posterior
 from towtank.identification.posterior.thrusters import learned_gains
-from towtank.vehicle import COEFFICIENTS, Coefficient, Provenance, Vehicle, index, mirror, save_vehicle
+from towtank.vehicle import COEFFICIENTS, Coefficient, Provenance, Vehicle, save_vehicle
 from towtank.vehicle.posterior import Posterior, unit_of_unknown
 
 __all__ = ["Fleet", "FleetClass", "Outlier", "Pooled", "Run", "pool"]
 
-_OF_A_RUN = (DELAY, *LATENCIES, *PLACES)  # and constant forces
-_ROUNDED = 4e-3  # of the prior's information: what the digits of a learned file may add
-_FARTHEST = 3.0  # deviations
-_SAME = 1e-6  # share by which a deviation that was kept may differ
-_SAME_PRIOR = 0.01
 _CHANCE = 0.05  # of naming any run of a class as an outlier where there is none
 _SUSPECT, _SUSPECTS = 0.8, 3  # of what an outlier has while it is among those that it is compared with; asked at a time
 _MOST_OUTLIERS = 12
 _START = 1e-2  # of a variance, in units of what was supposed
 _NORMAL_95 = 1.959963984540054
-
-
-@dataclass(frozen=True)
-class Run:
-    """What one run taught of one vehicle.
-
-    Attributes:
-        vehicle: which one it was. klass: its class: vehicles built to one drawing. label: of the run.
-        model: learned, with its posterior. before: the vehicle that it was learned from; None: one of which nothing is
-            known but rigid body and thrusters. beside: the one given by `--prior`.
-    """
-
-    vehicle: str
-    klass: str
-    label: str
-    model: Vehicle
-    before: Vehicle | None = None
-    beside: Vehicle | None = None
 
 
 @dataclass(frozen=True)
@@ -170,7 +148,7 @@ class FleetClass:
     spread: Array
 
     def __getitem__(self, name: str) -> Pooled:
-        found = [each for each in self.coefficients if each.name in (name, _twin(name))]
+        found = [each for each in self.coefficients if each.name in (name, twin(name))]
         if not found:
             known = [each.name for each in self.coefficients]
             raise InputError(f'class {self.name}: "{name}" was not pooled{nearest(name, known)}')
@@ -201,13 +179,13 @@ class FleetClass:
         Raises:
             InputError: the model has no posterior.
         """
-        posterior = _posterior_of(model, model.name)
+        posterior = posterior_of(model, model.name)
         signs, wider, added = self.prior.free.signs, posterior.covariance, {}
         scale = self._thrust(model)
         for k, name in enumerate(self.prior.free.names):
-            row = [i for i, other in enumerate(posterior.names) if other in (name, _twin(name))]
+            row = [i for i, other in enumerate(posterior.names) if other in (name, twin(name))]
             if row:
-                grown = self.spread[k] * (scale if _is_force(self.prior.free)[k] else 1.0)
+                grown = self.spread[k] * (scale if is_force(self.prior.free)[k] else 1.0)
                 wider[row[0], row[0]] += grown**2
                 added[posterior.names[row[0]]] = grown * self._unit(k, model) * signs[k]
         known = {**model.hydrodynamics, **{n: c for n, c in model.restoring if c is not None}}
@@ -228,7 +206,7 @@ class FleetClass:
     def _unit(self, k: int, model: Vehicle) -> float:
         """Return the size of a coefficient's change for one unit of its coordinate."""
         i = self.prior.free.codes[k, 1]
-        return float(model.mass_matrix[i, i]) if _is_inertia(self.prior.free)[k] else 1.0
+        return float(model.mass_matrix[i, i]) if is_inertia(self.prior.free)[k] else 1.0
 
     def document(self) -> dict[str, Any]:
         """Return it as JSON has it."""
@@ -318,144 +296,6 @@ def pool(runs: Sequence[Run]) -> Fleet:
     return Fleet(tuple(_pooled([run for run in runs if run.klass == name]) for name in names))
 
 
-# -- what one run says
-
-
-@dataclass(frozen=True, eq=False)
-class _Likelihood:
-    """What a run's data say, about theta (n,): the information (n, n) and the gradient (n,) of the log likelihood.
-
-    `unscaled`: all forces were unknown, so that the data say nothing of the scale of thrust.
-    """
-
-    free: FreeParameters
-    theta: Array
-    information: Array
-    gradient: Array
-    unscaled: bool = True
-
-
-def _likelihood(run: Run) -> _Likelihood:
-    """Return what a run's data say of what is not the run's alone, the prior taken out."""
-    posterior = _posterior_of(run.model, run.label)
-    before = _bare(run.model) if run.before is None else run.before
-    prior = _prior_before(run, before, posterior)
-    place = {name: k for k, name in enumerate(prior.names)}
-    rows = np.array([place[_named(name, place)] for name in posterior.names])
-    gains = _gains(run.model, before, prior.names)
-    signs, rigid = prior.free.signs[rows], prior.free.rigid[rows]
-    mean = np.where(signs < 0.0, rigid - np.array(posterior.mean), np.array(posterior.mean)) + gains[rows]
-    covariance = posterior.covariance * np.outer(signs, signs)
-    supposed = prior.std[rows]
-    theta = prior.mean.copy()
-    theta[rows] = mean
-    theta = _physical(run.model, prior, theta)
-    near, near_covariance = prior.seen_from(theta)
-    kept = np.array([not _of_a_run(prior.names[row]) for row in rows])
-    kept &= np.abs(np.array(posterior.std) / supposed - 1.0) > _SAME  # else nothing in the run shows it
-    if not kept.any():
-        return _Likelihood(prior.free.subset(()), np.empty(0), np.empty((0, 0)), np.empty(0))
-    some = rows[kept]
-    information, gradient = _taken_out(
-        (mean[kept], covariance[np.ix_(kept, kept)]), (near[some], near_covariance[np.ix_(some, some)]), theta[some]
-    )
-    order = np.argsort(some)
-    free = prior.free.subset([prior.names[row] for row in some])
-    unscaled = bool(
-        (_is_force(prior.free) | _is_inertia(prior.free))[np.setdiff1d(np.arange(len(prior.free)), rows)].sum() == 0
-    )
-    return _Likelihood(free, theta[some][order], information[np.ix_(order, order)], gradient[order], unscaled)
-
-
-def _taken_out(posterior: tuple[Array, Array], prior: tuple[Array, Array], theta: Array) -> tuple[Array, Array]:
-    """Return information (n, n) and gradient (n,) at theta of the likelihood that makes a posterior of a prior.
-
-    Of a direction whose variance a run narrows to a share d of the prior's, the mean lies y from the prior's mean, y of
-    variance 1 - d, and the likelihood itself at y / (1 - d). But learning widens deviations by what windows of a run
-    contradict each other, and leaves the mean where it went; with the d that is stated, the likelihood of such a run
-    would lie many times too far. Where y is more than three of its deviations, the run is taken to have narrowed the
-    direction as much as makes y three, before it was widened; its information is what it states.
-    """
-    root = np.linalg.cholesky(prior[1])
-    white = np.linalg.solve(root, np.linalg.solve(root, posterior[1]).T)
-    shares, axes = np.linalg.eigh(0.5 * (white + white.T))
-    told = np.maximum(1.0 / np.maximum(shares, 1e-300) - 1.0, 0.0)
-    told[told < _ROUNDED] = 0.0
-    away = axes.T @ np.linalg.solve(root, posterior[0] - prior[0])
-    narrowed = np.where(told > 0.0, np.maximum(1.0 - shares, np.minimum((away / _FARTHEST) ** 2, 1.0)), 1.0)
-    says = told * away / narrowed
-    says -= told * (axes.T @ np.linalg.solve(root, theta - prior[0]))
-    back = np.linalg.solve(root.T, axes)
-    return (back * told) @ back.T, back @ says
-
-
-def _posterior_of(model: Vehicle, label: str) -> Posterior:
-    if model.posterior is None:
-        raise InputError(f"{label}: its model has no [posterior], expected one learned by method joint or output-error")
-    return model.posterior
-
-
-def _bare(model: Vehicle) -> Vehicle:
-    """Return a vehicle of which nothing is known but rigid body, thrusters and what was stated in [prior]."""
-    thrusters = tuple(each.model_copy(update={"gain": 1.0, "time_constant": 0.0}) for each in model.thrusters)
-    empty = Vehicle(name=model.name, rigid_body=model.rigid_body, buoyancy=model.buoyancy, thrusters=thrusters)
-    return empty.model_copy(update={"prior": model.prior, "scale_std": model.scale_std})
-
-
-def _prior_before(run: Run, before: Vehicle, posterior: Posterior) -> Prior:
-    """Return what was supposed when a run was learned from.
-
-    Raises:
-        InputError: it is not what the run's posterior says was supposed.
-    """
-    commands = any(name == LAG or name.startswith(GAIN_PREFIX) for name in posterior.names)
-    prior = prior_of(before, commands=commands, more=_further(posterior.names), beside=run.beside)
-    for name, std in zip(posterior.names, posterior.prior_std, strict=True):
-        own = _named(name, prior.names)
-        found = float(prior.reference[prior.names.index(own)]) if own in prior.names else math.nan
-        if not abs(found / std - 1.0) <= _SAME_PRIOR:
-            said = "no vehicle was given" if run.before is None else f"{before.name} has {short(found)}"
-            raise InputError(
-                f"{run.label}: {name} was learned from a prior deviation of {short(std)}, but {said}; "
-                "give the vehicle file, and --prior, that the run was learned with"
-            )
-    return prior
-
-
-def _further(names: Sequence[str]) -> list[str]:
-    """Return those that a prior has only where it is asked: latencies, places, forward-speed terms."""
-    return [name for name in names if name not in COEFFICIENTS or index(name)[0] == "forward"]
-
-
-def _physical(model: Vehicle, prior: Prior, theta: Array) -> Array:
-    """Return theta (n,) with the coefficients that the model has, the likeliest that physics allows."""
-    values = prior.free.values(theta)
-    for k, name in enumerate(prior.names):
-        if name in COEFFICIENTS:
-            values[k] = model.coefficient(name)
-    return prior.free.thetas(values)
-
-
-def _gains(model: Vehicle, before: Vehicle, names: Sequence[str]) -> Array:
-    """Return the logarithms (n,) of the model's gains as multiples of what they were before, 0 of other unknowns."""
-    there = {each.name: each.gain for each in before.thrusters}
-    own = {GAIN_PREFIX + each.name: math.log(each.gain / there.get(each.name, each.gain)) for each in model.thrusters}
-    return np.array([own.get(name, 0.0) for name in names])
-
-
-def _of_a_run(name: str) -> bool:
-    """Whether an unknown belongs to a run, not to its vehicle."""
-    return name in _OF_A_RUN or (name in COEFFICIENTS and index(name)[0] == "constant")
-
-
-def _named(name: str, names: Any) -> str:
-    return _twin(name) if name not in names and _twin(name) in names else name
-
-
-def _twin(name: str) -> str:
-    return mirror(name) if name in COEFFICIENTS and index(name)[0] == "mass" else name
-
-
 # -- a class
 
 
@@ -473,10 +313,10 @@ class _Spreads:
 
 def _pooled(runs: Sequence[Run]) -> FleetClass:
     """Return what the runs of one class say."""
-    own = [_likelihood(run) for run in runs]
+    own = [likelihood(run) for run in runs]
     base = _base(runs)
     names = dict.fromkeys(name for each in own for name in each.free.names)
-    whole = prior_of(base, commands=_driven(runs), more=_further(list(names)), beside=runs[0].beside)
+    whole = prior_of(base, commands=_driven(runs), more=further(list(names)), beside=runs[0].beside)
     prior = whole.only(tuple(names))
     if not prior.names:
         raise InputError(f"class {runs[0].klass}: no run says anything of any coefficient, so that there is no class")
@@ -522,7 +362,7 @@ def _base(runs: Sequence[Run]) -> Vehicle:
         InputError: another run's vehicle has other thrusters.
     """
     first = runs[0].before
-    base = _bare(runs[0].model) if first is None or first.posterior is not None else first
+    base = bare(runs[0].model) if first is None or first.posterior is not None else first
     names = {each.name for each in base.thrusters}
     for run in runs:
         other = {each.name for each in run.model.thrusters}
@@ -546,23 +386,23 @@ def _whole(base: Vehicle, supposed: Prior, pooled: Sequence[str]) -> Vehicle:
 
 def _driven(runs: Sequence[Run]) -> bool:
     """Whether any run was driven by thruster commands."""
-    names = [name for run in runs for name in _posterior_of(run.model, run.label).names]
+    names = [name for run in runs for name in posterior_of(run.model, run.label).names]
     return any(name == LAG or name.startswith(GAIN_PREFIX) for name in names)
 
 
-def _point(prior: Prior, run: Run, own: _Likelihood, base: Vehicle) -> Array:
+def _point(prior: Prior, run: Run, own: Likelihood, base: Vehicle) -> Array:
     """Return theta (n,) that a run's likelihood is told about, of what it does not know the prior's mean."""
     theta = prior.mean.copy()
     before = base if run.before is None else run.before
-    gains = _gains(before, base, own.free.names)
+    gains = gains_beside(before, base, own.free.names)
     for k, name in enumerate(own.free.names):
-        theta[prior.names.index(_named(name, prior.names))] = own.theta[k] + gains[k]
+        theta[prior.names.index(named(name, prior.names))] = own.theta[k] + gains[k]
     return theta
 
 
 def _evidence(
     free: FreeParameters,
-    own: Sequence[_Likelihood],
+    own: Sequence[Likelihood],
     points: Sequence[Array],
     member: NDArray[np.int64],
     supposed: Array,
@@ -574,7 +414,7 @@ def _evidence(
     for r, (each, theta) in enumerate(zip(own, points, strict=True)):
         if not len(each.free):
             continue
-        rows = [free.names.index(_named(name, free.names)) for name in each.free.names]
+        rows = [free.names.index(named(name, free.names)) for name in each.free.names]
         whole, gradient = np.zeros((p, p)), np.zeros(p)
         whole[np.ix_(rows, rows)], gradient[rows] = each.information, each.gradient
         q, turn = per_thrust(free, theta)
@@ -588,18 +428,6 @@ def _evidence(
     return Evidence(information, score, member)
 
 
-def _is_force(free: FreeParameters) -> NDArray[np.bool_]:
-    """Return which (n,) are forces, or couplings of inertia, as they stand."""
-    kind = free.codes[:, 0]
-    return np.asarray((kind < N_KINDS) & (kind != INFLOW) & (free.codes[:, 3] == UNTRANSFORMED))
-
-
-def _is_inertia(free: FreeParameters) -> NDArray[np.bool_]:
-    """Return which (n,) are logarithms of total inertias."""
-    kind = free.codes[:, 0]
-    return np.asarray((kind < N_KINDS) & (free.codes[:, 3] != UNTRANSFORMED))
-
-
 def _gain_share(free: FreeParameters) -> Array:
     """Return the share (n,) of each unknown in the logarithm of the scale of thrust; one thruster has no scale."""
     gains = free.codes[:, 0] == IN_GAIN
@@ -608,7 +436,7 @@ def _gain_share(free: FreeParameters) -> Array:
 
 def per_thrust(free: FreeParameters, theta: Array) -> tuple[Array, Array]:
     """Return inertias and forces as multiples of the thrusters' mean gain (n,), and d q / d theta (n, n)."""
-    share, forces, inertias = _gain_share(free), _is_force(free), _is_inertia(free)
+    share, forces, inertias = _gain_share(free), is_force(free), is_inertia(free)
     scale = float(share @ theta)
     shrink = np.where(forces, math.exp(-scale), 1.0)
     q = shrink * theta - np.where(inertias, scale, 0.0)
@@ -617,7 +445,7 @@ def per_thrust(free: FreeParameters, theta: Array) -> tuple[Array, Array]:
 
 def thrust_undone(free: FreeParameters, q: Array) -> tuple[Array, Array]:
     """Return theta (n,) of q, and d theta / d q (n, n)."""
-    share, forces, inertias = _gain_share(free), _is_force(free), _is_inertia(free)
+    share, forces, inertias = _gain_share(free), is_force(free), is_inertia(free)
     scale = float(share @ q)
     theta = np.where(forces, math.exp(scale), 1.0) * q + np.where(inertias, scale, 0.0)
     return theta, np.asarray(np.linalg.inv(per_thrust(free, theta)[1]))
@@ -685,7 +513,7 @@ def _coefficients(
     ends = np.sort([prior.free.values(theta - reach), prior.free.values(theta + reach)], axis=0)
     own = slopes * np.abs(np.diag(rows))
     spreads = (own * np.sqrt(found.variances.between), own * np.sqrt(found.variances.within))
-    inertias = _is_inertia(prior.free)
+    inertias = is_inertia(prior.free)
     out = []
     for k, name in enumerate(prior.names):
         if name not in COEFFICIENTS:
