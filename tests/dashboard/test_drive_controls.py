@@ -132,3 +132,17 @@ def test_a_page_that_loses_the_focus_lets_go(page: Any, guide: Guide) -> None:
     count = len(guide.asked)
     time.sleep(0.4)
     assert len(guide.asked) <= count + 1
+
+
+@needs_browser
+@pytest.mark.parametrize("by", ["m", "?"])
+def test_a_key_that_is_let_go_elsewhere_is_let_go(page: Any, guide: Guide, by: str) -> None:
+    """The focus goes into a field or a dialog while the key is down: its release is not heard there."""
+    page.keyboard.down(" ")
+    wait_until(lambda: len(guide.asked) > 3)
+    page.keyboard.press(by)
+    wait_until(lambda: "drive-let-go" in guide.words)
+    count = len(guide.asked)
+    time.sleep(0.4)
+    assert len(guide.asked) <= count + 1
+    page.keyboard.up(" ")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from towtank.errors import InputError
 from towtank.live.driving.heard import Autopilot, Measured
+from towtank.live.driving.helm import Helm
 from towtank.live.driving.sticks import Encoder, Sticks, Way
 from towtank.live.links.source import Sample
 from towtank.live.pipeline.sorter import Arrival
@@ -157,3 +159,47 @@ def test_only_ardusub_in_manual_mode_gives_sticks_to_the_thrusters() -> None:
         assert autopilot.manual is manual
     assert autopilot.armed
     assert (autopilot.link, autopilot.beat) == (5.0, 5.0)
+
+
+def test_a_place_goes_with_the_attitude_of_its_own_source() -> None:
+    """The autopilot's heading is from another north than the tracker's place."""
+    measured = Measured(HEAVY)
+    measured.take([arrival(1.0, rank=0, topic="ATTITUDE", phi=0.0, theta=0.0, psi=1.2)])
+    measured.take([arrival(1.0, rank=1, topic="mocap", **{**ANGLES, "psi": 0.3}, **PLACE)])
+    assert measured.pose[5] == 0.3
+
+
+def test_no_force_is_no_stick() -> None:
+    sticks = sticks_of("bluerov2_heavy")
+    np.testing.assert_array_equal(sticks.of_forces(np.zeros(8)), np.zeros(6))
+
+
+def helm() -> Helm:
+    found = Helm(Guard.of(HEAVY, Space.from_text("9x9x5"), drawn_around(HEAVY, 1, 0.3)))
+    found.anchor(0.0, np.zeros(6))
+    return found
+
+
+def test_after_a_gap_the_motion_is_followed_anew() -> None:
+    found = helm()
+    for t in (0.0, 0.02, 0.04):
+        found.see(t, np.full(6, 1e-3 * t))
+    found.see(30.0, np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    for k in range(50):
+        found.see(30.02 + 0.02 * k, np.array([0.1, 0.0, 1e-4 * (k % 2), 0.0, 0.0, 0.0]))
+    assert found.fault() == ""
+    assert np.isfinite(found._observer.state).all()
+
+
+def test_a_gap_explains_no_jump_of_metres() -> None:
+    found = helm()
+    found.see(0.0, np.zeros(6))
+    found.see(6.0, np.array([2.5, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    assert found.fault().startswith("the pose jumped by 2.5 m")
+
+
+def test_where_nothing_can_be_followed_nothing_is_driven() -> None:
+    found = helm()
+    found.see(0.0, np.zeros(6))
+    found._observer = SimpleNamespace(state=np.full(13, np.nan))  # type: ignore[assignment]
+    assert found.fault() == "where the vehicle is cannot be followed"

@@ -79,3 +79,20 @@ def test_of_two_links_the_one_named_first_is_learned_from_while_it_sends() -> No
     assert preference.taken(sample(1.0, 1)) == {}
     assert preference.taken(sample(1.2, 1)) == {"x": 1.0}  # the first one has been silent for a second
     assert list(preference.doubled) == ["x"]
+
+
+def test_an_attitude_has_one_source_whatever_its_numbers_are_called() -> None:
+    """A tracker tells a quaternion, an autopilot angles: of two norths in turn nothing can be learned."""
+
+    def sample(t: float, rank: int) -> Arrival:
+        names, values = [(("phi", "theta", "psi"), (0.0, 0.0, 1.2)), (("qw", "qx", "qy", "qz"), (1.0, 0.0, 0.0, 0.0))][
+            rank
+        ]
+        return Arrival(t, t, rank, Sample("a", "b", t, t, names, values))
+
+    preference = Preference()
+    assert set(preference.taken(sample(0.0, 1))) == {"qw", "qx", "qy", "qz"}
+    assert set(preference.taken(sample(0.1, 0))) == {"phi", "theta", "psi"}
+    assert preference.taken(sample(0.2, 1)) == {}
+    assert set(preference.taken(sample(1.3, 1))) == {"qw", "qx", "qy", "qz"}  # the first one is silent
+    assert set(preference.doubled) == {"qw", "qx", "qy", "qz"}

@@ -190,3 +190,20 @@ def test_of_a_thousand_faults_each_stops_thrust_in_time_and_no_command_follows(
 
 def test_what_is_lost_is_lost_soon_enough_for_thrust_to_end_in_time() -> None:
     assert STALE + 2.0 * PERIOD < WITHIN
+
+
+def test_ready_it_says_what_it_waits_for() -> None:
+    interlock = ready()
+    steps(interlock, 1, 3, armed=False, sticks=np.zeros(6))
+    assert (interlock.stage, interlock.why) == (Stage.READY, "the vehicle is disarmed")
+    steps(interlock, 4, 1)
+    assert interlock.why == ""
+
+
+def test_a_fault_of_the_program_stops_as_any_other() -> None:
+    interlock = driving()
+    interlock.fail("the drive has failed")
+    orders = steps(interlock, 10, 15, sticks=np.ones(6))
+    assert set(kinds(orders[:10])) == {Send.NEUTRAL}
+    assert set(kinds(orders[10:])) == {Send.NOTHING}
+    assert (interlock.stage, interlock.why) == (Stage.OFF, "the drive has failed")

@@ -142,3 +142,32 @@ def test_a_session_over_sockets_drives_a_segment_and_each_loss_ends_thrust(
     assert commands == {511}  # rates alone: nothing arms, nothing changes modes
     assert "drives" in told
     assert b"/raw/drive/sent" in record.read_bytes()
+
+
+def test_an_error_of_the_program_itself_ends_thrust(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = begun(rig())
+    found.run(found.lead + 1.0)
+    before = len(found.sent)
+    assert found.stage is Stage.DRIVING
+
+    def fails(*_: object) -> None:
+        raise RuntimeError("no such thing")
+
+    monkeypatch.setattr(found.helm, "sticks", fails)
+    with pytest.raises(RuntimeError) as error:
+        found.driver.step()
+    found.driver._failed(error.value)  # as its thread does
+    assert found.stage is Stage.STOPPING
+    monkeypatch.setattr(found.helm, "see", fails)  # what is broken may stay broken
+    for _ in range(20):
+        found.driver.step()
+    assert found.stage is Stage.OFF
+    assert len(found.sent) == before + 10
+    assert found.said[-1] == "stopped: the drive has failed (RuntimeError: no such thing)"
+
+
+def test_a_yaw_stick_that_the_autopilot_scales_is_refused() -> None:
+    found = rig()
+    found.sub.parameters["ACRO_YAW_P"] = 2.0
+    found.run(1.0)
+    assert found.switch(True).startswith("ACRO_YAW_P is 2, which scales the yaw stick")

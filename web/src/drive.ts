@@ -7,6 +7,9 @@ import type { Drive as Standing } from "./protocol";
 const EVERY = 60; // ms between two signs of the key
 const IN_FLIGHT = 2; // signs that are on their way at most: what a link holds up must not come late in a row
 
+/** Whether keys are letters there. */
+const types = (target: EventTarget | null): boolean => target instanceof HTMLElement && target.closest("input, dialog") !== null;
+
 export class Drive {
   private readonly place = document.createElement("div");
   private readonly text = document.createElement("p");
@@ -42,6 +45,7 @@ export class Drive {
     this.key.oncontextmenu = (event) => event.preventDefault();
     addEventListener("keydown", (event) => this.space(event, true), true);
     addEventListener("keyup", (event) => this.space(event, false), true);
+    addEventListener("focusin", (event) => types(event.target) && this.release());
     addEventListener("blur", () => this.release());
     addEventListener("pagehide", () => this.release());
     document.addEventListener("visibilitychange", () => this.release());
@@ -67,12 +71,12 @@ export class Drive {
   }
 
   private space(event: KeyboardEvent, down: boolean): void {
-    const typing = (event.target as HTMLElement).closest?.("input, dialog");
-    if (event.key !== " " || typing || !this.wanted || !this.able) return;
+    if (event.code !== "Space" && event.key !== " ") return;
+    if (!down) this.release(); // whatever has the focus by now
+    if (types(event.target) || !this.wanted || !this.able) return;
     event.preventDefault(); // not a click on whatever has the focus
     event.stopPropagation();
     if (down && !event.repeat) this.press();
-    else if (!down) this.release();
   }
 
   private press(): void {

@@ -19,9 +19,9 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.digits import some_of
-from towtank.planning.design import design
-from towtank.planning.forecast import RATE, Outlook, quantity_of
-from towtank.planning.plan import Plan, aims
+from towtank.planning.design import design, judged
+from towtank.planning.forecast import RATE, Outlook, draws_of, quantity_of
+from towtank.planning.plan import Plan, aims, gentle
 from towtank.planning.segments import Segment, full_wrench
 from towtank.planning.space import Space
 from towtank.vehicle import Vehicle, allocate, thruster_wrench
@@ -206,6 +206,10 @@ def next_segment(
         seed=seed,
         by_hand=plan is None or plan.by_hand,
     )
+    if plan is not None and plan.space is not None and not plan.pose:
+        radius, soft = plan.space.require_room(outlook.vehicle), gentle(outlook, best.segment, plan.space)
+        vehicles = draws_of(outlook, _DRAWS, seed)
+        best = judged(outlook, aims(outlook.vehicle, unmet), soft, vehicles, plan.space, radius) or best
     missing = sum(math.log(shares[name] / accuracy) for name in unmet)
     left = sum(max(math.log(share / accuracy), 0.0) for share in best.forecasts[0].relative(unmet))
     if left > (1.0 - _ENOUGH) * missing:
@@ -399,6 +403,12 @@ class Coach:
         """Whether a new segment is waited for, `offer`."""
         with self._lock:
             return self._stage is Stage.THINK
+
+    @property
+    def foresees(self) -> bool:
+        """Whether there is another segment than the present one, should nobody offer any."""
+        with self._lock:
+            return bool(self._foreseen)
 
     @property
     def may_change(self) -> bool:

@@ -32,7 +32,7 @@ from towtank.vehicle import COEFFICIENTS, Vehicle, index, thruster_wrench
 from towtank.vehicle.names import ROWS
 from towtank.vehicle.posterior import GAIN_PREFIX
 
-__all__ = ["PAUSE", "Accuracy", "Plan", "Planned", "aims", "forecasts", "plan", "read_plan", "write_plan"]
+__all__ = ["PAUSE", "Accuracy", "Plan", "Planned", "aims", "forecasts", "gentle", "plan", "read_plan", "write_plan"]
 
 PAUSE = 6.0  # s between two segments, in which the vehicle is brought back
 _PAUSE_UNSEEN = 15.0  # s that it takes by eye, where no pose is measured
@@ -178,8 +178,8 @@ def plan(
             now, unmet, space=space, duration=duration, tries=tries, draws=draws, seed=seed + k, by_hand=by_hand
         )
         if space is not None and not pose:
-            gentle = _gentle(outlook, best.segment, space)
-            best = judged(now, unmet, gentle, draws_of(now, draws, seed + k), space, radius) or best
+            soft = gentle(outlook, best.segment, space)
+            best = judged(now, unmet, soft, draws_of(now, draws, seed + k), space, radius) or best
         now = now.after(best.forecasts[0].covariance)
         relative = best.forecasts[0].relative(wanted)
         found.append(best)
@@ -256,7 +256,7 @@ def forecasts(
     return tuple(out)
 
 
-def _gentle(outlook: Outlook, segment: Segment, space: Space) -> Segment:
+def gentle(outlook: Outlook, segment: Segment, space: Space) -> Segment:
     """Return a segment with so much less force that few of the vehicles that it may be leave the space."""
     for _ in range(_TIMES):
         if unsteered(outlook, [segment], space, vehicles=_FEW, forces=1).whole <= _GENTLE:

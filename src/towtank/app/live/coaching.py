@@ -6,9 +6,9 @@ seconds, in a process of its own; the pilot brings the vehicle back meanwhile.
 
 from __future__ import annotations
 
-import contextlib
 import math
 import threading
+import time
 from collections.abc import Mapping
 from typing import Any, Self
 
@@ -27,6 +27,7 @@ _TICK = 0.05  # s
 _ACCURACY = 0.05  # without a plan
 _FIRST = 10.0  # s that must have been learned from before a segment is thought of, without a plan,
 _ANEW = 30.0  # s that must have come since, until it is designed anew
+_AGAIN = 10.0  # s, after which it is tried again where no segment could be designed
 _KNOWN = 0.25  # s between two looks at what is known
 
 
@@ -49,7 +50,7 @@ class Coaching:
         self._sensors = "" if plan is None else plan.sensors
         self._seen: set[str] = set()
         self._seed, self._designed = 0, 0.0
-        self._looked = -math.inf
+        self._looked = self._again = -math.inf
         self._designer = Designer(vehicle)
         session.learning.listeners += (self._see,)
         self._stop = threading.Event()
@@ -101,11 +102,13 @@ class Coaching:
             if happened:
                 self._tell(happened)
             self._look()
-            if self._designer.designs:
-                self._take()
-            elif self._is_due():
-                with contextlib.suppress(TimeoutError):
+            try:
+                if self._designer.designs:
+                    self._take()
+                elif time.monotonic() >= self._again and self._is_due():
                     self._think()
+            except Exception as error:  # whatever it is, the pilot is led by what was foreseen
+                self._offer(None, f"{type(error).__name__}: {error}")
 
     def _is_due(self) -> bool:
         """Whether a segment is to be designed: after each; without a plan also anew, while none is begun."""
@@ -137,10 +140,13 @@ class Coaching:
             self._coach.learn(_shares(self._session.learning.now.estimate, self._vehicle, self._coach.wanted))
 
     def _think(self) -> None:
-        """Have the next segment designed from what is known now. Raises TimeoutError where the learner is too busy."""
+        """Have the next segment designed from what is known now."""
         learning, coach = self._session.learning, self._coach
         self._designed = learning.now.estimate.duration
-        model = learning.errands.ask(learning.learner.model)
+        try:
+            model = learning.errands.ask(learning.learner.model)
+        except TimeoutError:  # the learner is too busy; it is asked again
+            return
         self._seed += 1
         sensors = self._sensors or self._sensors_seen()
         settings = {"sensors": sensors, "plan": self._plan, "seed": self._seed}
@@ -160,7 +166,11 @@ class Coaching:
             self._offer(found)
 
     def _offer(self, found: Next | None, trouble: str = "") -> None:
-        """Offer a segment to the pilot; where there was trouble with it the one that was foreseen."""
+        """Offer a segment to the pilot; where there was trouble with it the one that was foreseen, if any."""
+        if trouble and not self._coach.foresees:
+            self._again = time.monotonic() + _AGAIN
+            self._tell(f"no further segment yet: {trouble}")
+            return
         if trouble:
             self._tell(f"the next segment stays as it was planned: {trouble}")
         means = self._coach.offer(found)

@@ -166,7 +166,8 @@ def standing_text(standing: Standing) -> str:
         why = f" ({standing.why})" if standing.why else ""
         return f"The drive is off{why}: bring the vehicle to the start, its bow along the tank, and switch on."
     if standing.stage is Stage.READY:
-        return "The drive is on: begin the segment, then press the key and keep it down."
+        lacks = f" Waiting: {standing.why}." if standing.why else ""
+        return f"The drive is on: begin the segment, then press the key and keep it down.{lacks}"
     if standing.stage is Stage.STOPPING:
         return "Thrust is off."
     return "Driving: let go of the key to stop." + (" The guard keeps it off a wall." if standing.bent else "")

@@ -138,26 +138,28 @@ def run_live(options: LiveOptions, output: Output) -> None:
         )
     learner = learner if before is None or before.learner is None else before.learner
     log = _log(options, vehicle, epoch, going_on=before is not None)
-    session = Session(
-        sources,
-        vehicle,
-        learner,
-        epoch=epoch,
-        window=options.window,
-        log=log,
-        checkpoint=checkpoint,
-        interval=0.25 if output.console.is_terminal or options.json_lines or options.page or options.foxglove else 1.0,
-        keep_all=options.keep_all,
-    )
-    reports = _reports(options, session)
-    judge = _judge(session, vehicle, shown=predicting or options.page is not None)
-    coaching = _coaching(options, session, vehicle, plan)
-    guide: Coaching | Driving | None = coaching
-    if coaching is not None and helm is not None and commanded is not None:
-        guide = _driving(options, session, commanded, helm, coaching)
-    view = None if guide is None or plan is None else guide.view
-    readings = Readings(session, vehicle, lambda: judge.text, view) if predicting else None
     try:
+        session = Session(
+            sources,
+            vehicle,
+            learner,
+            epoch=epoch,
+            window=options.window,
+            log=log,
+            checkpoint=checkpoint,
+            interval=0.25
+            if output.console.is_terminal or options.json_lines or options.page or options.foxglove
+            else 1.0,
+            keep_all=options.keep_all,
+        )
+        reports = _reports(options, session)
+        judge = _judge(session, vehicle, shown=predicting or options.page is not None)
+        coaching = _coaching(options, session, vehicle, plan)
+        guide: Coaching | Driving | None = coaching
+        if coaching is not None and helm is not None and commanded is not None:
+            guide = _driving(options, session, commanded, helm, coaching)
+        view = None if guide is None or plan is None else guide.view
+        readings = Readings(session, vehicle, lambda: judge.text, view) if predicting else None
         if before is not None:
             with output.progress("learning from what was recorded") as progress:
                 attributes = {} if before.recording is None else before.recording.attributes

@@ -6,6 +6,7 @@ a quarter of a second is a sign that it is down. POSIX alone.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 import sys
@@ -59,14 +60,18 @@ class Keys:
 
         self._stop.set()
         self._thread.join()
-        termios.tcsetattr(self._stream, termios.TCSADRAIN, self._before)  # type: ignore[arg-type]
+        with contextlib.suppress(termios.error):  # the terminal may be gone
+            termios.tcsetattr(self._stream, termios.TCSADRAIN, self._before)  # type: ignore[arg-type]
 
     def _run(self) -> None:
         last = -1e9
         while not self._stop.is_set():
             if not select.select([self._stream], [], [], _TURN)[0]:
                 continue
-            data = os.read(self._stream, 64)
+            try:
+                data = os.read(self._stream, 64)
+            except OSError:  # the terminal is gone, and the key with it
+                return
             if not data:
                 return
             for letter in data.decode("utf-8", errors="replace"):

@@ -6,6 +6,7 @@ calls it by the steady clock of the session. Whoever refreshes the dead-man key 
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 import time
@@ -25,12 +26,13 @@ __all__ = ["PARAMETERS", "RATES", "Driver", "Outside", "Standing", "Task"]
 
 PARAMETERS = (
     "SYSID_MYGCS", "MAV_GCS_SYSID", "FRAME_CONFIG", "FS_PILOT_INPUT", "FS_PILOT_TIMEOUT",
-    "JS_GAIN_DEFAULT", "JS_THR_GAIN",
+    "JS_GAIN_DEFAULT", "JS_THR_GAIN", "ACRO_YAW_P",
 )  # fmt: skip
 RATES = {"HEARTBEAT": 10.0, "NAMED_VALUE_FLOAT": 2.0}  # Hz, asked for besides the usual ones
 _GROUND_STATION = 255.0  # where the autopilot does not say whom it obeys
 _SHORT = 0.3  # s, of FS_PILOT_TIMEOUT
 _FULL_GAIN = 0.99
+_YAW_GAIN = 3.375  # ACRO_YAW_P by which ArduSub's MANUAL mode takes the yaw stick as it is
 _ADVICE = "set FS_PILOT_INPUT to 1 or 2 and FS_PILOT_TIMEOUT to 0.25"
 
 
@@ -122,11 +124,12 @@ class Driver:
                 if was is Stage.READY:
                     self._tell_change()
                 return ""
+            if self.interlock.stage is not Stage.OFF:
+                return self.interlock.switch(True, self._seen(t))
             self._measured.hold_on(self._measured.t)
             why = self._refusal() or self.interlock.switch(True, self._seen(t))
             if why:
-                if self.interlock.stage is Stage.OFF:
-                    self._measured.let_go()
+                self._measured.let_go()
                 if why != self._refused:
                     self._outside.happened(f"not switched on: {why}", "")
                 self._refused = why
@@ -161,6 +164,8 @@ class Driver:
             return f"the autopilot's FRAME_CONFIG is {frame:g}, the vehicle's file is of frame {own.number}"
         if known.get("FS_PILOT_INPUT") == 0.0:
             return f"FS_PILOT_INPUT is off: thrusters would go on when the link breaks; {_ADVICE}"
+        if abs(known.get("ACRO_YAW_P", _YAW_GAIN) - _YAW_GAIN) > 0.01 * _YAW_GAIN:
+            return f"ACRO_YAW_P is {known['ACRO_YAW_P']:g}, which scales the yaw stick: set it to {_YAW_GAIN}"
         thrust = known.get("JS_THR_GAIN", 1.0)
         if self._way is Way.MANUAL:
             told = self._autopilot.gain
@@ -189,11 +194,9 @@ class Driver:
         """Do what is due now."""
         with self._lock:
             t = self._now()
-            measured, helm = self._measured, self._helm
-            while measured.outputs:
-                helm.hear(*measured.outputs.popleft())
-            while measured.poses:
-                helm.see(*measured.poses.popleft())
+            helm = self._helm
+            if self.interlock.stage is not Stage.STOPPING:  # which needs to know of nothing
+                self._listen()
             seen = self._seen(t)
             task = None if self.interlock.stage in (Stage.OFF, Stage.STOPPING) else self._outside.task(t)
             if task is not None and self.interlock.stage is Stage.DRIVING:
@@ -208,6 +211,21 @@ class Driver:
                 self._outside.sent(t, data)
             self._tell_change()
 
+    def _listen(self) -> None:
+        """Take what came since the last step."""
+        measured, helm = self._measured, self._helm
+        while measured.outputs:
+            helm.hear(*measured.outputs.popleft())
+        while measured.poses:
+            helm.see(*measured.poses.popleft())
+
+    def _failed(self, error: Exception) -> None:
+        """Stop for an error of the program's own: neutral commands need none of what may be broken."""
+        with self._lock:
+            self.interlock.fail(f"the drive has failed ({type(error).__name__}: {error})")
+            with contextlib.suppress(Exception):
+                self._tell_change()
+
     def _seen(self, t: float) -> Seen:
         pilot, measured = self._autopilot, self._measured
         return Seen(
@@ -220,7 +238,7 @@ class Driver:
             pressed=self._pressed,
             armed=pilot.armed,
             manual=pilot.manual,
-            fault=self._helm.fault() if self.interlock.stage is not Stage.OFF else "",
+            fault=self._helm.fault() if self.interlock.stage in (Stage.READY, Stage.DRIVING) else "",
         )
 
     def _tell_change(self) -> None:
@@ -260,7 +278,10 @@ class Driver:
         due = time.monotonic()
         while not self._stop.wait(max(due - time.monotonic(), 0.0)):
             due = max(due + PERIOD, time.monotonic() - PERIOD)
-            self.step()
+            try:
+                self.step()
+            except Exception as error:  # whatever it is, thrust must end
+                self._failed(error)
 
     def close(self) -> None:
         """End: thrust off first, where there is any."""

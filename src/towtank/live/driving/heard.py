@@ -8,6 +8,7 @@ the first named that sends them, and from the moment of `hold_on` from that one 
 from __future__ import annotations
 
 import math
+import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -75,7 +76,7 @@ class Watched(NamedTuple):
 
 
 class Measured:
-    """Poses and outputs as they come; `take` is called by the links' threads.
+    """Poses and outputs as they come; `take` is called by the links' threads, the rest by others.
 
     Attributes:
         t: time of the newest pose [s], -inf without one. pose: it (6,) [m, rad].
@@ -87,6 +88,7 @@ class Measured:
         self._places: dict[Watched, tuple[float, tuple[float, ...]]] = {}
         self._attitudes: dict[Watched, tuple[float, tuple[float, ...]]] = {}
         self._depths: dict[Watched, tuple[float, tuple[float, ...]]] = {}
+        self._lock = threading.RLock()
         self._held: tuple[Watched, Watched, Watched | None] | None = None
         self.t = self.outputs_t = -math.inf
         self.pose = np.full(6, np.nan)
@@ -95,17 +97,21 @@ class Measured:
 
     def take(self, arrivals: Sequence[Arrival]) -> None:
         """Take samples of one link."""
-        for arrival in arrivals:
-            sample = arrival.sample
-            values = dict(zip(sample.names, sample.values, strict=True))
-            source = Watched(arrival.rank, sample.source, sample.topic)
-            if all(name in values for name in self._names):
-                self._output(arrival.t, values)
-            self._attitude(arrival.t, source, values)
-            _note(self._depths, source, arrival.t, values, ("z",))
-            place = (*_PLACE, "z") if "z" in values else _PLACE
-            if _note(self._places, source, arrival.t, values, place, anew=True):
-                self._combine()
+        with self._lock:
+            for arrival in arrivals:
+                self._take(arrival)
+
+    def _take(self, arrival: Arrival) -> None:
+        sample = arrival.sample
+        values = dict(zip(sample.names, sample.values, strict=True))
+        source = Watched(arrival.rank, sample.source, sample.topic)
+        if all(name in values for name in self._names):
+            self._output(arrival.t, values)
+        self._attitude(arrival.t, source, values)
+        _note(self._depths, source, arrival.t, values, ("z",))
+        place = (*_PLACE, "z") if "z" in values else _PLACE
+        if _note(self._places, source, arrival.t, values, place, anew=True):
+            self._combine()
 
     def _output(self, t: float, values: Mapping[str, float]) -> None:
         found = np.array([values[name] for name in self._names])
@@ -138,24 +144,31 @@ class Measured:
 
     def _chosen(self, now: float) -> tuple[Watched, Watched, Watched | None] | None:
         """Return the sources of place, attitude and depth: the first named that send; the depth of the place's own."""
-        place, attitude = _first(self._places, now), _first(self._attitudes, now)
-        if place is None or attitude is None:
+        place = _first(self._places, now)
+        if place is None:
+            return None
+        own = {each: found for each, found in self._attitudes.items() if each[:2] == place[:2]}
+        attitude = _first(own, now) or _first(self._attitudes, now)  # two headings may be of two norths
+        if attitude is None:
             return None
         depth = place if place in self._depths else _first(self._depths, now)
         return None if depth is None else (place, attitude, depth)
 
     def hold_on(self, t: float) -> None:
         """Keep to the sources of now (time t [s]), whatever comes of them."""
-        self._held = self._chosen(t)
+        with self._lock:
+            self._held = self._chosen(t)
 
     def let_go(self) -> None:
         """Take whatever sends again."""
-        self._held, self.t = None, -math.inf
+        with self._lock:
+            self._held, self.t = None, -math.inf
 
     @property
     def text(self) -> str:
         """Where the pose comes from, in words."""
-        held = self._held or self._chosen(self.t)
+        with self._lock:
+            held = self._held or self._chosen(self.t)
         if held is None:
             return "nothing"
         topics = dict.fromkeys(f"{each.source} {each.topic}" for each in held if each is not None)

@@ -26,6 +26,8 @@ __all__ = ["Helm"]
 _JUMP = 0.4  # m between two poses beyond what the speed limit allows in their time
 _FAST = 2.0  # times the limits of speed and turn, and 1.2 times that of tilt: nothing that is guarded moves so
 _LEANS = 1.2
+_LONG = 1.0  # s: a longer gap explains no longer way
+_GAP = 0.2  # s without a pose, after which the model of the motion is not carried on
 _UNLIKE = 120.0  # us between what a thruster is told and what it gives,
 _PATIENCE = 0.5  # s for so long,
 _MEMORY = 0.5  # s that what was told may be late
@@ -84,10 +86,13 @@ class Helm:
         placed = self._in_tank(pose)
         if self._place is not None and not self._fault:
             moved = float(np.linalg.norm(placed[:3] - self._place[1][:3]))
-            if moved > _JUMP + _FAST * self.guard.space.speed * (t - self._place[0]):
-                self._fault = f"the pose jumped by {moved:.1f} m"
+            if moved > _JUMP + _FAST * self.guard.space.speed * min(t - self._place[0], _LONG):
+                self._fault = f"the pose jumped by {moved:.1f} m; switch off, and on again at the start"
+        if self._place is not None and t - self._place[0] > _GAP:
+            self._observer = Observer.of(self.guard.vehicle, placed, t)  # from rest: what was between is not known
+        else:
+            self._observer.see(t, placed)
         self._place = t, placed
-        self._observer.see(t, placed)
 
     def hear(self, t: float, commands: Array) -> None:
         """Take the outputs (m,) [us] that the autopilot gives at time t [s]."""
@@ -113,6 +118,8 @@ class Helm:
         if self._place is None:
             return ""
         space, x = self.guard.space, self._observer.state
+        if not np.isfinite(x).all():
+            return "where the vehicle is cannot be followed"
         clearance = float(space.clearance(self._place[1][:3], self.guard.radius))
         speed, turn = float(np.linalg.norm(x[7:10])), float(np.linalg.norm(x[10:13]))
         lean = 2.0 * math.asin(min(math.hypot(x[4], x[5]), 1.0))

@@ -104,7 +104,8 @@ class Interlock:
         limits: that are never exceeded. overrides: whether channels must be let go of after a stop.
 
     Attributes:
-        stage: why: it is off, in words; "" where it never was on. stops: how many faults there were.
+        stage: why: it is off, or what it lacks while ready, in words; "" for nothing.
+        stops: how many faults there were.
     """
 
     def __init__(self, limits: Limits, *, overrides: bool = False) -> None:
@@ -148,8 +149,18 @@ class Interlock:
 
     def _start(self, seen: Seen) -> None:
         pressed = seen.pressed >= self._ready and not _lost(seen.t, seen.key, STALE)
-        if seen.sticks is not None and pressed and not self._missing(seen):
+        self.why = self._missing(seen)
+        if seen.sticks is not None and pressed and not self.why:
             self.stage, self._began = Stage.DRIVING, seen.t
+
+    def fail(self, why: str) -> None:
+        """Stop for a fault that no step has seen."""
+        if self.stage is Stage.DRIVING:
+            self._stop(why, Stage.OFF)
+        elif self.stage is Stage.READY:
+            self.stage, self.why = Stage.OFF, why
+        elif self.stage is Stage.STOPPING:
+            self._after = Stage.OFF
 
     def _drive(self, seen: Seen) -> Order:
         missing = self._missing(seen)

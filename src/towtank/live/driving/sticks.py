@@ -36,6 +36,7 @@ _IGNORE, _LET_GO = 65535, 0  # us, of a channel
 _PITCH_AND_ROLL = 0b11  # enabled_extensions: s and t
 _ROUNDS = 6  # of the search for sticks that make a wrench
 _GRID = 4097  # steps of force, of the curves' inverse
+_NOTHING = 1e-6  # N: no force at all, which a step of the grid would miss by a dead band
 
 
 class Way(StrEnum):
@@ -65,6 +66,7 @@ class Sticks:
         self._inverse = np.linalg.pinv(self._F)
         low, high = guard.brake.low, guard.brake.high
         self._low, self._high = low, high
+        self._rest = np.array([each.curve.rest for each in vehicle.thrusters])
         grid = np.linspace(low, high, _GRID)
         self._commands, self._columns = thruster_commands(vehicle, grid), np.arange(low.size)
 
@@ -81,7 +83,8 @@ class Sticks:
         """Return the sticks (6,) that come nearest to forces (m,) [N]."""
         share = (forces - self._low) / (self._high - self._low)
         rows = np.clip(np.rint(share * (_GRID - 1)), 0, _GRID - 1).astype(np.intp)
-        return self._of_commands(self._commands[rows, self._columns])
+        commands = np.where(np.abs(forces) < _NOTHING, self._rest, self._commands[rows, self._columns])
+        return self._of_commands(commands)
 
     def of_wrench(self, wrench: Array) -> Array:
         """Return the sticks (n, 6) that make a wrench (n, 6) [N, N m] as nearly as the mixer can."""

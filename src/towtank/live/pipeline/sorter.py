@@ -11,10 +11,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from towtank.live.links.source import Sample
+from towtank.recording.standard import QUATERNION
 
 __all__ = ["Arrival", "Preference", "Sorter"]
 
 _SILENT = 1.0  # s after which the next source takes over
+_SAME = dict.fromkeys(QUATERNION, ("psi",)) | dict.fromkeys(("phi", "theta", "psi"), (QUATERNION[0],))  # other names
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,14 +104,20 @@ class Preference:
         """Return those channels of a sample that are learned from."""
         out: dict[str, float] = {}
         for name, value in zip(arrival.sample.names, arrival.sample.values, strict=True):
-            rank, last = self._owner.get(name, (arrival.rank, arrival.t))
+            if not self._is_held(name, arrival):
+                self._owner[name] = arrival.rank, arrival.t
+                out[name] = value
+        return out
+
+    def _is_held(self, name: str, arrival: Arrival) -> bool:
+        """Whether a source named earlier measures the same, and still sends."""
+        held = False
+        for each in (name, *_SAME.get(name, ())):
+            rank, last = self._owner.get(each, (arrival.rank, arrival.t))
             if arrival.rank > rank:
                 self.doubled.setdefault(name)
-                if arrival.t - last <= _SILENT:
-                    continue
-            self._owner[name] = arrival.rank, arrival.t
-            out[name] = value
-        return out
+                held = held or arrival.t - last <= _SILENT
+        return held
 
     def source_of(self, name: str) -> int | None:
         """Return the place of the source that a channel is taken from; None where none has sent it."""

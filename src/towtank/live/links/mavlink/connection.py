@@ -134,9 +134,10 @@ class Tcp(_Stream):
 
     def send(self, data: bytes, to: Address) -> None:
         """Send; what does not go out at once is lost."""
-        if self._socket is not None:
+        link = self._socket  # another thread may close it meanwhile
+        if link is not None:
             with contextlib.suppress(OSError):
-                self._socket.send(data)
+                link.send(data)
 
     def close(self) -> None:
         """Disconnect."""
@@ -187,9 +188,10 @@ class Serial(_Stream):
 
     def send(self, data: bytes, to: Address) -> None:
         """Send; what does not go out at once is lost."""
-        if self._port is not None:
-            with contextlib.suppress(OSError):
-                self._port.write(data)
+        port = self._port  # another thread may close it meanwhile
+        if port is not None:
+            with contextlib.suppress(OSError, TypeError, ValueError):
+                port.write(data)
 
     def close(self) -> None:
         """Close the line."""
