@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from experiments import experiment
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from trial import Outcome, Trial, perform
@@ -42,7 +43,14 @@ def arguments(description: str, runs: int, argv: Sequence[str] | None = None) ->
 
 def run(title: str, trials: Sequence[Trial], workers: int) -> list[Outcome]:
     """Perform the trials and return their outcomes in the same order."""
-    return over(title, perform, [(trial,) for trial in trials], workers, failed=lambda each: each.failure is not None)
+
+    def died(trial: Trial, how: str) -> Outcome:
+        t = np.array(() if trial.mode == "stream" else trial.times)
+        nothing = np.full((len(t), len(experiment(trial.experiment).free)), np.nan)
+        return Outcome(trial, t, nothing, nothing, np.full(len(t), np.nan), f"its process ended twice: {how}", 0.0)
+
+    tasks = [(trial,) for trial in trials]
+    return over(title, perform, tasks, workers, failed=lambda each: each.failure is not None, died=died)
 
 
 def over(
@@ -52,8 +60,14 @@ def over(
     workers: int,
     *,
     failed: Callable[[T], bool] | None = None,
+    died: Callable[..., T] | None = None,
 ) -> list[T]:
-    """Return what `work` makes of the arguments of each task, in the same order, with a line of progress."""
+    """Return what `work` makes of the arguments of each task, in the same order, with a line of progress.
+
+    Args:
+        failed: whether a result counts as failed. died: makes a result, of the arguments of a task and how its process
+            ended; without it, a task that ends its process twice ends everything.
+    """
     columns = (
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
         TextColumn("{task.fields[failed]}"),
@@ -73,17 +87,26 @@ def over(
             for i, arguments_ in enumerate(tasks):
                 done(i, work(*arguments_))
         else:
-            _in_processes(work, tasks, workers, done)
+            _in_processes(work, tasks, workers, done, died)
     return [found[i] for i in range(len(tasks))]
 
 
-def _in_processes(work: Callable[..., T], tasks: Sequence[tuple[Any, ...]], workers: int, done: Any) -> None:
+def _in_processes(
+    work: Callable[..., T],
+    tasks: Sequence[tuple[Any, ...]],
+    workers: int,
+    done: Callable[[int, T], None],
+    died: Callable[..., T] | None,
+) -> None:
     for answer in perform_all(work, tasks, workers):
         if answer.error is not None:
             raise answer.error
-        if answer.died is not None:
+        if answer.died is None:
+            done(answer.number, answer.value)
+        elif died is None:
             raise RuntimeError(f"the process of task {answer.number} ended twice: {answer.died}")
-        done(answer.number, answer.value)
+        else:
+            done(answer.number, died(*tasks[answer.number], answer.died))
 
 
 def write_json(path: Path | None, document: dict[str, Any]) -> None:

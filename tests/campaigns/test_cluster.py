@@ -59,7 +59,7 @@ class Client:
 
 
 def flight(count: int) -> Any:
-    return cluster._Flight(len, deque((k, ()) for k in range(count)))
+    return cluster._Flight(len, deque((k, ()) for k in range(count)), lambda client: 2)
 
 
 def answers(found: Any, client: Client) -> Iterator[Answer]:
@@ -92,6 +92,39 @@ def test_a_job_that_takes_all_its_workers_along_is_given_out_alone_and_then_give
     assert sorted(found) == list(range(100))
     assert [number for number, each in found.items() if each.died] == [50]
     assert client.sent.count([50]) == 2
+
+
+def test_where_no_worker_is_left_it_is_said_and_after_a_while_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster, "_FIRST_WORKER", 0.01)
+    said = list[str]()
+    whole = cluster._Flight(len, deque([(0, ())]), cluster.Cluster("tcp://a:1", said.append)._threads)
+    client = Client(lambda numbers: "done")
+    client.scheduler_info = lambda n_workers: {"workers": {}}  # type: ignore[method-assign]
+    with pytest.raises(InputError, match=r"--engine tcp://a:1: no worker came within"):
+        list(answers(whole, client))
+    assert said == ["tcp://a:1 has no worker; start one with dask worker tcp://a:1"]
+    client.status = "closed"
+    assert list(answers(whole, client)) == []
+    assert [number for number, _ in whole.waiting] == [0]
+
+
+def test_a_worker_that_dies_while_it_is_asked_is_of_no_other_version() -> None:
+    said: dict[str, Any] = {"tcp://a": OSError("timed out"), "tcp://b": cluster.towtank.__version__}
+
+    class Asked(Client):
+        def run(self, function: Any, on_error: str) -> dict[str, Any]:
+            return said
+
+    whole, client = cluster.Cluster("tcp://a:1", print), Asked(lambda numbers: "done")
+    whole._same_version(client)
+    said["tcp://b"] = ModuleNotFoundError("No module named 'towtank'")
+    with pytest.raises(InputError, match="worker tcp://b at tcp://b cannot import towtank"):
+        whole._same_version(client)
+
+
+def test_tls_without_certificates_is_one_line() -> None:
+    with pytest.raises(InputError, match=r"--engine tls://a:1: no certificates are named"):
+        cluster.Cluster.at("tls://a:1", print)
 
 
 def test_a_scheduler_without_towtank_is_told() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 from towtank.campaigns import Campaign, Task, read_campaign, tasks_of
 from towtank.errors import InputError
+from towtank.vehicle.files import catalog_text
 
 sys.path.append(str(Path(__file__).parent))  # processes that are started import it too
 
@@ -52,6 +54,10 @@ def read(folder: Path, text: str) -> Campaign:
         (STUDY.format(runs=1, seed=1).replace("surge-square", "surge-sqare"), "study.manoeuvre: found the text"),
         (STUDY.format(runs=1, seed=1) + '"Q_uu" = 0.1', "study.within.Q_uu: there is no such coefficient"),
         (STUDY.format(runs=1, seed=1) + '"X_uu" = 10.0', "study.within.X_uu: found 10, expected a share of 1 or less"),
+        (
+            STUDY.format(runs=1, seed=1) + '"N_uv" = 0.1',
+            "study.within.N_uv: vlbv300 has no such coefficient",
+        ),
         ("kind = learn", "campaign.toml:1:8: not valid TOML"),
         (LOGS.replace('"vlbv300"', "3"), "vehicle: found 3, expected a text, or a table of folders"),
     ],
@@ -88,6 +94,25 @@ def test_a_log_is_of_the_vehicle_whose_folder_it_lies_in(tmp_path: Path) -> None
     assert {each.vehicle for each in tasks_of(read(tmp_path, LOGS))} == {"rov7", "boat"}
     with pytest.raises(InputError, match=r"\[vehicle\] names no folder of archive/rov7/a\.csv; add one"):
         tasks_of(read(tmp_path, text + '[vehicle]\nboat = "vlbv300"\nrov8 = "vlbv300"\n'))
+
+
+def test_two_vehicles_of_one_name_are_refused(tmp_path: Path) -> None:
+    text = catalog_text("vlbv300")
+    (tmp_path / "a.toml").write_text(text)
+    (tmp_path / "b.toml").write_text(text.replace("mass = ", "mass = 1"))
+    known = LOGS.replace('vehicle = "vlbv300"\n', "") + '[vehicle]\none = "a.toml"\n'
+    read(tmp_path, known + 'two = "vlbv300"\n')
+    with pytest.raises(InputError, match=r'vehicle\.two: "b\.toml" is another vehicle than that of vehicle\.one'):
+        read(tmp_path, known + 'two = "b.toml"\n')
+
+
+def test_the_hash_of_a_log_that_has_just_changed_is_not_kept(tmp_path: Path) -> None:
+    where = log(tmp_path, "archive/rov7/a.csv")
+    named(tmp_path, LOGS)
+    assert not (tmp_path / "cache" / "digests.json").exists()
+    os.utime(where, (1.0, 1.0))
+    named(tmp_path, LOGS)
+    assert len(json.loads((tmp_path / "cache" / "digests.json").read_text())) == 1
 
 
 def named(folder: Path, text: str) -> dict[str, str]:

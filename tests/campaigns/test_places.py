@@ -61,10 +61,30 @@ def test_other_schemes_and_places_without_a_bucket_are_refused() -> None:
         place_of("ftp://host/store")
     with pytest.raises(InputError, match=r"^s3:///store: names no bucket"):
         place_of("s3:///store")
+    with pytest.raises(InputError, match=r"^s3://\[b/x: names no bucket"):
+        place_of("s3://key:secret@[b/x")
+
+
+@pytest.mark.parametrize("pattern", ["**.BIN", ".", "~nobody-at-all/*.BIN"])
+def test_what_is_no_pattern_of_paths_is_one_line(pattern: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is no pattern of paths"):
+        logs_of(pattern, tmp_path)
+
+
+def test_a_store_that_is_a_file_or_below_one_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="file: this is a file, expected a folder"):
+        place_of(str(tmp_path / "file"))
+    below = place_of(str(tmp_path / "file" / "store"))
+    assert below.read("campaign.json") is None
+    with pytest.raises(InputError, match="store: cannot be made a folder"):
+        below.write("campaign.json", b"")
 
 
 def test_messages_hold_no_credentials() -> None:
     assert without_credentials("s3://key:secret@archive/logs?endpoint_override=x") == "s3://archive/logs"
+    assert without_credentials("s3://key:sec/ret@archive/a@b?.BIN") == "s3://b?.BIN"
+    assert without_credentials("s3://archive/a@b#c?.BIN") == "s3://archive/a@b#c?.BIN"
 
 
 def test_what_fails_now_and_then_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,9 +12,12 @@ from typing import Any
 
 import pytest
 
+from towtank.app.campaign.views import status_document
+from towtank.app.campaign.work import perform
 from towtank.campaigns import Store, read_campaign, run_campaign, tasks_of
 from towtank.campaigns.engines.child import Answer
 from towtank.campaigns.engines.local import Local
+from towtank.campaigns.places import Place
 from towtank.campaigns.run import Pace
 from towtank.errors import InputError
 
@@ -112,6 +115,50 @@ def test_a_compacted_store_has_the_same_table_and_goes_on(tmp_path: Path) -> Non
     assert store.done() == {each.id for each in every}
 
 
+def test_what_another_compaction_moves_meanwhile_is_found_and_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store, every = store_of(tmp_path, 5), tasks(5)
+    run_campaign(every, store, Here(), quick, limit=4)
+    whole, names, moved = store.table(), Place.names, list[str]()
+
+    def other(self: Place, folder: str, suffix: str) -> set[str]:
+        found = names(self, folder, suffix)
+        if not moved:
+            moved.append(folder)
+            quick(every[len(store.done()) % 5], store.place.uri)
+            Store(self).compact()
+        return found
+
+    monkeypatch.setattr(Place, "names", other)
+    assert store.table()["id"].to_pylist()[:4] == whole["id"].to_pylist()
+    moved.clear()
+    store.compact()
+    assert store.table()["id"].to_pylist() == [each.id for each in every]
+
+
+def test_a_store_that_never_rests_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = store_of(tmp_path, 2)
+    run_campaign(tasks(2), store, Here(), quick)
+    monkeypatch.setattr(Store, "_rows", lambda self, name, columns=(): None)
+    with pytest.raises(InputError, match="store: is being compacted; try again once that is done"):
+        store.compact()
+
+
+@pytest.mark.parametrize("name", ["plan.parquet", "compacted/a.parquet", "failed/a.json", "campaign.json"])
+def test_a_file_of_a_store_that_is_damaged_is_named(name: str, tmp_path: Path) -> None:
+    store = store_of(tmp_path, 1)
+    store.place.write(name, b"{}")
+    with pytest.raises(InputError, match=rf"store/{name}: (damaged|cannot be read as the head)"):
+        status_document(Store.opened(store.place.uri))
+
+
+def test_a_worker_that_does_not_see_the_store_ends_the_run(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"^worker on .*: holds no campaign; .* every worker must see the same store"):
+        perform(tasks(1)[0], str(tmp_path / "elsewhere"))
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_compaction_that_was_killed_before_it_removed_the_parts_loses_and_doubles_nothing(tmp_path: Path) -> None:
     store, every = store_of(tmp_path, 3), tasks(3)
     run_campaign(every, store, Here(), quick)
@@ -177,4 +224,7 @@ def test_logs_that_are_gone_or_changed_leave_the_table(tmp_path: Path, monkeypat
         runs = store.table()["run"].to_pylist()
         (tmp_path / "archive/one/a.csv").unlink(missing_ok=True)
     assert runs == ["archive/one/b.csv"]
+    (tmp_path / "archive/one/b.csv").rename(tmp_path / "archive/one/c.csv")
+    store.begin(asked, tasks_of(asked))
+    assert Store.opened(store.place.uri).table()["run"].to_pylist() == ["archive/one/c.csv"]
     assert len(store.done()) == 2

@@ -11,6 +11,7 @@ import contextlib
 import hashlib
 import json
 import os
+import re
 import shutil
 import tempfile
 import time
@@ -23,7 +24,7 @@ from towtank.campaigns.places import Found, is_remote, patiently, place_of, with
 from towtank.errors import InputError
 from towtank.outputs import write_text
 
-__all__ = ["digests_of", "fetched"]
+__all__ = ["digests_of", "fetched", "name_of"]
 
 _GIGABYTES = 10.0
 _READERS = 8  # logs that are hashed at a time; most of that is waiting
@@ -31,6 +32,7 @@ _BLOCK = 1 << 20  # bytes
 _FRESH = 2_000_000_000  # ns, within which a file may change without another time of change
 _FORGOTTEN = 86_400.0  # s, after which nobody uses a link any more
 _MOST = 200_000  # hashes that are remembered
+_STRANGE = re.compile(r'[<>:"|\\?*\x00-\x1f]')  # what not every file system has in names
 
 
 def folder() -> Path:
@@ -64,7 +66,7 @@ def digests_of(logs: Sequence[Found]) -> list[str]:
     with ThreadPoolExecutor(_READERS) as pool:
         found = dict(zip(missing, pool.map(lambda k: _digest(logs[k]), missing), strict=True))
     digests = [found.get(k) or known[key] for k, key in enumerate(keys)]
-    fresh = {key: digest for key, digest in zip(keys, digests, strict=True) if key not in known}
+    fresh = {keys[k]: digest for k, digest in found.items() if now - logs[k].changed >= _FRESH}
     if fresh:
         kept = dict(list({**known, **fresh}.items())[-_MOST:])
         with contextlib.suppress(OSError, InputError):  # then they are hashed again
@@ -86,28 +88,37 @@ def fetched(uri: str, digest: str) -> Iterator[Path]:
         if not path.exists():
             raise InputError(f"{path}: no such file; a log must be there for every worker under the same path")
         if digest_of(path) != digest:
-            raise InputError(f"{path}: changed since the campaign began; start it again")
+            raise InputError(f"{path}: changed since the campaign began; touch it, then start it again")
         yield path
         return
     kept = folder() / "logs" / digest
-    name = uri.rpartition("/")[2].partition("?")[0] or "log"
     users = folder() / "in-use"
     users.mkdir(parents=True, exist_ok=True)
     own = Path(tempfile.mkdtemp(dir=users))
+    path = own / name_of(uri)
     try:
         with contextlib.suppress(OSError):
             os.utime(kept)
         try:
-            _link(kept, own / name)
+            _link(kept, path)
         except FileNotFoundError:
-            if _download(uri, own / name) != digest:
+            if _download(uri, path) != digest:
                 raise InputError(
                     f"{without_credentials(uri)}: changed since the campaign began; start it again"
                 ) from None
-            _keep(own / name, digest)
-        yield own / name
+            _keep(path, digest)
+        yield path
     finally:
         shutil.rmtree(own, ignore_errors=True)
+
+
+def name_of(uri: str) -> str:
+    """Return the name that a log has on this machine, one that every file system takes.
+
+    >>> name_of("s3://archive/rov7/a:b?.BIN?region=eu-north-1")
+    'a_b_.BIN'
+    """
+    return _STRANGE.sub("_", without_credentials(uri).rpartition("/")[2]).strip(". ") or "log"
 
 
 def digest_of(path: Path) -> str:

@@ -243,16 +243,36 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
         raise InputError(f"{path}: {first_line(error, data)}") from None
     folder = path.absolute().parent
     given = file.vehicle if isinstance(file.vehicle, dict) else {"*": file.vehicle}
-    vehicles = {}
+    vehicles = dict[str, KnownVehicle]()
     for pattern, named in given.items():
         where = f"{path}: vehicle" if isinstance(file.vehicle, str) else f"{path}: vehicle.{pattern}"
         known = _vehicle(named, folder, where)
         vehicles[pattern] = KnownVehicle(vehicle_text(known), known.name)
+        for other, held in vehicles.items():
+            if held.name == known.name and held.text != vehicles[pattern].text:
+                raise InputError(
+                    f'{where}: "{named}" is another vehicle than that of vehicle.{other}, but has the same name '
+                    f'"{known.name}", which names a class; give one of the two another name'
+                )
+        if file.study is not None:
+            _varying(file.study, known, path)
     mapping = "" if file.map is None else _text(folder / file.map, f"{path}: map")
     if mapping:
         mapping_of(folder / str(file.map))  # says what is wrong with it
     prior = "" if file.prior is None else vehicle_text(_vehicle(file.prior, folder, f"{path}: prior"))
     return Campaign(file, folder, vehicles, mapping, prior, str(path))
+
+
+def _varying(study: Study, vehicle: Vehicle, path: Path) -> None:
+    """Raise InputError for what is to vary and is not there."""
+    there = [name for name in COEFFICIENTS if vehicle.coefficient(name) != 0.0]
+    for key in ("between", "within"):
+        for pattern in getattr(study, key):
+            if not any(fnmatch.fnmatchcase(name, pattern) for name in there):
+                raise InputError(
+                    f"{path}: study.{key}.{pattern}: {vehicle.name} has no such coefficient, and nothing would vary; "
+                    f"it has {', '.join(there)}"
+                )
 
 
 def _vehicle(named: str, folder: Path, where: str) -> Vehicle:

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, unquote
 
 from towtank.errors import InputError
 from towtank.outputs import write_atomically
@@ -28,7 +28,7 @@ from towtank.outputs import write_atomically
 if TYPE_CHECKING:
     from pyarrow.fs import FileSystem
 
-__all__ = ["Found", "Place", "is_remote", "logs_of", "place_of", "told"]
+__all__ = ["Found", "Place", "is_remote", "logs_of", "place_of", "told", "without_credentials"]
 
 T = TypeVar("T")
 
@@ -39,6 +39,8 @@ _REQUEST, _CONNECT = 10.0, 5.0  # s
 _GOOGLE_PATIENCE = 60.0  # s
 _BLOCK = 1 << 20  # bytes
 _WILD = re.compile(r"[*?\[]")
+_URI = re.compile(r"(.*?)://(?:([^/]*|[^/]*:.*)@)?(.*?)(\?\w+=.*)?", re.DOTALL)  # scheme, user, path, options
+_BUCKET = re.compile(r"[\w.-]+")
 _LEFT_OVER = 86_400.0  # s, after which a temporary file is nobody's
 _TEMPORARY = re.compile(r"\..+\.part")
 _DENIED = re.compile(
@@ -90,6 +92,8 @@ class Place:
                 return Path(self.root, name).read_bytes()
             except (FileNotFoundError, NotADirectoryError):
                 return None
+            except (PermissionError, IsADirectoryError) as error:
+                raise InputError(f"{Path(self.root, name)}: cannot be read ({error.strerror})") from None
         files = self.files
 
         def whole() -> bytes | None:
@@ -115,7 +119,12 @@ class Place:
         """Write a file, whole or not at all; one of this name is replaced."""
         if self.files is None:
             path = Path(self.root, name)
-            path.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                path.parent.mkdir(parents=True, exist_ok=True)
+            except (FileExistsError, NotADirectoryError, PermissionError) as error:
+                raise InputError(
+                    f"{path.parent}: cannot be made a folder ({error.strerror}); choose another place"
+                ) from None
             write_atomically(path, lambda stream: _write(stream, data))
             return
         files = self.files
@@ -196,7 +205,9 @@ def is_remote(uri: str) -> bool:
     if not separator:
         return False
     if scheme not in _SCHEMES:
-        raise InputError(f"{uri}: found {scheme}://, expected s3://BUCKET/FOLDER, gs://BUCKET/FOLDER or a path")
+        raise InputError(
+            f"{without_credentials(uri)}: found {scheme}://, expected s3://BUCKET/FOLDER, gs://BUCKET/FOLDER or a path"
+        )
     return True
 
 
@@ -208,8 +219,11 @@ def place_of(uri: str) -> Place:
         InputError: no bucket, no credentials, or another scheme.
     """
     if not is_remote(uri):
-        path = str(Path(uri).absolute())
-        return Place(path, path, None, path)
+        path = Path(uri).absolute()
+        with contextlib.suppress(OSError):
+            if path.is_file():
+                raise InputError(f"{path}: this is a file, expected a folder")
+        return Place(str(path), str(path), None, str(path))
     files, root = _remote(uri)
     name = without_credentials(uri)
     place = Place(uri, name, files, root)
@@ -225,35 +239,48 @@ def without_credentials(uri: str) -> str:
     >>> without_credentials("s3://key:secret@archive/logs?region=eu-north-1")
     's3://archive/logs'
     """
-    parts = urlsplit(uri)
-    return f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}{parts.path}".rstrip("/")
+    scheme, _, rest, _ = _split(uri)
+    return f"{scheme}://{rest.rstrip('/')}"
+
+
+def _split(uri: str) -> tuple[str, str, str, str]:
+    """Return scheme, user and password, path with the bucket first, and options of a URI; "" for what it lacks.
+
+    >>> _split("s3://key:secret@archive/a#?.BIN?region=eu-north-1")
+    ('s3', 'key:secret', 'archive/a#?.BIN', '?region=eu-north-1')
+    """
+    found = _URI.fullmatch(uri)
+    if found is None:
+        raise InputError(f'found "{uri}", expected SCHEME://BUCKET/FOLDER')
+    return found[1], found[2] or "", found[3], found[4] or ""
 
 
 def _remote(uri: str) -> tuple[Any, str]:
     """Return the file system of a URI and the path in it, bucket first."""
     from pyarrow import fs
 
-    parts = urlsplit(uri)
-    bucket = parts.netloc.rpartition("@")[2]
-    if not bucket:
-        raise InputError(f"{uri}: names no bucket, expected {parts.scheme}://BUCKET/FOLDER")
-    root = f"{bucket}/{parts.path.strip('/')}".rstrip("/")
-    if parts.scheme == "gs":
+    scheme, user, rest, asked = _split(uri)
+    bucket, _, path = rest.partition("/")
+    if not _BUCKET.fullmatch(bucket):
+        raise InputError(f"{without_credentials(uri)}: names no bucket, expected {scheme}://BUCKET/FOLDER")
+    root = f"{bucket}/{path.strip('/')}".rstrip("/")
+    if scheme == "gs":
         wait = datetime.timedelta(seconds=_GOOGLE_PATIENCE)
-        return fs.GcsFileSystem(anonymous=parts.username == "anonymous", retry_time_limit=wait), root
-    given = {name: values[-1] for name, values in parse_qs(parts.query).items()}
+        return fs.GcsFileSystem(anonymous=user == "anonymous", retry_time_limit=wait), root
+    given = {name: values[-1] for name, values in parse_qs(asked[1:]).items()}
     endpoint = (
         given.get("endpoint_override") or os.environ.get("AWS_ENDPOINT_URL_S3") or os.environ.get("AWS_ENDPOINT_URL")
     )
     region = given.get("region") or os.environ.get("AWS_REGION") or os.environ.get("AWS_DEFAULT_REGION")
     options: dict[str, Any] = {"request_timeout": _REQUEST, "connect_timeout": _CONNECT, "allow_delayed_open": True}
     if endpoint:
-        scheme, _, host = endpoint.rpartition("://")
-        options |= {"endpoint_override": host.rstrip("/"), "scheme": given.get("scheme") or scheme or "https"}
+        kind, _, host = endpoint.rpartition("://")
+        options |= {"endpoint_override": host.rstrip("/"), "scheme": given.get("scheme") or kind or "https"}
     elif not region:
         region = patiently(lambda: str(fs.resolve_s3_region(bucket)), without_credentials(uri))
-    if parts.username and parts.password:
-        options |= {"access_key": parts.username, "secret_key": parts.password}
+    name, _, password = user.partition(":")
+    if name and password:
+        options |= {"access_key": unquote(name), "secret_key": unquote(password)}
     return fs.S3FileSystem(region=region or "us-east-1", background_writes=False, **options), root
 
 
@@ -268,9 +295,16 @@ def logs_of(pattern: str, folder: Path) -> list[Found]:
         folder: that a path begins in unless it is absolute; logs below it are called by their paths in it.
 
     Raises:
-        InputError: no bucket, no credentials, or another scheme.
+        InputError: no bucket, no credentials, another scheme, or no pattern at all.
     """
-    return sorted(_remote_logs(pattern) if is_remote(pattern) else _local_logs(pattern, folder), key=lambda f: f.uri)
+    if is_remote(pattern):
+        return sorted(_remote_logs(pattern), key=lambda f: f.uri)
+    try:
+        return sorted(_local_logs(pattern, folder), key=lambda f: f.uri)
+    except (ValueError, IndexError, RuntimeError, NotImplementedError) as error:
+        raise InputError(
+            f'logs: "{pattern}" is no pattern of paths ({told(error)}); expected one such as archive/**/*.BIN'
+        ) from None
 
 
 def _local_logs(pattern: str, folder: Path) -> Iterator[Found]:
@@ -289,22 +323,22 @@ def _local_logs(pattern: str, folder: Path) -> Iterator[Found]:
 def _remote_logs(pattern: str) -> Iterator[Found]:
     from pyarrow.fs import FileSelector
 
-    scheme, _, rest = pattern.partition("://")
-    rest, mark, options = rest.rpartition("?") if re.search(r"\?\w+=", rest) else (rest, "", "")
+    scheme, user, rest, options = _split(pattern)
+    before = f"{scheme}://{user}@" if user else f"{scheme}://"
     wild = _WILD.search(rest)
     fixed = rest if wild is None else rest[: wild.start()].rpartition("/")[0]
-    place = place_of(f"{scheme}://{fixed}{mark}{options}")
+    place = place_of(f"{before}{fixed}{options}")
     if place.files is None:
         return
-    files, credentials = place.files, rest.rpartition("@")[0]
+    files = place.files
     asked = place.root if wild is None else FileSelector(place.root, recursive=True, allow_not_found=True)
     found = patiently(lambda: files.get_file_info(asked), place.name)
-    wanted = re.compile(_expression(rest.rpartition("@")[2]))
+    wanted = re.compile(_expression(rest))
     for entry in found if isinstance(found, list) else [found]:
         if entry.is_file and wanted.fullmatch(entry.path):
-            before = f"{credentials}@" if credentials else ""
-            uri = f"{scheme}://{before}{entry.path}{mark}{options}"
-            yield Found(uri, f"{scheme}://{entry.path}", int(entry.size), int(entry.mtime_ns or 0))
+            yield Found(
+                f"{before}{entry.path}{options}", f"{scheme}://{entry.path}", int(entry.size), int(entry.mtime_ns or 0)
+            )
 
 
 def _expression(pattern: str) -> str:

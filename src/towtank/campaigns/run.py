@@ -131,8 +131,8 @@ def _failure(answer: Answer, task: Task, store: Store) -> Failure | None:
         outcome: Outcome = answer.value
         return outcome.failure
     line = (
-        f"towtank: {task.label}: the process that worked on it ended twice ({answer.died}), the second time with "
-        "nothing else to do; look at this log alone with towtank inspect"
+        f"towtank: {task.label}: the process that worked on it ended twice ({answer.died}); look at this log alone "
+        "with towtank inspect"
     )
     failure = Failure(task.id, task.label, line, _FAULT)
     store.fail(failure)

@@ -157,8 +157,9 @@ class Store:
     def _parsed(self, data: bytes) -> dict[str, Any]:
         try:
             head = json.loads(data)
-            known = isinstance(head, dict) and head["format"] == _FORMAT and isinstance(head["settings"], dict)
-        except (ValueError, KeyError):
+            texts = [head["version"], *(head["settings"][name] for name in ("kind", "method"))]
+            known = head["format"] == _FORMAT and all(isinstance(each, str) for each in texts)
+        except (ValueError, KeyError, TypeError):
             known = False
         if not known:
             raise InputError(
@@ -214,11 +215,9 @@ class Store:
 
     @cached_property
     def plan(self) -> tuple[Planned, ...]:
-        """What there is to do, as the last run had it."""
-        import pyarrow.parquet as pq
-
-        data = self.place.read(_PLAN)
-        rows = [] if data is None else pq.read_table(io.BytesIO(data)).to_pylist()
+        """What there is to do, as the last run had it. Raises InputError where it is damaged."""
+        found = self._rows(_PLAN, _KEYS)
+        rows = [] if found is None else found.to_pylist()
         return tuple(Planned(*(row[name] for name in _KEYS)) for row in rows)
 
     # -- what there is
@@ -228,13 +227,11 @@ class Store:
         return self.place.names(_PARTS, ".parquet") | self._compacted_ids()
 
     def _compacted_ids(self) -> set[str]:
-        import pyarrow.parquet as pq
-
         out: set[str] = set()
         for name in self.place.names(_COMPACTED, ".parquet"):
-            data = self.place.read(f"{_COMPACTED}/{name}.parquet")
-            if data is not None:
-                out |= set(pq.read_table(io.BytesIO(data), columns=["id"])["id"].unique().to_pylist())
+            found = self._rows(f"{_COMPACTED}/{name}.parquet", ("id",))
+            if found is not None:
+                out |= set(found["id"].unique().to_pylist())
         return out
 
     def has(self, task: str) -> bool:
@@ -245,9 +242,18 @@ class Store:
         """Return what came to nothing, in the order of labels; `without`: names of tasks that are done after all."""
         names = sorted(self.place.names(_FAILED, ".json") - (self.done() if without is None else without))
         with ThreadPoolExecutor(_READERS) as pool:
-            found = pool.map(lambda name: self.place.read(f"{_FAILED}/{name}.json"), names)
-            rows = [Failure(**json.loads(data)) for data in found if data is not None]
+            rows = [each for each in pool.map(self._failure, names) if each is not None]
         return sorted(rows, key=lambda each: each.label)
+
+    def _failure(self, task: str) -> Failure | None:
+        data = self.place.read(f"{_FAILED}/{task}.json")
+        if data is None:
+            return None
+        try:
+            found = json.loads(data)
+            return Failure(task, str(found["label"]), str(found["line"]), int(found["code"]))
+        except (ValueError, KeyError, TypeError):
+            raise self._damaged(f"{_FAILED}/{task}.json") from None
 
     def models(self) -> tuple[StoredModel, ...]:
         """Return the models of the plan's tasks that are there, in the plan's order; each is read when it is loaded."""
@@ -260,23 +266,33 @@ class Store:
 
     def table(self) -> pa.Table:
         """Return the rows of all done tasks of the plan, sorted by class, vehicle, run and coefficient."""
-        whole, _ = self._parts({each.id for each in self.plan})
+        import pyarrow as pa
+
+        labels = {each.id: each.label for each in self.plan}  # a log may have another name by now
+        whole, _ = self._parts(set(labels))
+        runs = pa.array([labels[each] for each in whole["id"].to_pylist()], pa.string())
+        whole = whole.set_column(whole.schema.get_field_index("run"), "run", runs)
         return whole.sort_by([(name, "ascending") for name in ("class", "vehicle", "run", "id", "coefficient")])
 
-    def _parts(self, wanted: set[str]) -> tuple[pa.Table, list[str]]:
-        """Return the rows of wanted tasks, each task's once, and the names of the files that hold them."""
+    def _parts(self, wanted: set[str] | None) -> tuple[pa.Table, list[str]]:
+        """Return the rows of wanted tasks (None: all), each task's once, and the names of the files that hold them.
+
+        Parts are listed before compacted files: what a compaction moves meanwhile is then found there.
+        """
         import pyarrow as pa
         import pyarrow.compute as pc
 
         for _ in range(_AGAIN):
+            parts = self.place.names(_PARTS, ".parquet")
+            small = sorted(parts if wanted is None else parts & wanted)
             large = sorted(f"{_COMPACTED}/{name}.parquet" for name in self.place.names(_COMPACTED, ".parquet"))
-            small = sorted(self.place.names(_PARTS, ".parquet") & wanted)
             tables, seen, gone = [schema().empty_table()], set[str](), False
             for name in large:
                 table = self._rows(name)
                 gone |= table is None
                 if table is not None:
-                    fresh = (set(table["id"].unique().to_pylist()) & wanted) - seen
+                    held = set(table["id"].unique().to_pylist())
+                    fresh = (held if wanted is None else held & wanted) - seen
                     tables.append(table.filter(pc.is_in(table["id"], pa.array(sorted(fresh), pa.string()))))
                     seen |= fresh
             single = [f"{_PARTS}/{each}.parquet" for each in small if each not in seen]
@@ -287,11 +303,12 @@ class Store:
                     gone |= len(found) < len(asked)
                     tables.append(pa.concat_tables([tables[0], *found]).combine_chunks())
             if not gone:
-                break
-        return pa.concat_tables(tables).combine_chunks(), [*large, *(f"{_PARTS}/{each}.parquet" for each in small)]
+                used = [*large, *(f"{_PARTS}/{each}.parquet" for each in small)]
+                return pa.concat_tables(tables).combine_chunks(), used
+        raise InputError(f"{self.place.name}: is being compacted; try again once that is done")
 
-    def _rows(self, name: str) -> pa.Table | None:
-        """Return what a file of rows holds, None where it is gone."""
+    def _rows(self, name: str, columns: Sequence[str] = ()) -> pa.Table | None:
+        """Return columns of a file of rows, by default those of a part; None where it is gone."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -299,12 +316,15 @@ class Store:
         if data is None:
             return None
         try:
-            return pq.read_table(io.BytesIO(data), use_threads=False).select(schema().names)
-        except (pa.ArrowInvalid, KeyError, OSError) as error:
-            raise InputError(
-                f"{self.place.name}/{name}: damaged, cannot be read as rows of a campaign; remove it, and run the "
-                "campaign again"
-            ) from error
+            return pq.read_table(io.BytesIO(data), use_threads=False).select(list(columns) or schema().names)
+        except (pa.ArrowException, KeyError, OSError):
+            raise self._damaged(name) from None
+
+    def _damaged(self, name: str) -> InputError:
+        return InputError(
+            f"{self.place.name}/{name}: damaged, cannot be read as rows of a campaign; remove it, and run the campaign "
+            "again"
+        )
 
     # -- what is added
 
@@ -327,7 +347,7 @@ class Store:
         """Put all parts into one file, the plan's and others; return how many there were, and how many are left."""
         report = progress or (lambda text, share: None)
         report("reading", 0.0)
-        whole, used = self._parts(self.done())
+        whole, used = self._parts(None)
         left = len(used)
         if len(used) > 1:
             whole = whole.sort_by([("id", "ascending"), ("coefficient", "ascending")])

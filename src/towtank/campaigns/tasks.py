@@ -13,7 +13,7 @@ from typing import Any
 import towtank
 from towtank.campaigns.cache import digests_of
 from towtank.campaigns.configuration import Campaign, Study, canonical, digest
-from towtank.campaigns.places import Found, logs_of
+from towtank.campaigns.places import Found, is_remote, logs_of, without_credentials
 from towtank.errors import InputError
 
 __all__ = ["Options", "Task", "tasks_of"]
@@ -86,7 +86,8 @@ def _of_logs(campaign: Campaign, options: Options) -> list[Task]:
     for pattern in campaign.file.logs:
         logs = logs_of(pattern, campaign.folder)
         if not logs:
-            raise InputError(f'{campaign.place}: logs: no log matches "{pattern}"; paths begin in {campaign.folder}')
+            shown = without_credentials(pattern) if is_remote(pattern) else pattern
+            raise InputError(f'{campaign.place}: logs: no log matches "{shown}"; paths begin in {campaign.folder}')
         found |= {log.uri: log for log in logs}
     out = []
     known = [campaign.vehicle_of(log.label) for log in found.values()]

@@ -174,9 +174,12 @@ def pool(
     from towtank.campaigns.pooling import pool as pooled
 
     output = Output(json=json)
-    models = Store.opened(store).models()
+    opened = Store.opened(store)
+    models = opened.models()
     if not models:
-        raise InputError(f"{store}: holds no model yet; towtank campaign status says what is left, and what failed")
+        raise InputError(
+            f"{opened.place.name}: holds no model yet; towtank campaign status says what is left, and what failed"
+        )
     with output.progress("reading models") as progress:
         runs = []
         for k, each in enumerate(models):
@@ -192,7 +195,7 @@ def pool(
         output.line()
         output.line(f"written to {file}")
         output.line("Next: towtank learn LOG --vehicle VEHICLE --prior " + str(file), "dim")
-    output.document({"store": store, "file": file, **fleet.document()})
+    output.document({"store": opened.place.name, "file": file, **fleet.document()})
 
 
 @commands.command("compact", cls=PlainCommand)

@@ -5,9 +5,9 @@ What goes wrong with a task is the line that the command would print; it is writ
 
 from __future__ import annotations
 
-import contextlib
 import fnmatch
 import math
+import platform
 import time
 import tomllib
 import warnings
@@ -20,16 +20,17 @@ import numpy as np
 from towtank.app.tables.learning import supposed_values
 from towtank.app.tasks import learn, validate
 from towtank.app.terminal.guard import line_of
-from towtank.campaigns.cache import fetched
+from towtank.campaigns.cache import fetched, name_of
 from towtank.campaigns.configuration import Study
-from towtank.campaigns.places import without_credentials
+from towtank.campaigns.places import is_remote, without_credentials
 from towtank.campaigns.run import Outcome
 from towtank.campaigns.store import CHANNELS, Failure, Result, Store
 from towtank.campaigns.tasks import Task
+from towtank.errors import InputError
 from towtank.recording import Recording
 from towtank.recording.mapping import ColumnMapping, mapping_of
 from towtank.simulation import OrnsteinUhlenbeck, manoeuvre, simulate
-from towtank.vehicle import COEFFICIENTS, Vehicle
+from towtank.vehicle import COEFFICIENTS, Vehicle, mirror
 from towtank.vehicle.files import parse_vehicle, vehicle_text
 
 __all__ = ["perform"]
@@ -42,9 +43,10 @@ def perform(task: Task, uri: str) -> Outcome:
     """Do a task and put what comes of it into the store of this URI; a failure is put there too.
 
     Raises:
+        InputError: this machine does not see the store.
         OSError: the store does not take it.
     """
-    store, began = Store.at(uri), time.perf_counter()
+    store, began = _seen(uri), time.perf_counter()
     if store.has(task.id):  # somebody else was quicker
         return Outcome(task.id, 0.0)
     try:
@@ -61,11 +63,19 @@ def perform(task: Task, uri: str) -> Outcome:
     return Outcome(task.id, seconds)
 
 
+def _seen(uri: str) -> Store:
+    """Return the store, which has been begun: a worker to which it looks empty has another folder at this path."""
+    try:
+        return Store.opened(uri)
+    except InputError as error:
+        raise InputError(f"worker on {platform.node()}: {error}; every worker must see the same store") from None
+
+
 def _named(line: str, task: Task) -> str:
     """Return a line that names the log as the campaign does, wherever this machine has its copy."""
     if not task.uri or task.label in line:
         return line
-    name = task.uri.rpartition("/")[2]
+    name = name_of(task.uri) if is_remote(task.uri) else Path(task.uri).name
     place = next((word for word in line.split() if word.rstrip(":;,").endswith(name)), "")
     if "/in-use/" in place:
         return line.replace(place.rstrip(":;,"), without_credentials(task.uri))
@@ -172,13 +182,13 @@ def _simulated(task: Task, study: Study) -> tuple[Vehicle, Recording]:
 def _varied(vehicle: Vehicle, shares: Mapping[str, float], rng: np.random.Generator) -> Vehicle:
     """Return the vehicle with coefficients multiplied by log-normal factors of these deviations.
 
-    Every coefficient has its own draw, whatever the others: the first pattern that names one counts.
+    Every coefficient has its own draw, whatever the others: the first pattern that names one counts. Of two mirrored
+    added masses, which are one, the first draw counts.
     """
     draws = dict(zip(COEFFICIENTS, rng.standard_normal(len(COEFFICIENTS)), strict=True))
-    changes = {}
+    changes: dict[str, float] = {}
     for name, draw in draws.items():
         share = next((each for pattern, each in shares.items() if fnmatch.fnmatchcase(name, pattern)), 0.0)
-        with contextlib.suppress(KeyError):
-            if share and name in vehicle.hydrodynamics:
-                changes[name] = vehicle.coefficient(name) * math.exp(share * float(draw))
+        if share and vehicle.coefficient(name) != 0.0 and mirror(name) not in changes:
+            changes[name] = vehicle.coefficient(name) * math.exp(share * float(draw))
     return vehicle.with_coefficients(changes) if changes else vehicle

@@ -30,7 +30,8 @@ _LARGEST = 100  # jobs in a bundle
 _PAUSE = 0.005  # s between two looks
 _CONNECT = 10.0  # s, for the first answer of a scheduler
 _PATIENCE = 300.0  # s, for a scheduler that is gone to come back
-_FIRST_WORKER = 120.0  # s
+_FIRST_WORKER = 120.0  # s, for a worker to come where there is none
+_LOOK = 0.2  # s between two looks for one
 _COUNT_AGAIN = 2.0  # s, after which workers are counted again
 _GATHER = 60.0  # s, for a worker to hand over what it has done
 _DEATHS = 3  # times that a job may be given up by dask, which itself tries it on several workers
@@ -60,7 +61,8 @@ class Cluster:
         found = cls(address, say)
         client = found._connected(_CONNECT)
         try:
-            found._same_version(client)
+            with contextlib.suppress(OSError):  # it is gone already; `over` says so
+                found._same_version(client)
         finally:
             client.close()
         return found
@@ -72,15 +74,14 @@ class Cluster:
             InputError: a worker has another version of towtank, or none.
             OSError: the scheduler is gone and does not come back.
         """
-        flight = _Flight(work, deque(enumerate(jobs)))
+        flight = _Flight(work, deque(enumerate(jobs)), self._threads)
         patience = _CONNECT
         while flight.waiting:
             client = self._connected(patience)
             patience = _PATIENCE
             try:
-                self._first_worker(client)
-                self._same_version(client)
-                yield from flight.until_lost(client)
+                if self._ready(client):
+                    yield from flight.until_lost(client)
             finally:
                 with contextlib.suppress(Exception):
                     client.close(timeout=2.0)
@@ -96,6 +97,7 @@ class Cluster:
                 f"--engine {self.address}: needs the library distributed, which is not installed; install it with "
                 'pip install "towtank[fleet]"'
             ) from None
+        self._certified()
         for name in [each for each in logging.root.manager.loggerDict if each.startswith("distributed")]:
             logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is said here
         deadline = time.monotonic() + patience
@@ -119,25 +121,55 @@ class Cluster:
             except ValueError as error:
                 raise InputError(f"--engine {self.address}: {error}; expected tcp://HOST:PORT") from None
 
-    def _first_worker(self, client: Any) -> None:
-        """Wait until there is a worker. Raises InputError where none comes."""
+    def _certified(self) -> None:
+        """Raise InputError where TLS is asked for and there are no certificates."""
+        from distributed.security import Security
+
+        if not self.address.startswith("tls:"):
+            return
+        try:
+            context = Security().get_connection_args("client")["ssl_context"]
+        except OSError as error:
+            raise InputError(f"--engine {self.address}: certificates cannot be read ({error})") from None
+        if context is None:
+            raise InputError(
+                f"--engine {self.address}: no certificates are named; dask's configuration names them, as "
+                "distributed.comm.tls.ca-file and distributed.comm.tls.client.cert"
+            )
+
+    def _ready(self, client: Any) -> bool:
+        """Wait until there are workers, all of this version; return False where the scheduler is gone meanwhile."""
+        try:
+            self._threads(client)
+            self._same_version(client)
+        except (_Lost, OSError):
+            return False
+        return True
+
+    def _threads(self, client: Any) -> int:
+        """Return how many threads all workers have, once there is one. Raises InputError where none comes, _Lost."""
         began, told = time.monotonic(), False
-        while not _threads(client):
+        while True:
+            threads: int = sum(each.get("nthreads", 1) for each in _workers(client).values())
+            if threads:
+                return threads
+            if client.status != "running":
+                raise _Lost
             if not told:
-                self.say(f"{self.address} has no worker yet; start one with dask worker {self.address}")
+                self.say(f"{self.address} has no worker; start one with dask worker {self.address}")
                 told = True
             if time.monotonic() - began > _FIRST_WORKER:
                 raise InputError(
                     f"--engine {self.address}: no worker came within {_FIRST_WORKER:.0f} s; start one with dask worker "
                     f"{self.address}"
                 )
-            time.sleep(0.2)
+            time.sleep(_LOOK)
 
     def _same_version(self, client: Any) -> None:
-        """Raise InputError for a worker that has another version of towtank, or none."""
+        """Raise InputError for a worker that has another version of towtank, or none; one that dies says neither."""
         names = {address: about.get("name", address) for address, about in _workers(client).items()}
         for address, found in client.run(_version_of, on_error="return").items():
-            if found != towtank.__version__:
+            if found != towtank.__version__ and not isinstance(found, OSError):
                 have = f"has towtank {found}" if isinstance(found, str) else "cannot import towtank"
                 raise InputError(
                     f"--engine {self.address}: worker {names.get(address, address)} at {address} {have}, expected "
@@ -156,11 +188,15 @@ class _Flight:
 
     Attributes:
         waiting: jobs that nobody has, with their numbers.
+
+    Args:
+        work: what is done with a job. threads: tells of a client how many threads its workers have, once there are any.
     """
 
-    def __init__(self, work: Callable[..., Any], waiting: deque[Job]) -> None:
+    def __init__(self, work: Callable[..., Any], waiting: deque[Job], threads: Callable[[Any], int]) -> None:
         self.waiting = waiting
         self._work = work
+        self._threads = threads
         self._flying: dict[Any, list[Job]] = {}
         self._deaths: dict[int, int] = {}
         self._seconds = _BUNDLE  # that a job takes
@@ -171,7 +207,7 @@ class _Flight:
         try:
             while self.waiting or self._flying:
                 if time.monotonic() - counted > _COUNT_AGAIN:
-                    threads, counted = max(_threads(client), 1), time.monotonic()
+                    threads, counted = self._threads(client), time.monotonic()
                 while self.waiting and len(self._flying) < _IN_FLIGHT * threads:
                     self._send(client, threads)
                 landed = [future for future in self._flying if future.status != "pending"]
@@ -239,10 +275,6 @@ def _workers(client: Any) -> dict[str, Any]:
         return dict(client.scheduler_info(n_workers=-1)["workers"])
     except Exception:
         return {}
-
-
-def _threads(client: Any) -> int:
-    return sum(each.get("nthreads", 1) for each in _workers(client).values())
 
 
 # -- on a worker
