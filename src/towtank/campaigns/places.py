@@ -301,9 +301,9 @@ def logs_of(pattern: str, folder: Path) -> list[Found]:
         return sorted(_remote_logs(pattern), key=lambda f: f.uri)
     try:
         return sorted(_local_logs(pattern, folder), key=lambda f: f.uri)
-    except (ValueError, IndexError, RuntimeError, NotImplementedError) as error:
+    except (ValueError, IndexError, RuntimeError, NotImplementedError):
         raise InputError(
-            f'logs: "{pattern}" is no pattern of paths ({told(error)}); expected one such as archive/**/*.BIN'
+            f'logs: "{pattern}" is no pattern of paths; expected one such as archive/**/*.BIN, ** alone between slashes'
         ) from None
 
 

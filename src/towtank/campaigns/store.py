@@ -316,7 +316,9 @@ class Store:
         if data is None:
             return None
         try:
-            return pq.read_table(io.BytesIO(data), use_threads=False).select(list(columns) or schema().names)
+            rows = pq.read_table(io.BytesIO(data), use_threads=False).select(list(columns) or schema().names)
+            rows.validate(full=True)
+            return rows
         except (pa.ArrowException, KeyError, OSError):
             raise self._damaged(name) from None
 
