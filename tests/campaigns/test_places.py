@@ -130,3 +130,10 @@ def test_patterns_name_files_and_bags_and_no_other_folders(tmp_path: Path) -> No
     assert labels("**/*.bin") == ["a.bin", "deep/b.bin", "deep/er/c.bin"]
     assert labels("*") == ["a.bin", "bag"]
     assert labels(str(tmp_path / "deep" / "*.bin")) == ["deep/b.bin"]
+
+
+def test_a_relative_path_is_of_the_folder_that_one_is_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        monkeypatch.chdir(tmp_path / name)
+        assert place_of("results").root == str(tmp_path / name / "results")

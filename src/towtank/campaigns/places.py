@@ -211,7 +211,6 @@ def is_remote(uri: str) -> bool:
     return True
 
 
-@cache
 def place_of(uri: str) -> Place:
     """Return a place by its path or URI; a folder of this machine need not exist.
 
@@ -224,6 +223,11 @@ def place_of(uri: str) -> Place:
             if path.is_file():
                 raise InputError(f"{path}: this is a file, expected a folder")
         return Place(str(path), str(path), None, str(path))
+    return _remote_place(uri)
+
+
+@cache
+def _remote_place(uri: str) -> Place:
     files, root = _remote(uri)
     name = without_credentials(uri)
     place = Place(uri, name, files, root)
