@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from towtank.campaigns.places import logs_of, patiently, place_of, without_credentials
+from towtank.campaigns.places import logs_of, patiently, place_of, remote_place, without_credentials
 from towtank.errors import InputError
 
 
@@ -37,9 +37,9 @@ def _endpoint(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "nobody")
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "nothing")
     monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
-    place_of.cache_clear()
+    remote_place.cache_clear()
     yield
-    place_of.cache_clear()
+    remote_place.cache_clear()
     server.shutdown()
     server.server_close()
 

@@ -34,7 +34,6 @@ from s3_proxy import FailingProxy
 from towtank import load_vehicle, simulate
 from towtank.campaigns import Store, read_campaign, run_campaign, tasks_of
 from towtank.campaigns.engines.local import Local
-from towtank.campaigns.places import place_of
 from towtank.simulation import manoeuvre
 from towtank.vehicle.files import parse_vehicle
 
@@ -154,7 +153,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         proxy = FailingProxy(port, options.share, options.seed)
         os.environ["AWS_ENDPOINT_URL"] = f"http://127.0.0.1:{proxy.port}"
         os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT / "src"), str(Path(__file__).parent)])
-        place_of.cache_clear()
         try:
             there = direct(port)
             began = time.monotonic()

@@ -28,7 +28,7 @@ from towtank.outputs import write_atomically
 if TYPE_CHECKING:
     from pyarrow.fs import FileSystem
 
-__all__ = ["Found", "Place", "is_remote", "logs_of", "place_of", "told", "without_credentials"]
+__all__ = ["Found", "Place", "is_remote", "logs_of", "place_of", "remote_place", "told", "without_credentials"]
 
 T = TypeVar("T")
 
@@ -223,11 +223,12 @@ def place_of(uri: str) -> Place:
             if path.is_file():
                 raise InputError(f"{path}: this is a file, expected a folder")
         return Place(str(path), str(path), None, str(path))
-    return _remote_place(uri)
+    return remote_place(uri)
 
 
 @cache
-def _remote_place(uri: str) -> Place:
+def remote_place(uri: str) -> Place:
+    """Return a place in an object store; it is asked for once. Raises InputError."""
     files, root = _remote(uri)
     name = without_credentials(uri)
     place = Place(uri, name, files, root)
