@@ -190,7 +190,7 @@ def test_real_time_takes_the_time_of_the_session() -> None:
         paced=True,
         show=lambda moment: moments.append(moment.t),
     )
-    assert 1.95 <= time.perf_counter() - began < 4.0
+    assert time.perf_counter() - began >= 1.95
     assert len(moments) >= 5
     assert moments[-1] == 2.0
 

@@ -71,12 +71,12 @@ def test_nothing_escapes_the_reader_itself(files: dict[str, Path], tmp_path: Pat
         if not broken:
             continue  # an empty file is refused on the way in
         path.write_bytes(broken)
-        began = time.perf_counter()
+        began = time.process_time()
         try:
             reader.read(path, None)
             readable += 1
         except InputError as error:
             lines.append(str(error))
-        assert time.perf_counter() - began < LONGEST, (seed, what)
+        assert time.process_time() - began < LONGEST, (seed, what)
     assert all("\n" not in line and line.startswith(str(path)) for line in lines)
     assert readable > RUNS / 20

@@ -55,6 +55,7 @@ class Child:
         self._work = work
         self._process: multiprocessing.process.BaseProcess | None = None
         self._ours: Connection | None = None
+        self._ended = False
 
     def answer(self, number: int, job: tuple[Any, ...]) -> Answer:
         """Perform a job; what it raises, or that the process dies, is in the answer."""
@@ -89,6 +90,12 @@ class Child:
             process.kill()
             process.join()
 
+    def end(self) -> None:
+        """End the process for good: a job that another thread has just taken starts none either."""
+        with _starting:
+            self._ended = True
+        self.close()
+
     def _lives(self) -> bool:
         if self._process is not None and self._process.is_alive():
             return True
@@ -99,10 +106,12 @@ class Child:
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
         with _starting, _single_threaded(), _allowed_children():
+            if self._ended:
+                raise Died("ended on demand")
             process = context.Process(target=_serve, args=(theirs, self._work), daemon=True)
             process.start()
+            self._process, self._ours = process, ours
         theirs.close()
-        self._process, self._ours = process, ours
         try:
             ours.recv_bytes()
         except (EOFError, ConnectionError) as error:

@@ -71,7 +71,7 @@ def perform_all(work: Callable[..., Any], jobs: Iterable[tuple[Any, ...]], worke
         waiting.stop()
         for child in children:
             with contextlib.suppress(OSError):
-                child.close()
+                child.end()
 
 
 class _Jobs:
