@@ -1,11 +1,13 @@
 """The command `towtank`: its commands in the order in which a newcomer meets them.
 
-What a process frees of large arrays goes back to the system.
+What a process frees of large arrays goes back to the system, and its linear algebra takes one thread: the matrices are
+small, and threads that wait for each other by spinning take half as much time again.
 """
 
 from __future__ import annotations
 
 import ctypes
+import os
 import signal
 import sys
 from types import FrameType
@@ -116,6 +118,7 @@ def main() -> NoReturn:
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
     signal.signal(signal.SIGTERM, _terminated)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when NumPy is imported, which no module has done by now
     return_what_is_free()
     app()
     sys.exit(0)
