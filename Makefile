@@ -140,7 +140,7 @@ peers: $(READY) $(PEER_ENVIRONMENTS:%=.peers/%/.ready)
 # Exported models in the engines that they are for, each in an environment of its own; one that fails does not keep the
 # others from running. PVS: the folder src of a clone of the Python Vehicle Simulator, which is on no package index.
 ENGINES := fmu dart mujoco casadi control
-PACKAGES_fmu := fmpy==0.3.32 libcosimpy==0.0.6
+PACKAGES_fmu := fmpy==0.3.32 libcosimpy==0.0.6 ecospy==0.7.2 tbb==2023.2.0
 PACKAGES_dart := dartpy==6.20.0 numpy
 PACKAGES_mujoco := mujoco==4.0.0 mujoco-core==4.0.0 mujoco-studio==4.0.0
 PACKAGES_casadi := casadi==3.8.2

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +31,17 @@ def test_targets_are_listed() -> None:
     targets = document("export", "--list")["targets"]
     assert {"c", "fmu"} <= {each["name"] for each in targets}
     assert all(each["versions"] and each["writes"] for each in targets)
+
+
+def test_an_export_loads_no_simulations_and_no_tables(tmp_path: Path) -> None:
+    code = (
+        "import sys\nfrom towtank.app.cli import main\n"
+        "try:\n    main()\nexcept SystemExit as end:\n    assert not end.code\n"
+        "sys.exit(' '.join({'towtank.simulation', 'pyarrow', 'urllib.request'} & {*sys.modules}) or 0)"
+    )
+    words = ["export", "lauv", "--to", "fmu", "-o", str(tmp_path / "a.fmu")]
+    run = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=False, timeout=60)
+    assert (run.returncode, run.stderr) == (0, "")
 
 
 def test_a_model_is_written_and_told(tmp_path: Path) -> None:

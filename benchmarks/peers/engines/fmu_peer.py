@@ -1,12 +1,13 @@
-"""Functional mock-up units by two independent masters, FMPy and libcosim, beside the simulator.
+"""Functional mock-up units by independent masters beside the simulator: FMPy and Ecos, and for FMI 2.0 libcosim.
 
-    make engines          (or: python benchmarks/peers/engines/fmu_peer.py PYTHON, that of an environment with both)
+    make engines          (or: python benchmarks/peers/engines/fmu_peer.py PYTHON, that of an environment with all)
 
-Must hold: validation finds nothing; both masters agree to 1e-12, and each with `simulate` to 1e-9 at the same step.
+Must hold: validation finds nothing; the masters agree to 1e-12, and each with `simulate` to 1e-9 at the same step.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from towtank.vehicle import Vehicle
 
 STEP, SECONDS = 0.01, 20.0
 VEHICLES, VERSIONS = ("bluerov2_heavy", "rexrov", "lauv"), ("2.0", "3.0")
+MASTERS = ("FMPy", "Ecos", "libcosim")
 CURRENT = {"current_north": 0.3, "current_east": -0.2, "current_down": 0.1}
 OUTPUTS = ("x", "y", "z", "phi", "theta", "psi", "u", "v", "w", "p", "q", "r")
 
@@ -65,17 +67,16 @@ def main() -> int:
         subprocess.run([python, str(Path(__file__).with_name("fmu_master.py")), name], check=True, stdout=sys.stderr)
         said = json.loads((folder / "said.json").read_text())
         failed = 0
-        print(
-            f"{'unit':20} {'validation':20} {'FMPy - simulate':>16} {'libcosim - simulate':>20} {'FMPy - libcosim':>16}"
-        )
+        print(f"{'unit':20} {'validation':20} {' '.join(f'{each} - simulate'.rjust(19) for each in MASTERS)}     apart")
         for unit_name, expected in truth.items():
-            found = np.load(folder / f"{unit_name}.npz")
-            away = {master: apart(found[master], expected) for master in found}
-            both = apart(found["fmpy"], found["libcosim"]) if "libcosim" in found else None
+            with np.load(folder / f"{unit_name}.npz") as found:
+                motions = {master: found[master] for master in MASTERS if master in found}
+            away = {master: apart(motion, expected) for master, motion in motions.items()}
+            between = max(apart(one, other) for one, other in itertools.combinations(motions.values(), 2))
             words = "; ".join(said[unit_name]) or "No problems found"
-            other = f"{'knows FMI 2.0 only':>20}" if both is None else f"{away['libcosim']:20.1e} {both:16.1e}"
-            print(f"{unit_name:20} {words:20} {away['fmpy']:16.1e} {other}")
-            failed += bool(said[unit_name]) or max(away.values()) > 1e-9 or (both or 0.0) > 1e-12
+            each = (f"{away[master]:.1e}" if master in away else "knows FMI 2.0 only" for master in MASTERS)
+            print(f"{unit_name:20} {words:20} {' '.join(text.rjust(19) for text in each)} {between:9.1e}")
+            failed += bool(said[unit_name]) or not max(away.values()) <= 1e-9 or not between <= 1e-12
     return int(failed > 0)
 
 

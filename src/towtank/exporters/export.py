@@ -11,8 +11,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
 from towtank.exporters.heading import Heading, heading_of_request
@@ -88,7 +86,8 @@ def export(
             f"{source}: what {target.name} can say of its mass and inertia is not positive definite, so that it would"
             " gain energy; put the origin nearer to the centre of gravity, or choose another target"
         )
-    heading = heading_of_request(f"{target.name} {request.version}", request, kept)
+    away = wrench_error(found, kept.vehicle)
+    heading = heading_of_request(f"{target.name} {request.version}", request, kept, away)
     written = writer.written(request, heading)
     try:
         files = _places(target, found, output, list(written))
@@ -97,8 +96,7 @@ def export(
     except OSError as error:
         place = Path(error.filename or output or ".")
         raise InputError(f"{place}: cannot be written ({error.strerror}); choose another place") from error
-    away = wrench_error(found, kept.vehicle)
-    return Exported(target.name, request.version, found, files, heading, kept, np.asarray(away))
+    return Exported(target.name, request.version, found, files, heading, kept, away)
 
 
 def _all(stream: object, content: bytes) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.digits import short
-from towtank.exporters.request import Kept, Request, differing, speed_range, wrench_error
+from towtank.exporters.request import Kept, Request, differing, speed_range
 from towtank.vehicle import COEFFICIENTS, Vehicle, index, unit
 from towtank.vehicle.names import ROWS
 
@@ -90,15 +90,18 @@ class Heading:
         return found
 
 
-def heading_of_request(title: str, request: Request, kept: Kept) -> Heading:
-    """Return the opening of an export; what a vehicle lost on an earlier way stays said."""
+def heading_of_request(title: str, request: Request, kept: Kept, away: Array) -> Heading:
+    """Return the opening of an export; what a vehicle lost on an earlier way stays said.
+
+    `away` is the largest error of the wrench (6,) [N, N m].
+    """
     vehicle = request.vehicle
     source, sha256 = request.source, request.sha256
     before = _earlier(vehicle)
     if before is not None:
         source, sha256 = before
     missing = [*kept.remarks, *differing(vehicle, kept.vehicle)]
-    error = _error_line(vehicle, wrench_error(vehicle, kept.vehicle))
+    error = _error_line(vehicle, away)
     earlier = [note.removeprefix(_LOST) for note in vehicle.provenance.notes if note.startswith(_LOST)]
     if earlier:
         missing = [*earlier[:-1], *(each for each in missing if each not in earlier)]

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from towtank.core.arrays import Array
 from towtank.core.attitude import eulers_from_quaternions
+from towtank.core.rk4 import simulate_run
 from towtank.exporters.heading import Heading
 from towtank.exporters.request import Kept, Request, speed_range
 from towtank.exporters.templates import filled, template
@@ -39,7 +40,7 @@ from towtank.vehicle.names import COLUMNS, ROWS
 
 __all__ = ["FIELDS", "header_text", "kept", "prefix_of", "unit_of_field", "values_of", "written"]
 
-_CASES = 8
+_CASES, _CASE_STEP = 8, 0.01  # s
 _KINDS = {"odd": 0, "polynomial": 1, "table": 2, "quadratic": 3}
 _FUNCTIONS = ("fabs", "sqrt", "cos", "sin", "atan2", "asin", "pow", "exp")
 _RIGID = ("m", "I_x", "I_y", "I_z", "I_xy", "I_xz", "I_yz", "x_G", "y_G", "z_G")
@@ -254,8 +255,6 @@ def _branch(curve: Curve, sign: int) -> tuple[int, bool, float, float]:
 
 def _vectors(vehicle: Vehicle, number: _Number) -> dict[str, str]:
     """Return cases: state, wrench, current; acceleration and state after a step; commands, their wrench, allocation."""
-    from towtank.simulation.integration import simulate_pieces  # the package takes a tenth of an export to load
-
     rng = np.random.default_rng(1)
     speeds, p = speed_range(vehicle), np.array(vehicle.parameters)
     scale = np.abs(vehicle.mass_matrix @ speeds) + 1.0
@@ -267,7 +266,8 @@ def _vectors(vehicle: Vehicle, number: _Number) -> dict[str, str]:
         current = rng.uniform(-0.5, 0.5, 3)
         x = np.concatenate([rng.uniform(-5.0, 5.0, 3), q, nu])
         eta = np.concatenate([np.zeros(3), eulers_from_quaternions(q[None, :])[0]])
-        after = simulate_pieces(p, x, np.tile(tau, (1, 3, 1)), np.array([0.01]), current)[1]
+        after = simulate_run(p, x, tau[None, None, :], _CASE_STEP, np.zeros(3))[1]  # as the water sees it
+        after[:3] += _CASE_STEP * current
         row = [x, tau, current, forward_dynamics(vehicle, eta, nu, tau), after]
         if vehicle.thrusters:
             commands = np.array([_command(each.curve, rng.uniform(-1.0, 1.0)) for each in vehicle.thrusters])

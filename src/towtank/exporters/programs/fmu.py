@@ -15,9 +15,9 @@ import tempfile
 import uuid
 import zipfile
 from collections.abc import Iterator
+from html import escape
 from pathlib import Path
 from typing import NamedTuple
-from xml.sax.saxutils import quoteattr
 
 from towtank.errors import InputError
 from towtank.exporters.heading import Heading
@@ -131,11 +131,11 @@ def _unit_of_motion(name: str) -> str:
 
 
 def _start(each: Variable) -> str:
-    return "" if each.start is None else f" start={quoteattr(repr(float(each.start) + 0.0))}"
+    return "" if each.start is None else f" start={_quoted(repr(float(each.start) + 0.0))}"
 
 
 def _unit_attribute(each: Variable) -> str:
-    return f" unit={quoteattr(each.unit)}" if each.unit else ""
+    return f" unit={_quoted(each.unit)}" if each.unit else ""
 
 
 def _units(every: tuple[Variable, ...]) -> str:
@@ -144,7 +144,7 @@ def _units(every: tuple[Variable, ...]) -> str:
         kg, m, s = (1, 2, -3) if name == "V" else dimensions(name)
         exponents = {"kg": kg, "m": m, "s": s, "A": -1 if name == "V" else 0, "rad": int(name == "rad")}
         base = "".join(f' {base}="{power}"' for base, power in exponents.items() if power)
-        lines.append(f"    <Unit name={quoteattr(name)}><BaseUnit{base}/></Unit>")
+        lines.append(f"    <Unit name={_quoted(name)}><BaseUnit{base}/></Unit>")
     return "\n".join([*lines, "  </UnitDefinitions>", *_LOGS])
 
 
@@ -165,7 +165,7 @@ _KINDS = {
 
 def _root(vehicle: Vehicle, version: str, token: str) -> str:
     """Return the opening tag; `token` is the attribute with it."""
-    name, description = (quoteattr(_plain(text)) for text in (vehicle.name, vehicle.description))
+    name, description = (_quoted(_plain(text)) for text in (vehicle.name, vehicle.description))
     return (
         f'<fmiModelDescription fmiVersion="{version}" modelName={name} {token} description={description}'
         ' generationTool="towtank" variableNamingConvention="flat">'
@@ -184,8 +184,8 @@ def _description_2(vehicle: Vehicle, name: str, token: str, every: tuple[Variabl
     ]
     for reference, each in enumerate(every):
         lines.append(
-            f'    <ScalarVariable name={quoteattr(each.name)} valueReference="{reference}" {_KINDS[each.kind]}'
-            f" description={quoteattr(each.words)}><Real{_unit_attribute(each)}{_start(each)}/></ScalarVariable>"
+            f'    <ScalarVariable name={_quoted(each.name)} valueReference="{reference}" {_KINDS[each.kind]}'
+            f" description={_quoted(each.words)}><Real{_unit_attribute(each)}{_start(each)}/></ScalarVariable>"
         )
     outputs = [k + 1 for k, each in enumerate(every) if each.kind == "output"]
     lines += ["  </ModelVariables>", "  <ModelStructure>"]
@@ -206,8 +206,8 @@ def _description_3(vehicle: Vehicle, name: str, token: str, every: tuple[Variabl
     ]
     for reference, each in enumerate(every):
         lines.append(
-            f'    <Float64 name={quoteattr(each.name)} valueReference="{reference}" {_KINDS[each.kind]}'
-            f" description={quoteattr(each.words)}{_unit_attribute(each)}{_start(each)}/>"
+            f'    <Float64 name={_quoted(each.name)} valueReference="{reference}" {_KINDS[each.kind]}'
+            f" description={_quoted(each.words)}{_unit_attribute(each)}{_start(each)}/>"
         )
     outputs = [k for k, each in enumerate(every) if each.kind == "output"]
     lines += ["  </ModelVariables>", "  <ModelStructure>"]
@@ -222,6 +222,11 @@ def _build_description(name: str) -> str:
         f'  <BuildConfiguration modelIdentifier="{name}">\n    <SourceFileSet language="C99">\n'
         '      <SourceFile name="fmu.c"/>\n    </SourceFileSet>\n  </BuildConfiguration>\n</fmiBuildDescription>\n'
     )
+
+
+def _quoted(text: str) -> str:
+    """Return an attribute's value; `xml.sax.saxutils` would load all of the network for it."""
+    return f'"{escape(text)}"'
 
 
 def _plain(text: str) -> str:
