@@ -16,6 +16,7 @@ edge of the dead band.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
@@ -111,31 +112,33 @@ class PolynomialCurve(Curve):
 
     def static(self, command: Array) -> Array:
         """Return the force [N] at nominal voltage, without limits and dead band."""
-        x = (command - self.rest) / self.scale
+        x = np.asarray((command - self.rest) / self.scale)
         if not self.odd:
             return np.asarray(polyval(x, np.array(self.coefficients)))
-        a = np.abs(x)
-        forward = self._branch(a, self.coefficients, 1)
-        reverse = self._branch(a, self.coefficients if self.reverse is None else self.reverse, 0)
-        return np.where(np.isnan(x), np.nan, np.where(x > 0.0, forward, np.where(x < 0.0, -reverse, 0.0)))
+        force = np.where(np.isnan(x), np.nan, 0.0)
+        branches = (self.coefficients, self.coefficients if self.reverse is None else self.reverse)
+        for side, coefficients, sign in zip((1.0, -1.0), branches, self.branch_signs, strict=True):
+            there = side * x > 0.0
+            if there.any():
+                f = polyval(side * x[there], np.array(coefficients))
+                force[there] = side * (np.maximum(f, 0.0) if sign > 0.0 else np.minimum(f, 0.0))  # no wrong sign
+        return force
 
     @property
     def branch_signs(self) -> tuple[float, float]:
         """The sign, +1 or -1, that the polynomial has at the end of the branch above neutral, and of the one below."""
+        low, high = (0.0, 0.0) if self.limits is None else (abs(each - self.rest) / self.scale for each in self.limits)
         reverse = self.coefficients if self.reverse is None else self.reverse
-        return self._sign(self.coefficients, 1), self._sign(reverse, 0)
+        return _sign_at(self.coefficients, high), _sign_at(reverse, low)
 
-    def _branch(self, a: Array, coefficients: tuple[float, ...], side: int) -> Array:
-        """Return the polynomial with the part of the wrong sign cut off."""
-        f = polyval(a, np.array(coefficients))
-        return np.asarray(np.maximum(f, 0.0) if self._sign(coefficients, side) > 0.0 else np.minimum(f, 0.0))
 
-    def _sign(self, coefficients: tuple[float, ...], side: int) -> float:
-        end = None if self.limits is None else abs(self.limits[side] - self.rest) / self.scale
-        value = float(polyval(end, np.array(coefficients))) if end else 0.0
-        if value == 0.0:
-            value = next((c for c in reversed(coefficients) if c != 0.0), 0.0)
-        return 1.0 if value >= 0.0 else -1.0
+@lru_cache(4096)
+def _sign_at(coefficients: tuple[float, ...], end: float) -> float:
+    """Return the sign of a polynomial at its end, +1 or -1; that of its highest power where the end is 0."""
+    value = float(polyval(end, np.array(coefficients))) if end else 0.0
+    if value == 0.0:
+        value = next((c for c in reversed(coefficients) if c != 0.0), 0.0)
+    return 1.0 if value >= 0.0 else -1.0
 
 
 class TableCurve(Curve):

@@ -32,11 +32,9 @@ _INDEPENDENT = 1e-3
 def configuration_matrix(vehicle: AnyVehicle) -> Array:
     """Return T (6, n): the wrench [N, N m] per newton of each thruster, body FRD about the origin."""
     vehicle = vehicle_of(vehicle)
-    T = np.empty((6, len(vehicle.thrusters)))
-    for k, thruster in enumerate(vehicle.thrusters):
-        T[:3, k] = thruster.direction
-        T[3:, k] = np.cross(thruster.position, thruster.direction)
-    return T + 0.0  # no negative zeros
+    r = np.reshape([each.position for each in vehicle.thrusters], (-1, 3))
+    e = np.reshape([each.direction for each in vehicle.thrusters], (-1, 3))
+    return np.ascontiguousarray(np.hstack([e, np.cross(r, e)]).T) + 0.0  # no negative zeros
 
 
 def thruster_forces(vehicle: AnyVehicle, commands: ArrayLike, voltage: ArrayLike | None = None) -> Array:
