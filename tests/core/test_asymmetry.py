@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 
 from towtank.core.dynamics import forward_dynamics, inverse_dynamics
-from towtank.core.forces import add_even_force_into, add_even_slope_into, damping_force
+from towtank.core.forces import add_extra_force_into, add_extra_rate_into, damping_force
 from towtank.core.layout import FORWARD, FORWARD_COLUMNS, FORWARD_ROWS, I_ASYMMETRY, I_INFLOW, N_PARAMETERS, address
 from towtank.core.rk4 import simulate_run
 
@@ -27,7 +27,7 @@ def parameters(asymmetry: np.ndarray) -> np.ndarray:
 
 def force(asymmetry: np.ndarray, nu: np.ndarray) -> np.ndarray:
     out = np.zeros(6)
-    add_even_force_into(parameters(asymmetry), nu, 1.0, out)
+    add_extra_force_into(parameters(asymmetry), nu, 1.0, out)
     return out
 
 
@@ -58,7 +58,7 @@ def test_slope_is_the_derivative(asymmetry: np.ndarray, nu: np.ndarray, way: np.
     slope = np.zeros(6)
     for j in range(6):
         column = np.zeros(6)
-        add_even_slope_into(parameters(asymmetry), nu, j, column)
+        add_extra_rate_into(parameters(asymmetry), nu, np.eye(6)[j], column)
         slope += column * way[j]
     assert np.abs(0.5 * (force(asymmetry, nu + way) - force(asymmetry, nu - way)) - slope).max() < 1e-10
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 
 from towtank.core.dynamics import inverse_dynamics
-from towtank.core.forces import add_even_force_into, add_even_slope_into
+from towtank.core.forces import add_extra_force_into, add_extra_rate_into
 from towtank.core.layout import FORWARD_COLUMNS, FORWARD_ROWS, I_ASYMMETRY, I_FORWARD, N_PARAMETERS
 from towtank.core.rk4 import simulate_run
 
@@ -23,7 +23,7 @@ MIRROR = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])  # port for starboard: v, p
 def force(lift: np.ndarray, nu: np.ndarray) -> np.ndarray:
     p, out = np.zeros(N_PARAMETERS), np.zeros(6)
     p[I_FORWARD:I_ASYMMETRY] = lift
-    add_even_force_into(p, nu, 1.0, out)
+    add_extra_force_into(p, nu, 1.0, out)
     return out
 
 
@@ -73,7 +73,7 @@ def test_slope_is_the_derivative(lift: np.ndarray, nu: np.ndarray, way: np.ndarr
     p[I_FORWARD:I_ASYMMETRY] = lift
     for j in range(6):
         column = np.zeros(6)
-        add_even_slope_into(p, nu, j, column)
+        add_extra_rate_into(p, nu, np.eye(6)[j], column)
         slope += column * way[j]
     assert np.abs(0.5 * (force(lift, nu + way) - force(lift, nu - way)) - slope).max() < 1e-10
 
