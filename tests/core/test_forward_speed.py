@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 
 from towtank.core.dynamics import inverse_dynamics
-from towtank.core.forces import add_even_force_into, add_even_slope_into
+from towtank.core.forces import add_extra_force_into, add_extra_rate_into
 from towtank.core.layout import FORWARD_COLUMNS, FORWARD_ROWS, I_ASYMMETRY, I_FORWARD, N_PARAMETERS
 from towtank.core.rk4 import simulate_run
 
@@ -23,7 +23,7 @@ MIRROR = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])  # port for starboard: v, p
 def force(lift: np.ndarray, nu: np.ndarray) -> np.ndarray:
     p, out = np.zeros(N_PARAMETERS), np.zeros(6)
     p[I_FORWARD:I_ASYMMETRY] = lift
-    add_even_force_into(p, nu, 1.0, out)
+    add_extra_force_into(p, nu, 1.0, out)
     return out
 
 
@@ -67,15 +67,12 @@ def test_port_and_starboard_are_alike(lift: np.ndarray, nu: np.ndarray) -> None:
 
 @proof
 @given(vectors(9, 50.0), vectors(6, 3.0), vectors(6, 1.0))
-def test_slope_is_the_derivative(lift: np.ndarray, nu: np.ndarray, way: np.ndarray) -> None:
+def test_rate_is_the_derivative(lift: np.ndarray, nu: np.ndarray, way: np.ndarray) -> None:
     """The force is quadratic in the velocity, so that central differences are exact."""
-    p, slope = np.zeros(N_PARAMETERS), np.zeros(6)
+    p, rate = np.zeros(N_PARAMETERS), np.zeros(6)
     p[I_FORWARD:I_ASYMMETRY] = lift
-    for j in range(6):
-        column = np.zeros(6)
-        add_even_slope_into(p, nu, j, column)
-        slope += column * way[j]
-    assert np.abs(0.5 * (force(lift, nu + way) - force(lift, nu - way)) - slope).max() < 1e-10
+    add_extra_rate_into(p, nu, way, rate)
+    assert np.abs(0.5 * (force(lift, nu + way) - force(lift, nu - way)) - rate).max() < 1e-10
 
 
 @proof

@@ -10,7 +10,8 @@ import pytest
 
 from towtank.errors import InputError
 from towtank.identification.model.parameters import LATENCIES, PLACES
-from towtank.identification.model.prior import Body, Prior, prior_of
+from towtank.identification.model.prior import Prior, prior_of
+from towtank.identification.model.terms import Body
 from towtank.identification.posterior.result import with_posterior
 from towtank.vehicle import COEFFICIENTS, Coefficient, Posterior, Vehicle, index, load_vehicle, parse_vehicle
 from towtank.vehicle.posterior import coordinate, with_coordinates

@@ -15,17 +15,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
-from towtank.core.layout import INFLOW, N_KINDS
+from towtank.core.layout import N_KINDS
 from towtank.digits import short
 from towtank.errors import InputError
 from towtank.identification.model.parameters import (
     DELAY,
+    FURTHER,
     GAIN_PREFIX,
     LAG,
     LATENCIES,
@@ -34,8 +34,8 @@ from towtank.identification.model.parameters import (
     FreeParameters,
 )
 from towtank.identification.model.prior import Prior, prior_of
-from towtank.vehicle import COEFFICIENTS, Vehicle, index, mirror
-from towtank.vehicle.posterior import Posterior
+from towtank.vehicle import COEFFICIENTS, Vehicle, index
+from towtank.vehicle.posterior import Posterior, named
 
 __all__ = [
     "Likelihood",
@@ -43,12 +43,9 @@ __all__ = [
     "bare",
     "further",
     "gains_beside",
-    "is_force",
     "is_inertia",
     "likelihood",
-    "named",
     "posterior_of",
-    "twin",
 ]
 
 _OF_A_RUN = (DELAY, *LATENCIES, *PLACES)  # and constant forces
@@ -117,7 +114,7 @@ def likelihood(run: Run) -> Likelihood:
     order = np.argsort(some)
     free = prior.free.subset([prior.names[row] for row in some])
     unscaled = bool(
-        (is_force(prior.free) | is_inertia(prior.free))[np.setdiff1d(np.arange(len(prior.free)), rows)].sum() == 0
+        (prior.free.forces | is_inertia(prior.free))[np.setdiff1d(np.arange(len(prior.free)), rows)].sum() == 0
     )
     return Likelihood(free, theta[some][order], information[np.ix_(order, order)], gradient[order], unscaled)
 
@@ -180,7 +177,7 @@ def _prior_before(run: Run, before: Vehicle, posterior: Posterior) -> Prior:
 
 def further(names: Sequence[str]) -> list[str]:
     """Return those that a prior has only where it is asked: latencies, places, forward-speed terms."""
-    return [name for name in names if name not in COEFFICIENTS or index(name)[0] == "forward"]
+    return [name for name in names if name in FURTHER]
 
 
 def _physical(model: Vehicle, prior: Prior, theta: Array) -> Array:
@@ -202,22 +199,6 @@ def gains_beside(model: Vehicle, before: Vehicle, names: Sequence[str]) -> Array
 def _of_a_run(name: str) -> bool:
     """Whether an unknown belongs to a run, not to its vehicle."""
     return name in _OF_A_RUN or (name in COEFFICIENTS and index(name)[0] == "constant")
-
-
-def named(name: str, names: Any) -> str:
-    """Return the name as it stands among names: as it is, or its twin."""
-    return twin(name) if name not in names and twin(name) in names else name
-
-
-def twin(name: str) -> str:
-    """Return the name under which a coupling of inertia may stand, too."""
-    return mirror(name) if name in COEFFICIENTS and index(name)[0] == "mass" else name
-
-
-def is_force(free: FreeParameters) -> NDArray[np.bool_]:
-    """Return which (n,) are forces, or couplings of inertia, as they stand."""
-    kind = free.codes[:, 0]
-    return np.asarray((kind < N_KINDS) & (kind != INFLOW) & (free.codes[:, 3] == UNTRANSFORMED))
 
 
 def is_inertia(free: FreeParameters) -> NDArray[np.bool_]:

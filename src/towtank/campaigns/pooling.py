@@ -27,28 +27,20 @@ from towtank.campaigns.likelihood import (
     bare,
     further,
     gains_beside,
-    is_force,
     is_inertia,
     likelihood,
-    named,
     posterior_of,
-    twin,
 )
 from towtank.campaigns.random_effects import Evidence, Solution, Variances, restricted_maximum, solved
 from towtank.core.arrays import Array
 from towtank.digits import joined, measured, short
 from towtank.errors import InputError, nearest
-from towtank.identification.model.parameters import (
-    GAIN_PREFIX,
-    IN_GAIN,
-    LAG,
-    FreeParameters,
-)
+from towtank.identification.model.parameters import GAIN_PREFIX, IN_GAIN, LAG, FreeParameters
 from towtank.identification.model.prior import Prior, prior_of
 from towtank.identification.posterior.result import NARROWED, estimate_of, model_of, with_posterior
 from towtank.identification.posterior.thrusters import learned_gains
 from towtank.vehicle import COEFFICIENTS, Coefficient, Provenance, Vehicle, save_vehicle
-from towtank.vehicle.posterior import Posterior, unit_of_unknown
+from towtank.vehicle.posterior import Posterior, named, twin, unit_of_unknown
 
 __all__ = ["Fleet", "FleetClass", "Outlier", "Pooled", "Run", "pool"]
 
@@ -185,7 +177,7 @@ class FleetClass:
         for k, name in enumerate(self.prior.free.names):
             row = [i for i, other in enumerate(posterior.names) if other in (name, twin(name))]
             if row:
-                grown = self.spread[k] * (scale if is_force(self.prior.free)[k] else 1.0)
+                grown = self.spread[k] * (scale if self.prior.free.forces[k] else 1.0)
                 wider[row[0], row[0]] += grown**2
                 added[posterior.names[row[0]]] = grown * self._unit(k, model) * signs[k]
         known = {**model.hydrodynamics, **{n: c for n, c in model.restoring if c is not None}}
@@ -436,7 +428,7 @@ def _gain_share(free: FreeParameters) -> Array:
 
 def per_thrust(free: FreeParameters, theta: Array) -> tuple[Array, Array]:
     """Return inertias and forces as multiples of the thrusters' mean gain (n,), and d q / d theta (n, n)."""
-    share, forces, inertias = _gain_share(free), is_force(free), is_inertia(free)
+    share, forces, inertias = _gain_share(free), free.forces, is_inertia(free)
     scale = float(share @ theta)
     shrink = np.where(forces, math.exp(-scale), 1.0)
     q = shrink * theta - np.where(inertias, scale, 0.0)
@@ -445,7 +437,7 @@ def per_thrust(free: FreeParameters, theta: Array) -> tuple[Array, Array]:
 
 def thrust_undone(free: FreeParameters, q: Array) -> tuple[Array, Array]:
     """Return theta (n,) of q, and d theta / d q (n, n)."""
-    share, forces, inertias = _gain_share(free), is_force(free), is_inertia(free)
+    share, forces, inertias = _gain_share(free), free.forces, is_inertia(free)
     scale = float(share @ q)
     theta = np.where(forces, math.exp(scale), 1.0) * q + np.where(inertias, scale, 0.0)
     return theta, np.asarray(np.linalg.inv(per_thrust(free, theta)[1]))

@@ -10,11 +10,10 @@ import numpy as np
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import gravity_direction
-from towtank.core.forces import add_even_force_into, damping_force, restoring_wrench
+from towtank.core.forces import add_extra_force_into, damping_force, restoring_wrench
 from towtank.core.inertia import coriolis_force
 from towtank.core.layout import (
     I_CONSTANT,
-    I_FORWARD,
     I_LINEAR,
     I_MASS,
     I_MASS_INVERSE,
@@ -63,9 +62,9 @@ def net_wrench(p: Array, q: Array, nu: Array) -> Array:
     """Return C(nu) nu + D(nu) nu + g(eta) - tau_0 (6,) for one vehicle p (170,), attitude q (4,), velocity nu (6,)."""
     out = coriolis_force(p[I_MASS:I_MASS_INVERSE].reshape(6, 6), nu)
     out -= damping_force(p[I_LINEAR:I_QUADRATIC].reshape(6, 6), p[I_QUADRATIC:I_WEIGHT].reshape(6, 6), nu)
-    add_even_force_into(p, nu, -1.0, out)
+    add_extra_force_into(p, nu, -1.0, out)
     out += restoring_wrench(p[I_WEIGHT], p[I_MOMENT:I_CONSTANT], gravity_direction(q))
-    out -= p[I_CONSTANT:I_FORWARD]
+    out -= p[I_CONSTANT : I_CONSTANT + 6]
     return out
 
 

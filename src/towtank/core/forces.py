@@ -16,7 +16,7 @@ Prestero, Verification of a six-degree of freedom simulation model for the REMUS
 Asymmetric drag A_i nu_i^2, of the same sign whichever way the body goes: with X = X_uu |u| u + X_u2 u^2 drag ahead is
 (X_uu + X_u2) u^2 and drag astern (X_uu - X_u2) u^2. Its power sum_i A_i nu_i^3 changes its sign with the direction: out
 one way, in the other way, and never more than quadratic drag takes out where |A_i| <= -Q_ii. It and the forward-speed
-terms are even in the velocity: the same force where all of the motion is reversed.
+terms, the forces of the velocity beyond L and Q, are even: the same where all of the motion is reversed.
 
 Loss of thrust with inflow. A thruster that moves through the water along its thrust gives less, T (1 - k u_j sign T):
 k = inflow_loss [s/m], u_j [m/s] the velocity of its place through the water along its direction d_j. The thrust
@@ -50,8 +50,8 @@ from towtank.core.attitude import rotation_from_quaternion
 from towtank.core.layout import FORWARD_COLUMNS, FORWARD_ROWS, I_ASYMMETRY, I_FORWARD, I_LINEAR, N_FORWARD
 
 __all__ = [
-    "add_even_force_into",
-    "add_even_slope_into",
+    "add_extra_force_into",
+    "add_extra_rate_into",
     "add_inflow_damping_into",
     "current_acceleration",
     "current_in_body",
@@ -71,7 +71,7 @@ def damping_force(linear: Array, quadratic: Array, nu: Array) -> Array:
 
 
 @kernel
-def add_even_force_into(p: Array, nu: Array, factor: float, out: Array) -> None:
+def add_extra_force_into(p: Array, nu: Array, factor: float, out: Array) -> None:
     """Add `factor` times u (F nu) + A nu^2, both in the kernel vector p (170,), to the wrench `out` (6,) [N, N m]."""
     for n in range(N_FORWARD):
         out[FORWARD_ROWS[n]] += factor * p[I_FORWARD + n] * nu[0] * nu[FORWARD_COLUMNS[n]]
@@ -80,14 +80,13 @@ def add_even_force_into(p: Array, nu: Array, factor: float, out: Array) -> None:
 
 
 @kernel
-def add_even_slope_into(p: Array, nu: Array, j: int, out: Array) -> None:
-    """Add the derivative of u (F nu) + A nu^2 by nu_j to `out` (6,)."""
+def add_extra_rate_into(p: Array, nu: Array, nu_dot: Array, out: Array) -> None:
+    """Add the derivative of u (F nu) + A nu^2 along nu_dot (6,) to `out` (6,): by nu_j where nu_dot is the unit j."""
     for n in range(N_FORWARD):
-        if FORWARD_COLUMNS[n] == j:
-            out[FORWARD_ROWS[n]] += p[I_FORWARD + n] * nu[0]
-        elif j == 0:
-            out[FORWARD_ROWS[n]] += p[I_FORWARD + n] * nu[FORWARD_COLUMNS[n]]
-    out[j] += 2.0 * p[I_ASYMMETRY + j] * nu[j]
+        c = FORWARD_COLUMNS[n]
+        out[FORWARD_ROWS[n]] += p[I_FORWARD + n] * (nu[0] * nu_dot[c] + nu_dot[0] * nu[c])
+    for i in range(6):
+        out[i] += 2.0 * p[I_ASYMMETRY + i] * nu_dot[i] * nu[i]
 
 
 @kernel

@@ -34,6 +34,7 @@ __all__ = [
     "INFLOW",
     "I_ASYMMETRY",
     "I_CONSTANT",
+    "I_EXTRA",
     "I_FORWARD",
     "I_INFLOW",
     "I_LINEAR",
@@ -45,7 +46,7 @@ __all__ = [
     "LINEAR",
     "MASS",
     "MOMENT",
-    "N_EVEN",
+    "N_EXTRA",
     "N_FORWARD",
     "N_KINDS",
     "N_PARAMETERS",
@@ -69,7 +70,8 @@ I_FORWARD = 154
 N_FORWARD = 9
 I_ASYMMETRY = 163
 I_INFLOW = 169
-N_EVEN = I_INFLOW - I_FORWARD  # terms that are even in the velocity: forward speed and asymmetric drag
+I_EXTRA = I_FORWARD  # forces of the velocity beyond L and Q: forward speed, asymmetric drag
+N_EXTRA = I_INFLOW - I_EXTRA
 N_PARAMETERS = 170
 FORWARD_ROWS = (1, 1, 5, 5, 3, 2, 2, 4, 4)
 FORWARD_COLUMNS = (1, 5, 1, 5, 3, 2, 4, 2, 4)

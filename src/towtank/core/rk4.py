@@ -9,8 +9,9 @@ relative velocity nu_r (Galilean invariance), so the current enters the kinemati
 
 Fossen (2021), sections 2.2, 6.1, 8.1; Kirchhoff's form of C(nu) nu in `towtank.core.inertia`.
 
-The terms even in the velocity, forward speed u (F nu) and asymmetric drag A nu^2, are added to the acceleration
-afterwards, where any is not zero: every other vehicle keeps its motion to the last bit, and pays one test a step.
+Forces of the velocity beyond those of L and Q, forward speed u (F nu) and asymmetric drag A nu^2, are added to the
+acceleration afterwards, where any is not zero: every other vehicle keeps its motion to the last bit, and pays one
+test a step. They are called extra terms here.
 
 Runs are advanced in lanes: every array carries the run as its last axis and the innermost loop goes over it, so that
 the compiler turns several vehicles into one vector instruction. One vehicle is a lane of one: the same code.
@@ -27,6 +28,7 @@ from towtank.core.arrays import Array, inlined_kernel, kernel, parallel_kernel
 from towtank.core.layout import (
     I_ASYMMETRY,
     I_CONSTANT,
+    I_EXTRA,
     I_FORWARD,
     I_LINEAR,
     I_MASS,
@@ -34,14 +36,14 @@ from towtank.core.layout import (
     I_MOMENT,
     I_QUADRATIC,
     I_WEIGHT,
-    N_EVEN,
+    N_EXTRA,
     N_PARAMETERS,
 )
 
 __all__ = [
     "LANES",
     "N_STATES",
-    "has_even_terms",
+    "has_extra_terms",
     "is_coupled",
     "simulate_final",
     "simulate_run",
@@ -66,12 +68,12 @@ def stage_into(p: Array, x: Array, tau: Array, current: Array, rate: Array, coup
         coupled: False where every matrix is diagonal (`is_coupled`), which takes half the time.
     """
     _base_stage_into(p, x, tau, current, rate, coupled)
-    if has_even_terms(p):
-        _add_even_terms_into(p, x, rate)
+    if has_extra_terms(p):
+        _add_extra_terms_into(p, x, rate)
 
 
 @kernel
-def _add_even_terms_into(p: Array, x: Array, rate: Array) -> None:
+def _add_extra_terms_into(p: Array, x: Array, rate: Array) -> None:
     """Add M^-1 (u (F nu) + A nu^2) at the states `x` (13, lanes) to the acceleration in `rate` (13, lanes)."""
     for k in range(x.shape[1]):
         u, v, w, pp, q, r = x[7, k], x[8, k], x[9, k], x[10, k], x[11, k], x[12, k]
@@ -89,7 +91,7 @@ def _add_even_terms_into(p: Array, x: Array, rate: Array) -> None:
 
 @inlined_kernel
 def _base_stage_into(p: Array, x: Array, tau: Array, current: Array, rate: Array, coupled: bool) -> None:
-    """As `stage_into`, without the terms even in the velocity."""
+    """As `stage_into`, without the extra terms."""
     for k in range(x.shape[1]):
         qw, qx, qy, qz = x[3, k], x[4, k], x[5, k], x[6, k]
         u, v, w, pp, q, r = x[7, k], x[8, k], x[9, k], x[10, k], x[11, k], x[12, k]
@@ -204,18 +206,18 @@ def is_coupled(p: Array) -> bool:
 
 
 @kernel
-def has_even_terms(p: Array) -> bool:
-    """Whether any forward-speed term or asymmetric drag of any lane of `p` (170, lanes) is not zero."""
-    for n in range(N_EVEN):
+def has_extra_terms(p: Array) -> bool:
+    """Whether any force of the velocity beyond L and Q of any lane of `p` (170, lanes) is not zero."""
+    for n in range(N_EXTRA):
         for k in range(p.shape[1]):
-            if p[_F + n, k] != 0.0:
+            if p[I_EXTRA + n, k] != 0.0:
                 return True
     return False
 
 
 @inlined_kernel
 def step_into(
-    p: Array, x: Array, tau: Array, current: Array, dt: float, work: Array, coupled: bool, even: bool
+    p: Array, x: Array, tau: Array, current: Array, dt: float, work: Array, coupled: bool, extra: bool
 ) -> None:
     """Advance the states `x` (13, lanes) by one step of `dt` seconds, in place.
 
@@ -224,25 +226,25 @@ def step_into(
         tau: wrench (3, 6, lanes) at the same instants.
         current: water velocity (3,), NED.
         work: scratch (3, 13, lanes).
-        coupled: as `stage_into`. even: whether there are terms even in the velocity (`has_even_terms`).
+        coupled: as `stage_into`. extra: whether there are extra terms (`has_extra_terms`).
     """
-    if even:
-        _even_step_into(p, x, tau, current, dt, work)
+    if extra:
+        _extra_step_into(p, x, tau, current, dt, work)
     else:
         _base_step_into(p, x, tau, current, dt, work, coupled, False)
 
 
 @kernel
-def _even_step_into(p: Array, x: Array, tau: Array, current: Array, dt: float, work: Array) -> None:
-    """A step with terms even in the velocity, out of line so that all other vehicles keep their short one."""
+def _extra_step_into(p: Array, x: Array, tau: Array, current: Array, dt: float, work: Array) -> None:
+    """A step with extra terms, out of line so that all other vehicles keep their short one."""
     _base_step_into(p, x, tau, current, dt, work, True, True)
 
 
 @inlined_kernel
 def _base_step_into(
-    parameters: Array, x: Array, tau: Array, current: Array, dt: float, work: Array, coupled: bool, even: bool
+    parameters: Array, x: Array, tau: Array, current: Array, dt: float, work: Array, coupled: bool, extra: bool
 ) -> None:
-    """As `step_into`; even: with the terms even in the velocity."""
+    """As `step_into`; extra: with the extra terms."""
     rate, trial, total = work[0], work[1], work[2]
     for i in range(N_STATES):
         for k in range(x.shape[1]):
@@ -254,8 +256,8 @@ def _base_step_into(
             _base_stage_into(p, trial, tau[(stage + 1) // 2], current, rate, True)
         else:
             _base_stage_into(p, trial, tau[(stage + 1) // 2], current, rate, False)
-        if even:
-            _add_even_terms_into(p, trial, rate)
+        if extra:
+            _add_extra_terms_into(p, trial, rate)
         weight = dt / 6.0 if stage == 0 or stage == 3 else dt / 3.0
         ahead = dt if stage == 2 else 0.5 * dt
         for i in range(N_STATES):
@@ -314,7 +316,7 @@ def simulate_run(p: Array, state0: Array, tau: Array, dt: float, current: Array)
         x[j, 0] = state0[j]
     out = np.empty((n + 1, N_STATES))
     out[0] = state0
-    coupled, even = is_coupled(parameters), has_even_terms(parameters)
+    coupled, extra = is_coupled(parameters), has_extra_terms(parameters)
     still = current[0] == 0.0 and current[1] == 0.0 and current[2] == 0.0
     if not still:
         _add_current(x, 0, current, -1.0)
@@ -323,7 +325,7 @@ def simulate_run(p: Array, state0: Array, tau: Array, dt: float, current: Array)
             wrench[0, j, 0] = tau[i, 0, j]
             wrench[1, j, 0] = tau[i, s // 2, j]
             wrench[2, j, 0] = tau[i, s - 1, j]
-        step_into(parameters, x, wrench, current, dt, work, coupled, even)
+        step_into(parameters, x, wrench, current, dt, work, coupled, extra)
         for j in range(N_STATES):
             out[i + 1, j] = x[j, 0]
         if not still:
@@ -362,7 +364,7 @@ def simulate_final(p: Array, state0: Array, tau: Array, dt: float, current: Arra
             for j in range(N_STATES):
                 x[j, k] = state0[run, j]
             _add_current(x, k, current, -1.0)
-        coupled, even = is_coupled(parameters), has_even_terms(parameters)
+        coupled, extra = is_coupled(parameters), has_extra_terms(parameters)
         for i in range(n):
             if tau.shape[0] == 1:
                 for j in range(6):
@@ -375,7 +377,7 @@ def simulate_final(p: Array, state0: Array, tau: Array, dt: float, current: Arra
                         wrench[0, j, k] = tau[run, i, j]
             wrench[1] = wrench[0]
             wrench[2] = wrench[0]
-            step_into(parameters, x, wrench, current, dt, work, coupled, even)
+            step_into(parameters, x, wrench, current, dt, work, coupled, extra)
         for k in range(LANES):
             if first + k < runs:
                 _add_current(x, k, current, 1.0)

@@ -26,7 +26,7 @@ from towtank.recording.standard import MEASURED
 from towtank.simulation import simulate
 from towtank.vehicle import COEFFICIENTS, Posterior, Vehicle, configuration_matrix, index
 from towtank.vehicle.matrices import damping_matrices
-from towtank.vehicle.names import COLUMNS, ROWS
+from towtank.vehicle.names import COLUMNS, KINDS, ROWS
 from towtank.vehicle.posterior import DELAY, GAIN_PREFIX, LAG
 
 __all__ = ["INSTRUMENTS", "RATE", "Forecast", "Instruments", "Outlook", "draws_of", "forecast", "quantity_of"]
@@ -201,12 +201,12 @@ def draws_of(outlook: Outlook, count: int, seed: int = 0) -> tuple[Vehicle, ...]
 
 
 def _braked(vehicle: Vehicle) -> Vehicle:
-    """Return a vehicle whose damping takes energy out: couplings and asymmetries no larger than the drag allows."""
+    """Return a vehicle whose damping takes energy out: couplings and what differs by direction are as drag allows."""
     changes = {}
     for name, each in vehicle.hydrodynamics.items():
         kind, i, _ = index(name)
-        if kind == "asymmetric":
-            most = abs(min(vehicle.coefficient(f"{ROWS[i]}_{COLUMNS[i] * 2}"), 0.0))
+        if (by := KINDS[kind].outweighed_by) is not None:
+            most = abs(min(vehicle.coefficient(KINDS[by].name(i, i)), 0.0))
             changes[name] = float(np.clip(each.value, -most, most))
     couplings = [
         name for name in vehicle.hydrodynamics if index(name)[0] == "linear" and index(name)[1] != index(name)[2]

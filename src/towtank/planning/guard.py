@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.layout import I_CONSTANT
-from towtank.core.rk4 import N_STATES, has_even_terms, is_coupled, step_into
+from towtank.core.rk4 import N_STATES, has_extra_terms, is_coupled, step_into
 from towtank.errors import InputError
 from towtank.planning.braking import PERIOD, Bounds, Brake, brake_into, brake_of
 from towtank.planning.space import Space
@@ -130,7 +130,7 @@ def predict_into(
         x: state (13,). first: forces asked for during the first period (m,) [N].
     """
     m, lanes = memory.force.shape
-    coupled, even = is_coupled(draws.parameters), has_even_terms(draws.parameters)
+    coupled, extra = is_coupled(draws.parameters), has_extra_terms(draws.parameters)
     for k in range(lanes):
         for a in range(N_STATES):
             work.state[a, k] = x[a]
@@ -145,7 +145,7 @@ def predict_into(
             for j in range(m):
                 work.commands[i, j, k] = first[j] if i == 0 else work.command[j]
         _advance_into(draws, brake, memory, work, i, work.force)
-        step_into(draws.parameters, work.state, work.wrench, work.still, PERIOD, work.step, coupled, even)
+        step_into(draws.parameters, work.state, work.wrench, work.still, PERIOD, work.step, coupled, extra)
         for k in range(lanes):
             first_effect = i <= int(draws.delays[k] / PERIOD) + 1
             _clearances_into(bounds, work.state, k, first_effect, work.clear)

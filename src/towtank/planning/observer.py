@@ -16,7 +16,7 @@ import numpy as np
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import quaternion_from_euler
-from towtank.core.rk4 import N_STATES, has_even_terms, is_coupled, step_into
+from towtank.core.rk4 import N_STATES, has_extra_terms, is_coupled, step_into
 from towtank.core.zero_order_hold import ZeroOrderHold, force_integral_into, hold_force, new_zero_order_hold
 from towtank.simulation.inputs import initial_states
 from towtank.vehicle import Vehicle, configuration_matrix
@@ -33,7 +33,7 @@ def _predict_into(p: Array, x: Array, lacking: Array, tau: Array, dt: float) -> 
     for s in range(3):
         for a in range(6):
             wrench[s, a, 0] = tau[a]
-    step_into(p, x, wrench, still, dt, work, is_coupled(p), has_even_terms(p))
+    step_into(p, x, wrench, still, dt, work, is_coupled(p), has_extra_terms(p))
     for a in range(6):
         x[7 + a, 0] += dt * lacking[a]
 

@@ -12,7 +12,7 @@ import numpy as np
 from towtank.core.arrays import Array, kernel, parallel_kernel
 from towtank.core.forces import add_inflow_damping_into
 from towtank.core.layout import I_INFLOW, I_LINEAR, I_QUADRATIC, N_PARAMETERS
-from towtank.core.rk4 import LANES, N_STATES, has_even_terms, is_coupled, step_into
+from towtank.core.rk4 import LANES, N_STATES, has_extra_terms, is_coupled, step_into
 
 __all__ = ["relative_to_water", "simulate_all", "simulate_pieces", "simulate_thrusters"]
 
@@ -42,10 +42,10 @@ def simulate_pieces(p: Array, state0: Array, tau: Array, pieces: Array, current:
     for j in range(N_STATES):
         x[j, 0] = state0[j]
         out[0, j] = state0[j]
-    coupled, even = is_coupled(parameters), has_even_terms(parameters)
+    coupled, extra = is_coupled(parameters), has_extra_terms(parameters)
     for i in range(n):
         for k in range(m):
-            step_into(parameters, x, tau[i * m + k].reshape(3, 6, 1), current, pieces[k], work, coupled, even)
+            step_into(parameters, x, tau[i * m + k].reshape(3, 6, 1), current, pieces[k], work, coupled, extra)
         for j in range(N_STATES):
             out[i + 1, j] = x[j, 0]
     return out
@@ -119,7 +119,7 @@ def simulate_all(p: Array, state0: Array, tau: Array, dt: float, current: Array)
                 parameters[j, k] = p[run, j]
             for j in range(N_STATES):
                 x[j, k] = state0[run, j]
-        coupled, even = is_coupled(parameters), has_even_terms(parameters)
+        coupled, extra = is_coupled(parameters), has_extra_terms(parameters)
         for i in range(n + 1):
             for k in range(min(LANES, runs - first)):
                 for j in range(N_STATES):
@@ -132,7 +132,7 @@ def simulate_all(p: Array, state0: Array, tau: Array, dt: float, current: Array)
                     wrench[0, j, k] = tau[run, i, j]
             wrench[1] = wrench[0]
             wrench[2] = wrench[0]
-            step_into(parameters, x, wrench, current, dt, work, coupled, even)
+            step_into(parameters, x, wrench, current, dt, work, coupled, extra)
     return out
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.vehicle import matrices
-from towtank.vehicle.names import COEFFICIENTS, COLUMNS, ROWS
+from towtank.vehicle.names import COEFFICIENTS, COLUMNS, KINDS, ROWS
 from towtank.vehicle.posterior import coordinate
 from towtank.vehicle.thrusters.curves import Curve, PolynomialCurve
 
@@ -20,7 +20,7 @@ __all__ = ["doubts", "faults"]
 _ROUNDING = 1e-9
 _LARGE_NET_WEIGHT = 0.05
 _FAR = 50.0
-_SPEED = 1.0  # m/s, rad/s, up to which asymmetric drag may not feed energy in
+_SPEED = 1.0  # m/s, rad/s, up to which what differs by direction may not feed energy in
 _BEYOND_DOUBT = 3.0  # standard deviations
 _SAMPLES = 257
 _STALE = 5.0  # deviations that a coefficient may be from its posterior: limits of what is physical move it less
@@ -38,7 +38,7 @@ def doubts(vehicle: Vehicle) -> tuple[str, ...]:
         _net_weight(vehicle)
         + _mirrors(vehicle)
         + _munk(vehicle)
-        + _asymmetry(vehicle)
+        + _outweighed(vehicle)
         + _places(vehicle)
         + _curves(vehicle)
         + _stale(vehicle)
@@ -82,13 +82,13 @@ def _added_mass(vehicle: Vehicle) -> list[str]:
 
 
 def _damping(vehicle: Vehicle) -> list[str]:
-    linear, quadratic = matrices.damping_matrices(_values(vehicle))
+    linear = matrices.matrix_of("linear", _values(vehicle))
     lines = []
-    for matrix, suffix in ((linear, 1), (quadratic, 2)):
-        for i in range(6):
-            if matrix[i, i] > 0.0:
-                name = f"{ROWS[i]}_{COLUMNS[i] * suffix}"
-                lines.append(f"{name} = {matrix[i, i]:+g} is positive: this drag feeds energy in")
+    for kind, row in KINDS.items():
+        drag = np.diag(matrices.matrix_of(kind, _values(vehicle))) if row.damps else np.zeros(6)
+        lines += [
+            f"{row.name(i, i)} = {drag[i]:+g} is positive: this drag feeds energy in" for i in range(6) if drag[i] > 0.0
+        ]
     if not any(np.diag(linear) > 0.0) and _negative(-linear) is not None:
         lines.append(
             "linear damping can feed energy in: the symmetric part of -L is not positive semidefinite"
@@ -98,7 +98,7 @@ def _damping(vehicle: Vehicle) -> list[str]:
 
 
 def _lift(vehicle: Vehicle) -> list[str]:
-    matrix = matrices.forward_speed_matrix(_values(vehicle))
+    matrix = matrices.matrix_of("forward", _values(vehicle))
     return [
         f"{ROWS[i]}_u{COLUMNS[i]} = {matrix[i, i]:+g} is positive: it feeds energy in while the vehicle goes ahead"
         for i in range(6)
@@ -108,7 +108,7 @@ def _lift(vehicle: Vehicle) -> list[str]:
 
 def _munk(vehicle: Vehicle) -> list[str]:
     """Say where the forward-speed terms of a plane feed energy in together, as those that hold the Munk moment do."""
-    matrix = matrices.forward_speed_matrix(_values(vehicle))
+    matrix = matrices.matrix_of("forward", _values(vehicle))
     lines = []
     for plane in ([1, 5], [2, 4]):
         part = matrix[np.ix_(plane, plane)]
@@ -128,17 +128,20 @@ def _inflow(vehicle: Vehicle) -> list[str]:
     return [f"inflow_loss = {value:+g} s/m is negative: thrusters that gain from inflow feed energy in"]
 
 
-def _asymmetry(vehicle: Vehicle) -> list[str]:
+def _outweighed(vehicle: Vehicle) -> list[str]:
     """Say where drag feeds energy in one way: |X_u2| above the quadratic drag and the linear one's share of it."""
-    linear, quadratic = matrices.damping_matrices(_values(vehicle))
+    linear = matrices.matrix_of("linear", _values(vehicle))
     lines = []
-    for i in range(6):
-        name = f"{ROWS[i]}_{COLUMNS[i]}2"
-        value = vehicle.coefficient(name)
-        drag = max(-quadratic[i, i], 0.0) + max(-linear[i, i], 0.0) / _SPEED
-        if abs(value) > drag * (1.0 + _ROUNDING):
-            motion = f"{COLUMNS[i]} = {np.copysign(_SPEED, value):+g} {'m/s' if i < 3 else 'rad/s'}"
-            lines.append(f"{name} = {value:+g} outweighs the drag of its axis: at {motion} it feeds energy in")
+    for row in KINDS.values():
+        if row.outweighed_by is None:
+            continue
+        damping = KINDS[row.outweighed_by]
+        for i, j in row.elements:
+            name, value = row.name(i, j), vehicle.coefficient(row.name(i, j))
+            drag = max(-vehicle.coefficient(damping.name(i, i)), 0.0) + max(-linear[i, i], 0.0) / _SPEED
+            if abs(value) > drag * (1.0 + _ROUNDING):
+                motion = f"{COLUMNS[i]} = {np.copysign(_SPEED, value):+g} {'m/s' if i < 3 else 'rad/s'}"
+                lines.append(f"{name} = {value:+g} outweighs the drag of its axis: at {motion} it feeds energy in")
     return lines
 
 
@@ -185,7 +188,7 @@ def _mirrors(vehicle: Vehicle) -> list[str]:
     values = _values(vehicle)
     return [
         f"{a} = {values[a]:g} and {b} = {values[b]:g} differ: added mass is symmetric, their mean is used"
-        for a, b in matrices.asymmetries(values)
+        for a, b in matrices.unlike_mirrors(values)
     ]
 
 

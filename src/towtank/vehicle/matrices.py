@@ -8,17 +8,17 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.core.layout import address, pack_parameters
-from towtank.vehicle.names import COLUMNS, KINDS, ROWS, index
+from towtank.vehicle.names import COLUMNS, KINDS, ROWS, Kind, index
 
 __all__ = [
     "GRAVITY",
     "added_mass_matrix",
-    "asymmetries",
     "damping_matrices",
     "effective",
-    "forward_speed_matrix",
+    "matrix_of",
     "parameters",
     "singular_row",
+    "unlike_mirrors",
 ]
 
 GRAVITY = 9.81
@@ -46,7 +46,7 @@ def added_mass_matrix(values: Mapping[str, float]) -> Array:
     return matrix
 
 
-def asymmetries(values: Mapping[str, float]) -> list[tuple[str, str]]:
+def unlike_mirrors(values: Mapping[str, float]) -> list[tuple[str, str]]:
     """Return the mirrored pairs of added-mass names that are both given and differ by more than 1e-6 (relative)."""
     pairs = []
     for i in range(6):
@@ -61,22 +61,15 @@ def asymmetries(values: Mapping[str, float]) -> list[tuple[str, str]]:
 
 def damping_matrices(values: Mapping[str, float]) -> tuple[Array, Array]:
     """Return L and Q (6, 6 each) of SNAME derivatives: force = L nu + Q |nu| nu."""
-    linear, quadratic = np.zeros((6, 6)), np.zeros((6, 6))
-    for name, value in values.items():
-        kind, i, j = index(name)
-        if kind == "linear":
-            linear[i, j] = value
-        elif kind == "quadratic":
-            quadratic[i, j] = value
-    return linear, quadratic
+    return matrix_of("linear", values), matrix_of("quadratic", values)
 
 
-def forward_speed_matrix(values: Mapping[str, float]) -> Array:
-    """Return F (6, 6) of the forward-speed derivatives: force = u (F nu)."""
+def matrix_of(kind: Kind, values: Mapping[str, float]) -> Array:
+    """Return the coefficients of a kind, each at its row and column (6, 6)."""
     matrix = np.zeros((6, 6))
     for name, value in values.items():
-        kind, i, j = index(name)
-        if kind == "forward":
+        of, i, j = index(name)
+        if of == kind:
             matrix[i, j] = value
     return matrix
 

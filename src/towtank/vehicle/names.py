@@ -55,6 +55,8 @@ class KindOfCoefficient:
         name: of an element. units: [force in a moment's row?][velocity in an angle's column?].
         words: what an element is. short: the same in two or three words.
         mirrored: whether the transposed element has a name too.
+        damps: whether an element on the diagonal takes energy out where it is negative, and feeds it in where positive.
+        outweighed_by: the damping of its axis beyond which an element, whatever its sign, feeds energy in one way.
     """
 
     code: int
@@ -64,6 +66,8 @@ class KindOfCoefficient:
     words: Callable[[int, int], str]
     short: Callable[[int, int], str]
     mirrored: bool = False
+    damps: bool = False
+    outweighed_by: Kind | None = None
 
 
 def _force(i: int) -> str:
@@ -109,6 +113,7 @@ KINDS: dict[Kind, KindOfCoefficient] = {
         lambda i, j: f"linear damping: {_force(i)} per {COLUMNS[j]}",
         _drag("linear", _linear_name),
         mirrored=True,
+        damps=True,
     ),
     "quadratic": KindOfCoefficient(
         layout.QUADRATIC,
@@ -118,6 +123,7 @@ KINDS: dict[Kind, KindOfCoefficient] = {
         lambda i, j: f"quadratic damping: {_force(i)} per {COLUMNS[j]}|{COLUMNS[j]}|",
         _drag("quadratic", _quadratic_name),
         mirrored=True,
+        damps=True,
     ),
     "constant": KindOfCoefficient(
         layout.CONSTANT,
@@ -158,6 +164,7 @@ KINDS: dict[Kind, KindOfCoefficient] = {
         (("kg/m", "kg/m"), ("kg m^2/rad^2", "kg m^2/rad^2")),
         lambda i, j: f"asymmetric drag: {_force(i)} per {COLUMNS[j]}^2, of the same sign either way",
         lambda i, _: f"{_AXES[i]} asymmetric drag",
+        outweighed_by="quadratic",
     ),
     "inflow": KindOfCoefficient(
         layout.INFLOW,

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -32,7 +32,7 @@ from pydantic import BeforeValidator, ValidationError, model_validator
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
 from towtank.vehicle.base import Numbers, Positive, Record, described, first_line, listed, misplaced, unknown_key
-from towtank.vehicle.names import COEFFICIENTS, ROWS, index, mirror, unit
+from towtank.vehicle.names import COEFFICIENTS, KINDS, ROWS, index, mirror, unit
 from towtank.vehicle.records import Coefficient, Thruster
 
 if TYPE_CHECKING:
@@ -47,8 +47,10 @@ __all__ = [
     "coordinate",
     "drawn",
     "known_unknowns",
+    "named",
     "stated_before",
     "stated_coordinate",
+    "twin",
     "unit_of_unknown",
     "with_coordinates",
 ]
@@ -106,7 +108,7 @@ class Posterior(Record):
         if n == 0:
             raise misplaced("names", "found an empty list, expected one unknown at least")
         for k, name in enumerate(self.names):
-            for other in {name, _twin(name)} & set(self.names[:k]):
+            for other in {name, twin(name)} & set(self.names[:k]):
                 raise misplaced(f"names[{k}]", f'"{name}" stands there already as "{other}"')
         for field in ("mean", "std", "prior_std", "cholesky"):
             count = len(getattr(self, field))
@@ -163,8 +165,8 @@ def known_unknowns(value: Any) -> Any:
         for key in value:
             if not _is_unknown(key):
                 raise unknown_key(str(key), [*COEFFICIENTS, DELAY, LAG])
-            if _twin(key) != key and _twin(key) in value:
-                raise misplaced(str(key), f'stands there already as "{_twin(key)}"')
+            if twin(key) != key and twin(key) in value:
+                raise misplaced(str(key), f'stands there already as "{twin(key)}"')
     return value
 
 
@@ -207,9 +209,14 @@ def stated_coordinate(vehicle: Vehicle, name: str, line: Coefficient) -> tuple[f
     return math.log(total), std / total
 
 
-def _twin(name: str) -> str:
+def twin(name: str) -> str:
     """Return the other name of the same unknown, as `N_vdot` of the added mass `Y_rdot`; the name where it has one."""
     return mirror(name) if name in COEFFICIENTS and index(name)[0] == "mass" else name
+
+
+def named(name: str, names: Container[str]) -> str:
+    """Return the name that an unknown has among these: its own, or its twin."""
+    return twin(name) if name not in names and twin(name) in names else name
 
 
 def _unit_rows(rows: Sequence[Sequence[float]]) -> Array:
@@ -325,7 +332,7 @@ def _gaussian(vehicle: Vehicle) -> tuple[tuple[str, ...], Array, Array]:
         return posterior.names, np.array(posterior.mean), posterior.factor
     names: list[str] = []
     for name in COEFFICIENTS:
-        if vehicle.deviation(name) and _twin(name) not in names:
+        if vehicle.deviation(name) and twin(name) not in names:
             names.append(name)
     if not names:
         raise InputError(
@@ -355,7 +362,7 @@ def _limits(names: Sequence[str]) -> tuple[Array, Array]:
             lower[k] = 0.0
         elif name in COEFFICIENTS:
             kind, i, j = index(name)
-            if kind in ("linear", "quadratic") and i == j:
+            if KINDS[kind].damps and i == j:
                 upper[k] = 0.0
     return lower, upper
 

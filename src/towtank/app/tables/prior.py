@@ -12,8 +12,8 @@ from towtank.app.terminal.output import Output
 from towtank.digits import measured, short, signed_list
 from towtank.identification.model.measurements import SPECIFIC_FORCE
 from towtank.identification.model.parameters import GAIN_PREFIX, LATENCIES, PLACES
-from towtank.identification.model.prior import Body, prior_of
-from towtank.identification.model.terms import AXES
+from towtank.identification.model.prior import prior_of
+from towtank.identification.model.terms import AXES, Body
 from towtank.intervals import interval
 from towtank.vehicle import COEFFICIENTS, Vehicle, index
 from towtank.vehicle.posterior import unit_of_unknown

@@ -25,7 +25,7 @@ from towtank.exporters.heading import Heading
 from towtank.exporters.request import Kept, Request, rounded, stem_of, with_plain_buoyancy
 from towtank.exporters.templates import filled, template
 from towtank.vehicle import PolynomialCurve, Thruster, Vehicle, curve_force, force_range, index
-from towtank.vehicle.matrices import GRAVITY, damping_matrices, forward_speed_matrix
+from towtank.vehicle.matrices import GRAVITY, damping_matrices, matrix_of
 
 __all__ = ["DENSITY", "PROPELLER_INERTIA", "PROPELLER_MASS", "bilinear_of_added_mass", "kept", "written"]
 
@@ -199,7 +199,7 @@ def _hydrodynamics(vehicle: Vehicle, *, plugin: bool) -> Iterator[tuple[str, flo
     values = {name: each.value for name, each in vehicle.hydrodynamics.items()}
     linear, quadratic = (turned_matrix(each) for each in damping_matrices(values))
     terms = np.zeros((6, 6, 6))
-    forward = forward_speed_matrix(values)
+    forward = matrix_of("forward", values)
     terms[:, :, 0] += forward
     for name, value in values.items():
         kind, i, _ = index(name)

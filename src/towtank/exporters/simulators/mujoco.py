@@ -20,7 +20,7 @@ from towtank.exporters.python_text import matrix, number, row, thrusters_text
 from towtank.exporters.request import Kept, Request, with_plain_buoyancy
 from towtank.exporters.templates import filled, template
 from towtank.vehicle import Thruster, Vehicle, configuration_matrix, force_range
-from towtank.vehicle.matrices import GRAVITY, damping_matrices, forward_speed_matrix
+from towtank.vehicle.matrices import GRAVITY, damping_matrices, matrix_of
 from towtank.vehicle.names import COLUMNS, ROWS
 
 __all__ = ["kept", "written"]
@@ -191,7 +191,7 @@ def _module(vehicle: Vehicle, body: _Body, heading: Heading) -> str:
         "added": matrix(turned_matrix(vehicle.mass_matrix) - rigid),
         "linear": matrix(turned_matrix(linear)),
         "quadratic": matrix(turned_matrix(quadratic)),
-        "forward": matrix(turned_matrix(forward_speed_matrix(values))),
+        "forward": matrix(turned_matrix(matrix_of("forward", values))),
         "asymmetry": row(turned_vector([vehicle.coefficient(f"{i}_{j}2") for i, j in zip(ROWS, COLUMNS, strict=True)])),
         "constant": row(turned_vector([vehicle.coefficient(f"{axis}_0") for axis in ROWS])),
         "weight": number(vehicle.weight_minus_buoyancy),

@@ -12,18 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.core.layout import LINEAR, MASS, MOMENT, QUADRATIC, WEIGHT
 from towtank.identification.changes.branch import Kept, Running
 from towtank.identification.kalman.state import JointState, coefficient_std
-from towtank.identification.model.parameters import (
-    GAIN_PREFIX,
-    LINEAR,
-    MASS,
-    MOMENT,
-    QUADRATIC,
-    UNTRANSFORMED,
-    WEIGHT,
-    FreeParameters,
-)
+from towtank.identification.model.parameters import GAIN_PREFIX, UNTRANSFORMED, FreeParameters
 from towtank.identification.model.terms import TERMS
 from towtank.recording.event import Event
 

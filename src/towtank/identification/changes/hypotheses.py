@@ -16,21 +16,12 @@ import numpy as np
 from scipy.special import logsumexp
 
 from towtank.core.arrays import Array
+from towtank.core.layout import MOMENT
 from towtank.identification.changes.branch import Branch, Kept, Running
 from towtank.identification.changes.evidence import InformationIncrement
-from towtank.identification.model.parameters import (
-    DELAY,
-    GAIN_PREFIX,
-    IN_GAIN,
-    LAG,
-    LINEAR,
-    MOMENT,
-    QUADRATIC,
-    UNTRANSFORMED,
-    FreeParameters,
-)
+from towtank.identification.model.parameters import DELAY, GAIN_PREFIX, IN_GAIN, LAG, UNTRANSFORMED, FreeParameters
 from towtank.identification.model.prior import Prior
-from towtank.identification.model.terms import TERMS, body_size
+from towtank.identification.model.terms import TERMS, Body
 from towtank.vehicle import COEFFICIENTS, Vehicle
 
 __all__: list[str] = []
@@ -79,7 +70,7 @@ def steps_of(vehicle: Vehicle, running: Running, wide: Prior) -> Array:
             out[k] = _GAIN_STEP if std.get(name, 0.0) <= _KNOWN * _GAIN_STEP else 0.0
         elif kind in TERMS and std.get(name, np.inf) <= _KNOWN * wide.reference[k]:
             term = TERMS[kind]
-            own = abs(theta[name]) if kind in (LINEAR, QUADRATIC) and i == j else 0.0
+            own = abs(theta[name]) if i == j else 0.0
             out[k] = term.log_step if transform != UNTRANSFORMED else max(term.size_step * size[k], term.log_step * own)
     return out
 
@@ -258,7 +249,7 @@ class ConfigurationMatch:
 
 def _size_of(vehicle: Vehicle, free: FreeParameters) -> Array:
     """Return the size (n,) of the coefficients that are no logarithms; 1 for all others."""
-    body = body_size(vehicle)
+    body = Body(vehicle)
     out = np.ones(len(free))
     for k in range(len(free)):
         kind, i, j, transform = (int(c) for c in free.codes[k])

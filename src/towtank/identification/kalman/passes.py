@@ -58,11 +58,11 @@ from towtank.identification.model.parameters import (
     FreeParameters,
 )
 from towtank.identification.model.prior import Prior
-from towtank.identification.model.terms import DISTURBANCE
+from towtank.identification.model.terms import AHEAD, DISTURBANCE
 from towtank.identification.posterior.physical import Region
 from towtank.recording.frames.rotations import conjugate, rotate
 from towtank.recording.grids.stretches import spread
-from towtank.vehicle import FORWARD_SPEED, Vehicle
+from towtank.vehicle import Vehicle
 
 __all__ = [
     "JointFit",
@@ -251,7 +251,7 @@ def further_unknowns(samples: Sequence[Samples]) -> tuple[str, ...]:
         if any((r, s) in pairs and _same_rows(samples, r, s) for r in device):
             device.add(s)
     late = tuple(LATENCIES[s] for s in (0, 1, 2, 3, 5) if there[s] and s not in device)
-    return (*late, *(PLACES if there[4] else ()), *(FORWARD_SPEED if _goes_ahead(samples) else ()))
+    return (*late, *(PLACES if there[4] else ()), *(AHEAD if _goes_ahead(samples) else ()))
 
 
 def _goes_ahead(samples: Sequence[Samples]) -> bool:

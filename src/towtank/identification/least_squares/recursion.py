@@ -20,22 +20,9 @@ import math
 import numpy as np
 
 from towtank.core.arrays import Array, inlined_kernel, kernel
-from towtank.core.forces import add_even_force_into
+from towtank.core.forces import add_extra_force_into, add_extra_rate_into
 from towtank.core.inertia import bilinear_coriolis_into
-from towtank.core.layout import (
-    FORWARD_COLUMNS,
-    FORWARD_ROWS,
-    I_ASYMMETRY,
-    I_CONSTANT,
-    I_FORWARD,
-    I_LINEAR,
-    I_MASS,
-    I_MASS_INVERSE,
-    I_MOMENT,
-    I_QUADRATIC,
-    I_WEIGHT,
-    N_FORWARD,
-)
+from towtank.core.layout import I_CONSTANT, I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT
 from towtank.core.least_squares import accumulate_into, cubic_increment, hermite_increment
 from towtank.core.zero_order_hold import ZeroOrderHold, force_integral_into, hold_force
 from towtank.identification.least_squares.forgetting import absorb_row, forget_blocks
@@ -61,14 +48,14 @@ _FASTEST = 20.0  # m/s or rad/s, of a simulated instrument
 
 @inlined_kernel
 def _state_force_into(p: Array, mass: Array, nu: Array, k: Array, out: Array) -> None:
-    """Write -C(nu) nu + off-diagonal damping + terms even in nu + restoring terms without a column, (6,)."""
+    """Write -C(nu) nu + off-diagonal damping + extra terms + restoring terms without a column, (6,)."""
     bilinear_coriolis_into(mass, nu, nu, out)
     for i in range(6):
         out[i] = -out[i]
         for j in range(6):
             if j != i:
                 out[i] += (p[I_LINEAR + 6 * i + j] + p[I_QUADRATIC + 6 * i + j] * math.fabs(nu[j])) * nu[j]
-    add_even_force_into(p, nu, 1.0, out)
+    add_extra_force_into(p, nu, 1.0, out)
     out[0] += p[I_WEIGHT] * k[0]
     out[1] += p[I_WEIGHT] * k[1]
     out[2] += p[I_CONSTANT + 2]
@@ -90,11 +77,7 @@ def _state_force_slope_into(
             if j != i:
                 gain = p[I_LINEAR + 6 * i + j] + 2.0 * p[I_QUADRATIC + 6 * i + j] * math.fabs(nu[j])
                 out[i] += gain * nu_dot[j]
-    for n in range(N_FORWARD):
-        c = FORWARD_COLUMNS[n]
-        out[FORWARD_ROWS[n]] += p[I_FORWARD + n] * (nu[0] * nu_dot[c] + nu_dot[0] * nu[c])
-    for i in range(6):
-        out[i] += 2.0 * p[I_ASYMMETRY + i] * nu[i] * nu_dot[i]
+    add_extra_rate_into(p, nu, nu_dot, out)
     out[0] += p[I_WEIGHT] * k_dot[0]
     out[1] += p[I_WEIGHT] * k_dot[1]
     out[3] += p[I_MOMENT + 1] * k_dot[2]

@@ -19,29 +19,12 @@ from __future__ import annotations
 import math
 
 from towtank.core.arrays import Array, kernel
-from towtank.core.forces import add_even_slope_into
+from towtank.core.forces import add_extra_rate_into
 from towtank.core.inertia import bilinear_coriolis_into
-from towtank.core.layout import (
-    I_LINEAR,
-    I_MASS,
-    I_MASS_INVERSE,
-    I_MOMENT,
-    I_QUADRATIC,
-    I_WEIGHT,
-    INFLOW,
-    N_KINDS,
-)
+from towtank.core.layout import I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT, INFLOW, N_KINDS
 from towtank.core.regressor import unit_wrench_into
-from towtank.core.rk4 import N_STATES, has_even_terms, stage_into, step_into
-from towtank.identification.model.terms import (
-    IN_DELAY,
-    IN_GAIN,
-    IN_LAG,
-    LOG,
-    N_FIXED,
-    N_MOVING,
-    Codes,
-)
+from towtank.core.rk4 import N_STATES, has_extra_terms, stage_into, step_into
+from towtank.identification.model.terms import IN_DELAY, IN_GAIN, IN_LAG, LOG, N_FIXED, N_MOVING, Codes
 
 __all__ = ["linearise_into", "step_and_linearise", "turn_by"]
 
@@ -151,7 +134,7 @@ def linearise_into(
 
     # Velocity.
     mass = p[I_MASS:I_MASS_INVERSE].reshape(6, 6)
-    even = has_even_terms(p.reshape(p.shape[0], 1))
+    extra = has_extra_terms(p.reshape(p.shape[0], 1))
     unit = w[1]
     for j in range(6):
         for i in range(6):
@@ -165,8 +148,8 @@ def linearise_into(
         for i in range(6):
             c = p[I_LINEAR + 6 * i + j] + p[I_QUADRATIC + 6 * i + j] * size
             w[0, i] = c - w[0, i] + A[6 + i, _DIST + i]
-        if even:
-            add_even_slope_into(p, nu, j, w[0])
+        if extra:
+            add_extra_rate_into(p, nu, unit, w[0])
         _by_mass(p, A, 6 + j, w[0])
     for i in range(6):
         for j in range(6):
@@ -241,8 +224,8 @@ def step_and_linearise(
         wrench[2, j, 0] = total
     for i in range(N_STATES):
         middle[i, 0] = x[i]
-    even = has_even_terms(parameters)
-    step_into(parameters, lane, wrench, current, h, work[:3], True, even)
+    extra = has_extra_terms(parameters)
+    step_into(parameters, lane, wrench, current, h, work[:3], True, extra)
     for i in range(N_STATES):
         middle[i, 0] = 0.5 * (middle[i, 0] + x[i])
     stage_into(parameters, middle, wrench[0], current, rate, True)

@@ -15,23 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array, kernel
-from towtank.core.layout import (
-    CONSTANT,
-    FORWARD,
-    I_MASS,
-    I_MASS_INVERSE,
-    INFLOW,
-    LINEAR,
-    MASS,
-    MOMENT,
-    N_KINDS,
-    QUADRATIC,
-    WEIGHT,
-    address,
-)
+from towtank.core.layout import I_MASS, I_MASS_INVERSE, INFLOW, MASS, N_KINDS, address
 from towtank.errors import InputError, nearest
 from towtank.identification.model.measurements import SENSORS
 from towtank.identification.model.terms import (
+    AHEAD,
     IN_DELAY,
     IN_GAIN,
     IN_LAG,
@@ -48,8 +36,8 @@ from towtank.vehicle import COEFFICIENTS, Vehicle, index
 from towtank.vehicle.names import KINDS
 
 __all__ = [
-    "CONSTANT",
     "DELAY",
+    "FURTHER",
     "GAIN_PREFIX",
     "IN_DELAY",
     "IN_GAIN",
@@ -58,15 +46,10 @@ __all__ = [
     "IN_PLACE",
     "LAG",
     "LATENCIES",
-    "LINEAR",
-    "MASS",
-    "MOMENT",
     "N_FIXED",
     "N_MOVING",
     "PLACES",
-    "QUADRATIC",
     "UNTRANSFORMED",
-    "WEIGHT",
     "Codes",
     "FreeParameters",
     "free_parameters",
@@ -78,6 +61,7 @@ DELAY, LAG, GAIN_PREFIX = "delay", "lag", "gain_"
 PLACES = ("imu_x", "imu_y", "imu_z")  # m: where the accelerometer is, in the body
 _LAGS = (1e-3, 2.0)  # s: least and largest time constant of the thrusters
 LATENCIES = tuple(f"latency_{sensor.name.replace(' ', '_')}" for sensor in SENSORS)  # [s], of each sensor
+FURTHER = (*LATENCIES, *PLACES, *AHEAD)  # unknown only where data show them
 
 
 @dataclass(frozen=True)
@@ -99,21 +83,9 @@ class FreeParameters:
 
     def theta(self, vehicle: Vehicle, *, delay: float, lag: float) -> Array:
         """Return theta (n,) of a vehicle's coefficients."""
-        out = np.empty(len(self))
-        for k, name in enumerate(self.names):
-            kind = self.codes[k, 0]
-            if kind == IN_DELAY:
-                value = delay
-            elif kind == IN_LAG:
-                value = max(lag, 1e-3)
-            elif kind == IN_GAIN:
-                value = 1.0
-            elif kind in (IN_LATENCY, IN_PLACE):
-                value = 0.0
-            else:
-                value = vehicle.coefficient(name)
-            out[k] = self._theta(k, value)
-        return out
+        usual = {IN_DELAY: delay, IN_LAG: max(lag, 1e-3), IN_GAIN: 1.0, IN_LATENCY: 0.0, IN_PLACE: 0.0}
+        kinds = zip(self.names, self.codes[:, 0].tolist(), strict=True)
+        return self.thetas([usual[kind] if kind in usual else vehicle.coefficient(name) for name, kind in kinds])
 
     def _theta(self, k: int, value: float) -> float:
         transform = self.codes[k, 3]
@@ -123,7 +95,7 @@ class FreeParameters:
             return math.log(max(value, 1e-9))
         return value
 
-    def thetas(self, values: Array) -> Array:
+    def thetas(self, values: Array | Sequence[float]) -> Array:
         """Return theta (n,) of coefficients (n,)."""
         return np.array([self._theta(k, float(value)) for k, value in enumerate(values)])
 
@@ -165,8 +137,15 @@ class FreeParameters:
         inertia = (kind == MASS) & diagonal
         low = np.select([(kind == IN_DELAY) | (kind == INFLOW), kind == IN_LAG], [0.0, _LAGS[0]], -np.inf)
         low[inertia] = np.log(self.rigid[inertia])
-        high = np.select([((kind == LINEAR) | (kind == QUADRATIC)) & diagonal, kind == IN_LAG], [0.0, _LAGS[1]], np.inf)
+        damping = np.isin(kind, [row.code for row in KINDS.values() if row.damps]) & diagonal
+        high = np.select([damping, kind == IN_LAG], [0.0, _LAGS[1]], np.inf)
         return low, high
+
+    @property
+    def forces(self) -> NDArray[np.bool_]:
+        """Which (n,) are forces, or couplings of inertia, as they stand: in proportion to the scale of all forces."""
+        kind = self.codes[:, 0]
+        return np.asarray((kind < N_KINDS) & (kind != INFLOW) & (self.codes[:, 3] == UNTRANSFORMED))
 
     def felt(self, axes: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return which (n,) make or feel motion along these axes (6,) alone: inputs and sensors in any case."""
@@ -176,7 +155,7 @@ class FreeParameters:
                 out[k] = axes[:3].any()
             elif kind in TERMS:
                 _, row, column = TERMS[kind].role(i, j)
-                felt = {row, column, 0 if kind == FORWARD else -1} - {-1}
+                felt = {row, column, 0 if TERMS[kind].where == "ahead" else -1} - {-1}
                 out[k] = all(axes[axis] for axis in felt)
         return out
 
@@ -217,18 +196,15 @@ def free_parameters(vehicle: Vehicle, names: Sequence[str]) -> FreeParameters:
 
 
 def _code(name: str, thrusters: Sequence[str]) -> tuple[int, int, int, int]:
-    if name == DELAY:
-        return IN_DELAY, 0, 0, UNTRANSFORMED
-    if name == LAG:
-        return IN_LAG, 0, 0, UNTRANSFORMED
-    if name in PLACES:
-        return IN_PLACE, PLACES.index(name), 0, UNTRANSFORMED
-    if name in LATENCIES:
-        return IN_LATENCY, LATENCIES.index(name), 0, UNTRANSFORMED
+    if name in (DELAY, LAG):
+        return IN_DELAY if name == DELAY else IN_LAG, 0, 0, UNTRANSFORMED
+    for kind, known in ((IN_PLACE, PLACES), (IN_LATENCY, LATENCIES)):
+        if name in known:
+            return kind, known.index(name), 0, UNTRANSFORMED
     if name.startswith(GAIN_PREFIX):
         return IN_GAIN, thrusters.index(name.removeprefix(GAIN_PREFIX)), 0, LOG
-    kind, i, j = index(name)
-    code = KINDS[kind].code
+    of, i, j = index(name)
+    code = KINDS[of].code
     if code == MASS and j < i:
         i, j = j, i
     return code, i, j, TERMS[code].diagonal if i == j else UNTRANSFORMED

@@ -26,13 +26,12 @@ logarithm that starts far too small it has no gradient and stays there.
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.core.layout import INFLOW, N_KINDS
 from towtank.errors import InputError, nearest
 from towtank.identification.model.parameters import (
     DELAY,
@@ -40,41 +39,27 @@ from towtank.identification.model.parameters import (
     IN_GAIN,
     LAG,
     PLACES,
-    UNTRANSFORMED,
     FreeParameters,
     free_parameters,
     unknowns_of,
 )
-from towtank.vehicle import COEFFICIENTS, FORWARD_SPEED, Vehicle
-from towtank.vehicle.matrices import GRAVITY
-from towtank.vehicle.names import COLUMNS, ROWS, index, mirror
-from towtank.vehicle.posterior import stated_coordinate
+from towtank.identification.model.terms import TERMS, Body, Line, term_of
+from towtank.vehicle import COEFFICIENTS, Vehicle
+from towtank.vehicle.names import COLUMNS, KINDS, ROWS, index
+from towtank.vehicle.posterior import named, stated_coordinate
 from towtank.vehicle.thrusters.curves import is_of_unit_scale
 
-__all__ = ["Body", "Prior", "prior_of"]
+__all__ = ["Prior", "prior_of"]
 
-_WATER = 1000.0  # kg/m^3
-_ADDED = (1.7, 1.6)  # total inertia, of the rigid body's: translation, rotation
-_INERTIA_STD = 0.5  # of ln total inertia
-_COUPLING_STD, _TILT_STD = 0.24, 0.1  # of sqrt(M_i M_j): between a force and a rotation; between two of a kind
-_ARM = 1.7  # of the gyradius
-_SPREAD = 2.0  # of damping, as a share of its mean
-_NET_WEIGHT, _RIGHTING, _RIGHTING_STD, _TRIM_STD = 0.01, 0.02, 0.1, 0.02  # of W, W L
-_CONSTANT = (0.005, 0.01)  # m/s^2, rad/s^2
-_ASYMMETRY_STD = (0.3, 0.03)  # of the quadratic damping; between port and starboard
 _PRIORS_FILE = "the prior's file"
 _STATED = 0.5  # deviation of what the file states without one, as a share of it
 _DELAY, _LAG, _GAIN_STD = (0.08, 0.06), (0.1, 0.08), 0.08
 _LATENCY = (0.05, 0.1)  # s
 _PLACE = 0.1  # m
-_LIFT = 1.0  # of the density times the area of the cube's face and the arms
-_INFLOW = (0.0, 0.15)  # s/m
 _SURER = 0.5  # times the deviation of the scale, below which a force is known by itself
 _NO_SCALE = 1.0  # deviation of the logarithm of a scale of force that nobody measured
-_INERTIAS = ((0, 2), (0, 4), (2, 4), (1, 3), (1, 5), (3, 5))  # couplings of a body that is the same to both sides
 _OTHER_DAMPING = {f"{r}_{c}": f"{r}_{c * 2}" for r, c in zip(ROWS, COLUMNS, strict=True)}
 _OTHER_DAMPING |= {quadratic: linear for linear, quadratic in _OTHER_DAMPING.items()}
-_DAMPINGS = ((1, 5), (5, 1), (2, 4), (4, 2), (1, 3), (3, 1), (0, 4), (4, 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,13 +128,13 @@ class Prior:
         little would agree best where all forces are small (Peelle's puzzle). So c / g is what is kept, and c about
         theta is c_0 g / g_0 (1 + d ln g) to first order; of a c that is far surer than g, c itself.
         """
-        kind, gains = self.free.codes[:, 0], self.free.codes[:, 0] == IN_GAIN
+        gains = self.free.codes[:, 0] == IN_GAIN
         if gains.sum() < 2:  # the gain of one thruster is not the scale of all
             return self.mean, self.covariance
-        forces = (kind < N_KINDS) & (kind != INFLOW) & (self.free.codes[:, 3] == UNTRANSFORMED)
+        forces = self.free.forces
         share = gains / gains.sum()
         away = float(share @ (theta - self.mean))
-        forces &= self.std > _SURER * np.abs(self.mean) * np.sqrt(share @ self.covariance @ share)
+        forces = forces & (self.std > _SURER * np.abs(self.mean) * np.sqrt(share @ self.covariance @ share))
         grown = np.where(forces, np.exp(away), 1.0)
         turn = np.diag(grown) + np.outer(np.where(forces, theta - grown * self.mean, 0.0), share)
         mean = grown * self.mean - np.where(forces, theta, 0.0) * away
@@ -160,73 +145,6 @@ class Prior:
         """The coefficients among the means, by name, in their own units."""
         values = self.free.values(self.mean)
         return {name: float(v) for name, v in zip(self.names, values, strict=True) if name in COEFFICIENTS}
-
-
-@dataclass(frozen=True)
-class Line:
-    """Mean and deviation of one unknown, in its own unit; of one that is log-normal the deviation of the logarithm."""
-
-    mean: float
-    std: float
-    source: str
-
-
-class Body:
-    """The sizes that physics gives a vehicle's coefficients.
-
-    Attributes:
-        rigid: diagonal (6,) of the rigid body's mass matrix; m: its mass [kg]. length: edge of a cube of water of this
-            mass [m]. gyradii: (3,) [m].
-    """
-
-    def __init__(self, vehicle: Vehicle) -> None:
-        rigid = np.diag(vehicle.rigid_body_matrix)
-        self.vehicle, self.rigid, self.m = vehicle, rigid, float(rigid[0])
-        self.length = (self.m / _WATER) ** (1.0 / 3.0)
-        self.weight = self.m * GRAVITY
-        self.total = rigid * np.array([_ADDED[0]] * 3 + [_ADDED[1]] * 3)
-        self.gyradii = np.sqrt(rigid[3:] / self.m)
-        arm = np.concatenate([np.ones(3), _ARM * self.gyradii])
-        area = _WATER * self.length**2
-        self.arm = arm
-        self.quadratic = area * arm**3
-        self.linear = 0.1 * area * arm**2
-
-    def lines(self, *, commands: bool) -> dict[str, Line]:
-        """Return the line of every plausible coefficient."""
-        out: dict[str, Line] = {}
-        for i in range(6):
-            row, column = ROWS[i], COLUMNS[i]
-            kind = "mass" if i < 3 else "inertia about this axis"
-            added = self.rigid[i] - self.total[i]
-            out[f"{row}_{column}dot"] = Line(added, _INERTIA_STD, f"{_ADDED[i > 2]:g} times the rigid body's {kind}")
-        for i in range(6):
-            g, l = self.quadratic[i], self.linear[i]
-            size = "displaced volume" if i < 3 else "displaced volume and radius of gyration"
-            out[f"{ROWS[i]}_{COLUMNS[i]}"] = Line(-l, _SPREAD * l, size)
-            out[f"{ROWS[i]}_{COLUMNS[i] * 2}"] = Line(-g, _SPREAD * g, size)
-        for i, j in _INERTIAS:
-            share = _TILT_STD if (i < 3) == (j < 3) else _COUPLING_STD
-            std = share * math.sqrt(self.total[i] * self.total[j])
-            out[f"{ROWS[i]}_{COLUMNS[j]}dot"] = Line(0.0, std, "a hull that is the same to port and starboard")
-        for i, j in _DAMPINGS:
-            std = math.sqrt(self.linear[i] * self.linear[j])
-            out[f"{ROWS[i]}_{COLUMNS[j]}"] = Line(0.0, std, "a hull that is the same to port and starboard")
-        for i in range(6):
-            std = _ASYMMETRY_STD[i in (1, 3, 5)] * self.quadratic[i]
-            shape = "the same to port and starboard" if i in (1, 3, 5) else "not the same ahead and astern"
-            out[f"{ROWS[i]}_{COLUMNS[i]}2"] = Line(0.0, std, f"a hull that is {shape}")
-        if self.vehicle.thrusters and commands:
-            out["inflow_loss"] = Line(*_INFLOW, "propellers as they usually are")
-        out["W_minus_B"] = Line(0.0, _NET_WEIGHT * self.weight, "a vehicle trimmed to 1 % of its weight")
-        arm = self.weight * self.length
-        out["BG_z"] = Line(_RIGHTING * arm, _RIGHTING_STD * arm, "weight and displaced volume")
-        for name in ("BG_x", "BG_y"):
-            out[name] = Line(0.0, _TRIM_STD * arm, "a vehicle that floats level")
-        for i in (0, 1, 3, 4, 5):
-            std = _CONSTANT[i > 2] * float(self.rigid[i])
-            out[f"{ROWS[i]}_0"] = Line(0.0, std, "thrusters that differ, a tether")
-        return {name: replace(line, source=f"physics: {line.source}") for name, line in out.items()}
 
 
 def prior_of(
@@ -258,7 +176,7 @@ def prior_of(
     supposed = _with_tables(physics, vehicle, beside)
     if beside is None or beside.posterior is not None:
         return _gone_on(supposed, beside or vehicle, vehicle)
-    told = [_named(name, free.names) for name in beside.prior]
+    told = [named(name, free.names) for name in beside.prior]
     told += [name for name in free.names if name in COEFFICIENTS and beside.deviation(name) is not None]
     return _gone_on(supposed, vehicle, vehicle, told)
 
@@ -269,7 +187,7 @@ def _plausible(vehicle: Vehicle, beside: Vehicle | None, *, commands: bool) -> d
     Raises:
         InputError: a table [prior] names what is no unknown of the vehicle.
     """
-    lines = Body(vehicle).lines(commands=commands)
+    lines = _of_size(vehicle, commands=commands)
     known = unknowns_of(vehicle)
     files = [vehicle] if beside is None else [vehicle, beside]
     for each in files:
@@ -278,7 +196,7 @@ def _plausible(vehicle: Vehicle, beside: Vehicle | None, *, commands: bool) -> d
                 raise InputError(f'{each.name}: prior: "{name}" is no unknown of {vehicle.name}{nearest(name, known)}')
     stated = [name for each in files for name in each.prior if name in COEFFICIENTS]
     for name in (*(name for each in files for name in each.hydrodynamics), *stated):
-        if name != "inflow_loss":
+        if term_of(name).where != "commanded":
             lines.setdefault(name, Line(0.0, 0.0, ""))
     lines = {name: _stated(vehicle, name, line) for name, line in lines.items()}
     if beside is not None:
@@ -287,11 +205,30 @@ def _plausible(vehicle: Vehicle, beside: Vehicle | None, *, commands: bool) -> d
     return {name: line for name, line in lines.items() if line.std > 0.0 or name in stated}
 
 
+def _of_size(vehicle: Vehicle, *, commands: bool) -> dict[str, Line]:
+    """Return what the size of the body says of every plausible coefficient: inertias, damping by axis, and the rest."""
+    body, names = Body(vehicle), {row.code: row.name for row in KINDS.values()}
+    there = {"all": True, "ahead": False, "commanded": commands and bool(vehicle.thrusters)}
+    plausible = [names[kind](*at) for kind, term in TERMS.items() if there[term.where] for at in term.plausible]
+    return {name: _physics(body, name) for name in sorted(plausible, key=_order)}
+
+
+def _order(name: str) -> tuple[int, int]:
+    """Return where a coefficient stands among the unknowns; those that are alike keep the order of `TERMS`."""
+    kind, i, j = index(name)
+    if i != j or not KINDS[kind].mirrored:
+        return 2, 0
+    return (0, 0) if kind == "mass" else (1, i)
+
+
+def _physics(body: Body, name: str) -> Line:
+    line = term_of(name).supposed(body, *index(name)[1:])
+    return replace(line, source=f"physics: {line.source}")
+
+
 def _further(vehicle: Vehicle, name: str) -> Line:
-    if name in FORWARD_SPEED:
-        body, (_, i, j) = Body(vehicle), index(name)
-        std = _LIFT * _WATER * body.length**2 * float(body.arm[i] * body.arm[j])
-        return Line(0.0, std, "physics: lift of a hull of this volume")
+    if name in COEFFICIENTS:
+        return _physics(Body(vehicle), name)
     if name in PLACES:
         return Line(0.0, _PLACE, "electronics near the body origin")
     return Line(*_LATENCY, "what sensors need to compute and send")
@@ -321,19 +258,13 @@ def _gone_on(supposed: Prior, of: Vehicle, onto: Vehicle, but: Sequence[str] = (
     learned = of.posterior
     if learned is None:
         return supposed
-    names = [_named(name, supposed.names) for name in learned.names]
+    names = [named(name, supposed.names) for name in learned.names]
     known = [k for k, name in enumerate(names) if name in supposed.names and name not in but]
     rows = [supposed.names.index(names[k]) for k in known]
     gains = {GAIN_PREFIX + name: math.log(ratio) for name, ratio in _gains(of, onto).items()}
     mean = np.array([learned.mean[k] + gains.get(names[k], 0.0) for k in known])
     covariance, reference = learned.covariance[np.ix_(known, known)], np.array(learned.prior_std)[known]
     return supposed.with_rows(rows, mean, covariance, reference, "learned before")
-
-
-def _named(name: str, names: Container[str]) -> str:
-    """Return the name that an unknown has among these: an added-mass coupling has two."""
-    twin = mirror(name) if name in COEFFICIENTS and index(name)[0] == "mass" else name
-    return twin if name not in names and twin in names else name
 
 
 def _says(vehicle: Vehicle, name: str) -> bool:
@@ -345,7 +276,7 @@ def _with_tables(supposed: Prior, vehicle: Vehicle, beside: Vehicle | None) -> P
     """Return what is supposed with the lines of the tables [prior], those of the file beside last."""
     for each, source in ((vehicle, "the vehicle's file"), (beside, _PRIORS_FILE)):
         for name, line in {} if each is None else each.prior.items():
-            row = [k for k, other in enumerate(supposed.names) if other == _named(name, supposed.names)]
+            row = [k for k, other in enumerate(supposed.names) if other == named(name, supposed.names)]
             if row:
                 mean, std = stated_coordinate(vehicle, name, line)
                 said = f"{source}, [prior]" + (f": {line.source}" if line.source else "")

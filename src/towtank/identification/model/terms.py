@@ -21,28 +21,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
-from towtank.core.layout import (
-    ASYMMETRY,
-    CONSTANT,
-    FORWARD,
-    INFLOW,
-    LINEAR,
-    MASS,
-    MOMENT,
-    N_KINDS,
-    QUADRATIC,
-    WEIGHT,
-)
+from towtank.core.layout import ASYMMETRY, CONSTANT, FORWARD, INFLOW, LINEAR, MASS, MOMENT, N_KINDS, QUADRATIC, WEIGHT
 from towtank.errors import InputError, nearest
-from towtank.vehicle import Vehicle
+from towtank.vehicle import COEFFICIENTS, Vehicle, index
+from towtank.vehicle.matrices import GRAVITY
+from towtank.vehicle.names import KINDS
 
 __all__ = [
+    "AHEAD",
     "AXES",
     "C_CONSTANT",
     "C_FORCE",
@@ -55,10 +47,13 @@ __all__ = [
     "N_FIXED",
     "TERMS",
     "Axis",
+    "Body",
     "Candidates",
+    "Line",
     "Term",
     "candidates",
     "paper_names",
+    "term_of",
 ]
 
 IN_DELAY, IN_LAG, IN_GAIN, IN_LATENCY, IN_PLACE = range(
@@ -68,63 +63,126 @@ Codes = NDArray[np.int64]  # (n, 4) kind, row, column and transform of each free
 N_MOVING = 12  # errors of position, attitude and velocity
 N_FIXED = 21  # and of disturbance 6 and current 3; those of the free coefficients follow
 UNTRANSFORMED, LOG = range(2)
-ADDED = 0.6  # of the rigid body's inertia
-_WATER = 1000.0  # kg/m^3
-_GRAVITY = 9.81  # m/s^2
 DISTURBANCE = (0.006,) * 3 + (0.015,) * 3  # m/s^2, rad/s^2: what one does to a vehicle, to begin with
-_LINEAR_SPEED = (0.3, 0.5)  # m/s, rad/s at which a guessed linear damping equals the quadratic one
+
+_WATER = 1000.0  # kg/m^3
 _ARM = 1.7  # times the gyradius: where the force of a hull that turns acts
+_FELT_WITH = 0.6  # of the rigid body: added inertia beside which a vehicle feels a disturbance
+_LINEAR_SPEED = (0.3, 0.5)  # m/s, rad/s at which a guessed linear damping equals the quadratic one
 _INFLOW_LOSS = 0.3  # s/m: thrust gone at 3 m/s
+
+_ADDED = (1.7, 1.6)  # total inertia, of the rigid body's: translation, rotation
+_INERTIA_STD = 0.5  # of ln total inertia
+_COUPLING_STD, _TILT_STD = 0.24, 0.1  # of sqrt(M_i M_j): between a force and a rotation; between two of a kind
+_SPREAD = 2.0  # of damping, as a share of its mean
+_NET_WEIGHT, _RIGHTING, _RIGHTING_STD, _TRIM_STD = 0.01, 0.02, 0.1, 0.02  # of W, W L
+_CONSTANT = (0.005, 0.01)  # m/s^2, rad/s^2
+_ASYMMETRY_STD = (0.3, 0.03)  # of the quadratic damping; between port and starboard
+_INFLOW_STD = 0.15  # s/m
 
 C_LINEAR, C_QUADRATIC, C_RESTORING, C_CONSTANT, C_FORCE, C_LHS = range(6)
 C_MASS = C_FORCE  # among an axis' coefficients, the inertia has the place of the force among its columns
 N_COLUMNS = 6
 
 
-class BodySize(NamedTuple):
-    """What sets the size of a vehicle's coefficients.
+class Body:
+    """The sizes that physics gives a vehicle's coefficients.
 
     Attributes:
-        rigid: diagonal of M_RB (6,). disturbance: a usual one (6,) [N, N m]. length: edge [m] of a cube of water of its
-            mass. weight: [N].
+        rigid: diagonal (6,) of the rigid body's mass matrix; m: its mass [kg]. length: edge of a cube of water of this
+            mass [m]. weight: [N]. gyradii: (3,) [m]. arm: 1 for a translation, the lever arm [m] of hull and fins for a
+            rotation (6,). total: inertia, quadratic, linear: damping, as supposed before any data (6,).
+            disturbance: a usual one (6,) [N, N m].
     """
 
-    rigid: Array
-    disturbance: Array
-    length: float
-    weight: float
+    def __init__(self, vehicle: Vehicle) -> None:
+        rigid = np.diag(vehicle.rigid_body_matrix)
+        self.vehicle, self.rigid, self.m = vehicle, rigid, float(rigid[0])
+        self.length = (self.m / _WATER) ** (1.0 / 3.0)
+        self.weight = self.m * GRAVITY
+        self.total = rigid * np.array([_ADDED[0]] * 3 + [_ADDED[1]] * 3)
+        self.gyradii = np.sqrt(rigid[3:] / self.m)
+        self.arm = np.concatenate([np.ones(3), _ARM * self.gyradii])
+        area = _WATER * self.length**2
+        self.quadratic = area * self.arm**3
+        self.linear = 0.1 * area * self.arm**2
+        self.disturbance = rigid * (1.0 + _FELT_WITH) * np.array(DISTURBANCE)
 
-    def arm(self, axis: int) -> float:
-        """Return 1 for a translation, the lever arm [m] of hull and fins for a rotation."""
-        return 1.0 if axis < 3 else max(_ARM * math.sqrt(self.rigid[axis] / self.rigid[0]), self.length)
+    def drag(self, axis: int) -> float:
+        """Return the typical size of the quadratic damping of an axis."""
+        return float(0.5 * _WATER * self.length**2 if axis < 3 else 0.05 * _WATER * self.length**5)
 
-
-def body_size(vehicle: Vehicle) -> BodySize:
-    """Return what sets the size of the coefficients of a vehicle: its rigid body."""
-    rigid = np.diag(vehicle.rigid_body_matrix)
-    length = (float(rigid[0]) / _WATER) ** (1.0 / 3.0)
-    return BodySize(rigid, usual_disturbance(vehicle), length, _GRAVITY * float(rigid[0]))
-
-
-def usual_disturbance(vehicle: Vehicle) -> Array:
-    """Return levels (6,) [N, N m] of a disturbance that a vehicle of this inertia feels."""
-    inertia = np.diag(vehicle.rigid_body_matrix) * (1.0 + ADDED)
-    return np.asarray(inertia * np.array(DISTURBANCE), dtype=np.float64)
-
-
-def damping_guess(body: BodySize, kind: int, axis: int) -> float:
-    """Return the size of the linear or quadratic damping of an axis."""
-    quadratic = 0.5 * _WATER * body.length**2 if axis < 3 else 0.05 * _WATER * body.length**5
-    return float(quadratic * _LINEAR_SPEED[0 if axis < 3 else 1]) if kind == LINEAR else quadratic
+    def reach(self, axis: int) -> float:
+        """Return 1 for a translation, for a rotation the lever arm [m], at least as long as the body."""
+        return 1.0 if axis < 3 else max(float(self.arm[axis]), self.length)
 
 
-def _damping_size(kind: int) -> Callable[[BodySize, int, int], float]:
-    return lambda body, i, j: 0.5 * math.sqrt(damping_guess(body, kind, i) * damping_guess(body, kind, j))
+@dataclass(frozen=True)
+class Line:
+    """Mean and deviation of one unknown, in its own unit; of one that is log-normal the deviation of the logarithm."""
+
+    mean: float
+    std: float
+    source: str
 
 
-def _lift_size(body: BodySize, i: int, j: int) -> float:
+def _linear_size(body: Body, i: int, j: int) -> float:
+    a, b = (float(body.drag(axis) * _LINEAR_SPEED[axis > 2]) for axis in (i, j))
+    return 0.5 * math.sqrt(a * b)
+
+
+def _lift_size(body: Body, i: int, j: int) -> float:
     """Return half the density times an area times the lever arms: lift whose slope by the angle is about 1."""
-    return 0.5 * _WATER * body.length**2 * body.arm(i) * body.arm(j)
+    return float(0.5 * _WATER * body.length**2 * body.reach(i) * body.reach(j))
+
+
+_DIAGONAL = tuple((i, i) for i in range(6))
+_INERTIAS = ((0, 2), (0, 4), (2, 4), (1, 3), (1, 5), (3, 5))  # couplings of a body that is the same to both sides
+_DAMPINGS = ((1, 5), (5, 1), (2, 4), (4, 2), (1, 3), (3, 1), (0, 4), (4, 0))
+_ALIKE = "a hull that is the same to port and starboard"
+
+
+def _inertia(body: Body, i: int, j: int) -> Line:
+    if i == j:
+        kind = "mass" if i < 3 else "inertia about this axis"
+        added = float(body.rigid[i] - body.total[i])
+        return Line(added, _INERTIA_STD, f"{_ADDED[i > 2]:g} times the rigid body's {kind}")
+    share = _TILT_STD if (i < 3) == (j < 3) else _COUPLING_STD
+    return Line(0.0, share * math.sqrt(body.total[i] * body.total[j]), _ALIKE)
+
+
+def _damping(size: Array, i: int, j: int) -> Line:
+    if i == j:
+        source = "displaced volume" if i < 3 else "displaced volume and radius of gyration"
+        return Line(-size[i], _SPREAD * size[i], source)
+    return Line(0.0, math.sqrt(size[i] * size[j]), _ALIKE)
+
+
+def _lift(body: Body, i: int, j: int) -> Line:
+    std = _WATER * body.length**2 * float(body.arm[i] * body.arm[j])
+    return Line(0.0, std, "lift of a hull of this volume")
+
+
+def _asymmetry(body: Body, i: int, j: int) -> Line:
+    sideways = i in (1, 3, 5)
+    source = _ALIKE if sideways else "a hull that is not the same ahead and astern"
+    return Line(0.0, _ASYMMETRY_STD[sideways] * body.quadratic[i], source)
+
+
+def _moment(body: Body, axis: int, _: int) -> Line:
+    arm = body.weight * body.length
+    if axis == 2:
+        return Line(_RIGHTING * arm, _RIGHTING_STD * arm, "weight and displaced volume")
+    return Line(0.0, _TRIM_STD * arm, "a vehicle that floats level")
+
+
+def _constant(body: Body, i: int, _: int) -> Line:
+    return Line(0.0, _CONSTANT[i > 2] * float(body.rigid[i]), "thrusters that differ, a tether")
+
+
+def _drag_both_ways(axis: int, named: str) -> str:
+    ways = "ahead and astern" if axis == 0 else "one way and the other"
+    return f"{AXES[axis].name} drag differs by {named} {ways}"
 
 
 Part = Literal["inertia", "drag", "weight", "righting"]
@@ -137,23 +195,31 @@ class Term:
     Attributes:
         diagonal: how an element on the diagonal is written, `LOG` or `UNTRANSFORMED`; all others are untransformed.
         size: of an element (row, column) of either sign.
+        plausible: elements that a body of this kind may have. supposed: what is supposed of one before any data.
         role: kind, row and column of an element's part in the model (`posterior.wording.Role`), -1 for no axis.
         part: of the body, that changes with it. size_step, log_step: deviation of such a change, as a share of `size`
             where it is untransformed, of its logarithm where it is one.
-        by_motion: whether motion makes its force, along the axis of its row.
+        where: all vehicles have it, those that go ahead (its force is in proportion to u), or those whose commands to
+            thrusters are known.
         noun: what one is called that is no inertia, damping, constant force or restoring term.
         apart: what tells such a one from another coefficient.
+        beyond: such a one that cannot be right, in words, by its row and its name with value and unit.
+        check: what to check then.
     """
 
     diagonal: int
-    size: Callable[[BodySize, int, int], float]
+    size: Callable[[Body, int, int], float]
+    plausible: tuple[tuple[int, int], ...]
+    supposed: Callable[[Body, int, int], Line]
     role: Callable[[int, int], tuple[str, int, int]]
     part: Part
     size_step: float
     log_step: float = 0.0
-    by_motion: bool = False
+    where: Literal["all", "ahead", "commanded"] = "all"
     noun: str = "coupling"
     apart: str = "motion in which these axes do not move together would tell them apart"
+    beyond: Callable[[int, str], str] | None = None
+    check: str = "check units, signs and the model"
 
 
 def _on_diagonal(kind: str) -> Callable[[int, int], tuple[str, int, int]]:
@@ -164,33 +230,75 @@ TERMS: dict[int, Term] = {
     MASS: Term(
         LOG,
         lambda body, i, j: 0.3 * math.sqrt(body.rigid[i] * body.rigid[j]),
+        (*_DIAGONAL, *_INERTIAS),
+        _inertia,
         _on_diagonal("inertia"),
         "inertia",
         size_step=0.3,
         log_step=0.10,
-        by_motion=True,
     ),
     LINEAR: Term(
         UNTRANSFORMED,
-        _damping_size(LINEAR),
+        _linear_size,
+        (*_DIAGONAL, *_DAMPINGS),
+        lambda body, i, j: _damping(body.linear, i, j),
         _on_diagonal("linear"),
         "drag",
         size_step=0.5,
         log_step=0.25,
-        by_motion=True,
     ),
     QUADRATIC: Term(
         UNTRANSFORMED,
-        _damping_size(QUADRATIC),
+        lambda body, i, j: 0.5 * math.sqrt(body.drag(i) * body.drag(j)),
+        _DIAGONAL,
+        lambda body, i, j: _damping(body.quadratic, i, j),
         _on_diagonal("quadratic"),
         "drag",
         size_step=0.5,
         log_step=0.25,
-        by_motion=True,
+    ),
+    FORWARD: Term(
+        UNTRANSFORMED,  # it damps ahead and drives astern: of either sign
+        _lift_size,
+        KINDS["forward"].elements,
+        _lift,
+        lambda i, j: ("coupling", i, j),
+        "drag",
+        size_step=0.5,
+        where="ahead",
+        noun="forward-speed term",
+        apart="stretches at several speeds ahead would tell them apart",
+    ),
+    ASYMMETRY: Term(
+        UNTRANSFORMED,  # whichever way has more drag
+        lambda body, i, _: 0.5 * body.drag(i),
+        _DIAGONAL,
+        _asymmetry,
+        lambda i, j: ("coupling", i, j),
+        "drag",
+        size_step=0.5,
+        noun="asymmetric drag",
+        apart="motion both ways along this axis would tell them apart",
+        beyond=_drag_both_ways,
+        check="check the thruster curves, which may differ by direction themselves",
+    ),
+    INFLOW: Term(
+        UNTRANSFORMED,  # what data say of one that is nearly nothing may be below it
+        lambda *_: _INFLOW_LOSS,
+        ((0, 0),),
+        lambda *_: Line(0.0, _INFLOW_STD, "propellers as they usually are"),
+        lambda *_: ("coupling", -1, -1),
+        "drag",
+        size_step=0.5,
+        where="commanded",
+        noun="loss of thrust with inflow",
+        apart="the same thrust at several speeds would tell them apart",
     ),
     WEIGHT: Term(
         UNTRANSFORMED,
         lambda body, *_: 0.05 * body.weight,
+        ((0, 0),),
+        lambda body, *_: Line(0.0, _NET_WEIGHT * body.weight, "a vehicle trimmed to 1 % of its weight"),
         lambda *_: ("restoring", 2, -1),
         "weight",
         size_step=0.2,
@@ -198,6 +306,8 @@ TERMS: dict[int, Term] = {
     MOMENT: Term(
         UNTRANSFORMED,
         lambda body, *_: 0.1 * body.weight * body.length,
+        ((2, 0), (0, 0), (1, 0)),
+        _moment,
         lambda axis, _: ("restoring", (4, 3, 3)[axis], -1),
         "righting",
         size_step=0.2,
@@ -205,40 +315,21 @@ TERMS: dict[int, Term] = {
     CONSTANT: Term(
         UNTRANSFORMED,
         lambda body, i, _: 3.0 * body.disturbance[i],
+        tuple((i, 0) for i in (0, 1, 3, 4, 5)),  # in heave it is W - B
+        _constant,
         lambda i, _: ("constant", i, -1),
         "weight",
         size_step=0.5,
     ),
-    FORWARD: Term(
-        UNTRANSFORMED,  # it damps ahead and drives astern: of either sign
-        _lift_size,
-        lambda i, j: ("coupling", i, j),
-        "drag",
-        size_step=0.5,
-        by_motion=True,
-        noun="forward-speed term",
-        apart="stretches at several speeds ahead would tell them apart",
-    ),
-    ASYMMETRY: Term(
-        UNTRANSFORMED,  # whichever way has more drag
-        lambda body, i, _: 0.5 * damping_guess(body, QUADRATIC, i),
-        lambda i, j: ("coupling", i, j),
-        "drag",
-        size_step=0.5,
-        by_motion=True,
-        noun="asymmetric drag",
-        apart="motion both ways along this axis would tell them apart",
-    ),
-    INFLOW: Term(
-        UNTRANSFORMED,  # what data say of one that is nearly nothing may be below it
-        lambda *_: _INFLOW_LOSS,
-        lambda *_: ("coupling", -1, -1),
-        "drag",
-        size_step=0.5,
-        noun="loss of thrust with inflow",
-        apart="the same thrust at several speeds would tell them apart",
-    ),
 }
+
+
+def term_of(name: str) -> Term:
+    """Return the row of a coefficient's kind."""
+    return TERMS[KINDS[index(name)[0]].code]
+
+
+AHEAD = tuple(name for name in COEFFICIENTS if term_of(name).where == "ahead")
 
 
 @dataclass(frozen=True)

@@ -31,14 +31,14 @@ from towtank.identification.kalman.passes import (
 from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
 from towtank.identification.model.parameters import DELAY, LATENCIES
 from towtank.identification.model.prior import prior_of
-from towtank.identification.model.terms import AXES
+from towtank.identification.model.terms import AHEAD, AXES
 from towtank.identification.offline.free_runs import FreeRunVerdict, free_run_verdict
 from towtank.identification.posterior.assembly import Current, LogLearning, Mode
 from towtank.identification.posterior.result import estimate_of, model_of, with_posterior
 from towtank.identification.posterior.thrusters import learned_gains, scale_remarks
 from towtank.recording import Grid, Recording, align
 from towtank.recording.noise import noise_of_rows
-from towtank.vehicle import FORWARD_SPEED, Vehicle
+from towtank.vehicle import Vehicle
 
 __all__ = ["LearningRequest", "joint_problem", "learn_joint"]
 
@@ -94,7 +94,7 @@ def joint_problem(request: LearningRequest) -> JointProblem:
         raise InputError("no recording given, expected at least one")
     samples = tuple(request.samples or (samples_of(recording, vehicle) for recording in request.recordings))
     commands = all(each.commands for each in samples)
-    named = [name for name in request.free or () if name in FORWARD_SPEED]
+    named = [name for name in request.free or () if name in AHEAD]
     more = (*further_unknowns(samples), *named)
     whole = prior_of(vehicle, commands=commands, more=more, beside=request.prior)
     prior = narrowed_to(whole, request.free, delay_given=request.delay is not None)

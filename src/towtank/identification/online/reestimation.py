@@ -33,10 +33,10 @@ from towtank.identification.kalman.passes import (
 )
 from towtank.identification.kalman.state import healthy_snapshot
 from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
-from towtank.identification.model.parameters import LATENCIES, PLACES
+from towtank.identification.model.parameters import FURTHER
 from towtank.identification.model.prior import Prior, prior_of
 from towtank.recording.noise import noise_of_rows
-from towtank.vehicle import FORWARD_SPEED, Vehicle
+from towtank.vehicle import Vehicle
 
 __all__ = ["Found", "Question", "Reestimation", "begun_anew", "caught_up", "is_full"]
 
@@ -65,7 +65,7 @@ class Question:
     def whole(self, kept: Kept | None, *, commands: bool, more: Sequence[str] = ()) -> Prior:
         """Return what is supposed of every plausible coefficient, with what was learned from rows that are gone."""
         known = () if kept is None else kept.names
-        names = [name for name in (*LATENCIES, *PLACES, *FORWARD_SPEED) if name in more or name in known]
+        names = [name for name in FURTHER if name in more or name in known]
         whole = prior_of(self.vehicle, commands=commands, more=names, beside=self.beside)
         return whole if kept is None else _gone_on(whole, kept)
 

@@ -28,11 +28,11 @@ from towtank.identification.kalman.state import (
     recovered,
     restored_state,
 )
-from towtank.identification.model.parameters import LATENCIES, PLACES
+from towtank.identification.model.parameters import FURTHER
 from towtank.identification.online.reestimation import Found, Question, Reestimation, begun_anew, caught_up, is_full
 from towtank.identification.online.schedule import Beside, Schedule
 from towtank.recording.event import Event
-from towtank.vehicle import FORWARD_SPEED, Vehicle, configuration_matrix
+from towtank.vehicle import Vehicle, configuration_matrix
 
 __all__ = ["JointStream"]
 
@@ -239,7 +239,7 @@ class JointStream:
         self._buffer.restore(**rows, starts=plain["buffer"]["starts"])
         if plain["running"] is not None:
             about = plain["running"]
-            sensors = [name for name in about["names"] if name in (*LATENCIES, *PLACES, *FORWARD_SPEED)]
+            sensors = [name for name in about["names"] if name in FURTHER]
             whole = self.question.whole(self.kept, commands=self._buffer.commands, more=sensors)
             running = Running(
                 whole,

@@ -19,22 +19,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Literal
 
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.core.layout import MASS
 from towtank.errors import InputError
-from towtank.identification.model.parameters import IN_DELAY, IN_GAIN, IN_LAG, MASS, FreeParameters
+from towtank.identification.model.parameters import IN_DELAY, IN_GAIN, IN_LAG, FreeParameters
 from towtank.identification.posterior.statistics import conditional_covariance, nearest_point, square_root
 from towtank.identification.posterior.wording import coupling, diagonal, follows, unreachable
 from towtank.vehicle import Vehicle
-from towtank.vehicle.matrices import added_mass_matrix, damping_matrices
-from towtank.vehicle.names import COLUMNS, HYDRODYNAMIC, ROWS
+from towtank.vehicle.matrices import added_mass_matrix, matrix_of
+from towtank.vehicle.names import HYDRODYNAMIC, KINDS
 
 __all__ = ["Region"]
 
-Kind = Literal["added", "inertia", "linear", "quadratic", "ahead", "astern", "loss", "input"]
 _INSIDE = 1e-7  # of the scaled matrix, that bounds on couplings stay inside
 _OUTSIDE = 1e-10  # of the scaled matrix, that counts as a violation
 _LEAST_INERTIA = 1e-3  # of the rigid body's own
@@ -51,11 +50,12 @@ class Family:
     """One matrix A(x) = base + sum x_k basis_k whose quadratic form (cubic for Q) may not be negative.
 
     Attributes:
+        kind: "added", "inertia", "ahead", "astern", "loss", "input", or the kind of damping.
         rows: axes that are checked: their diagonal is free, or known and sound.
         base: (d, d) of these rows. basis: (n, d, d).
     """
 
-    kind: Kind
+    kind: str
     rows: tuple[int, ...]
     base: Array
     basis: Array
@@ -154,18 +154,18 @@ def families(vehicle: Vehicle, names: Sequence[str]) -> tuple[Family, ...]:
     return tuple(found)
 
 
-def _matrices(rigid: Array, values: dict[str, float]) -> dict[Kind, Array]:
-    linear, quadratic = damping_matrices(values)
-    one_way = np.array([values.get(f"{r}_{c}2", 0.0) for r, c in zip(ROWS, COLUMNS, strict=True)])
+def _matrices(rigid: Array, values: dict[str, float]) -> dict[str, Array]:
+    damping = {kind: matrix_of(kind, values) for kind, row in KINDS.items() if row.damps}
+    quadratic = np.diag(damping["quadratic"])
+    one_way = sum(np.diag(matrix_of(kind, values)) for kind, row in KINDS.items() if row.outweighed_by == "quadratic")
     least = _LEAST_INERTIA * np.diag(np.diag(rigid))
     added = added_mass_matrix(values)
     return {
         "added": added,
         "inertia": rigid + added - least,
-        "linear": -linear,
-        "quadratic": -quadratic,
-        "ahead": -np.diag(np.diag(quadratic) + one_way),
-        "astern": -np.diag(np.diag(quadratic) - one_way),
+        **{kind: -matrix for kind, matrix in damping.items()},
+        "ahead": -np.diag(quadratic + one_way),
+        "astern": -np.diag(quadratic - one_way),
         "loss": np.diag([values.get("inflow_loss", 0.0), 0.0, 0.0, 0.0, 0.0, 0.0]),
     }
 
@@ -418,7 +418,7 @@ class _Report:
         """Those that were within their bound and end on it because others move."""
         on_diagonal = np.zeros(len(self.names), dtype=np.bool_)
         for family in found:
-            if family.kind in ("added", "linear", "quadratic", "loss"):
+            if family.kind not in ("inertia", "ahead", "astern"):
                 on_diagonal |= np.einsum("kii->ik", family.basis).any(axis=0)
         out = []
         for k in np.flatnonzero(on_diagonal & (self.x == 0.0) & (self.x0 != 0.0)):

@@ -15,12 +15,12 @@ import numpy as np
 
 from towtank.digits import estimate_text, short
 from towtank.identification.model.parameters import DELAY, GAIN_PREFIX, LAG, LATENCIES, PLACES
-from towtank.identification.model.prior import Body, Prior
-from towtank.identification.model.terms import AXES
+from towtank.identification.model.prior import Prior
+from towtank.identification.model.terms import AXES, Body, term_of
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.recording.consistency import Finding
 from towtank.vehicle import COEFFICIENTS, index, unit
-from towtank.vehicle.names import COLUMNS, Kind
+from towtank.vehicle.names import Kind
 
 __all__ = ["implausible"]
 
@@ -90,7 +90,7 @@ class _Words(Body):
         name, value, std = doubt.name, doubt.value, doubt.std
         if name in COEFFICIENTS:
             kind, i, j = index(name)
-            return _OF_KIND[kind](self, doubt, i, j)
+            return _OF_KIND.get(kind, _Words._other)(self, doubt, i, j)
         if name in (DELAY, LAG):
             what = "from command to thruster" if name == DELAY else "of the thrusters, first order"
             return f"a {name} of {_ms(value, std)} {what}", "check the stamps of the commands, and their rate"
@@ -164,18 +164,16 @@ class _Words(Body):
             f"{_SIGNS}, and trim",
         )
 
-    def _asymmetric(self, doubt: _Doubt, i: int, j: int) -> tuple[str, str]:
-        ways = "ahead and astern" if COLUMNS[i] == "u" else "one way and the other"
-        text = f"{AXES[i].name} drag differs by {doubt.name} {_with_unit(doubt)} {ways}"
-        return text, "check the thruster curves, which may differ by direction themselves"
-
     def _inflow(self, doubt: _Doubt, i: int, j: int) -> tuple[str, str]:
         share = estimate_text(100.0 * abs(doubt.value), 100.0 * doubt.std)
         verb = "lose" if doubt.value > 0.0 else "gain"
         return f"thrusters {verb} {share} % of their thrust per m/s of inflow", "check curves, current and signs"
 
-    def _forward(self, doubt: _Doubt, i: int, j: int) -> tuple[str, str]:
-        return f"the forward-speed term {doubt.name} is {_with_unit(doubt)}", _SIGNS
+    def _other(self, doubt: _Doubt, i: int, j: int) -> tuple[str, str]:
+        term = term_of(doubt.name)
+        if term.beyond is None:
+            return f"the {term.noun} {doubt.name} is {_with_unit(doubt)}", term.check
+        return term.beyond(i, f"{doubt.name} {_with_unit(doubt)}"), term.check
 
     def impossible_inertias(self, learning: LogLearning) -> dict[str, str]:
         """Return the total inertias below the rigid body's own, or far above it, by the names of their added masses."""
@@ -195,8 +193,6 @@ _OF_KIND: dict[Kind, Callable[[_Words, _Doubt, int, int], tuple[str, str]]] = {
     "constant": _Words._constant,
     "weight": _Words._weight,
     "moment": _Words._moment,
-    "forward": _Words._forward,
-    "asymmetric": _Words._asymmetric,
     "inflow": _Words._inflow,
 }
 

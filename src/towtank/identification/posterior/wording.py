@@ -8,8 +8,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from towtank.core.arrays import Array
-from towtank.identification.model.terms import AXES, TERMS, Term
-from towtank.vehicle.names import COEFFICIENTS, COLUMNS, KINDS, ROWS, index, unit
+from towtank.identification.model.terms import AXES, term_of
+from towtank.vehicle.names import COEFFICIENTS, COLUMNS, ROWS, index, unit
 
 __all__ = [
     "not_narrowed",
@@ -45,12 +45,7 @@ def role(name: str) -> Role:
     if name not in COEFFICIENTS:
         return Role("other")
     _, i, j = index(name)
-    return Role(*_term(name).role(i, j))
-
-
-def _term(name: str) -> Term:
-    """Return the row of a coefficient's kind."""
-    return TERMS[KINDS[index(name)[0]].code]
+    return Role(*term_of(name).role(i, j))
 
 
 def not_narrowed(name: str, share: float) -> str:
@@ -58,7 +53,7 @@ def not_narrowed(name: str, share: float) -> str:
     left = f"the data leave {100.0 * min(share, 1.0):.0f} % of the prior's deviation"
     part = role(name)
     if part.kind == "coupling":
-        return f"{left}; {_term(name).apart}"
+        return f"{left}; {term_of(name).apart}"
     if part.kind == "constant":
         return f"{left}; a run over all headings and attitudes would narrow it"
     if part.row < 0:
@@ -116,7 +111,7 @@ def phrase(name: str, names: Collection[str] = ()) -> str:
         both = f"{row}_{column}" in names and f"{row}_{column * 2}" in names
         return f"{part.kind + ' ' if both else ''}{AXES[part.row].name} drag"
     if part.kind == "coupling":
-        return f"the {_term(name).noun} {name}"
+        return f"the {term_of(name).noun} {name}"
     if part.kind == "constant":
         return f"the constant {AXES[part.row].name} {'force' if part.row < 3 else 'moment'}"
     if part.kind == "gain":
@@ -137,10 +132,7 @@ def diagonal(kind: str, row: int, name: str, value: float, std: float, deviation
     if deviations < _NOISE:
         return f"{name} came out as {measured}, {deviations:.1f} deviations beyond what is physical; {held}"
     by = f"by {deviations:.2g} deviations" if deviations < float("inf") else "without any deviation"
-    if kind in ("linear", "quadratic"):
-        what = "drag that feeds energy in"
-        check = f"check the direction of the {_wrench(row)}, the delay, a current or a slow disturbance"
-    elif kind in ("ahead", "astern"):
+    if kind in ("ahead", "astern"):
         what = "drag that feeds energy in one way"
         check = f"a run both ways in {AXES[row].name} would tell both"
     elif kind == "loss":
@@ -149,9 +141,12 @@ def diagonal(kind: str, row: int, name: str, value: float, std: float, deviation
     elif kind == "added":
         what = "an added mass below zero" if row < 3 else "an added inertia below zero"
         check = f"check the {_body(row)} in the file, the thrusters' force scale or the delay"
-    else:
+    elif kind == "inertia":
         what = f"a total inertia {AXES[row].sum_name} below zero"
         check = f"check the direction of the {_wrench(row)} and the delay"
+    else:
+        what = "drag that feeds energy in"
+        check = f"check the direction of the {_wrench(row)}, the delay, a current or a slow disturbance"
     return f"the data pull {name} to {measured}, {what} {by}: {check}; {held}"
 
 
@@ -168,9 +163,7 @@ def coupling(kind: str, names: Sequence[str], before: Array, after: Array, devia
     what = {
         "added": "the added-mass matrix is not positive semidefinite",
         "inertia": "the total mass matrix is not positive definite",
-        "linear": "linear damping feeds energy in",
-        "quadratic": "quadratic damping feeds energy in",
-    }[kind]
+    }.get(kind, f"{kind} damping feeds energy in")
     moves = ", ".join(f"{name} {a:.3g} -> {b:.3g}" for name, a, b in zip(names, before, after, strict=True))
     by = f"by {deviations:.2g} deviations" if deviations < float("inf") else "without any deviation"
     doubt = (

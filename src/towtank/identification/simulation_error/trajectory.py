@@ -27,7 +27,7 @@ import numpy as np
 from towtank.core.arrays import Array, inlined_kernel, kernel
 from towtank.core.forces import add_inflow_damping_into
 from towtank.core.layout import I_INFLOW, I_LINEAR, N_PARAMETERS
-from towtank.core.rk4 import N_STATES, has_even_terms, is_coupled, stage_into, step_into
+from towtank.core.rk4 import N_STATES, has_extra_terms, is_coupled, stage_into, step_into
 from towtank.core.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
 from towtank.identification.data.samples import N_MEASURED
 from towtank.identification.model.linearisation import linearise_into
@@ -255,7 +255,7 @@ def free_run_into(
             hold.lag[:] = max(theta[c], 0.0)
         elif codes[c, 0] == IN_GAIN:
             gain[codes[c, 1]] = math.exp(theta[c])
-    even, loss = has_even_terms(p_lane), p[I_INFLOW] != 0.0
+    extra, loss = has_extra_terms(p_lane), p[I_INFLOW] != 0.0
     space.linear[:] = p[I_LINEAR : I_LINEAR + 36]
     coupled, lagless, clock = loss or is_coupled(p_lane), not (hold.lag > 0.0).any(), hold.clock
     k, n = estimated.shape[0], theta.shape[0]
@@ -296,9 +296,9 @@ def free_run_into(
                 for j in range(N_STATES):
                     middle[j] = x[j]
                 if coupled:
-                    step_into(p_lane, x_lane, wrench_lane, current, h, work, True, even)
+                    step_into(p_lane, x_lane, wrench_lane, current, h, work, True, extra)
                 else:
-                    step_into(p_lane, x_lane, wrench_lane, current, h, work, False, even)
+                    step_into(p_lane, x_lane, wrench_lane, current, h, work, False, extra)
                 if half_way and steady:
                     half_way = False  # the second step of a pair
                     _advance_into(S, D, E, h, 1.5 * h * h, moving)
