@@ -34,11 +34,13 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.core.layout import INFLOW, N_KINDS
 from towtank.errors import InputError, nearest
+from towtank.identification.model.measurements import SENSORS
 from towtank.identification.model.parameters import (
     DELAY,
     GAIN_PREFIX,
     IN_GAIN,
     LAG,
+    LATENCIES,
     PLACES,
     UNTRANSFORMED,
     FreeParameters,
@@ -65,7 +67,6 @@ _ASYMMETRY_STD = (0.3, 0.03)  # of the quadratic damping; between port and starb
 _PRIORS_FILE = "the prior's file"
 _STATED = 0.5  # deviation of what the file states without one, as a share of it
 _DELAY, _LAG, _GAIN_STD = (0.08, 0.06), (0.1, 0.08), 0.08
-_LATENCY = (0.05, 0.1)  # s
 _PLACE = 0.1  # m
 _LIFT = 1.0  # of the density times the area of the cube's face and the arms
 _INFLOW = (0.0, 0.15)  # s/m
@@ -294,7 +295,7 @@ def _further(vehicle: Vehicle, name: str) -> Line:
         return Line(0.0, std, "physics: lift of a hull of this volume")
     if name in PLACES:
         return Line(0.0, _PLACE, "electronics near the body origin")
-    return Line(*_LATENCY, "what sensors need to compute and send")
+    return Line(*SENSORS[LATENCIES.index(name)].latency, "what sensors need to compute and send")
 
 
 def _gain_covariance(vehicle: Vehicle, n: int) -> Array:
