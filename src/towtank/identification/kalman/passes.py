@@ -250,7 +250,7 @@ def further_unknowns(samples: Sequence[Samples]) -> tuple[str, ...]:
     for s in (1, 0):
         if any((r, s) in pairs and _same_rows(samples, r, s) for r in device):
             device.add(s)
-    late = [LATENCIES[s] for s, each in enumerate(SENSORS) if there[s] and s not in device and each.latency[1] > 0.0]
+    late = [LATENCIES[s] for s, each in enumerate(SENSORS) if there[s] and s not in device and each.late]
     return (*late, *(PLACES if there[4] else ()), *(FORWARD_SPEED if _goes_ahead(samples) else ()))
 
 

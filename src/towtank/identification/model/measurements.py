@@ -77,7 +77,7 @@ class Sensor(NamedTuple):
             befits an H that is no unit vector.
         longest_outage: [s] after which samples beyond the gate, three of them, count all the same.
         loose: deviation of a state that is taken from it anew.
-        latency: time from the motion to its stamp and deviation [s], before any data; 0 where it is not asked for.
+        latency: time from the motion to its stamp and deviation [s], before any data. late: whether data tell it.
     """
 
     name: str
@@ -88,6 +88,7 @@ class Sensor(NamedTuple):
     longest_outage: float
     loose: float
     latency: tuple[float, float] = (0.05, 0.1)
+    late: bool = True
 
 
 SENSORS = (  # in the order of `TRIPLES`
@@ -95,7 +96,7 @@ SENSORS = (  # in the order of `TRIPLES`
     Sensor("attitude", 3, 1e-5, True, 3.0, math.inf, 0.1),
     Sensor("velocity", 6, 1e-4, False, 3.0, 0.3, 0.5),
     Sensor("rates", 9, 1e-5, False, 3.0, 0.03, 0.5),
-    Sensor("specific force", -1, 1e-3, False, math.inf, math.inf, 0.0, latency=(0.0, 0.0)),
+    Sensor("specific force", -1, 1e-3, False, math.inf, math.inf, 0.0, late=False),
     Sensor("velocity through the water", 6, 1e-4, False, 3.0, 0.3, 0.5),
 )
 POSITION, ATTITUDE, VELOCITY, RATES, SPECIFIC_FORCE, WATER_VELOCITY = range(6)
