@@ -26,6 +26,7 @@ def test_the_tab_key_offers_commands_options_vehicles_and_files(tmp_path: Path) 
     assert {"seamor"} == set(offered("towtank learn --vehicle sea", folder))
     assert "mine.toml" in offered("towtank validate m", folder)
     assert offered("towtank learn x --method out", folder) == ["output-error"]
+    assert offered("towtank simulate seamor surge-sine --sensors ins", folder) == ["ins", "ins-water"]
     assert "surge-sine" in offered("towtank simulate seamor surge-s", folder)
     assert offered("towtank inspect d", folder) == []  # the shell itself offers files
 

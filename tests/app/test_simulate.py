@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 import towtank as tt
-from towtank.simulation import MANOEUVRES
+from towtank.simulation import MANOEUVRES, SENSORS
 
 from .commands import command, document, refused
 
 
 def test_manoeuvre_list() -> None:
-    entries = document("manoeuvre", "list")["manoeuvres"]
-    assert [entry["name"] for entry in entries] == list(MANOEUVRES)
+    found = document("manoeuvre", "list")
+    assert [entry["name"] for entry in found["manoeuvres"]] == list(MANOEUVRES)
+    assert found["sensors"] == list(SENSORS)
     out = command("manoeuvre", "list").out
     assert "multisine" in out
     assert "tank-session" in out
@@ -87,6 +88,7 @@ def test_output_tells_the_next_command(tmp_path: Path) -> None:
         (["seamor", "yaw-sine", "--duration", "1e9"], "expected at most"),
         (["seamor", "yaw-sine", "--rate", "0"], "--rate: found 0"),
         (["seamor", "yaw-sine", "--delay", "-1"], "--delay: found -1"),
+        (["seamor", "yaw-sine", "--sensors", "mocapp"], 'did you mean "mocap"?'),
         (["seamor", "yaw-sine", "--seed", "-1"], "--seed: found -1"),
         (["seamor", "yaw-sine", "--current", "1,2"], "expected three numbers"),
         (["seamor", "yaw-sine", "--current", "1,b,2"], 'found "b"'),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from towtank.core.arrays import Array
 from towtank.core.attitude import euler_from_quaternion, rotation_from_euler, rotation_from_quaternion
 from towtank.core.rk4 import simulate_run, stage_into
+from towtank.identification import Learner
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels
 from towtank.identification.kalman.state import N_BIASES, N_WAVES, FilterSettings, JointState, new_joint_state
 from towtank.identification.kalman.update import expected_into, inject
@@ -33,7 +35,7 @@ from towtank.identification.model.measurements import (
     unit_error,
 )
 from towtank.identification.model.parameters import LATENCIES, N_FIXED, free_parameters
-from towtank.recording.standard import MEASURED
+from towtank.recording.standard import MEASURED, SAMPLE, STANDARD, TRIPLES
 from towtank.vehicle import load_vehicle
 
 STEP = 1e-6
@@ -210,8 +212,14 @@ def test_the_rotation_to_a_measured_attitude_is_the_shorter_one() -> None:
 
 
 def test_the_table_has_a_row_for_every_column_of_a_recording() -> None:
-    assert tuple(name for sensor in SENSORS for name in sensor.columns) == MEASURED
+    assert len(SENSORS) == len(TRIPLES)
     assert len(MEASURED) == N_MEASURED == len(TYPICAL_NOISE) == len(LEAST_NOISE)
-    assert all(len(sensor.columns) == 3 for sensor in SENSORS)
-    assert all(0.0 < sensor.least < sensor.typical for sensor in SENSORS)
+    assert all(set(columns) <= set(STANDARD) and len(columns) == 3 for columns in TRIPLES)
+    assert all(0.0 < least < typical for least, typical in zip(LEAST_NOISE, TYPICAL_NOISE, strict=True))
     assert all(math.isinf(sensor.longest_outage) or not sensor.offset_stays for sensor in SENSORS)
+    assert all(math.isinf(sensor.reacquire) for sensor in SENSORS if sensor.first_error < 0)
+
+
+def test_the_arguments_of_a_sample_one_after_the_other_are_a_row() -> None:
+    assert tuple(name for names in SAMPLE.values() for name in names) == MEASURED
+    assert set(SAMPLE) < set(inspect.signature(Learner.update).parameters)

@@ -108,16 +108,16 @@ def test_the_grid_has_it_as_velocity_over_ground(run: Recording) -> None:
     values[20:30], values[60] = np.nan, 9.0  # a gap, a spike
     run = run.replace([run["u_w"].with_values(values)])
     grid, expected = align(run, rate=20.0), align(as_ground(run).replace([run["u"].renamed("vn")]), rate=20.0)
-    assert np.array_equal(grid.relative_velocity, expected.velocity[:, :3], equal_nan=True)
+    assert np.array_equal(grid.further, expected.velocity[:, :3], equal_nan=True)
     assert np.array_equal(grid.fresh[:, 15:], expected.fresh[:, 6:9])
-    assert np.isnan(grid.relative_velocity[85:115, 0]).all()
+    assert np.isnan(grid.further[85:115, 0]).all()
     assert "1 spike in u_w" in grid.repairs.details
 
 
 def test_without_it_the_grid_holds_a_single_nan(run: Recording) -> None:
     grid = align(run.without(*RELATIVE_VELOCITY))
-    assert grid.relative_velocity.shape == (len(grid), 3)
-    assert grid.relative_velocity.strides == (0, 0)
+    assert grid.further.shape == (len(grid), 3)
+    assert grid.further.strides == (0, 0)
     assert not grid.fresh[:, 15:].any()
 
 

@@ -39,7 +39,7 @@ from towtank.vehicle import Vehicle
 __all__ = ["AxisVerdict", "Inspection", "inspect_recording"]
 
 _FEWEST_ROWS = 600  # of one part among many
-_SPEEDS = ("speed", "speed through the water", "rate")  # words of a witness that is the speed itself
+_SPEEDS = ("speed", "rate")  # begin the words of a witness that is the speed itself
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class AxisVerdict:
     @property
     def source(self) -> str:
         """Where its speed comes from: "measured", "derived" (from the pose) or "absent"."""
-        if any(each.by in _SPEEDS for each in self.known_by):
+        if any(each.by.startswith(_SPEEDS) for each in self.known_by):
             return "measured"
         return "derived" if any(each.by != "acceleration" for each in self.known_by) else "absent"
 

@@ -20,6 +20,7 @@ from towtank.identification import Estimate, Learner
 from towtank.live.learning import Learnt
 from towtank.recording import Grid
 from towtank.recording.frames.pose_rates import velocity_of_pose
+from towtank.recording.standard import FURTHER
 from towtank.validation import predict
 from towtank.vehicle import Vehicle
 
@@ -132,7 +133,7 @@ def _grid(vehicle: Vehicle, t: Array, rows: Array, seconds: float) -> Grid:
     pose = _between(times, t, rows[:, POSE], turning=True)
     velocity = _between(times, t, rows[:, VELOCITY])
     acceleration = _between(times, t, rows[:, ACCELERATION])
-    relative_velocity = np.full((n, 3), np.nan)
+    further = np.full((n, len(FURTHER)), np.nan)
     voltage = _between(times, t, rows[:, -1:])[:, 0]
     commands, wrench = rows[:, COMMANDS:-1], rows[:, WRENCH]
     commanded = np.isfinite(commands).all(axis=1) if commands.shape[1] else np.zeros(t.size, dtype=bool)
@@ -143,8 +144,8 @@ def _grid(vehicle: Vehicle, t: Array, rows: Array, seconds: float) -> Grid:
         pose=pose,
         velocity=velocity,
         acceleration=acceleration,
-        relative_velocity=relative_velocity,
-        fresh=np.isfinite(np.hstack([pose, velocity, acceleration, relative_velocity])),
+        further=further,
+        fresh=np.isfinite(np.hstack([pose, velocity, acceleration, further])),
         voltage=voltage,
         thrusters=tuple(thruster.name for thruster in vehicle.thrusters),
         command_t=t[commanded],

@@ -18,6 +18,7 @@ from towtank.methods import STREAMING_METHODS
 from towtank.recording import Recording
 from towtank.recording.event import Event
 from towtank.recording.grids.free_motion import free_parts
+from towtank.recording.standard import SAMPLE
 from towtank.vehicle import AnyVehicle, Vehicle, vehicle_of
 
 if TYPE_CHECKING:
@@ -80,6 +81,14 @@ class Learner:
             commands: one per thruster, in force from t on; wrench: X Y Z K M N, likewise. None: unchanged.
             voltage: of the supply, where the thrusters' curves depend on it.
         """
+        given = {"pose": pose, "velocity": velocity, "acceleration": acceleration, "water_velocity": water_velocity}
+        z = np.concatenate([sample_vector(given[name], len(names), name) for name, names in SAMPLE.items()])
+        return self._take(float(t), z, commands, wrench, voltage)
+
+    def _take(
+        self, t: float, z: Array, commands: ArrayLike | None, wrench: ArrayLike | None, voltage: float | None
+    ) -> bool:
+        """Take the row z (18,), in the order of `MEASURED`; see `update`."""
         raise NotImplementedError
 
     def run(self, recording: Recording, *, keep_all: bool = False) -> int:

@@ -1,4 +1,4 @@
-"""By which channels the motion along each axis is known: the one table of it.
+"""By which channels the motion along each axis is known: what `STANDARD` says of each, by axis.
 
 A speed tells it, and so does what it is the rate or the integral of: a depth tells heave, a heading yaw, an
 accelerometer what pushes the body. Learning takes each of these as a measurement.
@@ -12,17 +12,28 @@ from dataclasses import dataclass
 from towtank.digits import joined, short
 from towtank.recording.grids.timing import sampling_rate
 from towtank.recording.recording import Recording
-from towtank.recording.standard import EULER, LINEAR_VELOCITY, MEASURED, POSE, QUATERNION, VELOCITIES, WORLD_VELOCITY
+from towtank.recording.standard import (
+    EULER,
+    LINEAR_VELOCITY,
+    MEASURED,
+    POSE,
+    QUATERNION,
+    STANDARD,
+    VELOCITIES,
+    WORLD_VELOCITY,
+)
 
 __all__ = ["CHANNELS_OF", "AxisKnown", "Witness", "axes_shown", "judged_by", "known_by", "known_text"]
 
+_DIRECT = ("m/s", "rad/s", "m", "rad", "m/s^2")  # units of what shows a motion, the most direct first
 CHANNELS_OF: Mapping[str, Mapping[str, str]] = {  # axis -> channel -> what it is in words, the most direct first
-    "surge": {"u": "speed", "u_w": "speed through the water", "x": "position", "ax": "acceleration"},
-    "sway": {"v": "speed", "v_w": "speed through the water", "y": "position", "ay": "acceleration"},
-    "heave": {"w": "speed", "w_w": "speed through the water", "z": "depth", "az": "acceleration"},
-    "roll": {"p": "rate", "phi": "roll angle"},
-    "pitch": {"q": "rate", "theta": "pitch angle"},
-    "yaw": {"r": "rate", "psi": "heading"},
+    axis: {
+        name: STANDARD[name].shows
+        for unit in _DIRECT
+        for name in MEASURED
+        if (STANDARD[name].axis, STANDARD[name].unit) == (axis, unit)
+    }
+    for axis in ("surge", "sway", "heave", "roll", "pitch", "yaw")
 }
 _MADE_OF = {
     **dict.fromkeys(EULER, QUATERNION),

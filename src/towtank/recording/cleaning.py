@@ -18,7 +18,7 @@ from towtank.recording.channel import Channel
 from towtank.recording.frames.conversion import wrap_angle
 from towtank.recording.grids.timing import gap_limit
 from towtank.recording.recording import Recording
-from towtank.recording.standard import ACCELERATIONS, EULER, LINEAR_VELOCITY, POSITION, RATES, RELATIVE_VELOCITY
+from towtank.recording.standard import TRIPLES
 
 __all__ = ["Kind", "dead_channels", "find_spikes"]
 
@@ -28,7 +28,6 @@ _AGREEMENT = 0.5  # of the spike's height that its neighbours may differ by
 _WINDOW = 15  # samples on either side that make the usual increment
 _MOST = 0.02  # of the samples: with more of them it is the signal's nature, not an accident
 _PASSES = 3
-_GROUPS = (POSITION, EULER, LINEAR_VELOCITY, RATES, ACCELERATIONS, RELATIVE_VELOCITY)
 
 
 def find_spikes(t: Array, x: Array, kind: Kind = "linear", gap: float | None = None) -> NDArray[np.intp]:
@@ -104,7 +103,7 @@ def dead_channels(recording: Recording) -> tuple[str, ...]:
     must have carried noise itself before.
     """
     dead = []
-    for group in _GROUPS:
+    for group in TRIPLES:
         channels = [recording[name].measured for name in group if name in recording]
         noisy = [channel.name for channel in channels if _is_noisy(channel.values)]
         died = [channel for channel in channels if _died(channel, len(channel) - _still_tail(channel))]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from towtank.app.commands.arguments import Json, Map, numbers, output_place, positive_option
-from towtank.app.terminal.completion import manoeuvres, vehicles
+from towtank.app.terminal.completion import manoeuvres, sensor_sets, vehicles
 from towtank.app.terminal.guard import PlainCommand
 from towtank.errors import InputError
 
@@ -37,7 +37,7 @@ def list_manoeuvres(json: Json = False) -> None:
     """
     from towtank.app.terminal.output import Output
     from towtank.digits import short
-    from towtank.simulation import AXES, FORMS, MANOEUVRES
+    from towtank.simulation import AXES, FORMS, MANOEUVRES, SENSORS
 
     output = Output(json=json)
     table = output.table("FORM", "What AXIS does, for a minute unless --duration says otherwise", wrap="What AXIS does")
@@ -54,8 +54,10 @@ def list_manoeuvres(json: Json = False) -> None:
             others.add_row(name, short(found.duration), found.description)
     output.show(others)
     output.line()
+    output.line(f"sensors to simulate it with (--sensors): {', '.join(SENSORS)}")
     output.line("Next: towtank simulate VEHICLE MANOEUVRE -o log.csv", "dim")
-    output.document({"manoeuvres": [{"name": name, **_entry(found)} for name, found in MANOEUVRES.items()]})
+    entries = [{"name": name, **_entry(found)} for name, found in MANOEUVRES.items()]
+    output.document({"manoeuvres": entries, "sensors": list(SENSORS)})
 
 
 def _entry(found: BuiltIn) -> dict[str, object]:
@@ -89,11 +91,13 @@ def simulate(
         float, typer.Option("--rate", metavar="HZ", help="Rate of the commands and of perfect sensors.")
     ] = _DEFAULT_RATE,
     sensors: Annotated[
-        Literal["perfect", "mocap", "ins", "ins-water"],
+        str,
         typer.Option(
             "--sensors",
+            metavar="NAME",
+            autocompletion=sensor_sets,
             help="Sensors: perfect measures everything exactly; mocap is motion capture; ins is an IMU with DVL and "
-            "depth; ins-water adds the speed through the water.",
+            "depth; manoeuvre list names all.",
         ),
     ] = "perfect",
     seed: Annotated[int, typer.Option("--seed", metavar="N", help="The same seed gives the same file.")] = 0,
@@ -144,7 +148,9 @@ def simulate(
         progress("simulating", 0.0)
         from towtank.simulation import OrnsteinUhlenbeck
         from towtank.simulation import simulate as run
+        from towtank.simulation.sensors.presets import sensors_named
 
+        watch = sensors_named(sensors)
         push = OrnsteinUhlenbeck(std=disturbance) if disturbance else None
         start, kept = None, None
         if Path(manoeuvre).suffix == ".toml":
@@ -162,7 +168,7 @@ def simulate(
             **inputs.inputs,
             eta0=start,
             current=water or (0.0, 0.0, 0.0),
-            sensors=sensors,
+            sensors=watch,
             disturbance=push,
             delay=delay,
             seed=seed,

@@ -11,7 +11,7 @@ from pathlib import Path
 import towtank
 from towtank.methods import METHODS, STREAMING_METHODS
 
-__all__ = ["catalog", "manoeuvres", "methods", "streaming_methods", "vehicles"]
+__all__ = ["catalog", "manoeuvres", "methods", "sensor_sets", "streaming_methods", "vehicles"]
 
 _CATALOG = Path(towtank.__file__).parent / "vehicle" / "catalog"
 
@@ -42,6 +42,13 @@ def manoeuvres(incomplete: str) -> list[str]:
 
     names = [name for name in MANOEUVRES if name.startswith(incomplete)]
     return [*names, *_paths(incomplete, lambda path: path.suffix != ".py")]
+
+
+def sensor_sets(incomplete: str) -> list[str]:
+    """Return the sensors that a simulated vehicle may have, by the names of the sets."""
+    from towtank.simulation import SENSORS
+
+    return [name for name in SENSORS if name.startswith(incomplete)]
 
 
 def _paths(incomplete: str, wanted: Callable[[Path], bool]) -> list[str]:

@@ -22,7 +22,7 @@ from towtank.identification.data.samples import Samples
 from towtank.identification.kalman.state import INFORMATION_MEMORY, JointState
 from towtank.identification.kalman.update import update_row
 from towtank.identification.model.linearisation import step_and_linearise, turn_by
-from towtank.identification.model.measurements import ATTITUDE, N_SENSORS, NEVER, WATER_VELOCITY
+from towtank.identification.model.measurements import ATTITUDE, N_SENSORS, NEVER, SPEEDS
 from towtank.identification.model.parameters import IN_GAIN, N_FIXED, N_MOVING
 from towtank.vehicle.matrices import GRAVITY
 
@@ -332,7 +332,9 @@ def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> 
     x[3], x[4], x[5], x[6] = quaternion_from_euler(phi, theta, psi)
     for i in range(3):
         P[3 + i, 3 + i] = _START[1] ** 2
-        speed = z[6 + i] if math.isfinite(z[6 + i]) else z[3 * WATER_VELOCITY + i]
+        speed = math.nan
+        for sensor in SPEEDS:
+            speed = speed if math.isfinite(speed) else z[3 * sensor + i]
         x[7 + i] = speed if math.isfinite(speed) else 0.0
         P[6 + i, 6 + i] = _START[2] ** 2
         measured = math.isfinite(z[9 + i])

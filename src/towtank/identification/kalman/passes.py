@@ -46,7 +46,7 @@ from towtank.identification.kalman.state import (
     forget_surroundings,
     new_joint_state,
 )
-from towtank.identification.model.measurements import shown_axes
+from towtank.identification.model.measurements import SENSORS, shown_axes
 from towtank.identification.model.parameters import (
     DELAY,
     IN_DELAY,
@@ -250,7 +250,7 @@ def further_unknowns(samples: Sequence[Samples]) -> tuple[str, ...]:
     for s in (1, 0):
         if any((r, s) in pairs and _same_rows(samples, r, s) for r in device):
             device.add(s)
-    late = tuple(LATENCIES[s] for s in (0, 1, 2, 3, 5) if there[s] and s not in device)
+    late = [LATENCIES[s] for s, each in enumerate(SENSORS) if there[s] and s not in device and each.late]
     return (*late, *(PLACES if there[4] else ()), *(AHEAD if _goes_ahead(samples) else ()))
 
 

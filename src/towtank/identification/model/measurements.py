@@ -1,4 +1,5 @@
 """Sensors: one row each, and what each of their numbers should show. The joint filter and free runs both read it.
+Channels and usual noise stand in `recording.standard`, which files, links and merging read as well.
 
 Columns of a row of measurements stand sensor by sensor, three of each: column 3 s + k is number k of sensor s. With the
 state x = [position (NED), quaternion, velocity through the water, rates] and errors in the order of
@@ -26,7 +27,7 @@ from numpy.typing import NDArray
 
 from towtank.core.arrays import Array, kernel
 from towtank.recording.axes import axes_shown
-from towtank.recording.standard import MEASURED
+from towtank.recording.standard import MEASURED, QUANTITIES, TRIPLES
 from towtank.vehicle.matrices import GRAVITY
 
 __all__ = [
@@ -38,9 +39,10 @@ __all__ = [
     "N_SENSORS",
     "OFFSET_STAYS",
     "REACQUIRE",
+    "SENSORS",
     "SPECIFIC_FORCE",
+    "SPEEDS",
     "TYPICAL_NOISE",
-    "WATER_VELOCITY",
     "attitude_error",
     "cosine_of_pitch",
     "measurement_row_into",
@@ -67,37 +69,38 @@ class Sensor(NamedTuple):
     """One sensor; numbers in the unit of its columns (m, rad, m/s, rad/s, m/s^2).
 
     Attributes:
-        columns: names of its three channels. first_error: place of the error state that its first number measures.
-        typical: deviation of its noise where nothing tells it. least: of all that is believed.
+        first_error: place of the error state that its first number measures; -1 where H is no unit vector.
+        least: deviation of its noise, of all that is believed.
         offset_stays: what is wrong once stays wrong (a camera that has lost its marker), so that a sensor is accepted
             again only when its samples speak against the offset; else its samples only jump.
-        reacquire: times `FilterSettings.reacquire` until a sensor that still speaks is taken at its word.
+        reacquire: times `FilterSettings.reacquire` until one that still speaks is taken at its word; inf: never, as
+            befits an H that is no unit vector.
         longest_outage: [s] after which samples beyond the gate, three of them, count all the same.
         loose: deviation of a state that is taken from it anew.
-        latency: usual time [s] from the motion to its stamp.
+        latency: time from the motion to its stamp and deviation [s], before any data. late: whether data tell it.
     """
 
     name: str
-    columns: tuple[str, ...]
     first_error: int
-    typical: float
     least: float
     offset_stays: bool
     reacquire: float
     longest_outage: float
     loose: float
-    latency: float = 0.0
+    latency: tuple[float, float] = (0.05, 0.1)
+    late: bool = True
 
 
-SENSORS = (
-    Sensor("position", MEASURED[0:3], 0, 2e-3, 1e-5, True, 1.0, math.inf, 1.0),
-    Sensor("attitude", MEASURED[3:6], 3, 2e-3, 1e-5, True, 3.0, math.inf, 0.1),
-    Sensor("velocity", MEASURED[6:9], 6, 1e-2, 1e-4, False, 3.0, 0.3, 0.5),
-    Sensor("rates", MEASURED[9:12], 9, 3e-3, 1e-5, False, 3.0, 0.03, 0.5),
-    Sensor("specific force", MEASURED[12:15], -1, 5e-2, 1e-3, False, math.inf, math.inf, 0.0),
-    Sensor("velocity through the water", MEASURED[15:18], 6, 1e-2, 1e-4, False, 3.0, 0.3, 0.5),
+SENSORS = (  # in the order of `TRIPLES`
+    Sensor("position", 0, 1e-5, True, 1.0, math.inf, 1.0),
+    Sensor("attitude", 3, 1e-5, True, 3.0, math.inf, 0.1),
+    Sensor("velocity", 6, 1e-4, False, 3.0, 0.3, 0.5),
+    Sensor("rates", 9, 1e-5, False, 3.0, 0.03, 0.5),
+    Sensor("specific force", -1, 1e-3, False, math.inf, math.inf, 0.0, late=False),
+    Sensor("velocity through the water", 6, 1e-4, False, 3.0, 0.3, 0.5),
 )
 POSITION, ATTITUDE, VELOCITY, RATES, SPECIFIC_FORCE, WATER_VELOCITY = range(6)
+SPEEDS = (VELOCITY, WATER_VELOCITY)  # show u v w as they stand in the state, but for a current; the first comes first
 N_SENSORS = len(SENSORS)
 NEVER = -math.inf  # when a sensor was last accepted that has shown nothing since the motion began
 # as kernels read them, by sensor
@@ -107,8 +110,8 @@ REACQUIRE = tuple(each.reacquire for each in SENSORS)
 LONGEST_OUTAGE = tuple(each.longest_outage for each in SENSORS)
 LOOSE = tuple(each.loose for each in SENSORS)
 # by column
-TYPICAL_NOISE = tuple(each.typical for each in SENSORS for _ in each.columns)
-LEAST_NOISE = tuple(each.least for each in SENSORS for _ in each.columns)
+TYPICAL_NOISE = tuple(each.noise for each in QUANTITIES for _ in each.channels)  # where nothing tells it
+LEAST_NOISE = tuple(each.least for each, columns in zip(SENSORS, TRIPLES, strict=True) for _ in columns)
 
 
 @kernel
@@ -117,9 +120,8 @@ def unit_error(sensor: int, k: int, whole: bool) -> int:
 
     That of a velocity over ground is one in water at rest.
     """
-    if sensor == SPECIFIC_FORCE or (sensor == ATTITUDE and not whole):
-        return -1
-    return _FIRST_ERROR[sensor] + k
+    first = _FIRST_ERROR[sensor]
+    return -1 if first < 0 or (sensor == ATTITUDE and not whole) else first + k
 
 
 @kernel

@@ -33,11 +33,13 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
+from towtank.identification.model.measurements import SENSORS
 from towtank.identification.model.parameters import (
     DELAY,
     GAIN_PREFIX,
     IN_GAIN,
     LAG,
+    LATENCIES,
     PLACES,
     FreeParameters,
     free_parameters,
@@ -54,7 +56,6 @@ __all__ = ["Prior", "prior_of"]
 _PRIORS_FILE = "the prior's file"
 _STATED = 0.5  # deviation of what the file states without one, as a share of it
 _DELAY, _LAG, _GAIN_STD = (0.08, 0.06), (0.1, 0.08), 0.08
-_LATENCY = (0.05, 0.1)  # s
 _PLACE = 0.1  # m
 _SURER = 0.5  # times the deviation of the scale, below which a force is known by itself
 _NO_SCALE = 1.0  # deviation of the logarithm of a scale of force that nobody measured
@@ -231,7 +232,7 @@ def _further(vehicle: Vehicle, name: str) -> Line:
         return _physics(Body(vehicle), name)
     if name in PLACES:
         return Line(0.0, _PLACE, "electronics near the body origin")
-    return Line(*_LATENCY, "what sensors need to compute and send")
+    return Line(*SENSORS[LATENCIES.index(name)].latency, "what sensors need to compute and send")
 
 
 def _gain_covariance(vehicle: Vehicle, n: int) -> Array:

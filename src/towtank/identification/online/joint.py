@@ -95,22 +95,9 @@ class JointLearner(Learner):
 
     # -- data in
 
-    def update(
-        self,
-        t: float,
-        *,
-        pose: ArrayLike | None = None,
-        velocity: ArrayLike | None = None,
-        acceleration: ArrayLike | None = None,
-        water_velocity: ArrayLike | None = None,
-        commands: ArrayLike | None = None,
-        wrench: ArrayLike | None = None,
-        voltage: float | None = None,
+    def _take(
+        self, t: float, z: Array, commands: ArrayLike | None, wrench: ArrayLike | None, voltage: float | None
     ) -> bool:
-        """Take the sample of time t [s]; see `Learner.update`."""
-        p, v = sample_vector(pose, 6, "pose"), sample_vector(velocity, 6, "velocity")
-        a, w = sample_vector(acceleration, 3, "acceleration"), sample_vector(water_velocity, 3, "water_velocity")
-        z = np.concatenate([p, v, a, w])
         force: Array | None = None
         if commands is not None:
             c = sample_vector(commands, len(self.vehicle.thrusters), "commands")
@@ -119,8 +106,8 @@ class JointLearner(Learner):
             force = with_absent_zero(sample_vector(wrench, 6, "wrench")[None])[0]
         self._estimate = self._model = None
         if force is not None:
-            self._stream.take_input(float(t), force, commands=commands is not None)
-        return self._stream.take_row(float(t), z) if np.isfinite(z).any() else False
+            self._stream.take_input(t, force, commands=commands is not None)
+        return self._stream.take_row(t, z) if np.isfinite(z).any() else False
 
     def _run(self, recording: Recording) -> int:
         samples, stream = samples_of(prepared(recording, self.vehicle), self.vehicle), self._stream

@@ -83,32 +83,18 @@ class PaperLearner(Learner):
 
     # -- data in
 
-    def update(
-        self,
-        t: float,
-        *,
-        pose: ArrayLike | None = None,
-        velocity: ArrayLike | None = None,
-        acceleration: ArrayLike | None = None,
-        water_velocity: ArrayLike | None = None,
-        commands: ArrayLike | None = None,
-        wrench: ArrayLike | None = None,
-        voltage: float | None = None,
+    def _take(
+        self, t: float, z: Array, commands: ArrayLike | None, wrench: ArrayLike | None, voltage: float | None
     ) -> bool:
-        """Take the sample of time t [s]; see `Learner.update`."""
-        p, v, s = (
-            sample_vector(pose, 6, "pose"),
-            sample_vector(velocity, 6, "velocity"),
-            sample_vector(acceleration, 3, "acceleration"),
-        )
+        p, v, s = z[:6], z[6:12], z[12:15]
         forces = self._forces(commands, wrench, voltage)
         if self._chain is None or self._chain.rows == 0:
             self._prepare(p, v, s)
         if self._chain is None:
             if forces is not None:
-                self._last_input = (float(t), forces)
+                self._last_input = (t, forces)
             return False
-        return self._chain.step(float(t), p, v, s, forces) > 0.0
+        return self._chain.step(t, p, v, s, forces) > 0.0
 
     def push(self, t: float, forces: Array, *, commands: bool) -> None:
         """Take the steady forces (m,) asked for from t [s] on, of the thrusters or (not `commands`) the wrench."""

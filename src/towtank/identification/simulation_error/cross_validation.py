@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.identification.data.samples import N_MEASURED, Samples
-from towtank.identification.model.measurements import shown_axes
+from towtank.identification.model.measurements import SPEEDS, shown_axes
 from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
 from towtank.identification.simulation_error.segments import CandidateModel, Knowledge
 from towtank.identification.simulation_error.trajectory import STEP
+from towtank.recording.axes import CHANNELS_OF
 from towtank.recording.grids.stretches import Stretch, cuts
+from towtank.recording.standard import ACCELERATIONS, MEASURED
 from towtank.vehicle import Vehicle
 from towtank.vehicle.names import ROWS
 
@@ -98,7 +100,7 @@ def fit_percent(errors: Array, spread: Array, columns: Sequence[int]) -> float:
 
 
 def columns_of(names: Sequence[str]) -> tuple[int, ...]:
-    """Return the columns that show the axes whose coefficients are free: pose, speed, and speed through the water."""
+    """Return the columns that show the axes whose coefficients are free, but for the specific force."""
     axes = set()
     for name in names:
         if name[0] in ROWS and name[1:2] == "_":
@@ -107,7 +109,8 @@ def columns_of(names: Sequence[str]) -> tuple[int, ...]:
             axes |= {3, 4}
         elif name == "W_minus_B":
             axes.add(2)
-    return (*sorted(axes), *(6 + i for i in sorted(axes)), *(15 + i for i in sorted(axes) if i < 3))
+    shown = {name for i, channels in enumerate(CHANNELS_OF.values()) if i in axes for name in channels}
+    return tuple(j for j, name in enumerate(MEASURED) if name in shown and name not in ACCELERATIONS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,7 +264,7 @@ def _informative(columns: Sequence[int], measured: Array) -> tuple[int, ...]:
     hang on the whole pose, and specific force, which hangs on everything, is not run over where there is anything else.
     """
     axes = [j - 6 for j in columns if 6 <= j < 12]
-    speeds = {i: 15 + i if i < 3 and measured[15 + i] and not measured[6 + i] else 6 + i for i in axes}
+    speeds = {i: next((3 * s + i for s in SPEEDS if i < 3 and measured[3 * s + i]), 6 + i) for i in axes}
     chosen = {j for j in speeds.values() if measured[j]} | {3, 4, 5}
     if any(i < 3 and not measured[speeds[i]] for i in axes):
         chosen |= {0, 1, 2}

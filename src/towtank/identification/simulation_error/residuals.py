@@ -194,8 +194,10 @@ def absorb_row_into(
             else:
                 measurement_row_into(x, space.current, False, sensor, k, whole, h)
                 for c in range(S.shape[1]):
-                    J[0, c] = h[3] * S[3, c] + h[4] * S[4, c] + h[5] * S[5, c]
-                h[3], h[4], h[5] = 0.0, 0.0, 0.0
+                    J[0, c] = 0.0
+                    for a in range(12):
+                        J[0, c] += h[a] * S[a, c]
+                h[:12] = 0.0
             _absorb_into(J[0], residual, column, weighing, sums)
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import euler_rates_matrix, quaternions_from_eulers, rotation_from_euler
 from towtank.identification.data.samples import N_MEASURED, Samples
+from towtank.identification.model.measurements import SPEEDS
 from towtank.identification.model.parameters import FreeParameters
 from towtank.vehicle import Vehicle
 
@@ -179,8 +180,9 @@ def _state(value: Array, slope: Array) -> Array:
     turning: Array = np.zeros(3)
     if math.cos(angles[1]) > _UPRIGHT:
         turning[:] = np.linalg.solve(euler_rates_matrix(angles[0], angles[1]), np.nan_to_num(slope[3:6]))
-    derived = np.concatenate([np.where(np.isnan(value[15:18]), speed, value[15:18]), turning])
-    state[7:13] = np.where(np.isnan(value[6:12]), derived, value[6:12])
+    for shown in (value[3 * sensor : 3 * sensor + 3] for sensor in reversed(SPEEDS)):
+        speed = np.where(np.isnan(shown), speed, shown)
+    state[7:10], state[10:] = speed, np.where(np.isnan(value[9:12]), turning, value[9:12])
     return state
 
 

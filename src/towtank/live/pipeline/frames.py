@@ -19,12 +19,10 @@ from towtank.live.links.source import Sample
 from towtank.recording.frames.conversion import POSITION_OF_ENU, REVERSED_BY_FLU, convert_euler, convert_quaternion
 from towtank.recording.frames.lever_arm import origin_position, origin_velocity
 from towtank.recording.mapping import Marker
-from towtank.recording.standard import EULER, LINEAR_VELOCITY, POSITION, QUATERNION, RELATIVE_VELOCITY, WORLD_VELOCITY
+from towtank.recording.standard import EULER, LINEAR_VELOCITY, POSITION, QUANTITIES, QUATERNION, RATES, WORLD_VELOCITY
 
 __all__ = ["BodyVelocity", "MarkerArm", "to_ned_frd"]
 
-_RATES = ("p", "q", "r")
-_BODY_RATES = ("p", "q", "r")
 _OLDEST = 0.3  # s between a velocity and the attitude that turns it
 _Vector = tuple[float, float, float]
 
@@ -72,14 +70,15 @@ class MarkerArm:
             self._q = tuple(sample[name] for name in QUATERNION)
         elif all(name in sample for name in EULER):
             self._q = quaternion_from_euler(*(sample[name] for name in EULER))
-        if all(name in sample for name in _RATES):
-            self._rates = tuple(sample[name] for name in _RATES)
+        if all(name in sample for name in RATES):
+            self._rates = tuple(sample[name] for name in RATES)
         if "position" in self._of:
             _move(out, POSITION, origin_position(np.zeros(3), np.array(self._q), self._arm) if self._q else None)
         if "velocity" in self._of:
             arm = origin_velocity(np.zeros(3), np.array(self._rates), self._arm) if self._rates else None
-            _move(out, LINEAR_VELOCITY, arm)
-            _move(out, RELATIVE_VELOCITY, arm)
+            for quantity in QUANTITIES:
+                if quantity.swept:
+                    _move(out, quantity.channels, arm)
         return out
 
 
@@ -122,8 +121,8 @@ class BodyVelocity:
         return replace(sample, names=tuple(known), values=tuple(known.values()))
 
     def _remember(self, known: dict[str, float], t: float) -> None:
-        if _BODY_RATES[0] in known:
-            rates = tuple(known[name] for name in _BODY_RATES)
+        if RATES[0] in known:
+            rates = tuple(known[name] for name in RATES)
             if all(map(math.isfinite, rates)):
                 self._rates = rates  # type: ignore[assignment]
         if QUATERNION[0] in known:

@@ -18,23 +18,17 @@ from towtank.recording.standard import (
     COMMAND_PREFIX,
     EULER,
     QUATERNION,
-    RELATIVE_VELOCITY,
+    SAMPLE,
     STATES,
     WORLD_VELOCITY,
+    WRENCH,
     is_standard,
 )
 from towtank.vehicle import Vehicle
 
 __all__ = ["Instants", "Row", "rows_of"]
 
-_PLACE = {
-    **{name: ("pose", k) for k, name in enumerate(("x", "y", "z", "phi", "theta", "psi"))},
-    **{name: ("velocity", k) for k, name in enumerate(("u", "v", "w", "p", "q", "r"))},
-    **{name: ("acceleration", k) for k, name in enumerate(("ax", "ay", "az"))},
-    **{name: ("water_velocity", k) for k, name in enumerate(RELATIVE_VELOCITY)},
-    **{name: ("wrench", k) for k, name in enumerate(("X", "Y", "Z", "K", "M", "N"))},
-}
-_SIZE = {"pose": 6, "velocity": 6, "acceleration": 3, "water_velocity": 3}
+_PLACE = {name: (group, k) for group, names in {**SAMPLE, "wrench": WRENCH}.items() for k, name in enumerate(names)}
 _TOGETHER = 1e-6  # s: stamps closer than this are one instant
 Row = tuple[float, tuple[str, ...], tuple[float, ...]]  # t [s], names, values
 
@@ -102,7 +96,7 @@ class Instants:
     def _vector(out: dict[str, Any], group: str) -> Array:
         found: Array | None = out.get(group)
         if found is None:
-            found = out[group] = np.full(_SIZE[group], np.nan)
+            found = out[group] = np.full(len(SAMPLE[group]), np.nan)
         return found
 
     def _attitude(self, sample: Mapping[str, float], out: dict[str, Any]) -> None:

@@ -20,7 +20,20 @@ from towtank.readers import recognised
 from towtank.readers.common.column_names import Suggestion, suggestion
 from towtank.readers.common.tables import Tables
 from towtank.recording.grids.timing import sampling_rate
-from towtank.recording.standard import QUATERNION, STANDARD, is_command
+from towtank.recording.standard import (
+    ACCELERATIONS,
+    EULER,
+    FURTHER,
+    LINEAR_VELOCITY,
+    POSITION,
+    QUANTITIES,
+    QUATERNION,
+    RATES,
+    STANDARD,
+    WORLD_VELOCITY,
+    WRENCH,
+    is_command,
+)
 
 __all__ = ["Skeleton", "mapping_skeleton"]
 
@@ -41,17 +54,16 @@ _FEW = 12  # fields of a message that are listed with their ranges
 _COLUMN = 44  # where comments begin
 _WIDTH = 110
 _GROUPS = (
-    ("position", ("x", "y", "z")),
-    ("attitude: Euler angles, or a quaternion", ("phi", "theta", "psi", "qw", "qx", "qy", "qz")),
-    ("velocity over ground, along the body", ("u", "v", "w")),
-    ("velocity over ground, along the world's axes", ("vn", "ve", "vd")),
-    ("velocity through the water, along the body", ("u_w", "v_w", "w_w")),
-    ("angular rates", ("p", "q", "r")),
-    ("specific force, as an accelerometer measures it", ("ax", "ay", "az")),
-    ("force and moment of the thrusters, where they are recorded", ("X", "Y", "Z", "K", "M", "N")),
+    ("position", POSITION),
+    ("attitude: Euler angles, or a quaternion", EULER + QUATERNION),
+    ("velocity over ground, along the body", LINEAR_VELOCITY),
+    ("velocity over ground, along the world's axes", WORLD_VELOCITY),
+    *((f"{each.name}, along the body", each.channels) for each in QUANTITIES if each.channels[0] in FURTHER),
+    ("angular rates", RATES),
+    ("specific force, as an accelerometer measures it", ACCELERATIONS),
+    ("force and moment of the thrusters, where they are recorded", WRENCH),
     ("supply", ("voltage",)),
 )
-_ANGLES = ("phi", "theta", "psi")
 _USUAL = tuple(names for _, names in _GROUPS if names[0] in ("x", "phi", "u", "p", "ax"))  # asked for where absent
 
 
@@ -153,7 +165,7 @@ def mapping_skeleton(path: Path) -> Skeleton:
     named = {each.column.source for each in (*shown, *thrusters)}
     lines += _rest_lines(tables, named)
     over = {"u", "v"} <= chosen.keys()
-    left_out = {*(_GROUPS[3][1] if over else ()), *(() if single else ("t",))}
+    left_out = {*(WORLD_VELOCITY if over else ()), *(() if single else ("t",))}
     suggested = {name: each.column.source for name, each in chosen.items() if name not in left_out}
     columns = tuple(column.source for table in tables for column in table.columns)
     return Skeleton("\n".join(lines) + "\n", suggested, tuple(each.column.source for each in thrusters), columns)
@@ -282,7 +294,7 @@ def _channel_lines(ranked: dict[str, list[_Candidate]], chosen: dict[str, _Candi
             continue
         unit = "" if is_command(names[0]) else f" [{STANDARD[names[0]].unit}]"
         out += ["", f"# {title}{unit}"]
-        instead = names == _GROUPS[3][1] and {"u", "v"} <= chosen.keys()  # one velocity over ground is enough
+        instead = names == WORLD_VELOCITY and {"u", "v"} <= chosen.keys()  # one velocity over ground is enough
         for name in names:
             if name not in ranked and names in _USUAL and name not in QUATERNION:
                 out.append(f'# {name} = ""')
@@ -302,9 +314,9 @@ def _scale(each: _Candidate) -> tuple[float, str]:
     if said.unit:
         return said.scale, f", in {said.unit}" if said.scale != 1.0 else ""
     most = float(np.abs(values).max()) if values.size else 0.0
-    if said.channel in _ANGLES:
+    if said.channel in EULER:
         return _scale_of_angles(each)
-    if said.channel in ("p", "q", "r") and most > _FAST:
+    if said.channel in RATES and most > _FAST:
         return (1e-3, ": thousandths of rad/s?") if "gyro" in each.column.path.lower() else (_DEGREE, ": degrees/s?")
     if said.channel == "az" and values.size:
         usual = float(np.median(np.abs(values)))
@@ -320,7 +332,7 @@ def _scale_of_angles(each: _Candidate) -> tuple[float, str]:
 
     A calm vehicle's roll and pitch are small in any unit; its heading still goes round.
     """
-    most = {name: _most(each, name) for name in _ANGLES}
+    most = {name: _most(each, name) for name in EULER}
     pitch, largest = most["theta"], max(most.values())
     if largest > _MANY_TURNS or (pitch > _STEEP if pitch else largest > _TURN):
         return 0.01 * _DEGREE, ": hundredths of a degree?"

@@ -4,29 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.recording.columns import MINIMUM_SAMPLES
+from towtank.recording.standard import QUANTITIES as MOTION_QUANTITIES
+from towtank.recording.standard import QuantityName
 from towtank.recording.tables.gate import is_plausible
 
 __all__ = ["QUANTITIES", "Choice", "Quantity", "Source", "choose"]
 
-Quantity = Literal[
-    "position",
-    "depth",
-    "attitude",
-    "velocity",
-    "velocity through the water",
-    "rates",
-    "specific force",
-    "wrench",
-    "commands",
-    "voltage",
-]
-QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
+Quantity = QuantityName | Literal["wrench", "commands", "voltage"]
+QUANTITIES: tuple[Quantity, ...] = (*(each.name for each in MOTION_QUANTITIES), "wrench", "commands", "voltage")
 _WORTH = 4.0  # a source one step farther from the sensor has to be this many times as fast
 _EQUAL = 0.9  # of the best score is as good
 
@@ -38,7 +29,7 @@ class Source:
     Attributes:
         table: name of the table.
         quantity: what it is; of each quantity one source is used. "position" is x y, "depth" is z, "velocity" is u v w
-            or vn ve vd, "velocity through the water" u_w v_w w_w, "attitude" phi theta psi or qw qx qy qz.
+            or vn ve vd, "attitude" phi theta psi or qw qx qy qz; the others as `standard.QUANTITIES` says.
         t: times (n,) [s] in the order received.
         channels: standard name -> values (n,), NaN where not measured; units and frames are the standard ones.
         distance: steps between the sensor and this table: 0 the sensor's own reading, 1 a reading that was corrected

@@ -16,11 +16,12 @@ from towtank.readers.common.sources import Source
 from towtank.readers.common.tables import Table
 from towtank.recording.columns import assemble
 from towtank.recording.consistency.rates import rate_scales
+from towtank.recording.standard import QUANTITIES
 
 __all__ = ["judged"]
 
 _MINIMUM = 4  # samples from which anything is judged
-_MOTION = ("position", "depth", "attitude", "velocity", "velocity through the water", "rates", "specific force")
+_MOTION = tuple(each.name for each in QUANTITIES)
 _SURFACE = -6.0  # m: a depth above the air of the highest lakes; what was read is no absolute pressure
 _UNSURE = 0.5  # m/s: a velocity that says of itself that it is worse is none
 _AIDS = re.compile(r"dvl|vision_pose|vision_speed|odometry/out|mocap|vrpn|qualisys|optitrack|vicon|usbl|optical_flow")

@@ -18,7 +18,7 @@ from towtank.recording.channel import Channel, standard_channel
 from towtank.recording.frames.rotations import multiply
 from towtank.recording.grids.timing import quaternion_samples
 from towtank.recording.recording import Recording
-from towtank.recording.standard import EULER, POSITION, QUATERNION
+from towtank.recording.standard import EULER, POSITION, QUATERNION, STANDARD, TRIPLES, WRENCH
 
 __all__ = [
     "POSITION_OF_ENU",
@@ -33,7 +33,9 @@ __all__ = [
 
 _NED_ENU = np.array([0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0])
 _FLU_FRD = np.array([0.0, 1.0, 0.0, 0.0])
-REVERSED_BY_FLU = frozenset(("v", "w", "q", "r", "ay", "az", "v_w", "w_w", "Y", "Z", "M", "N"))
+REVERSED_BY_FLU = frozenset(
+    name for names in (*TRIPLES, WRENCH[:3], WRENCH[3:]) if STANDARD[names[0]].frame == "FRD" for name in names[1:]
+)
 POSITION_OF_ENU = {"x": ("y", 1.0), "y": ("x", 1.0), "z": ("z", -1.0)}
 
 

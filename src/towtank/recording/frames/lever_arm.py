@@ -13,11 +13,11 @@ from towtank.recording.channel import Channel
 from towtank.recording.frames.rotations import align_signs, rotate
 from towtank.recording.grids.timing import common_samples, interpolation_weights, quaternion_samples
 from towtank.recording.recording import Recording
-from towtank.recording.standard import EULER, LINEAR_VELOCITY, POSITION, QUATERNION, RATES, RELATIVE_VELOCITY
+from towtank.recording.standard import EULER, POSITION, QUANTITIES, QUATERNION, RATES
 
 __all__ = ["marker_to_origin", "origin_position", "origin_velocity"]
 
-_AXIS = {name: k for names in (LINEAR_VELOCITY, RELATIVE_VELOCITY) for k, name in enumerate(names)}
+_AXIS = {name: k for each in QUANTITIES if each.swept for k, name in enumerate(each.channels)}
 
 
 def origin_position(position: Array, q: Array, marker: Array) -> Array:
@@ -52,7 +52,7 @@ def marker_to_origin(
     gap, and samples of the marker for which they are unknown are left out.
 
     Args:
-        recording: in NED and FRD, `x y z`, `u v w` and `u_w v_w w_w` of the marker.
+        recording: in NED and FRD, `x y z` and speeds (`u v w` and what else is swept) of the marker.
         marker: the marker in the body (3,) [m], FRD.
         of: "position", "velocity" or both.
 

@@ -36,7 +36,7 @@ _PARTS = {
     "pose": slice(0, 6),
     "velocity": slice(6, 12),
     "acceleration": slice(12, 15),
-    "relative_velocity": slice(15, 18),
+    "further": slice(15, None),
 }
 
 

@@ -100,9 +100,9 @@ class Grid:
         pose: x y z [m, NED] and phi theta psi [rad] (n, 6), phi and psi unwrapped.
         velocity: u v w [m/s] p q r [rad/s] (n, 6), body FRD.
         acceleration: specific force ax ay az (n, 3) [m/s^2], body FRD.
-        relative_velocity: u_w v_w w_w (n, 3) [m/s] through the water, body FRD. Where nothing of one of these four is
+        further: channels `standard.FURTHER` (n, k) of the sensors beyond these. Where nothing of one of these four is
             known, it is a single NaN, broadcast; kernels take it by `in_one_block`.
-        fresh: (n, 18) columns as pose, velocity, acceleration, relative velocity; True in the row nearest to an actual
+        fresh: (n, 18) columns as pose, velocity, acceleration, further; True in the row nearest to an actual
             sample, False where the value only lies between samples: a slow sensor says nothing new there.
         voltage: (n,) [V], interpolated over gaps too, held beyond its ends.
         thrusters: names of the columns of `commands`.
@@ -116,7 +116,7 @@ class Grid:
     pose: Array
     velocity: Array
     acceleration: Array
-    relative_velocity: Array
+    further: Array
     fresh: Flags
     voltage: Array
     thrusters: tuple[str, ...]
@@ -128,7 +128,7 @@ class Grid:
     repairs: Repairs = Repairs()
 
     def __post_init__(self) -> None:
-        for name in ("pose", "velocity", "acceleration", "relative_velocity"):
+        for name in ("pose", "velocity", "acceleration", "further"):
             values = np.asarray(getattr(self, name), dtype=np.float64)
             known = values.size == 0 or np.isfinite(values).any()
             object.__setattr__(self, name, read_only(values) if known else np.broadcast_to(np.nan, values.shape))
@@ -144,7 +144,7 @@ class Grid:
 
         since: only inputs after this time [s], as of one who has had those before.
         """
-        rows = ("t", "pose", "velocity", "acceleration", "relative_velocity", "fresh", "voltage")
+        rows = ("t", "pose", "velocity", "acceleration", "further", "fresh", "voltage")
         taken = {name: getattr(self, name)[first:last] for name in rows}
         for kind in ("command", "wrench"):
             stamps, end = getattr(self, f"{kind}_t"), float(self.t[last - 1])

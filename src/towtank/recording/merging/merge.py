@@ -13,34 +13,12 @@ from towtank.recording.channel import Channel
 from towtank.recording.merging.offset import ClockOffset, clock_offset, file_of
 from towtank.recording.noise import NoiseLevel, noise_levels
 from towtank.recording.recording import Recording
-from towtank.recording.standard import (
-    ACCELERATIONS,
-    EULER,
-    LINEAR_VELOCITY,
-    QUATERNION,
-    RATES,
-    RELATIVE_VELOCITY,
-    WORLD_VELOCITY,
-    WRENCH,
-    is_command,
-    is_input,
-    is_standard,
-)
+from towtank.recording.standard import QUANTITIES, WORLD_VELOCITY, WRENCH, is_command, is_input, is_standard
 
 __all__ = ["MERGED", "merge", "merges_of"]
 
 _DEPTH = "depth"  # attribute that says from where a depth is told
 MERGED = "merged "  # begins the attribute that says how a file was merged, before its name
-# what one sensor measures: its axes, each under any of the names that stand for it; the noise that is usual of it
-_QUANTITIES: dict[str, tuple[tuple[str, ...], tuple[str, ...], float]] = {
-    "position": (("x", "y"), (), 2e-3),
-    "depth": (("z",), (), 2e-3),
-    "velocity": (LINEAR_VELOCITY, WORLD_VELOCITY, 1e-2),
-    "attitude": (EULER, QUATERNION, 2e-3),
-    "rates": (RATES, (), 3e-3),
-    "specific force": (ACCELERATIONS, (), 5e-2),
-    "velocity through the water": (RELATIVE_VELOCITY, (), 1e-2),
-}
 
 
 def merge(first: Recording, second: Recording, offset: float | None = None) -> Recording:
@@ -107,20 +85,21 @@ def _chosen(first: Recording, second: Recording, names: tuple[str, str]) -> tupl
     kept, added = ({name: each for name, each in run.channels.items() if len(each)} for run in (first, second))
     notes: list[str] = []
     noise = noise_levels(first), noise_levels(second)
-    for quantity, (axes, others, usual) in _QUANTITIES.items():
-        mine, theirs = (_names_in(each, axes, others) for each in (first, second))
+    for quantity in sorted(QUANTITIES, key=lambda each: each.name == "attitude"):  # it last, once the others are placed
+        names_of = (*quantity.channels, *quantity.instead)
+        mine, theirs = (_names_in(each, names_of) for each in (first, second))
         if not mine or not theirs:
             continue
         worth = [
-            _worth(each, found, levels, usual)
+            _worth(each, found, levels, quantity.noise)
             for each, found, levels in zip((first, second), (mine, theirs), noise, strict=True)
         ]
         better = int(worth[1] > worth[0])
-        if quantity == "attitude":
+        if quantity.name == "attitude":
             better = _of_one_north(kept, added, (mine, theirs), better)
-        for name in (*axes, *others):
+        for name in names_of:
             (kept, added)[1 - better].pop(name, None)
-        notes.append(f"{quantity}: from {names[better]}, which tells more of it than {names[1 - better]}")
+        notes.append(f"{quantity.name}: from {names[better]}, which tells more of it than {names[1 - better]}")
     inputs = [name for name in added if is_input(name) or name == "voltage"]
     for kind in (is_command, WRENCH.__contains__, "voltage".__eq__):
         if any(map(kind, kept)) and any(map(kind, inputs)):
@@ -140,8 +119,8 @@ def _of_one_north(kept: _Channels, added: _Channels, names: tuple[Sequence[str],
     return int(placed[1]) if placed[0] != placed[1] and heads[placed[1]] else better
 
 
-def _names_in(recording: Recording, axes: Sequence[str], others: Sequence[str]) -> tuple[str, ...]:
-    return tuple(name for name in (*axes, *others) if name in recording and len(recording[name].measured))
+def _names_in(recording: Recording, names: Sequence[str]) -> tuple[str, ...]:
+    return tuple(name for name in names if name in recording and len(recording[name].measured))
 
 
 def _worth(
