@@ -20,7 +20,7 @@ from figures import Figure, interleaved, report
 
 from towtank.core.attitude import eulers_from_quaternions, quaternions_from_eulers
 from towtank.core.layout import pack_parameters
-from towtank.core.rk4 import simulate_final, simulate_run
+from towtank.core.rk4 import simulate_run, simulate_runs
 
 DT = 0.01
 RUNS = 1_000
@@ -179,7 +179,7 @@ def prove_parity() -> None:
         references = [vehicle(kind, coupled).simulate(plain, thrust(n), DT) for kind in kinds]
         p = vehicle(PlainVehicle, coupled).parameters
         single = simulate_run(p, quaternions, thrust(n)[:, None], DT, STILL)[-1]
-        batch = simulate_final(np.stack([p, p]), np.stack([quaternions] * 2), thrust(n)[None], DT, STILL)
+        batch = simulate_runs(np.stack([p, p]), np.stack([quaternions] * 2), thrust(n)[None], DT, STILL, n)[:, 0]
         for name, end in (("single run", single), ("batch", batch[0]), ("batch", batch[1])):
             found = np.concatenate([end[:3], eulers_from_quaternions(end[None, 3:7])[0], end[7:]])
             for reference in references:
@@ -208,8 +208,8 @@ def measure() -> list[Figure]:
             "economical": lambda: economical.simulate(plain, tau_few, DT),
             "single": lambda: simulate_run(p, quaternions, tau, DT, STILL),
             "coupled": lambda: simulate_run(p_coupled, quaternions, tau, DT, STILL),
-            "shared": lambda: simulate_final(many, starts, shared, DT, STILL),
-            "own": lambda: simulate_final(many, starts, own, DT, STILL),
+            "shared": lambda: simulate_runs(many, starts, shared, DT, STILL, STEPS),
+            "own": lambda: simulate_runs(many, starts, own, DT, STILL, STEPS),
         },
         repeats=9,
     )

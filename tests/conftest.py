@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -18,3 +19,15 @@ def data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real recordings: {folder} is not a folder (set TOWTANK_DATA to where they are)")
     return folder
+
+
+@pytest.fixture
+def hurried() -> Iterator[None]:
+    """Plans are searched for and judged with a tenth of the effort: for tests of what is done with a plan."""
+    from towtank.planning import plan
+    from towtank.planning.unsteered import unsteered
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(plan.__kwdefaults__, "tries", 4)
+        patch.setitem(unsteered.__kwdefaults__, "vehicles", 150)
+        yield

@@ -10,7 +10,7 @@ import numpy as np
 from sensitivity import changed
 
 from towtank.core.arrays import Array
-from towtank.core.rk4 import simulate_final
+from towtank.core.rk4 import simulate_runs
 from towtank.vehicle import Vehicle
 
 __all__ = ["N_ERROR", "error_between", "perturbed", "transitions"]
@@ -45,7 +45,7 @@ def transitions(vehicle: Vehicle, states: Array, wrench: Array, names: tuple[str
         after = []
         for parameters, start, force in ends:
             rows = np.ascontiguousarray(np.broadcast_to(parameters, (m, parameters.size)))
-            after.append(simulate_final(rows, np.ascontiguousarray(start), force[:, None, :].copy(), dt, still))
+            after.append(simulate_runs(rows, np.ascontiguousarray(start), force[:, None, :].copy(), dt, still, 1)[:, 0])
         for j in range(N_ERROR + 6 + k):
             out[first : first + m, :, j] = error_between(after[2 * j + 1], after[2 * j]) / (2.0 * _STEP)
     return out[:, :, :N_ERROR], out[:, :, N_ERROR : N_ERROR + 6], out[:, :, N_ERROR + 6 :]

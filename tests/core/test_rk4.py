@@ -7,7 +7,7 @@ import pytest
 
 from towtank.core.dynamics import forward_dynamics
 from towtank.core.forces import current_in_body
-from towtank.core.rk4 import LANES, N_STATES, is_coupled, simulate_final, simulate_run, step_into
+from towtank.core.rk4 import LANES, N_STATES, is_coupled, simulate_run, simulate_runs, step_into
 
 from .independent import Body, body, pose_difference, quaternion, state
 from .proof import sized
@@ -115,8 +115,11 @@ def test_many_runs_are_so_many_single_runs(runs: int, shared: bool, current: np.
     start = np.array([state(ETA0 + rng.uniform(-0.3, 0.3, 6), rng.normal(size=6)) for _ in bodies])
     tau = PUSH * rng.uniform(-1.0, 1.0, (1 if shared else runs, n, 6))
     inputs = [a.copy() for a in (p, start, tau, current)]
-    final = simulate_final(p, start, tau, dt, current)
+    final = simulate_runs(p, start, tau, dt, current, n)[:, 0]
+    half = simulate_runs(p, start, tau, dt, current, n // 2)
     assert final.shape == (runs, N_STATES)
+    assert half.shape == (runs, 2, N_STATES)
+    assert np.array_equal(half[:, 1], final)
     for i in range(runs):
         single = simulate_run(p[i], start[i], tau[0 if shared else i][:, None], dt, current)[-1]
         assert np.abs(final[i] - single).max() < 1e-12

@@ -18,7 +18,7 @@ from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre
 from towtank.vehicle import Coefficient, Vehicle
 
 FREE = ("X_udot", "X_uu", "Y_vdot", "Y_vv", "N_rdot", "N_rr")
-LEARNED, CALM, AFTER, DT = 60.0, 6.0, 8.0, 0.02
+LEARNED, CALM, AFTER, DT = 45.0, 6.0, 8.0, 0.02
 FORCE = OrnsteinUhlenbeck(std=(0.25, 0.25, 0.25, 0.025, 0.025, 0.025), time_constant=2.0)
 
 

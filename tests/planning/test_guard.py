@@ -33,6 +33,12 @@ def guard_of(name, space=TANK, count=COUNT, **changes):
     return Guard.of(vehicle, space, drawn_around(vehicle, count, 0.3))
 
 
+def test_its_arrays_are_laid_out_as_the_kernels_are_compiled_for():
+    """Of another layout each kernel would be compiled once more."""
+    guard = guard_of("vlbv300")
+    assert all(each.flags.c_contiguous for part in (guard.draws, guard.memory, guard.brake) for each in part)
+
+
 def state_of(space, velocity=(0.0,) * 6, place=None):
     state = np.zeros(13)
     state[:3] = space.middle if place is None else place

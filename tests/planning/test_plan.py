@@ -104,6 +104,7 @@ def test_few_thrusters_are_told_what_they_cannot_have() -> None:
     assert reasons["X_udot"] == "" or reasons["X_udot"].startswith("would take")
 
 
+@pytest.mark.usefixtures("hurried")
 def test_the_command_and_the_simulation_of_its_plan(tmp_path: Path) -> None:
     place, run = tmp_path / "plan.toml", tmp_path / "run.csv"
     asked = ("plan", "bluerov2_heavy", "--space", "5x5x2.5", "--minutes", 0.15, "--want", "X_udot,X_uu", "-o", place)
@@ -170,6 +171,7 @@ def test_wishes_that_cannot_be_had_are_one_clear_line(words: list[str], said: st
         ),
     ],
 )
+@pytest.mark.usefixtures("hurried")
 def test_nothing_to_be_had_is_one_clear_line(words: list[str], said: str) -> None:
     assert said in refused("plan", *words)
 
@@ -248,6 +250,7 @@ def test_a_sequence_is_read_back_and_makes_the_same_motion(
         np.testing.assert_allclose(first[axis].values[:n], second[axis].values[:n], atol=1e-5)
 
 
+@pytest.mark.usefixtures("hurried")
 def test_the_command_writes_a_sequence_and_replaces_its_own_bag(tmp_path: Path) -> None:
     asked = ("plan", "bluerov2_heavy", "--minutes", 0.1, "--want", "X_udot", "--sequence", tmp_path / "bag")
     for _ in range(2):

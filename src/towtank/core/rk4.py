@@ -45,8 +45,8 @@ __all__ = [
     "N_STATES",
     "has_extra_terms",
     "is_coupled",
-    "simulate_final",
     "simulate_run",
+    "simulate_runs",
     "stage_into",
     "step_into",
 ]
@@ -335,8 +335,8 @@ def simulate_run(p: Array, state0: Array, tau: Array, dt: float, current: Array)
 
 
 @parallel_kernel
-def simulate_final(p: Array, state0: Array, tau: Array, dt: float, current: Array) -> Array:
-    """Simulate many vehicles at once on all cores and keep the final states.
+def simulate_runs(p: Array, state0: Array, tau: Array, dt: float, current: Array, every: int) -> Array:
+    """Simulate many vehicles at once on all cores and keep the states after each `every` steps.
 
     Args:
         p: kernel parameters (runs, 170).
@@ -344,12 +344,13 @@ def simulate_final(p: Array, state0: Array, tau: Array, dt: float, current: Arra
         tau: held wrench (runs, n, 6), or (1, n, 6) shared by all runs.
         dt: step [s].
         current: water velocity (3,) [m/s], NED.
+        every: 1 keeps every state, n the final one alone.
 
     Returns:
-        Final states (runs, 13), absolute velocity in columns 7:13.
+        States (runs, n // every, 13), absolute velocity in columns 7:13; the start is not among them.
     """
     runs, n = p.shape[0], tau.shape[1]
-    out = np.empty((runs, N_STATES))
+    out = np.empty((runs, n // every, N_STATES))
     blocks = (runs + LANES - 1) // LANES
     for block in numba.prange(blocks):
         first = block * LANES
@@ -378,9 +379,10 @@ def simulate_final(p: Array, state0: Array, tau: Array, dt: float, current: Arra
             wrench[1] = wrench[0]
             wrench[2] = wrench[0]
             step_into(parameters, x, wrench, current, dt, work, coupled, extra)
-        for k in range(LANES):
-            if first + k < runs:
-                _add_current(x, k, current, 1.0)
-                for j in range(N_STATES):
-                    out[first + k, j] = x[j, k]
+            if (i + 1) % every == 0:
+                for k in range(min(LANES, runs - first)):
+                    row = out[first + k, i // every].reshape(N_STATES, 1)
+                    for j in range(N_STATES):
+                        row[j, 0] = x[j, k]
+                    _add_current(row, 0, current, 1.0)
     return out

@@ -394,10 +394,13 @@ class Guard:
         parameters = np.array([each.parameters for each in fleet]).T.copy()
         parameters[I_CONSTANT : I_CONSTANT + 6, 1:] += forces[:, 1:]
         nominal = np.array([thruster.gain for thruster in vehicle.thrusters])
-        lags = np.array([[max(t.time_constant, _NO_LAG) for t in each.thrusters] for each in fleet]).T
+        gains, lags = np.empty((2, len(nominal), len(fleet)))  # in C order, as the kernel is compiled for
+        for k, each in enumerate(fleet):
+            gains[:, k] = [thruster.gain for thruster in each.thrusters]
+            lags[:, k] = [max(thruster.time_constant, _NO_LAG) for thruster in each.thrusters]
         draws = Draws(
             parameters,
-            np.array([[t.gain for t in each.thrusters] for each in fleet]).T / nominal[:, None],
+            gains / nominal[:, None],
             -np.expm1(-PERIOD / lags),
             -lags / PERIOD * np.expm1(-PERIOD / lags),
             np.array([each.command_delay for each in fleet]),

@@ -101,23 +101,31 @@ def unsteered(
     paths = []
     for segment, own in zip(segments, seeds, strict=True):
         commands = commands_of(segment, outlook.vehicle)
-        pushes = [[push.sample(len(commands), 1.0 / RATE, int(each)) for each in row] for row in own]
-        runs = [_paths(each, commands, start, row) for each, row in zip(drawn, pushes, strict=True)]
+        unit = thruster_forces(_of_unit_gain(outlook.vehicle), commands)  # draws differ in gains, not in curves
+        pushes = [[push.sample(len(unit), 1.0 / RATE, int(each)) for each in row] for row in own]
+        runs = [_paths(each, unit, start, row) for each, row in zip(drawn, pushes, strict=True)]
         paths.append(np.concatenate(runs))
     return Unsteered(tuple(paths), space, radius)
 
 
-def _paths(truth: Vehicle, commands: Array, start: Array, pushes: Sequence[Array]) -> Array:
-    """Return the places (r, n + 1, 3) [m] of one vehicle under commands (n, m) at `RATE` and each of r forces (n, 6).
+def _of_unit_gain(vehicle: Vehicle) -> Vehicle:
+    thrusters = tuple(each.model_copy(update={"gain": 1.0}) for each in vehicle.thrusters)
+    return vehicle.model_copy(update={"thrusters": thrusters})
+
+
+def _paths(truth: Vehicle, unit: Array, start: Array, pushes: Sequence[Array]) -> Array:
+    """Return the places (r, n + 1, 3) [m] of one vehicle under its thrusters' forces of unit gain (n, m) at `RATE` and
+    each of r forces (n, 6).
 
     Exactly as `simulate` does, without its sensors: delay, lags, and the thrust that is lost to inflow.
     """
     lags = np.array([thruster.time_constant for thruster in truth.thrusters])
     pieces = cut_step(1.0 / RATE, delay=truth.command_delay, substeps=_SUBSTEPS, lags=lags)
     matrix, parameters = configuration_matrix(truth), np.array(truth.parameters)
-    thrust = HeldDrive(thruster_forces(truth, commands), pieces, matrix, lags).stages(0, len(commands)).forces
+    gains = np.array([each.gain for each in truth.thrusters])
+    thrust = HeldDrive(gains * unit, pieces, matrix, lags).stages(0, len(unit)).forces
     if thrust is None:
-        thrust = np.zeros((len(commands) * pieces.lengths.size, 3, len(lags)))
+        thrust = np.zeros((len(unit) * pieces.lengths.size, 3, len(lags)))
     out = []
     for push in pushes:
         held = np.repeat(push, pieces.lengths.size, axis=0)

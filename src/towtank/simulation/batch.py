@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike
 
 from towtank.core.arrays import Array
 from towtank.core.layout import N_PARAMETERS
-from towtank.core.rk4 import simulate_final
+from towtank.core.rk4 import simulate_runs
 from towtank.errors import InputError
 from towtank.simulation.inputs import finite_array, initial_states, positive
-from towtank.simulation.integration import relative_to_water, simulate_all
 from towtank.simulation.motion import continuous_eulers
 from towtank.vehicle import AnyVehicle, Vehicle, vehicle_of
 
@@ -85,12 +84,10 @@ def simulate_batch(
     pose, velocity = np.broadcast_to(pose, (runs, 6)), np.broadcast_to(velocity, (runs, 6))
     state0 = initial_states(pose, velocity)
     n = tau.shape[1]
-    if keep == "final":
-        states = simulate_final(p, state0, tau, dt, water)[:, None]
-        t = np.array(n * dt)
-    else:
-        states = relative_to_water(simulate_all(p, relative_to_water(state0, water), tau, dt, water), water, 1.0)
-        t = np.arange(n + 1) * dt
+    states = simulate_runs(p, state0, tau, dt, water, max(n, 1) if keep == "final" else 1)
+    if keep == "all" or n == 0:
+        states = np.concatenate([state0[:, None], states], axis=1)
+    t = np.array(n * dt) if keep == "final" else np.arange(n + 1) * dt
     angles = continuous_eulers(states[..., 3:7], pose[:, 3:] if keep == "all" else None)
     eta, nu = np.concatenate([states[..., :3], angles], axis=-1), np.ascontiguousarray(states[..., 7:])
     if keep == "final":

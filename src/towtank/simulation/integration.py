@@ -1,4 +1,4 @@
-"""Runge-Kutta runs that the core does not offer: unequal pieces within a step, and whole batches with every state kept.
+"""Runge-Kutta runs that the core does not offer: unequal pieces within a step, and thrusters that lose to inflow.
 
 The equations of motion are the core's (`towtank.core.rk4.step_into`); here is only the order in which it is called.
 States are (13,) [x y z, qw qx qy qz, u v w p q r] with the velocity RELATIVE to the water (`relative_to_water`).
@@ -6,15 +6,14 @@ States are (13,) [x y z, qw qx qy qz, u v w p q r] with the velocity RELATIVE to
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
-from towtank.core.arrays import Array, kernel, parallel_kernel
+from towtank.core.arrays import Array, kernel
 from towtank.core.forces import add_inflow_damping_into
 from towtank.core.layout import I_INFLOW, I_LINEAR, I_QUADRATIC, N_PARAMETERS
-from towtank.core.rk4 import LANES, N_STATES, has_extra_terms, is_coupled, step_into
+from towtank.core.rk4 import N_STATES, has_extra_terms, is_coupled, step_into
 
-__all__ = ["relative_to_water", "simulate_all", "simulate_pieces", "simulate_thrusters"]
+__all__ = ["relative_to_water", "simulate_pieces", "simulate_thrusters"]
 
 
 @kernel
@@ -87,52 +86,6 @@ def simulate_thrusters(
         if (i + 1) % m == 0:
             for j in range(N_STATES):
                 out[(i + 1) // m, j] = x[j, 0]
-    return out
-
-
-@parallel_kernel
-def simulate_all(p: Array, state0: Array, tau: Array, dt: float, current: Array) -> Array:
-    """Simulate many vehicles at once on all cores and keep every state.
-
-    Args:
-        p: kernel parameters (runs, 170).
-        state0: initial states (runs, 13).
-        tau: held wrench (runs, n, 6), or (1, n, 6) shared by all runs.
-        dt: step [s].
-        current: water velocity (3,) [m/s], NED.
-
-    Returns:
-        States (runs, n + 1, 13).
-    """
-    runs, n = p.shape[0], tau.shape[1]
-    out = np.empty((runs, n + 1, N_STATES))
-    blocks = (runs + LANES - 1) // LANES
-    for block in numba.prange(blocks):
-        first = block * LANES
-        parameters = np.empty((N_PARAMETERS, LANES))
-        x = np.empty((N_STATES, LANES))
-        wrench = np.empty((3, 6, LANES))
-        work = np.empty((3, N_STATES, LANES))
-        for k in range(LANES):
-            run = min(first + k, runs - 1)  # spare lanes repeat the last run
-            for j in range(N_PARAMETERS):
-                parameters[j, k] = p[run, j]
-            for j in range(N_STATES):
-                x[j, k] = state0[run, j]
-        coupled, extra = is_coupled(parameters), has_extra_terms(parameters)
-        for i in range(n + 1):
-            for k in range(min(LANES, runs - first)):
-                for j in range(N_STATES):
-                    out[first + k, i, j] = x[j, k]
-            if i == n:
-                break
-            for k in range(LANES):
-                run = min(first + k, runs - 1) if tau.shape[0] > 1 else 0
-                for j in range(6):
-                    wrench[0, j, k] = tau[run, i, j]
-            wrench[1] = wrench[0]
-            wrench[2] = wrench[0]
-            step_into(parameters, x, wrench, current, dt, work, coupled, extra)
     return out
 
 

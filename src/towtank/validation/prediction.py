@@ -316,13 +316,14 @@ def _next_start(grid: Grid, starts: Starts, origin: int, row: int, horizon: floa
 def _run(vehicle: Vehicle, state: Array, over: Acted, steps: slice, dt: float) -> Array:
     """Return the states (m + 1, 13) of m steps of what acted, each held, in substeps where the grid is coarse."""
     substeps = max(1, int(np.ceil(dt / _LONGEST_STEP - 1e-9)))
+    p = np.array(vehicle.parameters)  # for one that cannot be written the kernels would be compiled again
     with np.errstate(all="ignore"):
         if over.forces is None:
             held = np.repeat(over.wrench[steps], substeps, axis=0)[:, None, :]
-            run = simulate_run(vehicle.parameters, state, held, dt / substeps, _STILL)
+            run = simulate_run(p, state, held, dt / substeps, _STILL)
             return run[::substeps]
         forces = np.repeat(np.repeat(over.forces[steps, None], substeps, axis=0), 3, axis=1)
-        p, B, pieces = np.array(vehicle.parameters), configuration_matrix(vehicle), np.full(substeps, dt / substeps)
+        B, pieces = configuration_matrix(vehicle), np.full(substeps, dt / substeps)
         return np.asarray(simulate_thrusters(p, state, np.zeros((len(forces), 6)), forces, B, pieces, _STILL))
 
 

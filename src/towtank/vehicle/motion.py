@@ -76,14 +76,18 @@ def last_axis(values: ArrayLike, count: int, name: str, meaning: str) -> Array:
 
 
 def _broadcast_rows(arrays: dict[str, Array]) -> tuple[tuple[int, ...], list[Array]]:
-    """Return the common leading shape and the arrays as contiguous rows (n, k). Raises InputError where none fits."""
+    """Return the common leading shape and the arrays as rows (n, k), laid out as kernels expect them.
+
+    Raises:
+        InputError: no shape fits all.
+    """
     try:
         shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays.values()))
     except ValueError:
         found = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
         raise InputError(f"leading shapes do not fit together: {found}") from None
     rows = [
-        np.ascontiguousarray(np.broadcast_to(array, (*shape, array.shape[-1]))).reshape(-1, array.shape[-1])
+        np.array(np.broadcast_to(array, (*shape, array.shape[-1])), order="C").reshape(-1, array.shape[-1])
         for array in arrays.values()
     ]
     return shape, rows

@@ -90,6 +90,14 @@ class Coefficient(Record):
             raise ValueError(f"found {described(data)}, expected a number or {{value, std, unit, source}}")
         return data
 
+    @classmethod
+    def of(cls, change: Any, name: str) -> Coefficient:
+        """Return what is given for a coefficient, in the unit of its name. Raises ValueError where it is none."""
+        if isinstance(change, float) and math.isfinite(change):  # a thousand vehicles drawn are nothing else
+            fields: dict[str, Any] = {"value": float(change), "std": None, "unit": unit(name), "source": ""}
+            return cls.model_construct(set(fields), **fields)
+        return cls.model_validate(change).with_unit(name)
+
     def with_unit(self, name: str) -> Coefficient:
         """Return the coefficient with the unit that belongs to its name. Raises ValueError for another unit."""
         return self.in_unit(unit(name))

@@ -262,7 +262,7 @@ class Vehicle(Record):
         for name, change in changes.items():
             kind, _, _ = index(name)
             try:
-                coefficient = Coefficient.model_validate(change).with_unit(name)
+                coefficient = Coefficient.of(change, name)
             except ValueError as error:
                 raise InputError(f"{name}: {first_line(error)}") from error
             if name in RESTORING:

@@ -306,7 +306,8 @@ def command(curve: Curve, force: ArrayLike, voltage: ArrayLike | None = None) ->
     for sign, branch in _branches(curve, float(finite.max(initial=0.0))).items():
         wanted = (sign * f) > 0.0
         if np.any(wanted):
-            out[wanted] = curve.rest + branch.side * _distance(curve, branch, np.abs(f[wanted]))
+            demands, places = np.unique(np.abs(f[wanted]), return_inverse=True)
+            out[wanted] = curve.rest + branch.side * _distance(curve, branch, demands)[places]
     return np.asarray(out)
 
 
@@ -320,6 +321,8 @@ def _distance(curve: Curve, branch: _Branch, demand: Array) -> Array:
     low, high = branch.a[k - 1], branch.a[k]
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
+        if np.all((middle == low) | (middle == high)):
+            break  # neighbours
         enough = branch.sign * curve.static(curve.rest + branch.side * middle) >= demand
         low, high = np.where(enough, low, middle), np.where(enough, middle, high)
     step = np.where(demand > 0.5 * branch.reached[0], branch.a[0], 0.0)

@@ -74,10 +74,13 @@ def thruster_commands(vehicle: Vehicle, forces: ArrayLike, voltage: float | None
     The inverse of `thruster_forces`: a force beyond what a thruster can do gives the command of its largest force, one
     smaller than half the step at a dead band the neutral command.
     """
-    f = np.asarray(forces, dtype=np.float64)
+    f: Array = np.asarray(forces, dtype=np.float64) / np.array([each.gain for each in vehicle.thrusters])
     commands = np.empty_like(f)
+    same: dict[curves.Curve, list[int]] = {}  # a curve is inverted once for all thrusters that have it
     for k, thruster in enumerate(vehicle.thrusters):
-        commands[..., k] = curves.command(thruster.curve, f[..., k] / thruster.gain, voltage)
+        same.setdefault(thruster.curve, []).append(k)
+    for curve, columns in same.items():
+        commands[..., columns] = curves.command(curve, f[..., columns], voltage)
     return commands
 
 
