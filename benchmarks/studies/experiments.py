@@ -6,7 +6,8 @@ delay-..   the same with a command delay of 0.15 s and a thruster lag of 0.10 s 
 coupled-.. all axes of the vLBV300 at once for 60 s with a random wrench: pose; DVL, gyro and depth; gyro and depth
 
 A surge experiment has the horizontal thrusters in the plane z = 0, so that it moves in surge alone; the learner sees
-all six pose channels. What the learner is told is what a builder knows: rigid body and thrusters, no coefficient.
+all six pose channels. What the learner is told is rigid body and thrusters, nothing of the coefficients to learn, and
+of all others what they are, most of them nothing: an experiment is about as many unknowns as it names.
 One seed is one run: the manoeuvre is always the same, noise, marker jumps and random forces differ.
 """
 
@@ -23,7 +24,7 @@ from excitation import coupled_commands
 from towtank.core.arrays import Array
 from towtank.recording import Recording
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
-from towtank.vehicle import Provenance, Vehicle, index, load_vehicle
+from towtank.vehicle import HYDRODYNAMIC, Coefficient, Provenance, Vehicle, index, load_vehicle
 
 __all__ = ["COUPLED", "DELAYED", "DT", "EXPERIMENTS", "SURGE", "Experiment", "chosen", "experiment"]
 
@@ -121,7 +122,7 @@ def experiment(name: str) -> Experiment:
     return Experiment(
         name=name,
         truth=truth,
-        start=_known(truth),
+        start=_known(truth, SURGE_FREE),
         free=SURGE_FREE,
         commands=_paper_commands(truth, rest[-1]),
         sensors=Mocap(noise_mm=5.0 if "5mm" in rest else 1.0),
@@ -152,7 +153,7 @@ def _coupled(name: str, sensors: str) -> Experiment:
     return Experiment(
         name=name,
         truth=truth,
-        start=_known(truth),
+        start=_known(truth, COUPLED_FREE),
         free=COUPLED_FREE,
         commands=coupled_commands(truth, COUPLED_TIME, DT),
         sensors=Mocap() if sensors == "pose" else Ins(),
@@ -180,15 +181,22 @@ def _surge_vehicle(delay: float, lag: float) -> Vehicle:
     return vehicle.model_copy(update={"name": "vlbv300_surge", "thrusters": tuple(thrusters), "command_delay": delay})
 
 
-def _known(truth: Vehicle) -> Vehicle:
-    """Return the vehicle without its coefficients: rigid body, and thrusters that answer at once."""
-    thrusters = tuple(thruster.model_copy(update={"time_constant": 0.0}) for thruster in truth.thrusters)
+def _known(truth: Vehicle, free: tuple[str, ...]) -> Vehicle:
+    """Return the vehicle without the coefficients to learn, all others told, zeros too; its thrusters answer at once.
+
+    What nobody tells would be held at what is usual for a body of this size, and a wrong linear drag makes the
+    quadratic one wrong. A zero is told by its deviation of zero: without one a file says nothing by it.
+    """
+    told = {name: Coefficient(value=truth.coefficient(name), std=0.0) for name in HYDRODYNAMIC if name not in free}
+    buoyancy = truth.buoyancy
+    if "BG_z" in free:
+        buoyancy = buoyancy.model_copy(update={"centre": truth.rigid_body.centre_of_gravity, "source": ""})
     return truth.model_copy(
         update={
-            "description": "rigid body and thrusters",
-            "hydrodynamics": {},
-            "buoyancy": truth.buoyancy.model_copy(update={"centre": truth.rigid_body.centre_of_gravity, "source": ""}),
-            "thrusters": thrusters,
+            "description": "rigid body, thrusters, and what is not to be learned",
+            "hydrodynamics": told,
+            "buoyancy": buoyancy,
+            "thrusters": tuple(thruster.model_copy(update={"time_constant": 0.0}) for thruster in truth.thrusters),
             "command_delay": 0.0,
             "provenance": Provenance(source="a simulated experiment"),
         }

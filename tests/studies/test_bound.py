@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from towtank.identification.model.prior import prior_of
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate
+from towtank.vehicle import HYDRODYNAMIC
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
 
@@ -128,9 +130,14 @@ def test_names():
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
-def test_the_learner_is_told_no_coefficient(name):
+def test_the_learner_is_told_nothing_of_what_it_is_to_learn_and_what_all_else_is(name):
     case = experiment(name)
-    assert not case.start.hydrodynamics
-    assert case.start.coefficient("BG_z") == 0.0
+    told, free = case.start.hydrodynamics, set(case.free)
+    assert not free & told.keys()
+    assert told.keys() == set(HYDRODYNAMIC) - free
+    assert all(each.std == 0.0 and each.value == case.truth.coefficient(key) for key, each in told.items())
+    assert case.start.coefficient("BG_z") == (0.0 if "BG_z" in free else case.truth.coefficient("BG_z"))
     assert case.start.command_delay == 0.0
     assert not any(thruster.time_constant for thruster in case.start.thrusters)
+    supposed = prior_of(case.start).only(case.free)
+    assert (supposed.covariance.diagonal() > 0.0).all()
