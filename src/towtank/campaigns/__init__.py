@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from towtank.campaigns.configuration import Campaign, read_campaign
-    from towtank.campaigns.pooling import Fleet, FleetClass, Outlier, Pooled, Run, pool
+    from towtank.campaigns.fleet import Fleet, FleetClass, Outlier, Pooled
+    from towtank.campaigns.likelihood import Run
+    from towtank.campaigns.pooling import pool
     from towtank.campaigns.run import Outcome, Summary, run_campaign
     from towtank.campaigns.store import Failure, Result, Store, StoredModel
     from towtank.campaigns.tasks import Task, tasks_of
@@ -39,7 +41,9 @@ __all__ = [
 
 _HOMES = {
     "configuration": ("Campaign", "read_campaign"),
-    "pooling": ("Fleet", "FleetClass", "Outlier", "Pooled", "Run", "pool"),
+    "fleet": ("Fleet", "FleetClass", "Outlier", "Pooled"),
+    "likelihood": ("Run",),
+    "pooling": ("pool",),
     "run": ("Outcome", "Summary", "run_campaign"),
     "store": ("Failure", "Result", "Store", "StoredModel"),
     "tasks": ("Task", "tasks_of"),

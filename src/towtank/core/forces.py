@@ -81,7 +81,12 @@ def add_extra_force_into(p: Array, nu: Array, factor: float, out: Array) -> None
 
 @kernel
 def add_extra_rate_into(p: Array, nu: Array, nu_dot: Array, out: Array) -> None:
-    """Add the derivative of u (F nu) + A nu^2 along nu_dot (6,) to `out` (6,): by nu_j where nu_dot is the unit j."""
+    """Add the derivative of u (F nu) + A nu^2 along nu_dot to `out` (6,): by nu_j where nu_dot is the unit j.
+
+    Args:
+        p: kernel vector (170,). nu: velocity relative to the water (6,) [m/s, rad/s], body FRD.
+        nu_dot: its rate (6,) [m/s^2, rad/s^2]; then `out` is the rate of the wrench [N/s, N m/s].
+    """
     for n in range(N_FORWARD):
         c = FORWARD_COLUMNS[n]
         out[FORWARD_ROWS[n]] += p[I_FORWARD + n] * (nu[0] * nu_dot[c] + nu_dot[0] * nu[c])

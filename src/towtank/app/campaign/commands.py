@@ -170,7 +170,7 @@ def pool(
     from towtank.app.campaign.views import show_fleet
     from towtank.app.terminal.output import Output
     from towtank.campaigns import Store
-    from towtank.campaigns.pooling import Run
+    from towtank.campaigns.likelihood import Run
     from towtank.campaigns.pooling import pool as pooled
 
     output = Output(json=json)

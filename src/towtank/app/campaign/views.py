@@ -17,7 +17,7 @@ from towtank.outputs import write_atomically
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from towtank.campaigns.pooling import Fleet
+    from towtank.campaigns.fleet import Fleet
 
 __all__ = [
     "show_fleet",

@@ -89,10 +89,10 @@ class Body:
     """The sizes that physics gives a vehicle's coefficients.
 
     Attributes:
-        rigid: diagonal (6,) of the rigid body's mass matrix; m: its mass [kg]. length: edge of a cube of water of this
-            mass [m]. weight: [N]. gyradii: (3,) [m]. arm: 1 for a translation, the lever arm [m] of hull and fins for a
-            rotation (6,). total: inertia, quadratic, linear: damping, as supposed before any data (6,).
-            disturbance: a usual one (6,) [N, N m].
+        rigid: diagonal (6,) of the rigid body's mass matrix [kg, kg m^2]; m: its mass [kg]. length: edge of a cube of
+            water of this mass [m]. weight: [N]. gyradii: (3,) [m]. arm: 1 for a translation, the lever arm [m] of hull
+            and fins for a rotation (6,). Supposed before any data (6,): total inertia [kg, kg m^2]; quadratic damping
+            [kg/m, kg m^2/rad^2] and linear [N s/m, N m s/rad], both positive. disturbance: a usual one (6,) [N, N m].
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -109,7 +109,7 @@ class Body:
         self.disturbance = rigid * (1.0 + _FELT_WITH) * np.array(DISTURBANCE)
 
     def drag(self, axis: int) -> float:
-        """Return the typical size of the quadratic damping of an axis."""
+        """Return the typical size of the quadratic damping of an axis [kg/m, kg m^2/rad^2]."""
         return float(0.5 * _WATER * self.length**2 if axis < 3 else 0.05 * _WATER * self.length**5)
 
     def reach(self, axis: int) -> float:
