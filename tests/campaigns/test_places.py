@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -9,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from towtank.campaigns.places import logs_of, patiently, place_of, remote_place, without_credentials
+from towtank.app.terminal.guard import line_of
+from towtank.campaigns.places import Unreachable, logs_of, patiently, place_of, remote_place, without_credentials
 from towtank.errors import InputError
 
 
@@ -99,8 +101,10 @@ def test_what_fails_now_and_then_is_tried_again(monkeypatch: pytest.MonkeyPatch)
 
     assert patiently(ask, "place") == 7
     answers = iter([OSError("503 slow down")] * 100)
-    with pytest.raises(OSError, match=r"^place: 503 slow down, 8 times in a row$"):
+    with pytest.raises(Unreachable, match=r"^place: 503 slow down, 8 times in a row; check the network, ") as found:
         patiently(ask, "place")
+    assert line_of(found.value) == (f"towtank: {found.value}", 1)  # a line of ours, without a word of Python
+    assert str(pickle.loads(pickle.dumps(found.value))) == str(found.value)  # from a worker
 
 
 def test_a_file_is_whole_or_absent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

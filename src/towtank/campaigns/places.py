@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import errno
 import fnmatch
 import os
 import random
@@ -28,7 +29,17 @@ from towtank.outputs import write_atomically
 if TYPE_CHECKING:
     from pyarrow.fs import FileSystem
 
-__all__ = ["Found", "Place", "is_remote", "logs_of", "place_of", "remote_place", "told", "without_credentials"]
+__all__ = [
+    "Found",
+    "Place",
+    "Unreachable",
+    "is_remote",
+    "logs_of",
+    "place_of",
+    "remote_place",
+    "told",
+    "without_credentials",
+]
 
 T = TypeVar("T")
 
@@ -41,6 +52,7 @@ _BLOCK = 1 << 20  # bytes
 _WILD = re.compile(r"[*?\[]")
 _URI = re.compile(r"(.*?)://(?:([^/]*|[^/]*:.*)@)?(.*?)(\?\w+=.*)?", re.DOTALL)  # scheme, user, path, options
 _BUCKET = re.compile(r"[\w.-]+")
+_CHECK = "check the network, the bucket's name and, where the store is not Amazon's, AWS_ENDPOINT_URL"
 _LEFT_OVER = 86_400.0  # s, after which a temporary file is nobody's
 _TEMPORARY = re.compile(r"\..+\.part")
 _DENIED = re.compile(
@@ -49,6 +61,13 @@ _DENIED = re.compile(
     r"(?i:no credentials|could not (find|create).*credentials|unauthenticated|permission denied)"
 )
 _NO_BUCKET = re.compile(r"NO_SUCH_BUCKET|NoSuchBucket|(?i:bucket .*(not found|does not exist))")
+
+
+class Unreachable(OSError):
+    """An object store that failed every time; `filename` is its name, `strerror` how it failed and what to check."""
+
+    def __str__(self) -> str:
+        return f"{self.filename}: {self.strerror}"
 
 
 @dataclass(frozen=True)
@@ -167,19 +186,21 @@ def patiently(ask: Callable[[], T], name: str) -> T:
 
     Raises:
         InputError: no such bucket, or it may not be used with these credentials.
-        OSError: it failed every time.
+        Unreachable: it failed every time.
     """
+    failed = OSError()
     for k in range(_TRIES):
+        if k:
+            time.sleep(_FIRST_PAUSE * 2.0 ** (k - 1) * random.uniform(0.5, 1.0))
         try:
             return ask()
         except FileNotFoundError:
             raise
         except OSError as error:
             refuse(error, name)
-            if k == _TRIES - 1:
-                raise OSError(f"{name}: {told(error)}, {_TRIES} times in a row") from error
-        time.sleep(_FIRST_PAUSE * 2.0**k * random.uniform(0.5, 1.0))
-    raise OSError(f"{name}: cannot be reached")
+            failed = error
+    text = f"{told(failed)}, {_TRIES} times in a row; {_CHECK}"
+    raise Unreachable(errno.EHOSTUNREACH, text, name) from failed
 
 
 def refuse(error: OSError, name: str) -> None:
