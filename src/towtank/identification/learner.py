@@ -1,20 +1,27 @@
-"""The learner: one sample at a time, or a whole recording in one call, with the same result."""
+"""The learner: one sample at a time, or a whole recording in one call, with the same result.
+
+On disk it is plain arrays in one `.npz` file, so that a session goes on where it was cut off. Nothing in the file is
+executed when it is read. It belongs to one vehicle, whose numbers are checked, and to one version of the layout.
+"""
 
 from __future__ import annotations
 
+import json
 import math
 import os
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+import zipfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
-from towtank.identification.online.checkpoint import read_checkpoint, write_checkpoint
 from towtank.identification.posterior.estimate import Estimate
 from towtank.methods import STREAMING_METHODS
+from towtank.outputs import write_atomically
 from towtank.recording import Recording
 from towtank.recording.event import Event
 from towtank.recording.grids.free_motion import free_parts
@@ -25,6 +32,10 @@ if TYPE_CHECKING:
     from towtank.identification.posterior.assembly import Current
 
 __all__ = ["Learner", "sample_vector"]
+
+_VERSION = 9  # of the layout on disk
+
+T = TypeVar("T")
 
 
 class Learner:
@@ -142,7 +153,7 @@ class Learner:
         Raises:
             InputError: the folder cannot be written, or the method keeps no checkpoint.
         """
-        write_checkpoint(path, self.method, self.vehicle, self.to_arrays())
+        _write_checkpoint(path, self.method, self.vehicle, self.to_arrays())
 
     @staticmethod
     def load(
@@ -165,7 +176,7 @@ class Learner:
         def restored(method: str, arrays: Mapping[str, Any]) -> Learner:
             return _class_of(method).from_arrays(arrays, vehicle, prior=prior, background=background, known=known)
 
-        return read_checkpoint(path, vehicle_of(vehicle), restored)
+        return _read_checkpoint(path, vehicle_of(vehicle), restored)
 
     # -- what is known by now; a method that has none of something says so by the value named
 
@@ -246,3 +257,41 @@ def sample_vector(values: ArrayLike | None, n: int, name: str) -> Array:
     if vector.shape != (n,):
         raise InputError(f"{name}: found shape {vector.shape}, expected ({n},)")
     return vector
+
+
+def _write_checkpoint(path: str | os.PathLike[str], method: str, vehicle: Vehicle, arrays: Mapping[str, Any]) -> None:
+    """Write what a learner of a method hands out, whole or not at all. InputError: the folder cannot be written."""
+    about = {"version": _VERSION, "method": method, "vehicle": vehicle.name}
+    head = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
+
+    def write(file: BinaryIO) -> None:
+        np.savez(file, about=head, parameters=np.array(vehicle.parameters), **arrays)
+
+    write_atomically(path, write)
+
+
+def _read_checkpoint(
+    path: str | os.PathLike[str], vehicle: Vehicle, restored: Callable[[str, Mapping[str, Any]], T]
+) -> T:
+    """Return what `restored` makes of the method and the arrays in a file.
+
+    Raises:
+        InputError: the file is missing, damaged, of another version, or of another vehicle.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        about = json.loads(arrays["about"].tobytes())
+        if about["version"] != _VERSION:
+            raise InputError(f"{path}: found a checkpoint of version {about['version']}, expected {_VERSION}")
+        if not np.array_equal(arrays["parameters"], np.array(vehicle.parameters)):
+            raise InputError(
+                f'{path}: this checkpoint was made with other numbers of the vehicle "{about["vehicle"]}"; give the '
+                "vehicle file that the session began with"
+            )
+        return restored(about["method"], arrays)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such checkpoint") from None
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: not a checkpoint, or a damaged one ({error})") from error

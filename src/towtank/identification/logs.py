@@ -8,15 +8,12 @@ from dataclasses import replace
 from pathlib import PurePath
 from typing import TypedDict, Unpack
 
-import numpy as np
-
 from towtank.errors import InputError, nearest
 from towtank.identification.data.samples import Samples, prepared, samples_of
 from towtank.identification.least_squares.batch import Progress, learn_paper
-from towtank.identification.model.prior import prior_of
 from towtank.identification.model.terms import AXES
 from towtank.identification.offline.first_look import driven_axes
-from towtank.identification.offline.joint import LearningRequest, learn_joint
+from towtank.identification.offline.joint import LearningRequest, joint_problem, learn_joint
 from towtank.identification.offline.wiring import wiring_of
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.identification.posterior.plausibility import implausible
@@ -27,7 +24,6 @@ from towtank.recording import Recording
 from towtank.recording.consistency import Finding, inconsistencies
 from towtank.recording.standard import WRENCH
 from towtank.vehicle import AnyVehicle, Vehicle, vehicle_of
-from towtank.vehicle.names import ROWS
 from towtank.vehicle.thrusters.ardusub import by_frame
 from towtank.vehicle.thrusters.wiring import rewired
 
@@ -159,16 +155,11 @@ def wiring_findings(vehicle: Vehicle, recordings: Sequence[Recording], done: str
 
 
 def as_wired(request: LearningRequest, done: str = _USED) -> tuple[LearningRequest, tuple[Finding, ...]]:
-    """Return the question with its thrusters wired as the recordings have them, and what differs from the file.
-
-    Where `free` says what to learn, axes of which nothing is learned are left alone.
-    """
-    vehicle, samples, free = request.vehicle, request.samples, request.free
-    axes = [k for k in range(6) if free is None or any(name[:1] == ROWS[k] for name in free)]
+    """Return the question with its thrusters wired as the recordings have them, and what differs from the file."""
+    vehicle, samples = request.vehicle, request.samples
     if not samples:
         return request, ()
-    base = prior_of(vehicle, commands=samples[0].commands, beside=request.prior).vehicle_values
-    wiring = wiring_of(samples, np.diag(vehicle.with_coefficients(base).mass_matrix), axes)
+    wiring = wiring_of(joint_problem(replace(request, free=None)))
     if not wiring:
         return request, ()
     if not samples[0].commands:

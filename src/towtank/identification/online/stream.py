@@ -29,8 +29,16 @@ from towtank.identification.kalman.state import (
     restored_state,
 )
 from towtank.identification.model.parameters import FURTHER
-from towtank.identification.online.reestimation import Found, Question, Reestimation, begun_anew, caught_up, is_full
-from towtank.identification.online.schedule import Beside, Schedule
+from towtank.identification.online.reestimation import (
+    Beside,
+    Found,
+    Question,
+    Reestimation,
+    Schedule,
+    begun_anew,
+    caught_up,
+    is_full,
+)
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle, configuration_matrix
 
