@@ -21,6 +21,7 @@ more than 40 nats (12 in roll and pitch), and one that forces hardly explain is 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -262,6 +263,7 @@ def _independent(left: Array) -> float:
     return float(m / (1.0 + 2.0 * sum(alike[:upto])))
 
 
+@lru_cache(64)
 def _response(time: float, swing: float, m: int) -> tuple[Array, Array]:
     """Return the speed at m + 1 instants after a step of force (m + 1,), and after a start (m + 1, k)."""
     whole = expm(_STEP * np.array([[-1.0 / time, -(swing**2), 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
