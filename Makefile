@@ -15,6 +15,9 @@ PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS) --dist
 SOURCES := $(shell find src/towtank -name '*.py')
 WEB   := $(wildcard web/*.json web/*.ts web/*.html web/public/* web/src/*)
 SHELL := bash
+# Byte code is kept, whatever the caller's environment says: each of the processes that the tests start, and there are
+# hundreds, would compile the source anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
