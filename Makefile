@@ -42,8 +42,10 @@ parts: $(READY)
 	@$(MAKE) --silent $(COMPILED) >.venv/.compiling 2>&1 & $(MAKE) --silent $(PAGE); wait; cat .venv/.compiling
 
 # Tests of live sessions wait for most of their time: the other checks run in what that leaves, and are told at the end.
+# What the tests use beside what the demo does is compiled before they begin, else each worker would compile it.
 test: lint parts browser
 	@nice -n 19 $(MAKE) --silent --keep-going --old-file=$(PAGE) types layers docs kernels >.venv/.beside 2>&1 & beside=$$!; \
+	$(BIN)/python -m towtank.app.demo.warm_up others >.venv/.compiling-others 2>&1; \
 	failed=0; echo 'tests, kernels compiled'; $(PYTEST) || failed=1; \
 	wait $$beside || failed=1; cat .venv/.beside; exit $$failed
 
