@@ -54,8 +54,8 @@ def commands() -> Array:
 def run_of(changes: list[tuple[float, Vehicle]], seed: int, duration: float = LEARNED + CALM + AFTER) -> Recording:
     """Return a run as motion capture sees it."""
     return tt.simulate(
-        truth(), commands=commands(), dt=DT, duration=duration, sensors=Mocap(rate=1.0 / DT), disturbance=FORCE, seed=seed,
-        changes=changes,
+        truth(), commands=commands(), dt=DT, duration=duration, sensors=Mocap(rate=1.0 / DT), disturbance=FORCE,
+        seed=seed, changes=changes,
     )  # fmt: skip
 
 

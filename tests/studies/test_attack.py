@@ -45,7 +45,7 @@ def test_this_computers_clock_may_be_set() -> None:
 
 @pytest.mark.parametrize("name", ["full", "fills", "emptied", "two-sessions", "SIGHUP", "SIGPIPE"])
 def test_a_recording_outlives(name: str) -> None:
-    blow = attack_disk.run_case(name, attack_disk.messages(12.0))
+    blow = attack_disk.run_case(name, attack_disk.messages(9.0))
     if isinstance(blow, str):
         pytest.skip(blow)
     assert blow.good, blow
