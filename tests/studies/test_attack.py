@@ -15,7 +15,7 @@ import attack_links
 
 @pytest.mark.parametrize("kind", attack_links.LINKS)
 def test_what_is_rejected_does_not_change_the_estimate(kind: str) -> None:
-    row = attack_links.hostile(kind, 2000, seed=2)
+    row = attack_links.hostile(kind, 2000, seed=1)
     assert row.good, row
 
 
