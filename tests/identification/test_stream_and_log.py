@@ -12,7 +12,7 @@ from towtank.vehicle import load_vehicle
 
 TRUTH = load_vehicle("vlbv300").model_copy(update={"command_delay": 0.1})
 FORCE = OrnsteinUhlenbeck(std=(0.3, 0.3, 0.3, 0.02, 0.02, 0.02), time_constant=2.0)
-SECONDS = 60.0
+SECONDS = 45.0
 
 
 def camera() -> Recording:
