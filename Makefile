@@ -15,6 +15,9 @@ PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS) --dist
 SOURCES := $(shell find src/towtank -name '*.py')
 WEB   := $(wildcard web/*.json web/*.ts web/*.html web/public/* web/src/*)
 SHELL := bash
+# Byte code is kept, whatever the caller's environment says: each of the processes that the tests start, and there are
+# hundreds, would compile the source anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
@@ -39,8 +42,10 @@ parts: $(READY)
 	@$(MAKE) --silent $(COMPILED) >.venv/.compiling 2>&1 & $(MAKE) --silent $(PAGE); wait; cat .venv/.compiling
 
 # Tests of live sessions wait for most of their time: the other checks run in what that leaves, and are told at the end.
+# What the tests use beside what the demo does is compiled before they begin, else each worker would compile it.
 test: lint parts browser
 	@nice -n 19 $(MAKE) --silent --keep-going --old-file=$(PAGE) types layers docs kernels >.venv/.beside 2>&1 & beside=$$!; \
+	$(BIN)/python -m towtank.app.demo.warm_up others >.venv/.compiling-others 2>&1; \
 	failed=0; echo 'tests, kernels compiled'; $(PYTEST) || failed=1; \
 	wait $$beside || failed=1; cat .venv/.beside; exit $$failed
 
@@ -55,13 +60,15 @@ endef
 from_debian = command -v $(1) >/dev/null || [ "$$(id -u)" != 0 ] || ! command -v apt-get >/dev/null || { \
 	echo '$(1) is missing: installing $(2)'; { apt-get -qq update && apt-get -qq install -y --no-install-recommends $(2); } >/dev/null 2>&1 || true; }
 
-# The environment: made from the lock, again only when the lock or the project's own metadata change.
+# The environment: made from the lock, again only when the lock or the project's own metadata change. Byte code is made by
+# all processors, where pip would take one; what is no Python 3 among the libraries stays as it is.
 $(READY): pyproject.toml requirements.lock
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
 	echo "towtank needs Python 3.11 or newer; '$(PYTHON)' is not. Choose another: make PYTHON=python3.12 ..."; exit 1; }
 	$(call quietly,setting up .venv (a minute or two),$(PYTHON) -m venv .venv)
-	$(call quietly,  libraries from requirements.lock,$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --requirement requirements.lock)
+	$(call quietly,  libraries from requirements.lock,$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --requirement requirements.lock)
 	$(call quietly,  towtank itself,$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .)
+	$(call quietly,  byte code,$(BIN)/python -m compileall -qq -j 0 .venv/lib src || true)
 	@touch $@
 
 # The live page. Without npm there is none, and everything else works.

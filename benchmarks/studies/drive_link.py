@@ -149,8 +149,14 @@ class Driven:
 
 
 @contextlib.contextmanager
-def driven(sub: SimulatedSub, plan: Plan, way: Way = Way.MANUAL, record: Path | None = None) -> Iterator[Driven]:
-    """Yield a session that drives a simulated vehicle."""
+def driven(
+    sub: SimulatedSub,
+    plan: Plan,
+    way: Way = Way.MANUAL,
+    record: Path | None = None,
+    free: tuple[str, ...] | None = None,
+) -> Iterator[Driven]:
+    """Yield a session that drives a simulated vehicle, and learns what is free of it; None: everything plausible."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = int(probe.getsockname()[1])
@@ -160,8 +166,8 @@ def driven(sub: SimulatedSub, plan: Plan, way: Way = Way.MANUAL, record: Path | 
     helm = helm_of(vehicle, plan.space or Space.from_text(SPACE))
     link = link_of(sources)
     log = None if record is None else McapLog.open(record, source=text)
-    warm_up(vehicle, new_learner(vehicle, "joint"), lambda what, share: None)
-    learner = new_learner(vehicle, "joint", background=True)
+    warm_up(vehicle, new_learner(vehicle, "joint", free), lambda what, share: None)
+    learner = new_learner(vehicle, "joint", free, background=True)
     session = Session(sources, vehicle, learner, epoch=steady_time(), log=log)
     driving = Driving(session, link, helm, Foreseen(session, vehicle, plan, waits=True), way)
     session.open()

@@ -124,15 +124,15 @@ def test_a_terminal_gets_a_live_table(short: Ran) -> None:
 
 
 def test_a_payload_is_noticed_told_and_learned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Twenty seconds with the payload are enough for all that is promised of three quarters of a minute."""
+    """Fifteen seconds with the payload are enough for all that is promised of three quarters of a minute."""
     assert tank.PAYLOAD_TAIL == 60.0
-    monkeypatch.setattr(tank, "PAYLOAD_TAIL", 35.0)
+    monkeypatch.setattr(tank, "PAYLOAD_TAIL", 30.0)
     shown = console()
-    document = run_demo(tmp_path, seconds=20.0, fast=True, payload=True, console=shown)
-    assert document["seconds"] == 55.0
+    document = run_demo(tmp_path, seconds=12.0, fast=True, payload=True, console=shown)
+    assert document["seconds"] == 42.0
     (change,) = [event for event in document["events"] if event["kind"] == "change"]
-    assert change["t"] == pytest.approx(35.0, abs=1.0)
-    assert change["details"]["noticed"] < 40.0
+    assert change["t"] == pytest.approx(27.0, abs=1.0)
+    assert change["details"]["noticed"] < 32.0
     assert "net weight +" in change["text"]
     weight = document["coefficients"]["W_minus_B"]
     assert weight["truth"] == 2.0
@@ -141,11 +141,11 @@ def test_a_payload_is_noticed_told_and_learned(tmp_path: Path, monkeypatch: pyte
     assert document["sums"]["m - X_udot"]["truth"] == pytest.approx(42.419)
     assert document["sums"]["m - X_udot"]["error_percent"] == pytest.approx(0.0, abs=2.0)
     text = text_of(shown)
-    assert "0:00:3" in text
+    assert "0:00:2" in text
     assert "net weight +" in text
     page = (tmp_path / "demo.html").read_text(encoding="utf-8")
     assert "What happened" in page
-    assert "a payload taken up after 35 s" in page
+    assert "a payload taken up after 27 s" in page
     assert page.count('class="truth"') >= len(FREE) + 1
     assert load_vehicle(tmp_path / "vlbv300_learned.toml").weight_minus_buoyancy == pytest.approx(weight["value"])
     assert {path.name for path in tmp_path.iterdir()} == FILES

@@ -39,7 +39,6 @@ REFERENCE = REPOSITORY / "docs" / "command-line.md"
 BLOCK = re.compile(r"^```(?:console|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 TOML = re.compile(r"^```toml\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 IN_A_LINE = re.compile(r"`(towtank [a-z][^`]*)`")
-PLANNED = "planning.md"
 BEGUN = {  # command -> what begins the work in it, and why that is not done here
     "live": ("towtank.app.live.session.run_live", "needs a vehicle, or its sensors, on a link; lasts until Ctrl-C"),
     "demo": (
@@ -237,14 +236,13 @@ def begun(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return out
 
 
+@pytest.mark.usefixtures("hurried")
 @pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda page: page.name)
 def test_the_commands_of_a_page_run_in_order(
-    page: Path, begun: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+    page: Path, begun: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A file that is given is one that a command needs and none has made; plans of `PLANNED` alone are whole."""
+    """A file that is given is one that a command needs and none has made."""
     monkeypatch.chdir(tmp_path)
-    if page.name != PLANNED:
-        request.getfixturevalue("hurried")
     given = GIVEN.get(page.name, {})
     for name, make in given.items():
         make(tmp_path / name)

@@ -108,7 +108,8 @@ def test_windows_of_one_log_and_of_all(workshop: Path) -> None:
     assert spans == [(str(yaw), 2.0, 8.0), (str(yaw), 10.0, 30.0), (str(surge), 3.0, 7.0)]
     assert found["logs"] == [str(yaw), str(surge)]
     assert found["left_out"] == []
-    folds = document("validate", workshop / "learned.toml", f"{yaw}@0,12@14,26", "--folds", 2)["cross_validation"]
+    words = ("validate", workshop / "learned.toml", f"{yaw}@0,12@14,26", "--folds", 2, "--method", "paper")
+    folds = document(*words)["cross_validation"]
     assert {each["log"] for fold in folds["folds"] for each in fold["windows"]} == {str(yaw)}
     assert document("inspect", f"{yaw}@5,20")["start_s"] == pytest.approx(5.0)
 

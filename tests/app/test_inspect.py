@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,9 +21,15 @@ def delayed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     lagged = tuple(each.model_copy(update={"time_constant": 0.05}) for each in truth.thrusters)
     tt.save_vehicle(truth.model_copy(update={"thrusters": lagged}), path.with_name("truth.toml"))
     told = ("simulate", path.with_name("truth.toml"), "tank-session", "-o", path)
-    ran = command(*told, "--sensors", "mocap", "--delay", 0.08, "--seed", 5)
+    ran = command(*told, "--duration", 90, "--sensors", "mocap", "--delay", 0.08, "--seed", 5)
     assert ran.code == 0, ran
     return path
+
+
+@pytest.fixture(scope="module")
+def of_delayed(delayed: Path) -> dict[str, Any]:
+    """What is said of it where the vehicle is known."""
+    return document("inspect", delayed, "--vehicle", "vlbv300")
 
 
 def test_channels(workshop: Path) -> None:
@@ -55,8 +62,8 @@ def test_delay_and_axes_without_a_vehicle(delayed: Path) -> None:
     assert found["axes"]["yaw"]["explained"] > 0.8
 
 
-def test_delay_and_axes_with_the_vehicle(delayed: Path) -> None:
-    found = document("inspect", delayed, "--vehicle", "vlbv300")
+def test_delay_and_axes_with_the_vehicle(of_delayed: dict[str, Any]) -> None:
+    found = of_delayed
     assert found["delay_from"] == "vehicle"
     assert found["delay_s"] == pytest.approx(0.08, abs=0.01)
     assert found["axes"]["yaw"]["identifiable"] is True
@@ -74,8 +81,8 @@ def test_noise_of_every_channel(delayed: Path, workshop: Path) -> None:
     assert "x" not in noise
 
 
-def test_how_well_each_coefficient_will_be_known(delayed: Path) -> None:
-    found = document("inspect", delayed, "--vehicle", "vlbv300")
+def test_how_well_each_coefficient_will_be_known(delayed: Path, of_delayed: dict[str, Any]) -> None:
+    found = of_delayed
     known = found["excitation"]["coefficients"]
     assert 0.01 < known["X_udot"]["percent"] < 4.0
     assert "surge drag will be known to " in known["X_uu"]["text"]
@@ -89,7 +96,7 @@ def test_how_well_each_coefficient_will_be_known(delayed: Path) -> None:
 
 
 def test_level_of_the_disturbance(delayed: Path, workshop: Path) -> None:
-    found = document("inspect", workshop / "surge.csv", "--vehicle", "vlbv300")["disturbance"]
+    found = document("inspect", workshop / "surge.csv", "--vehicle", "vlbv300", "--window", "0,15")["disturbance"]
     assert found["X"]["std"] == pytest.approx(0.3, rel=0.5)
     assert found["X"]["unit"] == "N"
     without = document("inspect", workshop / "surge.csv")
@@ -188,7 +195,7 @@ def test_window(workshop: Path) -> None:
 def test_output_is_readable(workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     for words in ([], ["--vehicle", "vlbv300"]):
-        ran = command("inspect", workshop / "yaw.csv", *words)
+        ran = command("inspect", workshop / "yaw.csv", "--window", "0,12", *words)
         assert ran.code == 0
         assert "What can be identified" in ran.out
         assert max(map(len, ran.out.splitlines()[1:])) <= 80

@@ -31,6 +31,8 @@ from towtank.planning.coach import Coach
 from towtank.readers import read
 from towtank.simulation import Mocap, manoeuvre, simulate
 
+from .commands import command, document, refused
+
 VEHICLE = "seamor"
 FREE = "X_udot,X_uu"
 
@@ -134,51 +136,46 @@ def test_a_log_replayed_ends_in_a_document_and_a_model(log: Path, tmp_path: Path
     asked = (f"replay:{log}@0", "--vehicle", VEHICLE, "--free", FREE, "--json")
     done = towtank(*asked, "--record", "dive.mcap", "-o", "mine.toml", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    document = json.loads(done.stdout)
+    found = json.loads(done.stdout)
     truth = load_vehicle(VEHICLE)
     for name in FREE.split(","):
-        assert document["coefficients"][name]["value"] == pytest.approx(truth.coefficient(name), rel=0.05)
-    assert document["live"]["samples"] == document["live"]["instants"] == 1601
-    assert document["live"]["dropped"] == document["live"]["late"] == document["live"]["bad"] == 0
+        assert found["coefficients"][name]["value"] == pytest.approx(truth.coefficient(name), rel=0.05)
+    assert found["live"]["samples"] == found["live"]["instants"] == 1601
+    assert found["live"]["dropped"] == found["live"]["late"] == found["live"]["bad"] == 0
     learn = {"vehicle", "logs", "method", "duration_s", "samples", "delay_s", "coefficients", "fit", "warnings"}
-    assert learn < document.keys()
-    assert document["fit_of"] == "the recording dive.mcap"
-    assert document["fit_reason"] is None
-    judge = [sys.executable, "-m", "towtank", "validate", "mine.toml", "dive.mcap", "--json"]
-    validated = subprocess.run(judge, capture_output=True, text=True, cwd=tmp_path, timeout=120, check=True)
-    fits = {name: value for name, value in json.loads(validated.stdout)["fit"].items() if value is not None}
+    assert learn < found.keys()
+    assert found["fit_of"] == "the recording dive.mcap"
+    assert found["fit_reason"] is None
+    validated = document("validate", tmp_path / "mine.toml", tmp_path / "dive.mcap")
+    fits = {name: value for name, value in validated["fit"].items() if value is not None}
     assert fits["x"] > 95.0
-    assert {name: document["fit"][name] for name in fits} == pytest.approx(fits, abs=0.01)
-    assert document["noise"]["x"] == {"std": pytest.approx(0.001, rel=0.2), "unit": "m"}
-    assert set(document["noise"]) == {"x", "y", "z", "phi", "theta", "psi"}
+    assert {name: found["fit"][name] for name in fits} == pytest.approx(fits, abs=0.01)
+    assert found["noise"]["x"] == {"std": pytest.approx(0.001, rel=0.2), "unit": "m"}
+    assert set(found["noise"]) == {"x", "y", "z", "phi", "theta", "psi"}
     model = load_vehicle(tmp_path / "mine.toml")
-    assert model.coefficient("X_uu") == pytest.approx(document["coefficients"]["X_uu"]["value"])
+    assert model.coefficient("X_uu") == pytest.approx(found["coefficients"]["X_uu"]["value"])
     assert "learned live from replay:" in str(model.provenance.notes)
     assert len(read(tmp_path / "dive.mcap")["x"].measured) == 1601
-    assert towtank(*asked, "--record", "dive.mcap", cwd=tmp_path).returncode == 2  # never overwritten
+    assert "dive.mcap" in refused("live", *asked, "--record", tmp_path / "dive.mcap")  # never overwritten
 
 
-def test_without_a_recording_the_last_minute_is_judged(log: Path, tmp_path: Path) -> None:
-    done = towtank(f"replay:{log}@0", "--vehicle", VEHICLE, "--free", FREE, "--json", cwd=tmp_path)
-    document = json.loads(done.stdout)
-    assert document["fit_of"] == "the last 16 s"
-    assert document["fit"]["x"] > 95.0
-    alone = towtank(f"replay:{log}@0", "--vehicle", VEHICLE, "--free", FREE, "--for", "0.05", "--json", cwd=tmp_path)
-    early = json.loads(alone.stdout)
+def test_without_a_recording_the_last_minute_is_judged(log: Path) -> None:
+    asked = ("live", f"replay:{log}@0", "--vehicle", VEHICLE, "--free", FREE)
+    found = document(*asked)
+    assert found["fit_of"] == "the last 16 s"
+    assert found["fit"]["x"] > 95.0
+    early = document(*asked, "--for", "0.05")
     assert early["fit_reason"] == "nothing was identified"
     assert set(early["fit"].values()) == {None}
 
 
-def test_foxglove_is_served_where_it_says(log: Path, tmp_path: Path) -> None:
-    asked = (f"replay:{log}@0", "--vehicle", VEHICLE, "--free", FREE, "--json")
-    done = towtank(*asked, "--foxglove", "127.0.0.1:0", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "foxglove: ws://127.0.0.1:" in done.stderr
-    assert json.loads(done.stdout)["live"]["samples"] == 1601
-    wrong = towtank(*asked, "--foxglove=nowhere", cwd=tmp_path)
-    assert wrong.returncode == 2
-    assert "--foxglove" in wrong.stderr
-    assert "Traceback" not in wrong.stderr
+def test_foxglove_is_served_where_it_says(log: Path) -> None:
+    asked = ("live", f"replay:{log}@0", "--vehicle", VEHICLE, "--free", FREE, "--json")
+    done = command(*asked, "--foxglove", "127.0.0.1:0")
+    assert done.code == 0, done
+    assert "foxglove: ws://127.0.0.1:" in done.err
+    assert json.loads(done.out)["live"]["samples"] == 1601
+    assert "--foxglove" in refused(*asked, "--foxglove=nowhere")
 
 
 def test_killed_and_gone_on_with(log: Path, tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import Coefficient, Vehicle
 from towtank.vehicle.configurations import Configurations
 
-from .commands import document, process, refused
+from .commands import command, document, refused
 
 VEHICLE, SECONDS, WHEN = "seamor", 45.0, 28.0
 MORE, SHARE = 4.0, 1.3
@@ -75,24 +75,27 @@ def test_a_change_is_told_in_the_document(log: Path, tmp_path: Path) -> None:
     assert found["coefficients"]["X_uu"]["value"] == pytest.approx(heavier().coefficient("X_uu"), rel=0.05)
 
 
-def test_nobody_watches_where_that_is_not_wanted(log: Path, tmp_path: Path) -> None:
-    ran = process("live", f"replay:{log}@0", *ASKED, "--no-changes", "--json-lines", cwd=tmp_path)
+def test_nobody_watches_where_that_is_not_wanted(log: Path) -> None:
+    ran = command("live", f"replay:{log}@0", *ASKED, "--no-changes", "--json-lines")
     last = json.loads(ran.out.splitlines()[-1])
     assert last["final"]
     assert last["events"] == []
     assert last["live"]["instants"] > 2000
 
 
-def test_lines_tell_each_event_once_and_the_recording_is_gone_on_with(log: Path, tmp_path: Path) -> None:
+def test_lines_tell_each_event_once_and_the_recording_is_gone_on_with(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     asked = (*ASKED, "--record", "dive.mcap")
-    ran = process("live", f"replay:{log}@0", *asked, "--json-lines", cwd=tmp_path)
+    ran = command("live", f"replay:{log}@0", *asked, "--json-lines")
     lines = [json.loads(line) for line in ran.out.splitlines()]
     told = [event["text"] for line in lines[:-1] for event in line["events"]]
     assert len(told) == len(set(told))
     assert [each["kind"] for each in lines[-1]["events"]] == ["change"]
     Configurations(tmp_path / "known").save(heavier(), "heavy")
     again = (f"replay:{log}@0", *asked, "--resume", "--for", "2", "--configurations", "known")
-    ran = process("live", *again, cwd=tmp_path)
+    ran = command("live", *again)
     assert ran.code == 0, ran
     happened = ran.out.split("What happened")[1]
     assert "resumed" in happened

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,7 @@ class Pool:
         self.data, self.folder = data / "bluerov_pool_2016", folder
         self.mapping = folder / "map.toml"
         self.mapping.write_text(MAPPING)
+        self.learn = cache(self._learn)
 
     def log(self, name: str) -> Path:
         found = sorted(self.data.glob(f"{name}_2016*.csv"))
@@ -31,7 +33,7 @@ class Pool:
             pytest.skip(f"no run {name} in {self.data}")
         return found[0]
 
-    def learn(self, *names: str, method: str = "joint") -> tuple[dict, Path]:
+    def _learn(self, *names: str, method: str = "joint") -> tuple[dict, Path]:
         model = self.folder / f"{'_'.join(names)}_{method}.toml"
         words = ["--vehicle", "bluerov_2016", "--map", self.mapping, "--method", method, "-o", model]
         return document("learn", *(self.log(name) for name in names), *words), model

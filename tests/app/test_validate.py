@@ -132,10 +132,10 @@ def test_folds(workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_folds_of_several_logs_and_a_window(workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words = ["validate", "vlbv300", workshop / "yaw.csv", workshop / "surge.csv", "--method", "paper", "--delay", 0]
-    out = narrow(*words, "--folds", 3, "--window", "0,24", monkeypatch=monkeypatch)
+    out = narrow(*words, "--folds", 3, "--window", "0,12", monkeypatch=monkeypatch)
     assert "log 1: yaw.csv" in " ".join(out.split())
     assert "log 2: " in out
-    found = document(*words, "--folds", 3, "--window", "0,24")
+    found = document(*words, "--folds", 3, "--window", "0,12")
     assert [len(fold["windows"]) for fold in found["cross_validation"]["folds"]] == [1, 2, 1]
 
 

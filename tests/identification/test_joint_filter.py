@@ -12,7 +12,7 @@ from towtank.core.attitude import quaternion_product
 from towtank.core.layout import N_PARAMETERS
 from towtank.core.zero_order_hold import hold_force, mean_forces_into, new_zero_order_hold
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, Samples, samples_of
-from towtank.identification.kalman.filter import joint_events, joint_step, rows_of
+from towtank.identification.kalman.filter import joint_events, rows_of, take_row
 from towtank.identification.kalman.passes import inputs_of
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state, transition_scratch
 from towtank.identification.model.linearisation import step_and_linearise
@@ -208,7 +208,7 @@ def test_one_by_one_is_as_all_at_once(vehicle: Vehicle) -> None:
         while k < len(samples.input_t) and samples.input_t[k] <= t:
             hold_force(held, samples.input_t[k], samples.input_force[k])
             k += 1
-        joint_step(state, held, t, z)
+        take_row(state, held, t, z)
     for a, b in zip(whole[:7], state[:7], strict=True):
         np.testing.assert_array_equal(a, b)
 
@@ -251,12 +251,12 @@ def test_rows_out_of_order_and_without_numbers_change_nothing(vehicle: Vehicle) 
     held = new_zero_order_hold(samples.B.shape[1], samples.lag, 0.0)
     joint_events(state, held, rows_of(samples), 0, 100, 0)
     before = state.theta.copy(), state.P.copy()
-    assert not joint_step(state, held, float(samples.t[50]), samples.values[50])
-    assert not joint_step(state, held, float("nan"), samples.values[50])
+    assert not take_row(state, held, float(samples.t[50]), samples.values[50])
+    assert not take_row(state, held, float("nan"), samples.values[50])
     np.testing.assert_array_equal(state.theta, before[0])
     np.testing.assert_array_equal(state.P, before[1])
     nothing = np.full(N_MEASURED, np.nan)
-    assert joint_step(state, held, float(samples.t[100]), nothing)
+    assert take_row(state, held, float(samples.t[100]), nothing)
     assert np.isfinite(state.P).all()
     assert np.isfinite(state.x).all()
 
@@ -268,7 +268,7 @@ def test_after_a_long_gap_the_motion_begins_anew_and_coefficients_stay(vehicle: 
     held = new_zero_order_hold(samples.B.shape[1], samples.lag, 0.0)
     hold_force(held, samples.t[-1], samples.input_force[-1])
     z = samples.values[-1] + 5.0
-    assert not joint_step(state, held, float(samples.t[-1] + 60.0), z)
+    assert not take_row(state, held, float(samples.t[-1] + 60.0), z)
     np.testing.assert_allclose(state.theta, theta, atol=1e-12)
     np.testing.assert_allclose(state.x[:3], z[:3], atol=1e-2)
 

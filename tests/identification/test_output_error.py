@@ -92,7 +92,7 @@ class Plain:
 
     def __init__(self, samples: Samples, vehicle: Vehicle, free: FreeParameters, states: Array) -> None:
         self.run: FreeRun = free_run_of(samples, NOISE, None, 0.5, False)
-        self.vehicle, self.free, self.state = vehicle, free, states[0]
+        self.parameters, self.free, self.state = vehicle.parameters.copy(), free, states[0]
 
     def __call__(self, x: Array) -> Array:
         state = self.state.copy()
@@ -101,7 +101,7 @@ class Plain:
         space = new_workspace(12 + len(self.free), len(self.free), self.run.B.shape[1])
         hold, every = new_zero_order_hold(self.run.lag.size, self.run.lag, 0.0), np.arange(12)
         unknowns = Unknowns(self.free.codes, x[2:], state[None, :], every, every)
-        assert free_run_into(self.run, self.vehicle.parameters, unknowns, hold, np.ones(N_MEASURED), False, out, space)
+        assert free_run_into(self.run, self.parameters, unknowns, hold, np.ones(N_MEASURED), False, out, space)
         return np.asarray(out.residuals[:, 0])
 
 

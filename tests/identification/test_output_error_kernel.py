@@ -100,7 +100,7 @@ class Case:
         everything = np.arange(12)
         theta, scale, space = self.theta + move[12 * s :], np.full(N_MEASURED, 1e6), new_workspace(12 + n, n, m)
         unknowns = Unknowns(self.free.codes, theta, states, everything, everything)
-        assert free_run_into(run, self.vehicle.parameters, unknowns, hold, scale, False, out, space)
+        assert free_run_into(run, self.vehicle.parameters.copy(), unknowns, hold, scale, False, out, space)
         return out
 
     def __call__(self, move: Array) -> NormalEquations:
@@ -190,7 +190,7 @@ def test_the_motion_is_the_simulators(delay: float, lag: float) -> None:
     start[0, 3] = 1.0
     hold, theta = new_zero_order_hold(run.lag.size, run.lag, delay), free.theta(vehicle, delay=0.0, lag=0.0)
     unknowns = Unknowns(free.codes, theta, start, np.arange(12), np.arange(12))
-    assert free_run_into(run, vehicle.parameters, unknowns, hold, np.ones(N_MEASURED), True, out, space)
+    assert free_run_into(run, vehicle.parameters.copy(), unknowns, hold, np.ones(N_MEASURED), True, out, space)
     assert np.nanmax(np.abs(out.residuals[:, :12])) < (1e-5 if lag == 0.0 and delay == 0.0 else 3e-4)
     assert np.isfinite(out.residuals[:, :12]).all()
 

@@ -12,21 +12,21 @@ from towtank.vehicle import load_vehicle
 
 TRUTH = load_vehicle("vlbv300").model_copy(update={"command_delay": 0.1})
 FORCE = OrnsteinUhlenbeck(std=(0.3, 0.3, 0.3, 0.02, 0.02, 0.02), time_constant=2.0)
-SECONDS = 60.0
+SECONDS = 45.0
 
 
 def camera() -> Recording:
-    return dive(Mocap(rate=100.0))
+    return dive(Mocap(rate=50.0), dt=0.02)
 
 
 def station() -> Recording:
     """A Doppler log at 8 Hz, a gyro at 100 Hz and a depth gauge."""
-    return dive(Ins(gyro_bias=0.0)).without("x", "y", "phi", "theta", "psi", "ax", "ay", "az")
+    return dive(Ins(gyro_bias=0.0), dt=0.01).without("x", "y", "phi", "theta", "psi", "ax", "ay", "az")
 
 
-def dive(sensors: Mocap | Ins) -> Recording:
-    commands = manoeuvre("all-multisine", TRUTH, duration=SECONDS, dt=0.01).commands
-    return simulate(TRUTH, commands=0.6 * np.asarray(commands), dt=0.01, sensors=sensors, disturbance=FORCE, seed=4)
+def dive(sensors: Mocap | Ins, dt: float) -> Recording:
+    commands = manoeuvre("all-multisine", TRUTH, duration=SECONDS, dt=dt).commands
+    return simulate(TRUTH, commands=0.6 * np.asarray(commands), dt=dt, sensors=sensors, disturbance=FORCE, seed=4)
 
 
 @pytest.mark.parametrize("run", [camera, station])

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.app.commands import command, document, refused
+from tests.conftest import hurry
 
 from towtank import InputError, load_vehicle
 from towtank.app.sequences import TOPIC, write_sequence
@@ -25,7 +26,8 @@ def vehicle() -> Vehicle:
 
 @pytest.fixture(scope="module")
 def made(vehicle: Vehicle) -> Plan:
-    return plan(vehicle, space=Space.from_text("5x5x2.5"), minutes=0.3, accuracy=0.02, tries=6, draws=2)
+    with hurry():
+        return plan(vehicle, space=Space.from_text("5x5x2.5"), minutes=0.3, accuracy=0.02, tries=6, draws=2)
 
 
 def test_it_ends_with_the_time_and_says_what_is_missing(made: Plan) -> None:
@@ -211,6 +213,7 @@ def test_what_no_time_makes_known_is_said(vehicle: Vehicle) -> None:
     assert found.needs == np.inf
 
 
+@pytest.mark.usefixtures("hurried")
 def test_without_a_pose_segments_are_short_and_gentle(vehicle: Vehicle) -> None:
     space = Space.from_text("3x3x2")
     asked = {"space": space, "want": ("X_udot", "Z_wdot"), "tries": 4, "draws": 1, "minutes": 0.1}

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
+from tests.conftest import hurry
 
 from towtank.vehicle import load_vehicle, save_vehicle
 
@@ -53,9 +54,10 @@ def learned(make: Any, logs: Path) -> Made:
 
 @pytest.fixture(scope="session")
 def planned(make: Any) -> Made:
-    """Two segments in a tank, after which one of four coefficients is known too little."""
+    """Two segments in a tank, searched for in a hurry, after which one of four coefficients is known too little."""
     wishes = ("--want", "X_udot,X_uu,N_rdot,N_rr", "--accuracy", "2.9%", "--minutes", 0.27)
-    return make("planned", "plan", "bluerov2_heavy", "--space", "5x5x2.5", *wishes)
+    with hurry():
+        return make("planned", "plan", "bluerov2_heavy", "--space", "5x5x2.5", *wishes)
 
 
 @pytest.fixture(scope="session")

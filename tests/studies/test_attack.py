@@ -15,7 +15,7 @@ import attack_links
 
 @pytest.mark.parametrize("kind", attack_links.LINKS)
 def test_what_is_rejected_does_not_change_the_estimate(kind: str) -> None:
-    row = attack_links.hostile(kind, 2000, seed=2)
+    row = attack_links.hostile(kind, 2000, seed=1)
     assert row.good, row
 
 
@@ -45,7 +45,7 @@ def test_this_computers_clock_may_be_set() -> None:
 
 @pytest.mark.parametrize("name", ["full", "fills", "emptied", "two-sessions", "SIGHUP", "SIGPIPE"])
 def test_a_recording_outlives(name: str) -> None:
-    blow = attack_disk.run_case(name, attack_disk.messages(12.0))
+    blow = attack_disk.run_case(name, attack_disk.messages(9.0))
     if isinstance(blow, str):
         pytest.skip(blow)
     assert blow.good, blow

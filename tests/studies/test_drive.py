@@ -120,7 +120,7 @@ def test_a_session_over_sockets_drives_a_segment_and_each_loss_ends_thrust(
     sub = SimulatedSub(load_vehicle(drive_study.VEHICLE), drive_study.START)
     record = tmp_path / "driven.mcap"
     plan = drive_link.plan_of(100, duration=2.5)
-    with drive_link.driven(sub, plan, record=record) as run:
+    with drive_link.driven(sub, plan, record=record, free=("X_udot", "X_uu")) as run:
         for _ in range(drive_link.ATTEMPTS):
             run.begin()
             if run.until(lambda: any(" driven: " in each.text for each in run.session.events.all), 6.0):

@@ -9,7 +9,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as arrow_parquet
 
@@ -21,7 +20,7 @@ from towtank.recording.mapping import ColumnMapping
 from towtank.recording.recording import Recording
 from towtank.recording.repairs import Content, Repairs
 from towtank.recording.standard import is_standard, standard_of
-from towtank.recording.tables.csv import to_table
+from towtank.recording.tables.csv import numbers_of, to_table
 
 __all__ = ["read_columns", "read_parquet", "write_parquet"]
 
@@ -95,10 +94,7 @@ def _read_numbers(path: Path, schema: pa.Schema, needed: Sequence[str]) -> dict[
         table = arrow_parquet.read_table(path, columns=list(needed))
     except (pa.ArrowInvalid, OSError) as error:
         raise InputError(_damaged(path)) from error
-    numbers = {
-        name: np.array(table.column(name).cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
-        for name in needed
-    }
+    numbers = {name: numbers_of(table.column(name).cast(pa.float64(), safe=False)) for name in needed}
     del table
     pa.default_memory_pool().release_unused()  # as much again as the recording
     return numbers
