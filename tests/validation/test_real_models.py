@@ -80,7 +80,7 @@ def test_sea_surge_of_the_second_half(data: Path) -> None:
 
 
 def test_boat_is_learned_in_the_plane(boat_logs: Learned) -> None:
-    learning = boat_logs.learn(*BOAT_HALVES[0][:2])
+    learning = boat_logs.learn(*BOAT_HALVES[0])
     assert not any(each.what == "thrusters" for each in learning.findings)
     out_of_plane = [c for c in learning.estimate.coefficients if c.name[0] in "ZKM" or c.name == "W_minus_B"]
     claimed = [c.name for c in out_of_plane if c.identified]
