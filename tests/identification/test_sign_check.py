@@ -11,7 +11,7 @@ from towtank.identification.offline.axis_responses import axis_responses
 from towtank.identification.offline.joint import LearningRequest, joint_problem
 from towtank.identification.offline.wiring import wiring_of
 from towtank.recording import Recording
-from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate
+from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, simulate
 from towtank.vehicle import Thruster, Vehicle, configuration_matrix
 from towtank.vehicle.thrusters.wiring import Wiring, rewired
 
@@ -96,11 +96,11 @@ def test_every_axis_of_a_recorded_wrench(axis: int) -> None:
 
 def test_depth_tells_of_surge_where_the_vehicle_pitches() -> None:
     body = box(buoyancy={"centre": (0.0, 0.0, -0.05)})
-    wrench = waves(9000, 0.01, (SURGE, 9.0, 0.7), (SURGE, 8.0, 2.1), (SURGE, 6.0, 0.3), square=True)
-    wrench += waves(9000, 0.01, (2, 6.0, 1.3), (4, 1.5, 0.1), (4, 3.0, 2.6))
-    run = simulate(body, wrench=wrench, sensors=Mocap())
+    wrench = waves(12000, 0.01, (SURGE, 9.0, 0.7), (SURGE, 8.0, 2.1), (SURGE, 6.0, 0.3), square=True)
+    wrench += waves(12000, 0.01, (2, 6.0, 1.3), (4, 1.5, 0.1), (4, 3.0, 2.6))
+    run = simulate(body, wrench=wrench, sensors=Ins())
     assert 0.5 < np.abs(run["theta"].values).max() < 1.0
-    samples = samples_of(Recording({name: run[name] for name in ("z", "phi", "theta", *"XYZKMN")}), body)
+    samples = samples_of(Recording({name: run[name] for name in ("z", "phi", "theta", "p", "q", "r", *"XYZKMN")}), body)
     assert not of_samples(run, samples, unknown(body))
     samples.input_force[:, [SURGE, 2]] *= -1.0
     assert of_samples(run, samples, unknown(body)) == Wiring((SURGE, 2))

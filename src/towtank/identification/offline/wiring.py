@@ -9,7 +9,8 @@ wired, says how likely what was measured is. It looks at the wirings that are st
 The filter looks at stretches in which the inputs change most, each by itself, at the level of disturbance that the
 wiring of the file asks for. No model is right about all of a recording: what it lacks lasts for about half a second, so
 that ten samples tell as much as one, and a stretch holds no more than `_NONSENSE` nats against any wiring. Each
-thruster that is turned, a swap, and all of them turned at once must be worth `_CHANGE` nats.
+thruster that is turned, a swap, and all of them turned at once must be worth `_CHANGE` nats; a thruster of which linear
+responses see nothing, for no axis that it moves shows its speed, `_UNSEEN`: one judge alone is fooled more easily.
 
 Thrusters are turned or their outputs swapped; none is moved.
 """
@@ -32,7 +33,7 @@ from towtank.vehicle.thrusters.wiring import Wiring
 
 __all__ = ["wiring_of"]
 
-_CHANGE = 15.0  # nats that each difference from the file must be worth
+_CHANGE, _UNSEEN = 15.0, 40.0  # nats that each difference from the file must be worth; where one judge sees nothing
 _PIECE, _PIECES = 10.0, 12  # s of a stretch; as many at most
 _APART, _ALIKE = 0.05, 10.0  # s between two samples of a sensor that are looked at; so many tell as much as one
 _NONSENSE = 10.0  # nats that a stretch holds against a wiring at most
@@ -56,11 +57,12 @@ def wiring_of(problem: JointProblem) -> Wiring:
     responses = axis_responses(samples)
     forces = np.concatenate([each.input_force for each in samples])
     used = [int(k) for k in np.flatnonzero(first.B.any(axis=0) & (np.ptp(forces, axis=0) > 0.0))]
+    seen = [k for k in used if first.B[[each.axis for each in responses], k].any()]
     ways = _signs(used)
-    found = likelihood_of(ways, responses, first.B, inertia) - _price(ways, used)
+    found = likelihood_of(ways, responses, first.B, inertia) - _price(ways, used, seen)
     if first.commands:
         swaps = _swaps(ways[int(np.argmax(found))], first.B)
-        found = np.append(found, likelihood_of(swaps, responses, first.B, inertia) - _price(swaps, used))
+        found = np.append(found, likelihood_of(swaps, responses, first.B, inertia) - _price(swaps, used, seen))
         ways += swaps
     likeliest = np.argsort(-found, kind="stable")[:_LOOKED_AT]
     return _judged(problem.over(pieces), [ways[k] for k in likeliest], found[likeliest])
@@ -86,10 +88,13 @@ def _swaps(first: Wiring, B: Array) -> list[Wiring]:
     ]
 
 
-def _price(ways: Sequence[Wiring], used: Sequence[int]) -> Array:
+def _price(ways: Sequence[Wiring], used: Sequence[int], seen: Sequence[int]) -> Array:
     """Return what each way (h,) costs before any data [nats]: all that are used, turned, are one difference."""
-    turned = [min(len(way.turned), 1 + len({*used} ^ {*way.turned})) for way in ways]
-    return _CHANGE * (np.array(turned) + [bool(way.swapped) for way in ways])
+    own = {k: _CHANGE if k in seen else _UNSEEN for k in used}
+    whole = min(own.values())
+    turned = [sum(own.get(k, _UNSEEN) for k in way.turned) for way in ways]
+    but = [whole + sum(own.get(k, _UNSEEN) for k in {*used} ^ {*way.turned}) for way in ways]
+    return np.asarray(np.minimum(turned, but) + np.array([_CHANGE * bool(way.swapped) for way in ways]))
 
 
 def _pieces(samples: Sequence[Samples], inertia: Array) -> list[Samples]:
