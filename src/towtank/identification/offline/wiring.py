@@ -8,9 +8,12 @@ wired, says how likely what was measured is. It looks at the wirings that are st
 
 The filter looks at stretches in which the inputs change most, each by itself, at the level of disturbance that the
 wiring of the file asks for. No model is right about all of a recording: what it lacks lasts for about half a second, so
-that ten samples tell as much as one, and a stretch holds no more than `_NONSENSE` nats against any wiring. Each
-thruster that is turned, a swap, and all of them turned at once must be worth `_CHANGE` nats; a thruster of which linear
-responses see nothing, for no axis that it moves shows its speed, `_UNSEEN`: one judge alone is fooled more easily.
+that ten samples tell as much as one, and a stretch holds no more than `_NONSENSE` nats against any wiring.
+
+Where linear responses are sure of a wiring, and the filter agrees, that is it; else the likeliest by both together, if
+it is likelier than the file's by `_SURE` nats. Each thruster that is turned costs some, all of them at once no more
+than one, and a swap; a thruster of which linear responses see nothing, for no axis that it moves shows its speed, costs
+more: one judge alone is fooled more easily.
 
 Thrusters are turned or their outputs swapped; none is moved.
 """
@@ -19,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -33,7 +37,9 @@ from towtank.vehicle.thrusters.wiring import Wiring
 
 __all__ = ["wiring_of"]
 
-_CHANGE, _UNSEEN = 15.0, 40.0  # nats that each difference from the file must be worth; where one judge sees nothing
+_TURN, _SWAP, _CHOICE = 6.0, 8.0, 3.0  # nats that a turned thruster costs, a swap, and the logarithm of their number
+_UNSEEN = 25.0  # nats that a turned thruster costs more where linear responses do not see it
+_SURE, _ALONE, _AGREES = 12.0, 20.0, 5.0  # nats ahead of the file: by both judges, by the first; and then by the filter
 _PIECE, _PIECES = 10.0, 12  # s of a stretch; as many at most
 _APART, _ALIKE = 0.05, 10.0  # s between two samples of a sensor that are looked at; so many tell as much as one
 _NONSENSE = 10.0  # nats that a stretch holds against a wiring at most
@@ -64,8 +70,13 @@ def wiring_of(problem: JointProblem) -> Wiring:
         swaps = _swaps(ways[int(np.argmax(found))], first.B)
         found = np.append(found, likelihood_of(swaps, responses, first.B, inertia) - _price(swaps, used, seen))
         ways += swaps
+    look = _Look(problem.over(pieces))
+    best = int(np.argmax(found))
+    if found[best] > found[0] + _ALONE and np.subtract(*look.at([ways[best], ways[0]])) > _AGREES:
+        return ways[best]
+    found[0] += _SURE
     likeliest = np.argsort(-found, kind="stable")[:_LOOKED_AT]
-    return _judged(problem.over(pieces), [ways[k] for k in likeliest], found[likeliest])
+    return look.likeliest([ways[k] for k in likeliest], found[likeliest])
 
 
 def _signs(used: Sequence[int]) -> list[Wiring]:
@@ -89,12 +100,15 @@ def _swaps(first: Wiring, B: Array) -> list[Wiring]:
 
 
 def _price(ways: Sequence[Wiring], used: Sequence[int], seen: Sequence[int]) -> Array:
-    """Return what each way (h,) costs before any data [nats]: all that are used, turned, are one difference."""
-    own = {k: _CHANGE if k in seen else _UNSEEN for k in used}
-    whole = min(own.values())
-    turned = [sum(own.get(k, _UNSEEN) for k in way.turned) for way in ways]
-    but = [whole + sum(own.get(k, _UNSEEN) for k in {*used} ^ {*way.turned}) for way in ways]
-    return np.asarray(np.minimum(turned, but) + np.array([_CHANGE * bool(way.swapped) for way in ways]))
+    """Return what each way (h,) costs before any data [nats]; a swap more where there are many."""
+    swap = _SWAP + _CHOICE * float(np.log(max(len(used) * (len(used) - 1) / 2.0, 1.0)))
+
+    def cost(turned: set[int]) -> float:
+        return _TURN * len(turned) + _UNSEEN * len(turned - {*seen})
+
+    whole = _TURN if seen else _TURN + _UNSEEN
+    turned = [min(cost({*way.turned}), whole + cost({*used} ^ {*way.turned})) for way in ways]
+    return np.array(turned) + swap * np.array([bool(way.swapped) for way in ways])
 
 
 def _pieces(samples: Sequence[Samples], inertia: Array) -> list[Samples]:
@@ -116,39 +130,51 @@ def _thinned(samples: Samples) -> Samples:
     return replace(samples, t=samples.t[kept], values=values[kept])
 
 
-def _judged(problem: JointProblem, ways: Sequence[Wiring], found: Array) -> Wiring:
-    """Return the likeliest wiring by what was found (h,) and by the filter.
+class _Look:
+    """What the joint filter says of ways of wiring, stretch by stretch."""
 
-    Stretch by stretch those are left out that have fallen far behind, or that what is still to come cannot bring back.
-    """
-    left = np.arange(len(ways))
-    found = found.copy()
-    levels: NoiseLevels | None = None
-    for done in range(len(problem.samples) + 1):
-        to_come = _NONSENSE * (len(problem.samples) - done)
-        left = left[found[left] >= found[left].max() - min(to_come, _BEHIND)]
-        if len(left) == 1 or not to_come:
-            break
-        levels = levels or _levels(problem)
-        told = np.array([_likelihood(problem, ways[k], done, levels) for k in left]) / _ALIKE
-        found[left] += np.logaddexp(told, told.max() - _NONSENSE) - told.max()
-    return ways[int(left[np.argmax(found[left])])]
+    def __init__(self, problem: JointProblem) -> None:
+        """Args: problem: over the stretches, the inputs wired as the file has it."""
+        self.problem = problem
 
+    def at(self, ways: Sequence[Wiring]) -> Array:
+        """Return the log likelihood of each way (h,), beside that of the likeliest of them."""
+        told = [self._told(ways, k) for k in range(len(self.problem.samples))]
+        return np.asarray(np.sum(told, axis=0))
 
-def _levels(problem: JointProblem) -> NoiseLevels:
-    """Return the noise and disturbance that stretches ask for, linearised about what is supposed."""
-    levels, most = problem.rough, most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
-    for _ in range(_LEVELS):
-        state, _, _ = one_pass(problem, problem.prior.mean, levels)
-        levels = adapt_noise(state, levels, problem.settings, problem.own_noise, neighbours=True)
-        levels = replace(levels, disturbance=np.minimum(levels.disturbance, most))
-    return levels
+    def likeliest(self, ways: Sequence[Wiring], found: Array) -> Wiring:
+        """Return the likeliest wiring by what was found (h,) and by the filter.
 
+        Stretch by stretch those are left out that have fallen far behind, or that the rest cannot bring back.
+        """
+        left, found = np.arange(len(ways)), found.copy()
+        for done in range(len(self.problem.samples) + 1):
+            to_come = _NONSENSE * (len(self.problem.samples) - done)
+            left = left[found[left] >= found[left].max() - min(to_come, _BEHIND)]
+            if len(left) == 1 or not to_come:
+                break
+            found[left] += self._told([ways[k] for k in left], done)
+        return ways[int(left[np.argmax(found[left])])]
 
-def _likelihood(problem: JointProblem, way: Wiring, k: int, levels: NoiseLevels) -> float:
-    """Return the log likelihood of stretch k; very small where none can be computed."""
-    piece = problem.samples[k]
-    rewired = replace(piece, B=np.ascontiguousarray(way.matrix(piece.B)))
-    state, _, _ = one_pass(problem.over([rewired]), problem.prior.mean, levels, windows=1)
-    found = float(state.clock[0].log_likelihood)
-    return found if np.isfinite(found) else -1e9
+    def _told(self, ways: Sequence[Wiring], k: int) -> Array:
+        """Return what stretch k says of each way (h,), beside the likeliest of them."""
+        told = np.array([self._likelihood(way, k) for way in ways]) / _ALIKE
+        return np.asarray(np.logaddexp(told, told.max() - _NONSENSE) - told.max())
+
+    def _likelihood(self, way: Wiring, k: int) -> float:
+        """Return the log likelihood of stretch k; very small where none can be computed."""
+        piece = self.problem.samples[k]
+        rewired = self.problem.over([replace(piece, B=np.ascontiguousarray(way.matrix(piece.B)))])
+        found = float(one_pass(rewired, self.problem.prior.mean, self._levels, windows=1)[0].clock[0].log_likelihood)
+        return found if np.isfinite(found) else -1e9
+
+    @cached_property
+    def _levels(self) -> NoiseLevels:
+        """The noise and disturbance that stretches ask for, linearised about what is supposed."""
+        problem = self.problem
+        levels, most = problem.rough, most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
+        for _ in range(_LEVELS):
+            state, _, _ = one_pass(problem, problem.prior.mean, levels)
+            levels = adapt_noise(state, levels, problem.settings, problem.own_noise, neighbours=True)
+            levels = replace(levels, disturbance=np.minimum(levels.disturbance, most))
+        return levels
