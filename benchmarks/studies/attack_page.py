@@ -247,7 +247,15 @@ def file_names(folder: Path) -> list[Path]:
     return [folder / f"{text}.csv" for text in found] + [folder / half]
 
 
-def command_checks(folder: Path, paths: Sequence[Path]) -> Iterator[Check]:
+def on_a_pipe(words: Sequence[str]) -> tuple[int, bytes]:
+    """Run a command in a process of its own; return its exit code and all that it says."""
+    ran = subprocess.run([sys.executable, "-m", "towtank", *words], capture_output=True, check=False)
+    return ran.returncode, ran.stdout + ran.stderr
+
+
+def command_checks(
+    folder: Path, paths: Sequence[Path], piped: Callable[[Sequence[str]], tuple[int, bytes]] = on_a_pipe
+) -> Iterator[Check]:
     """Run commands on logs of which name, columns and vehicle are hostile; on a pipe and on a terminal."""
     vehicle = folder / "vehicle.toml"
     save_vehicle(hostile_vehicle(EVERY), vehicle)
@@ -270,10 +278,10 @@ def command_checks(folder: Path, paths: Sequence[Path]) -> Iterator[Check]:
             ["convert", str(path), str(folder / "out.csv")],
         ):
             shown = f"{words[0]} {path.name[:24]!r}"
-            piped = subprocess.run([*program, *words], capture_output=True, check=False)
-            both = (piped.stdout + piped.stderr).decode("utf-8", "surrogateescape")
+            code, told = piped(words)
+            both = told.decode("utf-8", "surrogateescape")
             yield Check("commands", f"{shown}: on a pipe", raw_in(both, terminal=False))
-            yield Check("commands", f"{shown}: ended in a fault", both[-200:] if piped.returncode == 1 else "")
+            yield Check("commands", f"{shown}: ended in a fault", both[-200:] if code == 1 else "")
             said = on_a_terminal([*program, *words]).decode("utf-8", "surrogateescape")
             yield Check("commands", f"{shown}: on a terminal", raw_in(said, terminal=True))
         yield from file_checks(model, folder / "out.csv")

@@ -16,7 +16,7 @@ from .independent import Body, body, rotation, rotation_of, state
 from .proof import sized
 
 DT = 0.001
-SECONDS = sized(20.0, 4.0)
+SECONDS = sized(20.0, 2.0)
 ETA0 = np.array([0.3, -0.2, 1.0, 0.2, -0.3, 1.0])
 NU0 = np.array([0.6, 0.3, -0.2, 0.3, -0.2, 0.4])
 PUSH = np.array([30.0, 25.0, 25.0, 2.0, 2.0, 3.0])

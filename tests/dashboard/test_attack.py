@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
+
+from towtank.app.cli import app
 
 from .rig import Rig, needs_browser, needs_page
 
@@ -54,8 +57,16 @@ def test_malformed_frames_and_requests_are_refused_and_nothing_else_happens(host
     assert wrong(attack_page.fire_checks(hostile, 60, 60, np.random.default_rng(7)), 3) == []
 
 
+def in_this_process(words: Sequence[str]) -> tuple[int, bytes]:
+    """Run a command without a terminal; return its exit code and all that it says."""
+    ran = CliRunner().invoke(app, words)
+    return ran.exit_code, ran.stdout_bytes + ran.stderr_bytes
+
+
 def test_no_command_hands_a_terminal_what_a_log_would_have_it_do(tmp_path: Path) -> None:
-    assert wrong(attack_page.command_checks(tmp_path, attack_page.file_names(tmp_path)[-1:]), 17) == []
+    """On a terminal each command has a process of its own; without one it runs here."""
+    paths = attack_page.file_names(tmp_path)[-1:]
+    assert wrong(attack_page.command_checks(tmp_path, paths, in_this_process), 17) == []
 
 
 def test_the_look_for_raw_bytes_sees_them() -> None:

@@ -65,12 +65,12 @@ class Case:
         self.theta = self.free.theta(self.vehicle, delay=delay, lag=lag)
         self.gains = any(name.startswith("gain") for name in names)
         self.delay = delay
-        n = 12 if INTERPRETED else 120
+        n = 8 if INTERPRETED else 120
         t = dt * np.arange(n, dtype=np.float64)
         t[n // 3 : n // 2] += 0.3 * dt  # not regular
         shape = configuration_matrix(self.vehicle)
         m = shape.shape[1]
-        stamps = np.sort(np.concatenate([[-0.2], generator.uniform(-0.1, t[-1], n // 6)]))
+        stamps = np.sort(np.concatenate([[-0.2], generator.uniform(-0.1, t[-1], max(n // 6, 2))]))
         force = generator.uniform(-6.0, 6.0, (stamps.size, m))
         samples = Samples(t, np.zeros((n, N_MEASURED)), stamps, force, shape, np.full(m, lag), True)
         run = free_run_of(samples, np.ones(N_MEASURED), t[-1] / segments, 0.5, self.gains)

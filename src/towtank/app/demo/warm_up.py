@@ -8,10 +8,15 @@ from __future__ import annotations
 
 import sys
 
+import numpy as np
+
 from towtank.app.demo.progress import LearningCurve, quantities
 from towtank.app.demo.stream import stream
 from towtank.identification import Learner, learn_recordings
 from towtank.planning import plan
+from towtank.planning.guard import Guard, drawn_around
+from towtank.planning.space import Space
+from towtank.simulation import simulate_batch
 from towtank.simulation.tank import tank_session, unseen_session
 from towtank.validation import validate
 
@@ -35,11 +40,14 @@ def warm_up_rest() -> None:
 
 
 def warm_up_others() -> None:
-    """Learn by free runs and by the paper's method, and look for a segment to drive."""
+    """Learn by free runs and by the paper's method, look for a segment to drive, guard a step, simulate a batch."""
     session = tank_session(_SECONDS)
     for method in ("output-error", "paper"):
         learn_recordings(session.known, [session.recording], method=method)
     plan(session.truth, want=("X_udot",), minutes=0.1, tries=1, draws=1)
+    guard = Guard.of(session.truth, Space.from_text("5x5x2.5"), drawn_around(session.truth, 1, 0.3))
+    guard.step(np.array([0.0, 0.0, 1.0, 1.0] + 9 * [0.0]), np.zeros(len(session.truth.thrusters)))
+    simulate_batch(session.truth, wrench=np.zeros((1, 6)))
 
 
 GROUPS = {"filter": warm_up_filter, "rest": warm_up_rest, "others": warm_up_others}

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
@@ -22,9 +23,9 @@ from towtank.exporters.heading import Heading, at_least
 from towtank.exporters.request import Kept, Request, rounded, stem_of, with_plain_buoyancy
 from towtank.vehicle import (
     Coefficient,
+    Curve,
     RigidBody,
     TableCurve,
-    Thruster,
     Vehicle,
     configuration_matrix,
     curve_force,
@@ -158,7 +159,7 @@ def _remarks(vehicle: Vehicle) -> list[str]:
     """Return what is lost of the thrusters' curves, a line for all that lose as much."""
     lost: dict[str, list[str]] = {}
     for each in vehicle.thrusters:
-        found = _polynomial(each)
+        found = _polynomial(each.curve, each.gain)
         if found.error > _EXACT * max(map(abs, found.thrust)):
             lost.setdefault(at_least(found.error, 2), []).append(each.name)
     out = [
@@ -170,13 +171,14 @@ def _remarks(vehicle: Vehicle) -> list[str]:
     return out
 
 
-def _polynomial(thruster: Thruster) -> _Polynomial:
+@lru_cache(64)  # one export asks thrice for each curve
+def _polynomial(curve: Curve, gain: float) -> _Polynomial:
     """Return the polynomial that is least off, of those that rise or fall all the way.
 
     A higher degree must be worth it. Coefficients are rounded so that a table of its points has the same ones again.
     """
-    commands, forces, rest = _samples(thruster)
-    neutral, dead_band = round(rest), round(_reach(thruster) * thruster.curve.dead_band)
+    commands, forces, rest = _samples(curve, gain)
+    neutral, dead_band = round(rest), round(_reach(curve) * curve.dead_band)
     thrust = _twelve(min(0.0, float(forces.min()))), _twelve(max(0.0, float(forces.max())))
     driven = _driven(commands, forces, rest)
     best = _Polynomial((float(neutral),), thrust, neutral, dead_band, max(map(abs, thrust)))
@@ -209,9 +211,8 @@ def _fitted(
     return tuple(map(_twelve, coefficients)), float(np.abs(back - forces).max())
 
 
-def _samples(thruster: Thruster) -> tuple[Array, Array, float]:
+def _samples(curve: Curve, gain: float) -> tuple[Array, Array, float]:
     """Return pulses (n,) [us] over a curve's range, the thrust (n,) [N] that each gives, and the pulse at rest."""
-    curve = thruster.curve
     low, high = (curve.rest - 1.0, curve.rest + 1.0) if curve.limits is None else curve.limits
     commands = np.linspace(low, high, _SAMPLES)
     if isinstance(curve, TableCurve):
@@ -219,15 +220,14 @@ def _samples(thruster: Thruster) -> tuple[Array, Array, float]:
         low, high = ends if curve.limits is None else (max(low, ends[0]), min(high, ends[1]))
         dense = len(curve.command) >= _DENSE
         commands = np.array(curve.command) if dense else np.linspace(low, max(low, high), _SAMPLES)
-    forces = np.asarray(curve_force(curve, commands)) * thruster.gain
+    forces = np.asarray(curve_force(curve, commands)) * gain
     if _PULSES[0] <= curve.rest <= _PULSES[1]:
         return commands, forces, curve.rest
-    return _PWM[0] + _reach(thruster) * (commands - curve.rest), forces, _PWM[0]
+    return _PWM[0] + _reach(curve) * (commands - curve.rest), forces, _PWM[0]
 
 
-def _reach(thruster: Thruster) -> float:
+def _reach(curve: Curve) -> float:
     """Return how many us of a pulse a command of 1 is: the widest command above 1 is full reach."""
-    curve = thruster.curve
     if _PULSES[0] <= curve.rest <= _PULSES[1]:
         return 1.0
     ends = [*(curve.limits or ()), *(curve.command if isinstance(curve, TableCurve) else ())]
@@ -280,7 +280,7 @@ def _yaml(vehicle: Vehicle, heading: Heading) -> str:
         ),
     ]
     for each in vehicle.thrusters:
-        found = _polynomial(each)
+        found = _polynomial(each.curve, each.gain)
         lines += [
             "",
             f"{_name(f'{each.name}_controller')}:",
