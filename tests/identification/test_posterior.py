@@ -124,7 +124,7 @@ def truth_of(vehicle: Vehicle, learning: LogLearning) -> dict[str, tuple[float, 
 @cache
 def learned(seed: int) -> tuple[Vehicle, LogLearning]:
     truth = random_vehicle(seed)
-    log = dive(truth, "all-telegraph", seed, 40.0, current=(0.1, -0.08, 0.0), sensors=Mocap(rate=50.0))
+    log = dive(truth, "all-telegraph", seed, 40.0, current=(0.1, -0.08, 0.0))
     return truth, learn_recordings(told(truth), [log])
 
 
@@ -178,7 +178,7 @@ def test_identified_is_what_the_data_have_narrowed_to_half_or_less() -> None:
 def test_what_meets_a_bound_keeps_its_deviation() -> None:
     """Linear damping of which there is none comes out of either sign; it is dissipative, and as uncertain as it was."""
     truth = inputs(load_vehicle("vlbv300"))
-    learning = learn_recordings(told(truth), [dive(truth, "all-telegraph", 1, sensors=Mocap(rate=50.0))])
+    learning = learn_recordings(told(truth), [dive(truth, "all-telegraph", 1)])
     posterior = learning.model.posterior
     assert posterior is not None
     beyond = [name for name, mean in zip(posterior.names, posterior.mean, strict=True) if mean > 0.0]
@@ -195,7 +195,7 @@ def test_what_meets_a_bound_keeps_its_deviation() -> None:
 def test_inputs_without_delay_and_lag_are_found_so() -> None:
     """To first order a lag of 0.2 s that comes 0.2 s early is none at all; no delay is below zero."""
     truth = inputs(load_vehicle("vlbv300"), delay=0.0, lag=0.0)
-    learning = learn_recordings(told(truth), [dive(truth, "all-telegraph", 1, sensors=Mocap(rate=50.0))])
+    learning = learn_recordings(told(truth), [dive(truth, "all-telegraph", 1)])
     assert 0.0 <= learning.delay < 0.004
     assert 0.0 < learning.lag < 0.004
     for name in ("X_udot", "N_rdot", "Y_vv"):
