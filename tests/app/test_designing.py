@@ -61,6 +61,7 @@ def test_it_answers_refuses_and_comes_back() -> None:
         designer._process.join()
         designer.ask(vehicle, *ASKED, sensors="pose")  # another process
         assert answered(designer).unmet == ()
+        os.kill(designer._process.pid or 0, signal.SIGSTOP)  # else it may answer before it ends
         designer.ask(vehicle, *ASKED, sensors="pose")
         os.kill(designer._process.pid or 0, signal.SIGKILL)
         with pytest.raises(InputError, match="the process that designs segments has ended"):
