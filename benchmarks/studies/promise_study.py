@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from real_cases import BOAT_HALVES, boat, data_folder, pool, sea
+from real_cases import BOAT_HALVES, POOL_RUNS, boat, data_folder, pool, sea
 from report import checks_table, show
 from rich.table import Table
 from runner import arguments, over, write_json
@@ -26,7 +26,6 @@ from towtank.recording import Recording
 from towtank.vehicle import Vehicle
 
 WITHIN = 1.5  # times
-_POOL = ("yaw_1", "yaw_2", "yaw_3", "pitch_roll_1", "pitch_roll_2", "all_2", "all_3")
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ def recordings() -> dict[str, tuple[Vehicle, Recording]]:
     if data is None:
         raise SystemExit("there are no recordings: set TOWTANK_DATA to their folder")
     tank, surface = pool(data), boat(data)
-    out = {f"pool {name}": (tank.vehicle, tank.read(name)) for name in _POOL}
+    out = {f"pool {name}": (tank.vehicle, tank.read(name)) for name in POOL_RUNS}
     out |= {f"boat {name}": (surface.vehicle, surface.read(name)) for half in BOAT_HALVES for name in half}
     vehicle, halves = sea(data)
     out |= {f"sea, half {k}": (vehicle, half) for k, half in enumerate(halves, 1)}

@@ -24,6 +24,7 @@ __all__ = [
     "BOAT_MAP",
     "POOL",
     "POOL_MAP",
+    "POOL_RUNS",
     "SPINS",
     "Case",
     "Learned",
@@ -82,6 +83,7 @@ POOL = (
     Case(_TUMBLING, "all_3", 3.0, (("p", 62.0), ("q", 57.0), ("r", 47.0))),
     Case(_TUMBLING, "all_3", None, (("p", 43.0), ("q", 54.0), ("r", 40.0))),
 )
+POOL_RUNS = ("yaw_1", "yaw_2", "yaw_3", "pitch_roll_1", "pitch_roll_2", "all_2", "all_3")
 SPINS = ("226", "228")  # the boat turns on the spot: there is no surge to predict
 BOAT_HALVES = (("220", "222", "223", "224"), ("225", "226", "228", "234"))
 

@@ -6,6 +6,10 @@ Each of ArduSub's frames, flown for 30 s by a pilot who pushes sticks while the 
 wants them; in the log are gyro and accelerometer (25 Hz), attitude, depth and commands (10 Hz), nothing else. Every
 thruster turned by itself and every two outputs swapped must be found as they are (two wirings that make the same wrench
 of the commands of a log are one); in `--runs` right logs nothing may be found.
+
+`--only real`, and without `--only` too where they are present: each recording of the boat, the pool and the run at sea,
+with the file as it is, with thrusters turned one by one, some outputs swapped, and several thrusters turned. What is
+found in part, or another wiring, is counted apart.
 """
 
 from __future__ import annotations
@@ -13,9 +17,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
+from real_cases import BOAT_HALVES, POOL_RUNS, boat, data_folder, pool, sea
 from report import checks_table, show
 from rich.table import Table
 from runner import arguments, over, write_json
@@ -157,37 +164,107 @@ def case(name: str, wiring: Wiring, seed: int) -> Found:
     return Found(name, kind, right, "; ".join(finding.text for finding in findings))
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the study; 0 where everything that must hold holds."""
-    options = arguments(__doc__ or "", 200, argv)
-    only = options.only.split(",") if options.only else [frame.name for frame in FRAMES.values()]
+@cache
+def _recorded(name: str) -> tuple[Vehicle, tuple[Recording, ...]]:
+    """A vehicle, wired as it is, with one of its real recordings in the body frame."""
+    kind, _, which = name.partition(" ")
+    data = data_folder() or Path()
+    if kind == "sea":
+        vehicle, runs = sea(data)
+    else:
+        learned = {"boat": boat, "pool": pool}[kind](data)
+        vehicle, runs = learned.vehicle, [learned.read(which)]
+    return vehicle, tuple(prepared(run, vehicle) for run in runs)
+
+
+def real_case(name: str, wiring: Wiring) -> Found:
+    """Look at a real recording with a file whose wiring differs."""
+    vehicle, runs = _recorded(name)
+    supposed = rewired(vehicle, wiring)
+    samples = tuple(samples_of(run, supposed) for run in runs)
+    request, findings = as_wired(LearningRequest(supposed, runs, samples))
+    found, as_it_is = (configuration_matrix(each) for each in (request.vehicle, vehicle))
+    right = all(np.allclose(each.input_force @ found.T, each.input_force @ as_it_is.T, atol=1e-6) for each in samples)
+    kind = "right" if not wiring else "wrong"
+    return Found(name.partition(" ")[0], kind, right, "; ".join(finding.text for finding in findings))
+
+
+def real_wirings(n: int) -> list[Wiring]:
+    """The file as it is, and ways in which it is made wrong on purpose."""
+    some = [Wiring((k,)) for k in range(0, n, 2 if n > 6 else 1)]
+    if n == 2:
+        return [Wiring(), *some, Wiring((0, 1)), Wiring((), (0, 1))]
+    swaps = [Wiring((), pair) for pair in (((0, 3), (1, 2), (2, 4)) if n == 6 else ((0, 3), (2, 4), (1, 6)))]
+    return [Wiring(), *some, *swaps, Wiring(tuple(range(n))), *([Wiring((3, 4, 6, 7))] if n == 8 else [])]
+
+
+def real_table(workers: int) -> tuple[Table, list[Found]]:
+    """How real recordings are judged."""
+    names = ["sea", *(f"pool {run}" for run in POOL_RUNS), *(f"boat {log}" for half in BOAT_HALVES for log in half)]
+    tasks = [(name, way) for name in names for way in real_wirings(len(_recorded(name)[0].thrusters))]
+    found = over("real recordings", real_case, tasks, workers)
+    table = Table(title="real recordings, the file right, or made wrong on purpose", title_justify="left")
+    for title in ("of", "right: not doubted", "wrong: found as it is", "nothing found", "in part or another"):
+        table.add_column(title, justify="left" if title == "of" else "right")
+    for kind in ("sea", "pool", "boat"):
+        right = [each.right for each in found if each.frame == kind and each.kind == "right"]
+        wrong = [each for each in found if each.frame == kind and each.kind == "wrong"]
+        missed = sum(not each.right and not each.said for each in wrong)
+        well = sum(each.right for each in wrong)
+        table.add_row(
+            kind,
+            f"{sum(right)} of {len(right)}",
+            f"{well} of {len(wrong)}",
+            str(missed),
+            str(len(wrong) - well - missed),
+        )
+    return table, found
+
+
+def simulated_table(frames: Sequence[str], runs: int, seed: int, workers: int) -> tuple[Table, list[Found]]:
+    """How simulated runs of ArduSub's frames are judged."""
     cases: list[tuple[str, Wiring, int]] = []
-    for k, frame in enumerate(each for each in FRAMES.values() if each.name in only):
+    for k, frame in enumerate(each for each in FRAMES.values() if each.name in frames):
         n, B = len(frame.motors), configuration_matrix(vehicle_of(frame))
         wrong = [Wiring((i,)) for i in range(n)]
         wrong += [
             Wiring((), pair) for pair in combinations(range(n), 2) if not np.allclose(B[:, pair[0]], B[:, pair[1]])
         ]
-        right = -(-options.runs // len(only))
+        right = -(-runs // len(frames))
         for j, wiring in enumerate([*wrong, *([Wiring()] * right)]):
-            cases.append((frame.name, wiring, options.seed + 1000 * k + j))
-    found = over("wirings", case, cases, options.workers)
+            cases.append((frame.name, wiring, seed + 1000 * k + j))
+    found = over("wirings", case, cases, workers)
     table = Table(title="wirings found as they are, 30 s each", title_justify="left")
     for name in ("frame", "turned", "swapped", "right"):
         table.add_column(name)
-    for frame_name in only:
+    for frame_name in frames:
         own = [each for each in found if each.frame == frame_name]
         cells = []
         for kind in ("turned", "swapped", "right"):
             some = [each.right for each in own if each.kind == kind]
             cells.append(f"{sum(some)} of {len(some)}")
         table.add_row(frame_name, *cells)
-    wrong_ones = [each.right for each in found if each.kind != "right"]
-    checks = [
-        Check("share of wrong wirings found", float(np.mean(wrong_ones)), low=0.99),
-        Check("right logs with a find", float(sum(not each.right for each in found if each.kind == "right")), high=0.0),
-    ]
-    show(table)
+    return table, found
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the study; 0 where everything that must hold holds."""
+    options = arguments(__doc__ or "", 200, argv)
+    only = options.only.split(",") if options.only else [*(frame.name for frame in FRAMES.values()), "real"]
+    frames = [name for name in only if name != "real"]
+    found: list[Found] = []
+    checks: list[Check] = []
+    if frames:
+        table, found = simulated_table(frames, options.runs, options.seed, options.workers)
+        show(table)
+        share = float(np.mean([each.right for each in found if each.kind != "right"]))
+        checks.append(Check("share of wrong wirings found", share, low=0.99))
+    if "real" in only and data_folder() is not None:
+        table, more = real_table(options.workers)
+        show(table)
+        found += more
+    doubted = sum(not each.right for each in found if each.kind == "right")
+    checks.append(Check("right logs with a find", float(doubted), high=0.0))
     show(checks_table("must hold", checks))
     rows = [{"frame": each.frame, "kind": each.kind, "right": each.right, "said": each.said} for each in found]
     write_json(options.output, {"study": "wiring", "runs": rows, "checks": [each.document() for each in checks]})

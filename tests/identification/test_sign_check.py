@@ -112,6 +112,29 @@ def test_occlusions_leave_windows_between_them() -> None:
     hidden = np.any([np.abs(whole.t - t) < 0.4 for t in (9.0, 21.0, 33.0, 48.0)], axis=0)
     whole.values[hidden] = np.nan
     assert {0, 5} <= {each.axis for each in axis_responses([whole])}
+    assert not of_samples(run, whole, unknown(vehicle))
+
+
+@pytest.mark.parametrize("late", [0.0, 0.2])
+def test_the_gains_of_a_linear_axis_are_found(late: float) -> None:
+    """v' = -v / T + g F(t - d), solved exactly from one change of the held force to the next."""
+    rng = np.random.default_rng(3)
+    time, gain, dt = 1.6, np.array([0.05, -0.03]), 0.1
+    force = np.repeat(rng.uniform(-20.0, 20.0, (60, 2)), 10, axis=0)
+    delayed = np.roll(force, round(late / dt), axis=0)
+    delayed[: round(late / dt)] = 0.0
+    speed = np.zeros(601)
+    for k in range(600):
+        speed[k + 1] = np.exp(-dt / time) * speed[k] + (1.0 - np.exp(-dt / time)) * time * gain @ delayed[k]
+    t = dt * np.arange(601)
+    values = np.full((601, 18), np.nan)
+    values[:, 6] = speed
+    B = np.zeros((6, 2))
+    B[0] = 1.0
+    samples = Samples(t, values, t[:-1], force, B, np.zeros(2), commands=True)
+    [found] = axis_responses([samples])
+    assert found.axis == SURGE
+    assert found.gains[0] == pytest.approx(gain, rel=1e-6)
 
 
 def test_a_wrench_of_the_wrong_sign_is_reported_with_what_to_do() -> None:

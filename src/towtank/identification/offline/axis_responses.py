@@ -56,7 +56,8 @@ _CLOSE = 0.5  # s over which a speed is interpolated
 class AxisResponse(NamedTuple):
     """Of an axis, for the likeliest time constants, frequencies and delays (k): what any inputs whatever make of it.
 
-    gains: (k, n) of each input. information: (k, n, n) of them. misfit: (k,), half the square of what they leave, in
+    axis: 0 .. 5 of u v w p q r, body FRD. gains: (k, n) of each input, m/s^2 or rad/s^2 per unit of it (N, N m).
+    information: (k, n, n) of them, one over their units squared. misfit: (k,), half the square of what they leave, in
     deviations. worth: nats by which they explain the motion. nonsense: nats that it costs to follow no wiring.
     """
 
