@@ -60,7 +60,7 @@ function watch(): void {
   const words = `no word from the session since ${Math.floor(link.quiet)} s`;
   judge(`Connection lost: ${words}. All figures are as of then.`, true, link.quiet);
   if (byId("link").dataset.link !== "lost") say("silent", words);
-  if (state) velocities.show(state, words);
+  if (state) velocities.show(state, `no word since ${Math.floor(link.quiet)} s`);
 }
 
 function reset(): void {
