@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from towtank.core.arrays import Array
 from towtank.identification import Learner
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state
-from towtank.identification.kalman.update import scalar_update
+from towtank.identification.kalman.update import look_ahead, update
 from towtank.identification.model.parameters import N_FIXED, free_parameters
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate
 
@@ -34,6 +35,13 @@ def state_with(P: Array, is_considered: tuple[int, ...]) -> JointState:
     return state
 
 
+def take_one(state: JointState, row: Array, residual: float) -> None:
+    """Update by one number of the first sensor, whose H is `row` (N,)."""
+    state.H[0] = row
+    look_ahead(state, 0, residual)
+    update(state, np.array([1.0, np.nan, np.nan]), 0)
+
+
 def test_the_covariance_of_one_that_is_considered_is_josephs_with_its_gain_left_out() -> None:
     random = np.random.default_rng(3)
     size = N_FIXED + len(NAMES)
@@ -42,8 +50,7 @@ def test_the_covariance_of_one_that_is_considered_is_josephs_with_its_gain_left_
     is_considered = (1, 3)
     state = state_with(P, is_considered)
     row = random.standard_normal(size)
-    state.h[:] = row
-    scalar_update(state, 0, 0.2)
+    take_one(state, row, 0.2)
     R = 0.1**2
     S = row @ P @ row + R
     gain = P @ row / S
@@ -55,14 +62,31 @@ def test_the_covariance_of_one_that_is_considered_is_josephs_with_its_gain_left_
     assert np.linalg.eigvalsh(state.P).min() > 0.0
 
 
+def test_three_numbers_at_once_are_three_one_after_the_other() -> None:
+    random = np.random.default_rng(4)
+    size = N_FIXED + len(NAMES)
+    root = random.standard_normal((size, size))
+    P, rows, residuals = root @ root.T / size, random.standard_normal((3, size)), np.array([0.02, -0.01, 0.03])
+    for is_considered in ((), (0, 2)):
+        one, other = state_with(P, is_considered), state_with(P, is_considered)
+        one.H[:] = rows
+        for k in range(3):
+            look_ahead(one, k, residuals[k])
+            take_one(other, rows[k], residuals[k])
+        update(one, np.ones(3), 0)
+        np.testing.assert_allclose(one.P, other.P, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(one.dx, other.dx, rtol=1e-9, atol=1e-12)
+        np.testing.assert_array_equal(one.P, one.P.T)
+        assert one.clock[0].log_likelihood == pytest.approx(other.clock[0].log_likelihood, rel=1e-9)
+
+
 def test_what_was_gained_is_the_fall_of_the_logarithm_of_the_variance() -> None:
     random = np.random.default_rng(5)
     size = N_FIXED + len(NAMES)
     root = random.standard_normal((size, size))
     state = state_with(root @ root.T / size, ())
     before = np.diag(state.P)[N_FIXED:].copy()
-    state.h[:] = 1e-3 * random.standard_normal(size)
-    scalar_update(state, 0, 0.0)
+    take_one(state, 1e-3 * random.standard_normal(size), 0.0)
     fell = np.log(before / np.diag(state.P)[N_FIXED:])
     np.testing.assert_allclose(state.information_rate, fell, rtol=1e-3)
 

@@ -14,7 +14,7 @@ from towtank.core.rk4 import simulate_run
 from towtank.identification import Learner
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels
 from towtank.identification.kalman.state import N_BIASES, N_WAVES, FilterSettings, JointState, new_joint_state
-from towtank.identification.kalman.update import expected_into, inject
+from towtank.identification.kalman.update import expect, inject
 from towtank.identification.model.linearisation import turn_by
 from towtank.identification.model.measurements import (
     ATTITUDE,
@@ -106,8 +106,8 @@ def test_the_filter_s_row_is_the_derivative_by_biases_latency_and_waves_too(sens
     z[3:6] = euler_from_quaternion(*state.x[3:7])
     size = state.P.shape[0]
     assert size == N_FIXED + state.theta.size + N_BIASES + N_WAVES
-    expected_into(state, z, sensor, k, True)
-    h = state.h.copy()
+    expect(state, z, sensor, True)
+    h = state.H[k].copy()
     differences = np.zeros(size)
     for j in range(size):
         ends = []
@@ -116,7 +116,8 @@ def test_the_filter_s_row_is_the_derivative_by_biases_latency_and_waves_too(sens
             other.bias[:], other.rate[:] = state.bias, state.rate
             other.dx[j] = sign * STEP
             inject(other)
-            ends.append(-expected_into(other, z, sensor, k, True))
+            expect(other, z, sensor, True)
+            ends.append(-other.innovation[k])
         differences[j] = (ends[0] - ends[1]) / (2.0 * STEP)
     np.testing.assert_allclose(h, differences, atol=1e-8)
     assert h[N_FIXED + state.latency[sensor]] != 0.0
@@ -126,10 +127,11 @@ def test_the_filter_s_row_is_the_derivative_by_biases_latency_and_waves_too(sens
 def test_a_sensor_that_is_late_shows_what_was() -> None:
     """Of a latency known beside the one that rows were moved by, the rest is expected by the pace of the sensor."""
     state, z = a_filter(), np.zeros(N_MEASURED)
-    on_time = expected_into(state, z, VELOCITY, 0, True)
+    expect(state, z, VELOCITY, True)
+    on_time = state.innovation[0]
     state.theta[state.latency[VELOCITY]] += 0.02
-    late = expected_into(state, z, VELOCITY, 0, True)
-    assert late - on_time == pytest.approx(0.02 * pace_of(state.x, state.water, state.rate, VELOCITY, 0))
+    expect(state, z, VELOCITY, True)
+    assert state.innovation[0] - on_time == pytest.approx(0.02 * pace_of(state.x, state.water, state.rate, VELOCITY, 0))
 
 
 @pytest.mark.parametrize("sensor", OTHERS, ids=[SENSORS[i].name for i in OTHERS])

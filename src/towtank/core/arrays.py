@@ -7,6 +7,7 @@ kernels that it imports, directly or not. A change compiles anew what it reaches
 Numba optimises every function and makes machine code of it, and does so again in each function that calls it, level by
 level; of the joint filter's 70 kernels, nested nine deep, that of one is used. Here a call from a kernel leads to a
 twin of the callee that is typed and lowered, and no more: what Python calls is optimised with all that it calls, once.
+Nor does a twin count references to arrays, atomically each time, unless it makes or gets some: they are its caller's.
 """
 
 from __future__ import annotations
@@ -21,13 +22,14 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
+from numba.core import ir, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import LoweringPass, register_pass
-from numba.core.typed_passes import NativeLowering
+from numba.core.typed_passes import AnnotateTypes, NativeLowering
 from numpy.typing import NDArray
 
-__all__ = ["Array", "fingerprint", "inlined_kernel", "kernel", "parallel_kernel"]
+__all__ = ["Array", "fingerprint", "inlined_kernel", "kernel", "parallel_kernel", "summing_kernel"]
 
 Array = NDArray[np.float64]
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -115,6 +117,40 @@ class _Announce(LoweringPass):  # type: ignore[misc]
         return True
 
 
+_UNCOUNTED: dict[Any, Any] = {}  # functions of Numba's own, compiled without counting
+_VIEWS = ("getitem", "static_getitem", "cast", "build_tuple", "exhaust_iter")
+
+
+@register_pass(mutates_CFG=False, analysis_only=True)
+class _Borrow(LoweringPass):  # type: ignore[misc]
+    """Leave references uncounted in a function in which every array is an argument, or a view of one."""
+
+    _name = "towtank_borrow"
+
+    def __init__(self) -> None:
+        LoweringPass.__init__(self)
+
+    def run_pass(self, state: Any) -> bool:
+        def counted(each: Any) -> bool:
+            return bool(state.targetctx.data_model_manager[each].contains_nrt_meminfo())
+
+        def makes(expression: Any, signature: Any) -> bool:
+            if signature is None or not isinstance(expression, ir.Expr) or not counted(signature.return_type):
+                return False
+            if expression.op == "call":
+                called = state.typemap[expression.func.name]
+                views = getattr(called, "typing_key", "") == "array.reshape"
+                return not (views or isinstance(called, types.NamedTupleClass))
+            return expression.op not in _VIEWS or any(isinstance(each, types.Array) for each in signature.args[1:])
+
+        if counted(state.return_type) or any(makes(*each) for each in state.calltypes.items()):
+            return False
+        state.flags.nrt = False
+        state.targetctx = state.targetctx.subtarget(enable_nrt=False)
+        state.targetctx.cached_internal_func = _UNCOUNTED
+        return False
+
+
 class _Woven(CompilerBase):  # type: ignore[misc]
     """The compiler of a function that only other kernels call."""
 
@@ -124,6 +160,7 @@ class _Woven(CompilerBase):  # type: ignore[misc]
         state.library = _WovenLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.flags.no_compile = True
         passes = DefaultPassBuilder.define_nopython_pipeline(state)
+        passes.add_pass_after(_Borrow, AnnotateTypes)
         passes.add_pass_after(_Announce, NativeLowering)
         passes.finalize()
         return [passes]
@@ -131,7 +168,7 @@ class _Woven(CompilerBase):  # type: ignore[misc]
 
 def _compiled(function: _F, **options: Any) -> _F:
     """Return the function compiled on first use, its machine code kept on disk; kernels that call it take a twin."""
-    options |= {"error_model": "numpy", "fastmath": _FAST}
+    options = {"error_model": "numpy", "fastmath": _FAST} | options
     compiled: Any = numba.njit(cache=True, no_cfunc_wrapper=True, **options)(function)
     bind_cache(compiled)
     if compiled is not function:
@@ -153,3 +190,8 @@ def parallel_kernel(function: _F) -> _F:
 def inlined_kernel(function: _F) -> _F:
     """As `kernel`, always inlined: array shapes that are constant in the caller become constants here."""
     return _compiled(function, forceinline=True, nogil=True)
+
+
+def summing_kernel(function: _F) -> _F:
+    """As `kernel`, whose sums are taken in the order that suits the processor; no x - x may be asked for."""
+    return _compiled(function, nogil=True, fastmath=_FAST | {"reassoc"})

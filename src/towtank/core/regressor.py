@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from towtank.core.arrays import Array, kernel
+from towtank.core.arrays import Array, inlined_kernel, kernel
 from towtank.core.attitude import gravity_direction
 from towtank.core.layout import (
     ASYMMETRY,
@@ -82,7 +82,7 @@ def _add_momentum_into(row: int, speed: float, rate: float, nu: Array, factor: f
         w[4] -= p * s
 
 
-@kernel
+@inlined_kernel
 def unit_wrench_into(kind: int, i: int, j: int, nu: Array, nu_dot: Array, k: Array, out: Array) -> None:
     """Write the wrench (6,) on the vehicle that one coefficient makes per unit: the derivative of all forces by it.
 

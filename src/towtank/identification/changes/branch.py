@@ -210,18 +210,17 @@ def with_coordinates(state: JointState, free: FreeParameters, source: Sequence[i
     fresh = {
         "P": P,
         "codes": np.ascontiguousarray(free.codes),
-        "F_transposed": np.zeros((N_FIXED + n, 12)),
         "F": F,
         "A": A,
         "work": work,
         "scratch": scratch,
         "W": np.zeros((12, size)),
-        "g": np.zeros(size),
+        "H": np.zeros((3, size)),
+        "G": np.zeros((3, size)),
         "dx": dx,
         "active": np.ones(size),
         "latency": columns_of(free.codes, IN_LATENCY, N_SENSORS),
         "place": columns_of(free.codes, IN_PLACE, 3),
-        "h": np.zeros(size),
         **vectors,
     }
     return JointState(

@@ -20,7 +20,7 @@ from towtank.core.layout import I_INFLOW, I_LINEAR
 from towtank.core.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
 from towtank.identification.data.samples import Samples
 from towtank.identification.kalman.state import INFORMATION_MEMORY, JointState
-from towtank.identification.kalman.update import update_row
+from towtank.identification.kalman.update import product_of_rows, update_row
 from towtank.identification.model.linearisation import step_and_linearise, turn_by
 from towtank.identification.model.measurements import ATTITUDE, N_SENSORS, NEVER, SPEEDS
 from towtank.identification.model.parameters import IN_GAIN, N_FIXED, N_MOVING
@@ -89,45 +89,34 @@ def _off_linearisation(state: JointState) -> None:
 
 
 @kernel
+def _product_into(F: Array, P: Array, out: Array) -> None:
+    np.dot(F, P, out)
+
+
+@kernel
 def _covariance(state: JointState, h: float) -> None:
-    P, F, T, W = state.P, state.F, state.F_transposed, state.W
+    P, F, W = state.P, state.F, state.W
     columns, size = F.shape[1], P.shape[0]
     fade = math.exp(-h / state.settings[0].time_constant)
-    for i in range(N_MOVING):
-        for j in range(columns):
-            T[j, i] = F[i, j]
-        for j in range(size):
-            W[i, j] = 0.0
-        for k in range(columns):
-            f = F[i, k]
-            if f != 0.0:
-                for j in range(size):
-                    W[i, j] += f * P[k, j]
-    if state.settings[0].waves > 0.0:
-        first = size - 6
+    waves = state.settings[0].waves > 0.0
+    _product_into(F, P[:columns], W)
+    if waves:
         for i in range(N_MOVING):  # the water of waves moves a vehicle as a current does
             for k in range(3):
                 f = F[i, 18 + k]
                 if f != 0.0:
                     for j in range(size):
-                        W[i, j] += f * P[first + k, j]
+                        W[i, j] += f * P[size - 6 + k, j]
     for i in range(N_MOVING):
-        for j in range(N_MOVING):
-            P[i, j] = 0.0
-        for k in range(columns):
-            a = W[i, k]
-            if a != 0.0:
-                for j in range(i, N_MOVING):
-                    P[i, j] += a * T[k, j]
-        if state.settings[0].waves > 0.0:
-            for k in range(3):
-                for j in range(i, N_MOVING):
+        for j in range(i, N_MOVING):
+            P[i, j] = product_of_rows(W, i, F, j, columns)
+            if waves:
+                for k in range(3):
                     P[i, j] += W[i, size - 6 + k] * F[j, 18 + k]
         for j in range(N_MOVING, size):
             P[i, j] = W[i, j]
         for j in range(_DIST, _DIST + 6):
             P[i, j] *= fade
-    for i in range(N_MOVING):
         for j in range(i + 1, size):
             P[j, i] = P[i, j]
     for i in range(_DIST, _DIST + 6):

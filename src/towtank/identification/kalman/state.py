@@ -189,18 +189,18 @@ class JointState(NamedTuple):
     statistics: Record
     disturbance_statistics: Record
     wave_statistics: Record  # (3,) as those of the disturbance
-    F_transposed: Array  # (21 + n, 12)
     F: Array  # (12, 21 + n)
     A: Array  # (12, 21 + n)
     work: Array  # (5, 13, 1)
     scratch: Array  # (12, 6)
     W: Array  # (12, N)
-    g: Array  # (N,)
-    dx: Array  # (N,)
-    h: Array  # (N,)
+    H: Array  # (3, N) of the sensor at hand
+    G: Array  # (3, N) P H^T
+    dx: Array  # (N,) error found and not yet put into the state
     mean_force: Array  # (3, m) of the inputs over the last step, and its derivatives by delay and ln lag
     small: Array  # (6, 6)
     innovation: Array  # (3,) of the sensor at hand
+    variance: Array  # (3,) of the innovation
     tau: Array  # (6,) wrench of the inputs: mean over the step, and at its end for the accelerometer
 
 
@@ -281,18 +281,18 @@ def new_joint_state(
         statistics=np.zeros(N_MEASURED, dtype=STATISTICS),
         disturbance_statistics=np.zeros(6, dtype=DISTURBANCE_STATISTICS),
         wave_statistics=np.zeros(3, dtype=DISTURBANCE_STATISTICS),
-        F_transposed=np.zeros((N_FIXED + n, 12)),
         F=F,
         A=A,
         work=work,
         scratch=scratch,
         W=np.zeros((12, size)),
-        g=np.zeros(size),
+        H=np.zeros((3, size)),
+        G=np.zeros((3, size)),
         dx=np.zeros(size),
-        h=np.zeros(size),
         mean_force=np.zeros((3, B.shape[1])),
         small=np.zeros((6, 6)),
         innovation=np.zeros(3),
+        variance=np.zeros(3),
         tau=np.zeros(6),
     )
     state.active[N_FIXED : N_FIXED + n] = state.learns

@@ -1,11 +1,12 @@
 """The joint filter at a measurement: what each sensor should show, whether it is accepted, and the update.
 
-With g = P H^T and S = H g + R one number updates by dx += g nu / S, P -= g g^T with g / sqrt(S), which keeps the
-covariance symmetric to the last bit. An innovation beyond the cap counts as if its sensor were so much worse: S grows
-until the innovation is at the cap (Huber). The three numbers of a sensor are gated at 4.5 deviations and rejected
-together, else taken one after the other. Errors wait in dx until they are put into the state.
+With G = P H^T and S = H G + R one number updates by dx += G nu / S, P -= G G^T with G / sqrt(S), which keeps the
+covariance symmetric to the last bit. The three numbers of a sensor are gated at 4.5 deviations and rejected together,
+else taken one after the other: each changes G, nu and S of the next, and P is lowered by all at once. An innovation
+beyond the cap counts as if its sensor were so much worse: S grows until the innovation is at the cap (Huber). Errors
+wait in dx until they are put into the state.
 
-A coefficient that is considered but not updated has no gain, and P -= g g^T / S leaves out the block of those. The rest
+A coefficient that is considered but not updated has no gain, and P -= G G^T leaves out the block of those. The rest
 of P still counts with their uncertainty (Schmidt's consider states), so that it stays true.
 
 The accelerometer shows what the forces of the model do.
@@ -16,7 +17,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from towtank.core.arrays import Array, kernel
+from towtank.core.arrays import Array, kernel, summing_kernel
 from towtank.core.attitude import euler_from_quaternion
 from towtank.core.rk4 import N_STATES, stage_into
 from towtank.identification.model.linearisation import linearise_into, turn_by
@@ -58,37 +59,78 @@ _MOST_REJECTED = 3.0  # samples of a sensor whose longest outage is over
 _UPRIGHT = math.sqrt(0.02)  # cosine of pitch, 8 degrees from 90, below which single Euler angles say nothing
 
 
-@kernel
-def innovation_variance_into(state: JointState, column: int) -> float:
-    """Write g = P H^T for the row in `state.h` into `state.g`; return S with the column's noise."""
-    P, h, g = state.P, state.h, state.g
-    size = g.shape[0]
-    for j in range(size):
-        g[j] = 0.0
+@summing_kernel
+def product_of_rows(A: Array, i: int, B: Array, j: int, size: int) -> float:
+    """Return the sum of A[i, k] B[j, k] over k < size."""
+    s = 0.0
     for k in range(size):
-        a = h[k]
-        if a != 0.0:
+        s += A[i, k] * B[j, k]
+    return s
+
+
+@kernel
+def look_ahead(state: JointState, column: int, residual: float) -> None:
+    """Write G = P H^T, the innovation and its variance of a number into the state.
+
+    Its H stands in a row of `state.H`, and `residual` is what it shows at dx = 0.
+    """
+    P, H, G = state.P, state.H, state.G
+    row, size = column % 3, H.shape[1]
+    G[row, :] = 0.0
+    for k in range(size):
+        h = H[row, k]
+        if h != 0.0:
+            residual -= h * state.dx[k]
             for j in range(size):
-                g[j] += a * P[k, j]
-    S = state.noise[column] ** 2
-    for k in range(size):
-        S += h[k] * g[k]
-    return float(S)
+                G[row, j] += h * P[k, j]
+    state.innovation[row] = residual
+    state.variance[row] = product_of_rows(H, row, G, row, size) + state.noise[column] ** 2
 
 
 @kernel
-def scalar_update(state: JointState, column: int, residual: float) -> None:
-    """Update by one number whose residual at dx = 0 is `residual` and whose H stands in `state.h`; clears H."""
-    P, h, g, dx = state.P, state.h, state.g, state.dx
-    size = g.shape[0]
-    S = innovation_variance_into(state, column)
-    nu = residual
-    for k in range(size):
-        if h[k] != 0.0:
-            nu -= h[k] * dx[k]
-            h[k] = 0.0
-    if not S > 0.0:
-        return
+def update(state: JointState, z: Array, sensor: int) -> None:
+    """Update by the numbers of a sensor that was looked ahead to, one after the other; P is lowered by all at once."""
+    P, H, G, active = state.P, state.H, state.G, state.active
+    size = G.shape[1]
+    for row in range(3):
+        nu, S = state.innovation[row], state.variance[row]
+        for before in range(row):
+            learned = considered = 0.0
+            for k in range(size):
+                if H[row, k] != 0.0:
+                    learned += H[row, k] * active[k] * G[before, k]
+                    considered += H[row, k] * (1.0 - active[k]) * G[before, k]
+            nu -= learned * state.innovation[before]
+            S -= learned * (learned + 2.0 * considered)
+            for j in range(size):
+                G[row, j] -= G[before, j] * (learned + active[j] * considered)
+        if not (math.isfinite(z[3 * sensor + row]) and S > 0.0):  # not measured, or a motion that has diverged
+            G[row, :] = state.innovation[row] = 0.0
+            continue
+        S = _weighed(state, 3 * sensor + row, nu, S)
+        over = 1.0 / math.sqrt(S)
+        for j in range(size):
+            G[row, j] *= over
+            state.dx[j] += active[j] * G[row, j] * nu * over
+        state.innovation[row] = nu * over  # in its deviations
+    for c in range(state.theta.shape[0]):
+        i = N_FIXED + c
+        if P[i, i] > 0.0:
+            state.information_rate[c] += (G[0, i] ** 2 + G[1, i] ** 2 + G[2, i] ** 2) / P[i, i]
+    for i in range(size):
+        if active[i] > 0.0:
+            for j in range(size):
+                P[i, j] -= G[0, i] * G[0, j] + G[1, i] * G[1, j] + G[2, i] * G[2, j]
+    for i in range(N_FIXED, N_FIXED + state.theta.shape[0]):
+        if active[i] == 0.0:
+            for j in range(size):
+                if active[j] > 0.0:
+                    P[i, j] = P[j, i]
+
+
+@kernel
+def _weighed(state: JointState, column: int, nu: float, S: float) -> float:
+    """Count an innovation nu of variance S; return the variance that it is weighed with."""
     R = state.noise[column] ** 2
     away = math.fabs(nu) / math.sqrt(S)
     clock, own = state.clock[0], state.statistics[column]
@@ -108,28 +150,7 @@ def scalar_update(state: JointState, column: int, residual: float) -> None:
         S *= away / cap
     else:
         clock.log_likelihood -= 0.5 * (math.log(S) + away * away)
-    gain = nu / S
-    active = state.active
-    for j in range(size):
-        dx[j] += active[j] * g[j] * gain
-    root = 1.0 / math.sqrt(S)
-    for i in range(size):
-        g[i] *= root
-    for c in range(state.theta.shape[0]):
-        i = N_FIXED + c
-        if P[i, i] > 0.0:
-            state.information_rate[c] += g[i] * g[i] / P[i, i]
-    for i in range(size):
-        a = g[i]
-        if a != 0.0 and active[i] > 0.0:
-            for j in range(size):
-                P[i, j] -= a * g[j]
-    for c in range(state.theta.shape[0]):
-        i = N_FIXED + c
-        if active[i] == 0.0:
-            for j in range(size):
-                if active[j] > 0.0:
-                    P[i, j] = P[j, i]
+    return S
 
 
 @kernel
@@ -174,41 +195,44 @@ def inject(state: JointState) -> None:
             state.wave[i] += dx[dx.shape[0] - 6 + i]
     for i in range(3):
         state.water[i] = state.current[i] + state.wave[i]
-    for j in range(dx.shape[0]):
-        dx[j] = 0.0
+    dx[:] = 0.0
 
 
 @kernel
-def expected_into(state: JointState, z: Array, sensor: int, k: int, whole: bool) -> float:
-    """Write H of number k of a sensor into `state.h`, which is zero before; return its residual at dx = 0."""
-    h, water = state.h, state.water
-    n, size = state.theta.shape[0], state.P.shape[0]
+def expect(state: JointState, z: Array, sensor: int, whole: bool) -> None:
+    """Look ahead to the numbers of a sensor; H is zero where there is none."""
+    n, size, water = state.theta.shape[0], state.P.shape[0], state.water
     waves = state.settings[0].waves > 0.0
     flows = waves or water[0] != 0.0 or water[1] != 0.0 or water[2] != 0.0 or state.P[18, 18] > 0.0
-    measurement_row_into(state.x, water, flows, sensor, k, whole, h)
-    if state.settings[0].biases > 0.0:
-        if sensor == RATES:
-            h[N_FIXED + n + k] = 1.0
-        elif sensor == ATTITUDE and whole:
+    state.H[:] = 0.0
+    for k in range(3):
+        h = state.H[k]
+        if not math.isfinite(z[3 * sensor + k]):
+            continue
+        measurement_row_into(state.x, water, flows, sensor, k, whole, h)
+        if state.settings[0].biases > 0.0:
+            if sensor == RATES:
+                h[N_FIXED + n + k] = 1.0
+            elif sensor == ATTITUDE and whole:
+                for j in range(3):
+                    h[N_FIXED + n + 6 + j] = h[3 + j]
+        if waves and sensor == VELOCITY:
             for j in range(3):
-                h[N_FIXED + n + 6 + j] = h[3 + j]
-    if waves and sensor == VELOCITY:
-        for j in range(3):
-            h[size - 6 + j] = h[18 + j]
-    residual = residual_of(z, state.x, water, state.bias, sensor, k, whole)
-    column = state.latency[sensor]
-    if column >= 0 and (whole or sensor != ATTITUDE):
-        slope = pace_of(state.x, water, state.rate, sensor, k)
-        h[N_FIXED + column] = -slope
-        residual += slope * (state.theta[column] - state.linearised_at[column])
-    return residual
+                h[size - 6 + j] = h[18 + j]
+        residual = residual_of(z, state.x, water, state.bias, sensor, k, whole)
+        column = state.latency[sensor]
+        if column >= 0 and (whole or sensor != ATTITUDE):
+            slope = pace_of(state.x, water, state.rate, sensor, k)
+            h[N_FIXED + column] = -slope
+            residual += slope * (state.theta[column] - state.linearised_at[column])
+        look_ahead(state, 3 * sensor + k, residual)
 
 
 @kernel
 def update_specific_force(state: JointState, z: Array) -> None:
     """Update by the accelerometer: nu_dot + omega x v - g k + bias, all in the body."""
     inject(state)
-    x, A, h = state.x, state.A, state.h
+    x, A = state.x, state.A
     lane = state.x.reshape(13, 1)
     rate = state.work[4]
     change = rate.reshape(N_STATES)
@@ -224,44 +248,39 @@ def update_specific_force(state: JointState, z: Array) -> None:
     n = state.theta.shape[0]
     gate, cap = state.settings[0].gate, state.settings[0].huber
     within, cost = True, 0.0
-    for pass_ in range(2):
-        for k in range(3):
-            column = 3 * SPECIFIC_FORCE + k
-            if not math.isfinite(z[column]):
-                continue
-            specific_force_row_into(x, A, k, h)
-            f = specific_force(x, change, k)
-            for c in range(n):
-                f += A[6 + k, N_FIXED + c] * (state.theta[c] - state.linearised_at[c])
-            if state.settings[0].biases > 0.0:
-                h[N_FIXED + n + 3 + k] = 1.0
-                f += state.bias[3 + k]
-            if state.place[0] >= 0:
-                f += _off_origin(state, change[10:13], k)
-            residual = z[column] - f
-            if pass_ == 0:
-                S = innovation_variance_into(state, column)
-                for j in range(h.shape[0]):
-                    h[j] = 0.0
-                within = within and residual * residual <= gate * gate * S
-                cost += math.log(S) + cap * (2.0 * gate - cap)
-            else:
-                scalar_update(state, column, residual)
-        if not within:
-            for m in range(3):
-                state.statistics[3 * SPECIFIC_FORCE + m].rejected += 1.0
-            state.clock[0].log_likelihood -= 0.5 * cost
-            return
-    state.last_accepted[SPECIFIC_FORCE] = state.clock[0].time
+    state.H[:] = 0.0
+    for k in range(3):
+        column, h = 3 * SPECIFIC_FORCE + k, state.H[k]
+        if not math.isfinite(z[column]):
+            continue
+        specific_force_row_into(x, A, k, h)
+        f = specific_force(x, change, k)
+        for c in range(n):
+            f += A[6 + k, N_FIXED + c] * (state.theta[c] - state.linearised_at[c])
+        if state.settings[0].biases > 0.0:
+            h[N_FIXED + n + 3 + k] = 1.0
+            f += state.bias[3 + k]
+        if state.place[0] >= 0:
+            f += _off_origin(state, change[10:13], k)
+        look_ahead(state, column, z[column] - f)
+        within = within and state.innovation[k] ** 2 <= gate * gate * state.variance[k]
+        cost += math.log(state.variance[k]) + cap * (2.0 * gate - cap)
+    if within:
+        update(state, z, SPECIFIC_FORCE)
+        state.last_accepted[SPECIFIC_FORCE] = state.clock[0].time
+        return
+    for m in range(3):
+        state.statistics[3 * SPECIFIC_FORCE + m].rejected += 1.0
+    state.clock[0].log_likelihood -= 0.5 * cost
 
 
 @kernel
 def _off_origin(state: JointState, turning: Array, k: int) -> float:
-    """Return what number k of an accelerometer away from the origin shows more, and add that to H in `state.h`.
+    """Return what number k of an accelerometer away from the origin shows more, and add that to its row of H.
 
     omega_dot x r + omega x (omega x r), with r its place and `turning` omega_dot (3,).
     """
-    A, h, place = state.A, state.h, state.place
+    A, h, place = state.A, state.H[k], state.place
     p, q, r = state.x[10], state.x[11], state.x[12]
     a, b = (k + 1) % 3, (k + 2) % 3
     omega = (p, q, r)
@@ -278,7 +297,7 @@ def _off_origin(state: JointState, turning: Array, k: int) -> float:
 
 
 @kernel
-def _passes_gate(state: JointState, z: Array, sensor: int, whole: bool) -> bool:
+def _passes_gate(state: JointState, z: Array, sensor: int) -> bool:
     """Return whether all numbers of a sensor lie within the gate, and, after an outage, have come back.
 
     While a sensor is rejected the gate widens; an offset that stays would slip in, one lucky sample at first. So it is
@@ -291,17 +310,11 @@ def _passes_gate(state: JointState, z: Array, sensor: int, whole: bool) -> bool:
     ratio, cost = 0.0, 0.0
     for k in range(3):
         if math.isfinite(z[3 * sensor + k]):
-            residual = expected_into(state, z, sensor, k, whole)
-            S = innovation_variance_into(state, 3 * sensor + k)
-            for j in range(state.h.shape[0]):
-                if state.h[j] != 0.0:
-                    residual -= state.h[j] * state.dx[j]
-                    state.h[j] = 0.0
+            residual, S = state.innovation[k], state.variance[k]
             if residual * residual > gate * gate * S:
                 within = False
             ratio += ((residual - outage.offset[k]) ** 2 - residual * residual) / (2.0 * S)
             cost += math.log(S) + cap * (2.0 * gate - cap)
-            state.innovation[k] = residual
         else:
             state.innovation[k] = outage.offset[k]
     if outage.rejected == 0.0:
@@ -375,9 +388,11 @@ def update_row(state: JointState, z: Array) -> None:
         if unseen:
             state.last_accepted[sensor] = now
         state.clock[0].since_accepted = now - state.last_accepted[sensor]
-        within = _passes_gate(state, z, sensor, whole)
+        expect(state, z, sensor, whole)
+        within = _passes_gate(state, z, sensor)
         if unseen and not within:  # the motion began with a heading that nobody knew
             _reset_to_sensor(state, z, sensor, True)
+            expect(state, z, sensor, whole)
             state.outages[sensor].rejected = 0.0
         elif not within:
             for k in range(3):
@@ -386,16 +401,14 @@ def update_row(state: JointState, z: Array) -> None:
             quiet = now - state.last_accepted[sensor]
             if quiet > state.settings[0].reacquire * REACQUIRE[sensor]:
                 _reset_to_sensor(state, z, sensor, whole)
+                expect(state, z, sensor, whole)
                 state.outages[sensor].rejected = 0.0
                 state.last_accepted[sensor] = now
             elif quiet <= LONGEST_OUTAGE[sensor] or state.outages[sensor].rejected < _MOST_REJECTED:
                 continue
         else:
             state.last_accepted[sensor] = now
-        for k in range(3):
-            if math.isfinite(z[3 * sensor + k]):
-                residual = expected_into(state, z, sensor, k, whole)
-                scalar_update(state, 3 * sensor + k, residual)
+        update(state, z, sensor)
     if math.isfinite(z[12]) or math.isfinite(z[13]) or math.isfinite(z[14]):  # specific force
         update_specific_force(state, z)
     inject(state)

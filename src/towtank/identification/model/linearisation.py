@@ -49,12 +49,11 @@ def turn_by(x: Array, ex: float, ey: float, ez: float) -> None:
 
 @kernel
 def _by_mass(p: Array, A: Array, column: int, w: Array) -> None:
-    """Write M^-1 w into the velocity rows of one column of `A`."""
-    for i in range(6):
-        s = 0.0
-        for j in range(6):
-            s += p[I_MASS_INVERSE + 6 * i + j] * w[j]
-        A[6 + i, column] = s
+    """Add M^-1 w, most of which is zero as a rule, to the velocity rows of one column of `A`."""
+    for j in range(6):
+        if w[j] != 0.0:
+            for i in range(6):
+                A[6 + i, column] += p[I_MASS_INVERSE + 6 * i + j] * w[j]
 
 
 @kernel
@@ -85,7 +84,7 @@ def linearise_into(
     shape: Array,
     pushed: Array,
     A: Array,
-    w: Array,
+    wrenches: Array,
 ) -> None:
     """Write A (12, 21 + n), the derivative of the error's rate, at the state x (13,).
 
@@ -95,7 +94,7 @@ def linearise_into(
         p: kernel parameters (170,), theta (n,) already put in.
         shape: wrench of each unit input (6, m).
         pushed: (3, m) of each input over the step: mean force, d mean / d delay, d mean / d ln lag.
-        w: scratch (2, 6).
+        wrenches: scratch (2, 6).
     """
     n = theta.shape[0]
     A[:, :] = 0.0
@@ -103,6 +102,7 @@ def linearise_into(
     u, v, ww, pp, q, r = x[7], x[8], x[9], x[10], x[11], x[12]
     nu = x[7:13]
     nu_dot = rate[7:13]
+    w, unit = wrenches[0], wrenches[1]
     r00, r01, r02 = 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy - qw * qz), 2.0 * (qx * qz + qw * qy)
     r10, r11, r12 = 2.0 * (qx * qy + qw * qz), 1.0 - 2.0 * (qx * qx + qz * qz), 2.0 * (qy * qz - qw * qx)
     k0, k1, k2 = 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
@@ -128,51 +128,50 @@ def linearise_into(
         d0 = -k2 if j == 1 else (k1 if j == 2 else 0.0)
         d1 = k2 if j == 0 else (-k0 if j == 2 else 0.0)
         d2 = -k1 if j == 0 else (k0 if j == 1 else 0.0)
-        w[0, 0], w[0, 1], w[0, 2] = weight * d0, weight * d1, weight * d2
-        w[0, 3], w[0, 4], w[0, 5] = b1 * d2 - b2 * d1, b2 * d0 - b0 * d2, b0 * d1 - b1 * d0
-        _by_mass(p, A, 3 + j, w[0])
+        w[0], w[1], w[2] = weight * d0, weight * d1, weight * d2
+        w[3], w[4], w[5] = b1 * d2 - b2 * d1, b2 * d0 - b0 * d2, b0 * d1 - b1 * d0
+        _by_mass(p, A, 3 + j, w)
 
     # Velocity.
     mass = p[I_MASS:I_MASS_INVERSE].reshape(6, 6)
     extra = has_extra_terms(p.reshape(p.shape[0], 1))
-    unit = w[1]
     for j in range(6):
         for i in range(6):
             unit[i] = 0.0
         unit[j] = 1.0
-        bilinear_coriolis_into(mass, unit, nu, w[0])
+        bilinear_coriolis_into(mass, unit, nu, w)
         for i in range(6):
-            A[6 + i, _DIST + i] = -w[0, i]  # kept for a moment
-        bilinear_coriolis_into(mass, nu, unit, w[0])
+            A[6 + i, _DIST + i] = -w[i]  # kept for a moment
+        bilinear_coriolis_into(mass, nu, unit, w)
         size = 2.0 * math.fabs(nu[j])
         for i in range(6):
             c = p[I_LINEAR + 6 * i + j] + p[I_QUADRATIC + 6 * i + j] * size
-            w[0, i] = c - w[0, i] + A[6 + i, _DIST + i]
+            w[i] = c - w[i] + A[6 + i, _DIST + i]
         if extra:
-            add_extra_rate_into(p, nu, unit, w[0])
-        _by_mass(p, A, 6 + j, w[0])
+            add_extra_rate_into(p, nu, unit, w)
+        _by_mass(p, A, 6 + j, w)
     for i in range(6):
         for j in range(6):
             A[6 + i, _DIST + j] = 1.0 if i == j else 0.0
 
     # Coefficients.
-    gravity = w[1]
+    gravity = unit
     gravity[0], gravity[1], gravity[2] = k0, k1, k2
     for c in range(n):
         kind, i, j, transform = codes[c, 0], codes[c, 1], codes[c, 2], codes[c, 3]
         if kind == INFLOW:
-            inflow_wrench_into(shape, pushed[0], nu, w[0])
+            inflow_wrench_into(shape, pushed[0], nu, w)
         elif kind < N_KINDS:
-            unit_wrench_into(kind, i, j, nu, nu_dot, gravity, w[0])
+            unit_wrench_into(kind, i, j, nu, nu_dot, gravity, w)
         elif kind == IN_GAIN:
             for m in range(6):
-                w[0, m] = shape[m, i] * pushed[0, i]
+                w[m] = shape[m, i] * pushed[0, i]
         elif kind in (IN_DELAY, IN_LAG):
             row = 1 if kind == IN_DELAY else 2
             for m in range(6):
-                w[0, m] = 0.0
+                w[m] = 0.0
                 for a_ in range(shape.shape[1]):
-                    w[0, m] += shape[m, a_] * pushed[row, a_]
+                    w[m] += shape[m, a_] * pushed[row, a_]
         else:
             continue  # of a sensor: no force
         slope = 1.0
@@ -181,8 +180,8 @@ def linearise_into(
         elif kind == IN_LAG:  # `pushed` is by its logarithm
             slope = 1.0 / max(theta[c], 1e-3)
         for m in range(6):
-            w[0, m] *= slope
-        _by_mass(p, A, N_FIXED + c, w[0])
+            w[m] *= slope
+        _by_mass(p, A, N_FIXED + c, w)
 
 
 @kernel
