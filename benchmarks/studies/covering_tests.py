@@ -19,9 +19,9 @@ from pathlib import Path
 import pytest
 from coverage import CoverageData
 
-__all__ = ["PYTEST", "CoveringTests", "collect"]
+__all__ = ["OUTCOMES", "PYTEST", "CoveringTests", "collect"]
 
-_OUTCOMES = "TEST_OUTCOMES"
+OUTCOMES = "TEST_OUTCOMES"
 PYTEST = ("-m", "pytest", "-q", "--import-mode=importlib", "--hypothesis-seed=1", "--benchmark-disable")
 PYTEST += ("-p", "no:cacheprovider", "-p", "covering_tests")
 
@@ -44,8 +44,8 @@ class _Recorder:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    if _OUTCOMES in os.environ:
-        config.pluginmanager.register(_Recorder(Path(os.environ[_OUTCOMES])))
+    if OUTCOMES in os.environ:
+        config.pluginmanager.register(_Recorder(Path(os.environ[OUTCOMES])))
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def collect(root: Path, tests: Iterable[str], packages: Iterable[str], environme
         each.unlink(missing_ok=True)
     covered = [f"--cov=towtank.{each}" for each in packages]
     words = [sys.executable, *PYTEST, *covered, "--cov-context=test", "--cov-report=", *tests]
-    variables = {**environment, _OUTCOMES: str(outcomes), "COVERAGE_FILE": str(data)}
+    variables = {**environment, OUTCOMES: str(outcomes), "COVERAGE_FILE": str(data)}
     ran = subprocess.run(words, cwd=root, env=variables, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     if ran.returncode not in (0, 1) or not outcomes.is_file():
         raise RuntimeError(f"pytest ended with {ran.returncode} before there was a mutant:\n{ran.stdout[-2000:]}")
