@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from towtank.recording import Recording, standard_channel
 from towtank.recording.channel import Channel
 from towtank.recording.merging.merge import merge, merges_of
 from towtank.recording.merging.offset import clock_offset
+from towtank.recording.repairs import Repairs
 
 ANGLES, QUATERNION = ("phi", "theta", "psi"), ("qw", "qx", "qy", "qz")
 Course = Callable[[np.ndarray], np.ndarray]
@@ -329,3 +331,56 @@ def test_states_are_no_inputs() -> None:
     both = merge(dive(of), second, 0.0)
     assert both.end <= 60.0
     assert both.start >= 0.0
+
+
+def test_notes_and_repairs_of_the_second_file_bear_its_name() -> None:
+    of = course()
+    second = mocap(of, 2.0)
+    second = replace(second, repairs=Repairs(damaged=3, details=("three lines",)), notes=("seen",))
+    once = merge(dive(of), second, 2.0)
+    assert once.repairs.damaged == 3
+    assert once.repairs.details == ("mocap.csv: three lines",)
+    twice = merge(once, second, 2.0)
+    assert [each["offset_s"] for each in merges_of(twice)] == [2.0, 2.0]
+    thrice = merge(twice, second, 2.0)
+    assert len(merges_of(thrice)) == 3
+
+
+def test_supply_and_wrench_are_the_first_files_where_it_has_them() -> None:
+    of = course()
+    t = np.arange(0.0, 60.0, 0.1)
+    supply = standard_channel("voltage", t, 15.0 + np.sin(t))
+    push = standard_channel("X", t, np.sin(t))
+    second = mocap(of, 0.0).replace([supply, push, supply.renamed("temperature")])
+    alone = merge(dive(of), second, 0.0)
+    assert alone["voltage"] == supply
+    assert {"X", "cmd_1", "temperature"} <= set(alone.names)
+    first = dive(of).replace([standard_channel("voltage", t, 12.0 + 0.0 * t), standard_channel("Y", t, 0.0 * t)])
+    both = merge(first.replace([supply.renamed("temperature")]), second, 0.0)
+    assert float(both["voltage"].values[0]) == 12.0
+    assert "X" not in both
+    assert {"temperature", "temperature (mocap.csv)"} <= set(both.names)
+    said = [note for note in both.notes if "from dive.BIN, not from mocap.csv" in note]
+    assert said == ["X: from dive.BIN, not from mocap.csv", "voltage: from dive.BIN, not from mocap.csv"]
+
+
+def test_seconds_before_and_after_the_commands_are_added_up() -> None:
+    of = course()
+    early, late = merge(dive(of), mocap(of, 0.0, start=-3.0), 0.0), merge(dive(of), mocap(of, 0.0, end=64.5), 0.0)
+    both = merge(dive(of), mocap(of, 0.0, start=-3.0, end=64.5), 0.0)
+    said = [[note for note in run.notes if "left out" in note] for run in (early, late, both)]
+    words = "s of mocap.csv left out, for which dive.BIN tells no inputs"
+    assert said == [[f"3.0 {words}"], [f"4.5 {words}"], [f"7.5 {words}"]]
+    inside = merge(dive(of), mocap(of, 0.0, start=1.0, end=59.0), 0.0)
+    assert not [note for note in inside.notes if "left out" in note]
+
+
+def test_of_two_that_tell_as_many_axes_the_one_known_better_counts_and_dead_ones_tell_nothing() -> None:
+    rng = np.random.default_rng(4)
+    t = np.arange(0.0, 60.0, 0.1)
+    two = table(t, {"p": 0.1 * rng.normal(size=t.size), "q": 0.1 * rng.normal(size=t.size)}, "two.csv")
+    three = table(t, {name: 0.5 * rng.normal(size=t.size) for name in "pqr"}, "three.csv")
+    dead = table(t, {name: np.full(t.size, 0.1) for name in "pqr"}, "dead.csv")
+    for first, second, better in ((two, three, "three.csv"), (three, dead, "three.csv"), (dead, three, "three.csv")):
+        run = merge(first, second, 0.0)
+        assert any(note.startswith(f"rates: from {better}, which tells more") for note in run.notes), better
