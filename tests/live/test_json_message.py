@@ -9,6 +9,7 @@ import socket
 import numpy as np
 import pytest
 
+from towtank.errors import InputError
 from towtank.live import Raw, Sample
 from towtank.live.links.datagrams import Allowance
 from towtank.live.links.json import JsonMessages, JsonSource
@@ -188,3 +189,13 @@ def test_of_what_is_bad_a_part_is_kept_and_of_what_is_good_all() -> None:
     source._take(b"", 0.0, out)
     assert [len(each.data) for each in out if isinstance(each, Raw)] == [len(good), 4096]
     assert [each.names for each in out if isinstance(each, Sample)] == [("x",)]
+
+
+@pytest.mark.parametrize(
+    "text", ["json:", "json:host", "json:host:", "json:host:x", "json:host:0", "json:host:65536", "json:host:²"]
+)
+def test_a_port_is_a_number_that_can_be_one(text: str) -> None:
+    with pytest.raises(InputError, match="with a port of 1 to 65535"):
+        JsonSource(text, load_vehicle("vlbv300"))
+    for port in (1, 65535):
+        assert JsonSource(f"json:[::1]:{port}", load_vehicle("vlbv300"))._address == ("::1", port)
