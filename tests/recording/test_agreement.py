@@ -12,18 +12,19 @@ CELLS = Cells(np.zeros((4, 1)), 0.05, 0.02, 3, 40, np.ones(1))
 
 
 def accounts() -> tuple[np.ndarray, np.ndarray]:
-    """Four stretches of 40 cells with three more on either side, two columns; some cells are not known."""
-    measured, derived = np.random.default_rng(3).normal(size=(2, 4, 46, 2)) + 0.7
+    """Five stretches of 40 cells with three more on either side, two columns; some cells are not known."""
+    measured, derived = np.random.default_rng(3).normal(size=(2, 5, 46, 2)) + 0.7
     measured[1, 10, 0] = np.nan
     derived[2, 20, 1] = np.nan
     derived[3, :25] = np.nan  # fewer than twenty cells are left
+    derived[4] = np.nan
     return measured, derived
 
 
 def test_products_are_of_deviations_from_the_mean_over_the_cells_that_all_lags_know() -> None:
     measured, derived = accounts()
     sums = _sums(measured, derived, CELLS)
-    assert sums.md.shape == sums.mm.shape == (4, 7, 2)
+    assert sums.md.shape == sums.mm.shape == (5, 7, 2)
     for s in range(3):
         good = [
             n
@@ -38,15 +39,15 @@ def test_products_are_of_deviations_from_the_mean_over_the_cells_that_all_lags_k
             m = m - m.mean(axis=0)
             np.testing.assert_allclose(sums.md[s, k], (m * d).sum(axis=0), atol=1e-10)
             np.testing.assert_allclose(sums.mm[s, k], (m**2).sum(axis=0), atol=1e-10)
-    assert not sums.md[3].any()
-    assert not sums.dd[3].any()
+    assert not sums.md[3:].any()
+    assert not sums.dd[3:].any()
 
 
 def test_the_deviation_of_a_mean_is_that_of_the_textbook() -> None:
     sums = _sums(*accounts(), CELLS)
-    values = np.array([1.0, 4.0, 2.0, 7.0])
+    values = np.array([1.0, 4.0, 2.0, 7.0, 3.0])
     found = sums.each_left_out(lambda _, rows: np.asarray(values[rows].mean()))
-    assert float(found) == pytest.approx(values.std(ddof=1) / 2.0)
+    assert float(found) == pytest.approx(values.std(ddof=1) / np.sqrt(5.0))
 
 
 def test_the_lag_is_where_most_is_explained_and_between_cells_by_a_parabola() -> None:
