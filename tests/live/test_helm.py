@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from types import SimpleNamespace
 
@@ -72,7 +73,7 @@ def test_the_pose_of_the_switch_is_the_plans_start_whatever_way_it_points() -> N
     found.see(5.1, np.array([*(np.array([10.0, -3.0]) + ahead + right), 1.3, 0.01, -0.02, heading + 0.1 + math.tau]))
     assert found._place is not None
     start = found.guard.space.eta0
-    assert found._place[1][:3] == pytest.approx(start[:3] + [0.5, 0.2, 0.3])
+    assert found._place[1][:3] == pytest.approx(start[:3] + np.array([0.5, 0.2, 0.3]))
     assert found._place[1][3:] == pytest.approx([0.01, -0.02, 0.1])
 
 
@@ -144,7 +145,7 @@ def test_sticks_are_renewed_every_period_and_nothing_is_driven_without_a_segment
     given = [found.sticks(t, wrench, t - 1.0) for t in times]
     assert all(each is not None for each in given)
     assert len(found._told) == 11
-    different = sum(not np.array_equal(a, b) for a, b in zip(given, given[1:], strict=False))  # type: ignore[arg-type]
+    different = sum(not np.array_equal(a, b) for a, b in itertools.pairwise(given))  # type: ignore[arg-type]
     assert 9 <= different <= 11
     assert given[-1][0] > 0.0  # type: ignore[index]
 

@@ -222,8 +222,13 @@ def test_a_topic_that_is_not_kept_has_times_alone() -> None:
 
 @pytest.mark.parametrize(
     ("name", "encoding", "told"),
-    [("mavlink/1/1/ATTITUDE", "json", True), ("/mavlink/out", "json", True), ("mavlink", "json", False)]
-    + [("mavlink/out", "cdr", False), ("x/mavlink/out", "json", False)],
+    [
+        ("mavlink/1/1/ATTITUDE", "json", True),
+        ("/mavlink/out", "json", True),
+        ("mavlink", "json", False),
+        ("mavlink/out", "cdr", False),
+        ("x/mavlink/out", "json", False),
+    ],
 )
 def test_topics_of_mavlink_are_known_by_name_and_encoding(name: str, encoding: str, told: bool) -> None:
     assert is_mavlink(name, encoding) is told
