@@ -145,7 +145,7 @@ def _reading(md: Array, mm: Array, dd: Array) -> _Reading:
     shift = 0.0
     if not at_edge:
         a, b, c = total[best - 1 : best + 2]
-        shift = 0.5 * float(a - c) / float(a - 2.0 * b + c)  # b is the first of the largest: above a, and not below c
+        shift = 0.5 * float(a - c) / float(a - 2.0 * b + c) if a - 2.0 * b + c < 0.0 else 0.0
     at = md[best], mm[best], dd
     with np.errstate(divide="ignore", invalid="ignore"):
         low, high = at[0] / at[2], at[1] / at[0]
