@@ -4,9 +4,10 @@
                                                 [--workers 2] [--tests FILE] [--kept FILE] [--output mutation.json]
 
 Each mutant is one replacement (`mutants.py`), drawn at random among all places of the packages. It is put into a copy
-of the tree, and the tests that run its line are run there, quick ones first, until one fails. A mutant that no test
-runs survives, as does one that all tests pass; one at which they hang is killed. In the end the tests that killed
-are run again without a mutant, those that fail then are not believed, and their mutants are run again without them.
+of the tree, and the tests that run its line are run there, quick ones first, until one fails, each time in a fork of a
+process that has the libraries (`forked_tests.py`). A mutant that no test runs survives, as does one that all tests
+pass; one at which they hang is killed. In the end the tests that killed are run again without a mutant, those that fail
+then are not believed, and their mutants are run again without them.
 
 Nothing is written to the tree itself, so that nothing stays behind whenever the study is ended. `--tests FILE` keeps
 which test runs which line (minutes to find out) for further runs on the same tree, `--kept FILE` what became of each
