@@ -11,8 +11,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from towtank.live import Sample
 from towtank.live.links.mavlink.frames import Framer
-from towtank.live.links.mavlink.samples import MavlinkSamples
+from towtank.live.links.mavlink.samples import MavlinkSamples, MavlinkStamps
+from towtank.readers.common.tables import Table
 from towtank.readers.mavlink.format import layouts
+from towtank.readers.mavlink.senders import Sender
 
 from .mavlink_peer import AIDED, UNAIDED, Autopilot, second
 
@@ -285,3 +287,14 @@ def test_a_flood_of_senders_does_not_silence_the_autopilot_that_is_followed() ->
 
 def autopilot_sender(heard: Heard) -> object:
     return heard.samples.autopilot.sender
+
+
+@pytest.mark.parametrize(("field", "unit"), [("time_boot_ms", 1e-3), ("time_usec", 1e-6), ("usec", 1e-6)])
+def test_stamps_are_in_the_units_of_their_fields(field: str, unit: float) -> None:
+    own = 50.0 + 0.1 * np.arange(30)
+    received = 1000.0 + own + 0.002
+    table = Table("A", received, {field: np.round(own / unit)})
+    stamps = MavlinkStamps().of(table, Sender(1, 1), received)
+    np.testing.assert_allclose(np.diff(stamps), 0.1, atol=1e-4)
+    np.testing.assert_allclose(stamps, received, atol=1e-2)
+    assert np.isnan(MavlinkStamps().of(Table("A", received, {}), Sender(1, 1), received)).all()

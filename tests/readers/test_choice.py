@@ -129,6 +129,16 @@ def test_outputs_of_two_tables_are_joined_to_one() -> None:
     assert (other.table, other.refused, other.note) == ("RCO2", "joined to RCOU", "")
 
 
+def test_outputs_of_three_tables_are_joined_as_well() -> None:
+    functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in (1, 2, 3)}
+    t = np.array([0.0, 1.0, 2.0])
+    parts = [(name, t, {n: 1500.0 + n + t}) for n, name in enumerate(("A", "B", "C"), 1)]
+    main, *others = command_sources(parts, functions)
+    assert list(main.channels) == ["cmd_1", "cmd_2", "cmd_3"]
+    assert [each.refused for each in others] == ["joined to A", "joined to A"]
+    assert "thrusters of B, C are joined to those of A" in main.note
+
+
 def test_outputs_of_two_tables_stay_apart_where_they_overlap_or_have_no_times() -> None:
     functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in (1, 2)}
     t = np.array([0.0, 1.0, 2.0])

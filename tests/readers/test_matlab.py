@@ -254,6 +254,16 @@ def test_structs_without_times_belong_to_the_times_above_them(tmp_path: Path) ->
     }
 
 
+def test_structs_of_an_array_that_have_times_of_their_own_are_tables_of_their_own(tmp_path: Path) -> None:
+    runs = [{"t": T[:20], "speed": U[:20]}, {"t": T[:30], "speed": U[:30]}]
+    tables = tables_of(save(tmp_path / "a.mat", time=T, rate=R, runs=runs)).tables
+    assert {name: list(each.columns) for name, each in tables.items()} == {
+        "top level": ["rate"],
+        "runs[0]": ["runs[0].speed"],
+        "runs[1]": ["runs[1].speed"],
+    }
+
+
 def test_a_struct_with_the_most_standard_names_comes_first(tmp_path: Path) -> None:
     path = save(tmp_path / "a.mat", a={"t": T, "u": U}, b={"t": T[::2], "u": R[::2], "v": R[::2]})
     run = read(path)
