@@ -65,6 +65,7 @@ def test_the_pose_of_the_switch_is_the_plans_start_whatever_way_it_points() -> N
     found = Helm(Guard.of(HEAVY, SPACE, drawn_around(HEAVY, 1, 0.3)))
     found.see(0.0, np.zeros(6))
     assert found.fault() == ""
+    assert not found.bent
     assert found.walls == "not known yet"
     heading = 2.0
     found.anchor(5.0, np.array([10.0, -3.0, 1.0, 0.0, 0.0, heading]))

@@ -241,14 +241,15 @@ def test_a_flood_of_senders_keeps_memory_bounded() -> None:
 def test_heartbeats_tell_armed_and_mode_from_the_first_sample_on() -> None:
     """The one that came before anything was decided is told again: what it says is in force."""
     autopilot, heard = Autopilot(), Heard()
-    heard.take([(0.0, autopilot.heartbeat(armed=True, mode=19)), *second(autopilot, 0.1)[2:]])
+    before = [(0.0, autopilot.heartbeat()), (0.05, autopilot.heartbeat(armed=True, mode=19))]
+    heard.take([*before, *second(autopilot, 0.1)[2:]])
     assert heard.samples.attributes == {}
     heard.decide(1.5)
     found = heard.take([*second(autopilot, 2.0)[2:], (3.0, autopilot.heartbeat(mode=9))])
     beats = [sample for sample in found if sample.topic == "HEARTBEAT"]
     assert [each.names for each in beats] == [("armed", "mode")] * 2
     assert [each.values for each in beats] == [(1.0, 19.0), (0.0, 9.0)]
-    assert [each.received - EPOCH for each in beats] == pytest.approx([0.01, 3.01])
+    assert [each.received - EPOCH for each in beats] == pytest.approx([0.06, 3.01])
     assert "9 SURFACE" in heard.samples.attributes["modes"]
     rover = Heard()
     rover.take([(0.0, autopilot.heartbeat(kind=11)), *second(autopilot, 0.1)[2:]])
