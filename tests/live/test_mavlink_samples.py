@@ -299,3 +299,15 @@ def test_stamps_are_in_the_units_of_their_fields(field: str, unit: float) -> Non
     np.testing.assert_allclose(np.diff(stamps), 0.1, atol=1e-4)
     np.testing.assert_allclose(stamps, received, atol=1e-2)
     assert np.isnan(MavlinkStamps().of(Table("A", received, {}), Sender(1, 1), received)).all()
+
+
+def test_whom_a_link_hears_is_said() -> None:
+    heard, autopilot = Heard(), Autopilot(7, 1)
+    assert heard.samples.said() == []
+    heard.take(second(autopilot, 0.0) + second(autopilot, 1.0))
+    heard.decide(2.0)
+    assert heard.samples.said()[0] == "hears autopilot 7.1"
+    alone, station = Heard(), Autopilot(255, 190)
+    alone.take([(0.1 * k, station.heartbeat(autopilot=8, kind=6)) for k in range(9)])
+    alone.decide(2.0)
+    assert alone.samples.said()[0].startswith("hears no autopilot")

@@ -155,3 +155,9 @@ def test_what_is_no_mcap_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_bytes(b"\x89MCAP1\r\nmore")
     with pytest.raises(InputError, match="expected the first bytes of MCAP version 0"):
         scan_mcap(tmp_path / "a.mcap", lambda heading: True)
+
+
+def test_records_of_other_kinds_within_a_chunk_are_no_messages(tmp_path: Path) -> None:
+    found, content = scanned(tmp_path, chunk(FIRST + metadata("about", words="more than twenty-two bytes")), END)
+    assert messages(found["/a"]) == [b"one", b"three"]
+    assert content.repairs.details == ()

@@ -393,3 +393,11 @@ def test_files_without_numbers_are_refused(tmp_path: Path) -> None:
     path.write_text("a,b\n1,2\n3\n")
     with pytest.raises(InputError, match=r"words\.csv:3: found 1 cells, expected 2"):
         mapping_skeleton(path)
+
+
+def test_what_is_about_one_is_no_gravity_but_in_az(tmp_path: Path) -> None:
+    one = 1.0 + 1e-3 * (np.arange(20) % 2)
+    columns = {"t": np.arange(20) / 10.0, "surge": one, "acc_x": one, "voltage": one, "acc_z": one}
+    found = tomllib.loads(mapping_skeleton(written(tmp_path / "table.csv", columns)).text)["columns"]
+    assert (found["u"], found["ax"], found["voltage"]) == ("surge", "acc_x", "voltage")
+    assert found["az"] == {"from": "acc_z", "scale": pytest.approx(9.80665)}

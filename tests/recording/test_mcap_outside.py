@@ -213,3 +213,12 @@ def test_times_before_1970_and_after_2262_stand_at_the_ends(tmp_path: Path) -> N
             message.data: message.log_time for _, _, message in make_reader(stream).iter_messages(topics=["/raw/udp"])
         }
     assert found == {b"packet": 10**9, b"early": 0, b"late": 2**63 - 1}
+
+
+def test_a_folder_within_a_folder_that_is_removed_is_made_anew(tmp_path: Path) -> None:
+    (tmp_path / "dives" / "today").mkdir(parents=True)
+    log = begun(tmp_path / "dives" / "today" / "a.mcap")
+    shutil.rmtree(tmp_path / "dives")
+    write(log, 300, 600)
+    log.close()
+    assert len(read(tmp_path / "dives" / "today" / "a.mcap")["r"]) == 600
