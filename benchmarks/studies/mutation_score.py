@@ -45,8 +45,14 @@ KILLED = 0.80  # of the mutants, at least
 ROOT = Path(__file__).resolve().parents[2]
 _COPIED = ("src", "tests", "benchmarks", "examples", "pyproject.toml", "README.md", "CHANGELOG.md")
 _APP = ("bad_input", "convert", "inspect_bags", "inspect_real_logs", "map_skeleton", "merge", "small_parts")
-_OF_RECORDINGS = ("identification/test_noise", "studies/test_attack_files", "studies/test_merge_offset")
-_OF_LIVE = ("studies/test_drive", "dashboard/test_parts", "identification/test_water_velocity", "app/test_inspect")
+_OF_RECORDINGS = (
+    *("identification/test_noise", "identification/test_before_the_first_pass", "simulation/test_sensors"),
+    *("studies/test_attack_files", "studies/test_merge_offset", "app/test_free_motion"),
+)
+_OF_LIVE = (
+    *("studies/test_drive", "dashboard/test_parts", "identification/test_water_velocity", "app/test_inspect"),
+    *("app/test_live_judge", "reports/test_live_report"),
+)
 _GROUPS = (  # tests that run side by side while coverage is collected
     (
         *("tests/readers", "tests/recording"),

@@ -573,13 +573,14 @@ def test_what_breaks_is_said_and_tried_again_after_a_second(monkeypatch: pytest.
 
 
 def test_a_link_on_which_nothing_comes_says_for_how_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = 1000.0
-    monkeypatch.setattr("towtank.live.links.mavlink.source.steady_time", lambda: now)
+    clock = [1000.0]
+    monkeypatch.setattr("towtank.live.links.mavlink.source.steady_time", lambda: clock[0])
     text = f"udpin:127.0.0.1:{free_port()}"
     source = source_of(text)
     source.open()
     said = f"{text}: nothing has come for 3 s"
     for now, told in ((1001.9, False), (1003.2, True)):
+        clock[0] = now
         source.read(0.0)
         assert (said in source.state().said) is told
     source.close()
