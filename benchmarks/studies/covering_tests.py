@@ -7,21 +7,24 @@ writes the outcome and the seconds of each test to the file that `TEST_OUTCOMES`
 from __future__ import annotations
 
 import ast
+import contextlib
+import importlib
 import json
 import os
+import pkgutil
 import subprocess
 import sys
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 from coverage import CoverageData
 
-__all__ = ["PYTEST", "CoveringTests", "collect"]
+__all__ = ["OUTCOMES", "PYTEST", "CoveringTests", "collect"]
 
-_OUTCOMES = "TEST_OUTCOMES"
+OUTCOMES, _MEASURED = "TEST_OUTCOMES", "TEST_MEASURED"
 PYTEST = ("-m", "pytest", "-q", "--import-mode=importlib", "--hypothesis-seed=1", "--benchmark-disable")
 PYTEST += ("-p", "no:cacheprovider", "-p", "covering_tests")
 
@@ -44,8 +47,17 @@ class _Recorder:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    if _OUTCOMES in os.environ:
-        config.pluginmanager.register(_Recorder(Path(os.environ[_OUTCOMES])))
+    if OUTCOMES in os.environ:
+        config.pluginmanager.register(_Recorder(Path(os.environ[OUTCOMES])))
+
+
+def pytest_collection_finish() -> None:
+    """Import what is measured before any test does: what runs with an import is no test's, whichever is the first."""
+    for package in os.environ.get(_MEASURED, "").split():
+        found = importlib.import_module(f"towtank.{package}")
+        for module in pkgutil.walk_packages(found.__path__, f"{found.__name__}."):
+            with contextlib.suppress(ImportError):  # of an extra
+                importlib.import_module(module.name)
 
 
 @dataclass(frozen=True)
@@ -89,7 +101,7 @@ class CoveringTests:
         return CoveringTests(lines, {**self.seconds, **other.seconds}, self.failed | other.failed)
 
 
-def collect(root: Path, tests: Iterable[str], packages: Iterable[str], environment: Mapping[str, str]) -> CoveringTests:
+def collect(root: Path, tests: Iterable[str], packages: Sequence[str], environment: Mapping[str, str]) -> CoveringTests:
     """Run tests of a tree with coverage and return which of them run which lines.
 
     Raises:
@@ -100,7 +112,7 @@ def collect(root: Path, tests: Iterable[str], packages: Iterable[str], environme
         each.unlink(missing_ok=True)
     covered = [f"--cov=towtank.{each}" for each in packages]
     words = [sys.executable, *PYTEST, *covered, "--cov-context=test", "--cov-report=", *tests]
-    variables = {**environment, _OUTCOMES: str(outcomes), "COVERAGE_FILE": str(data)}
+    variables = {**environment, OUTCOMES: str(outcomes), _MEASURED: " ".join(packages), "COVERAGE_FILE": str(data)}
     ran = subprocess.run(words, cwd=root, env=variables, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     if ran.returncode not in (0, 1) or not outcomes.is_file():
         raise RuntimeError(f"pytest ended with {ran.returncode} before there was a mutant:\n{ran.stdout[-2000:]}")

@@ -4,9 +4,10 @@
                                                 [--workers 2] [--tests FILE] [--kept FILE] [--output mutation.json]
 
 Each mutant is one replacement (`mutants.py`), drawn at random among all places of the packages. It is put into a copy
-of the tree, and the tests that run its line are run there, quick ones first, until one fails. A mutant that no test
-runs survives, as does one that all tests pass; one at which they hang is killed. In the end the tests that killed
-are run again without a mutant, those that fail then are not believed, and their mutants are run again without them.
+of the tree, and the tests that run its line are run there, quick ones first, until one fails, each time in a fork of a
+process that has the libraries (`forked_tests.py`). A mutant that no test runs survives, as does one that all tests
+pass; one at which they hang is killed. In the end the tests that killed are run again without a mutant, those that fail
+then are not believed, and their mutants are run again without them.
 
 Nothing is written to the tree itself, so that nothing stays behind whenever the study is ended. `--tests FILE` keeps
 which test runs which line (minutes to find out) for further runs on the same tree, `--kept FILE` what became of each
@@ -17,7 +18,6 @@ are killed. Needs cosmic-ray and pytest-cov.
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
 import os
 import queue
@@ -35,7 +35,7 @@ from itertools import accumulate
 from pathlib import Path
 from types import FrameType
 
-from covering_tests import PYTEST, CoveringTests, collect
+from covering_tests import CoveringTests, collect
 from mutants import Mutant, draw
 from report import show
 from rich.table import Table
@@ -45,13 +45,25 @@ KILLED = 0.80  # of the mutants, at least
 ROOT = Path(__file__).resolve().parents[2]
 _COPIED = ("src", "tests", "benchmarks", "examples", "pyproject.toml", "README.md", "CHANGELOG.md")
 _APP = ("bad_input", "convert", "inspect_bags", "inspect_real_logs", "map_skeleton", "merge", "small_parts")
+_OF_RECORDINGS = (
+    *("identification/test_noise", "identification/test_before_the_first_pass", "simulation/test_sensors"),
+    *("studies/test_attack_files", "studies/test_merge_offset", "app/test_free_motion"),
+)
+_OF_LIVE = (
+    *("studies/test_drive", "dashboard/test_parts", "identification/test_water_velocity", "app/test_inspect"),
+    *("app/test_live_judge", "reports/test_live_report"),
+)
 _GROUPS = (  # tests that run side by side while coverage is collected
-    ("tests/readers", "tests/recording", *(f"tests/app/test_{each}.py" for each in _APP)),
-    ("tests/live",),
+    (
+        *("tests/readers", "tests/recording"),
+        *(f"tests/app/test_{each}.py" for each in _APP),
+        *(f"tests/{each}.py" for each in _OF_RECORDINGS),
+    ),
+    ("tests/live", *(f"tests/{each}.py" for each in _OF_LIVE)),
 )
 _MOST = 20.0  # s of tests for one mutant, as they take with coverage, quick ones first
 _PATIENCE = 6.0  # times the seconds that the tests take without a mutant, after which they hang
-_START = 60.0  # s beside, for Python and the libraries
+_START = 30.0  # s beside, for the tree to be loaded
 
 
 @dataclass(frozen=True)
@@ -86,7 +98,7 @@ class Copy:
     def __init__(self, folder: Path) -> None:
         self.root = folder
         self.stopped = False
-        self._process: subprocess.Popen[bytes] | None = None
+        self._server: subprocess.Popen[str] | None = None
         for name in _COPIED:
             source = ROOT / name
             if source.is_dir():  # with times and compiled kernels, so that only what is mutated is compiled again
@@ -99,6 +111,7 @@ class Copy:
         self.environment = {
             **os.environ,
             "PYTHONPATH": os.pathsep.join(str(each) for each in paths if str(each)),
+            "OPENBLAS_NUM_THREADS": "1",  # forks have no others
             "PYTHONDONTWRITEBYTECODE": "1",  # of a mutant
             "TMPDIR": str(folder / "tmp"),
             "TOWTANK_DATA": str(Path(data).resolve()),
@@ -125,36 +138,30 @@ class Copy:
 
     def failing(self, names: Sequence[str], limit: float, *, first_only: bool = True) -> tuple[list[str], bool]:
         """Run tests and return those that fail, and whether they hung; a failure of pytest itself counts as one."""
-        outcomes, chosen = self.root / "outcomes.json", self.root / "chosen.txt"
-        outcomes.unlink(missing_ok=True)
-        chosen.write_text("\n".join(names) + "\n")
-        words = [sys.executable, *PYTEST, *(["-x"] if first_only else []), f"@{chosen}"]
-        self._process = process = subprocess.Popen(
-            words,
-            cwd=self.root,
-            env={**self.environment, "TEST_OUTCOMES": str(outcomes)},
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            process_group=0,  # to be ended with all that its tests start
-        )
-        try:
-            code = process.wait(limit)
-        except subprocess.TimeoutExpired:
-            return [], True
-        finally:
-            _end(process)
-            shutil.rmtree(self.root / "tmp", ignore_errors=True)
-            (self.root / "tmp").mkdir(exist_ok=True)
-        if code == 0:
-            return [], False
-        failed = json.loads(outcomes.read_text())["failed"] if outcomes.is_file() else []
-        return failed or [f"pytest ended with {code}"], False
+        if self._server is None:
+            self._server = subprocess.Popen(
+                [sys.executable, self.root / "benchmarks" / "studies" / "forked_tests.py", *sum(_GROUPS, ())],
+                cwd=self.root,
+                env=self.environment,
+                text=True,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+            )
+        assert self._server.stdin is not None
+        assert self._server.stdout is not None
+        request = {"tests": list(names), "first_only": first_only, "limit": limit}
+        print(json.dumps(request), file=self._server.stdin, flush=True)
+        answer = json.loads(self._server.stdout.readline())
+        shutil.rmtree(self.root / "tmp", ignore_errors=True)
+        (self.root / "tmp").mkdir(exist_ok=True)
+        return answer["failed"], answer["hung"]
 
     def stop(self) -> None:
         """End the tests that run, if any; what came of them tells nothing."""
         self.stopped = True
-        if self._process is not None and self._process.poll() is None:
-            _end(self._process)
+        if self._server is not None:
+            with self._server:
+                self._server.terminate()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -169,9 +176,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, _stop)
     with tempfile.TemporaryDirectory(prefix="mutants-", ignore_cleanup_errors=True) as folder:
         copies = [Copy(Path(folder) / f"tree-{i}") for i in range(options.workers)]
-        tests = _covering(copies, packages, options.tests)
-        drawn = draw(ROOT, files, options.mutants, options.seed)
-        verdicts = _tested(drawn, copies, tests, _Kept(options.kept))
+        try:
+            tests = _covering(copies, packages, options.tests)
+            drawn = draw(ROOT, files, options.mutants, options.seed)
+            verdicts = _tested(drawn, copies, tests, _Kept(options.kept))
+        finally:
+            for each in copies:
+                each.stop()
     show(*_tables(verdicts, tests, options.seed))
     score = sum(each.killed for each in verdicts) / len(verdicts)
     write_json(options.output, _document(verdicts, tests, options.seed))
@@ -294,7 +305,7 @@ def _tested(drawn: Sequence[Mutant], copies: Sequence[Copy], tests: CoveringTest
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
         for each in copies:
-            each.stop()
+            each.stop()  # what is under way ends
         raise
     finally:
         pool.shutdown()
@@ -347,13 +358,6 @@ def _line(verdict: Verdict) -> str:
     where = f"{place.file.removeprefix('src/towtank/')}:{place.begin[0]}"
     shown = "" if verdict.killed else f" | {verdict.mutant.before} -> {verdict.mutant.after}"
     return f"{verdict.outcome:8} {verdict.seconds:5.1f} s {verdict.tests:4d} tests {where}{shown}"
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """End what is left of a run, with the processes that its tests started."""
-    with contextlib.suppress(ProcessLookupError):
-        os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
 
 
 def _stop(number: int, frame: FrameType | None) -> None:

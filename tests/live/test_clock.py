@@ -6,6 +6,7 @@ import math
 import random
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 from towtank.live.pipeline import clock as clocks
@@ -127,3 +128,32 @@ def test_setting_this_computers_clock_moves_no_time(step: float, monkeypatch: py
     assert 0.0 <= steady_time() - before < 60.0
     assert watch.stepped() == pytest.approx(step, abs=0.5)
     assert watch.stepped() == 0.0
+
+
+def test_what_comes_at_an_even_pace_is_placed_by_its_quickest_message_whatever_the_stamps_are() -> None:
+    """Stamps from zero, of 1970 and of now: a block of them is a second either way."""
+    rng = np.random.default_rng(1)
+    for start in (0.0, -5.0, 1.7e9):
+        clock = SourceClock()
+        late = 0.02 + rng.exponential(0.01, 3000)
+        placed = [clock.ours(start + 0.01 * k, start + 100.0 + 0.01 * k + late[k]) for k in range(3000)]
+        off = np.array(placed) - (start + 100.0 + 0.01 * np.arange(3000))
+        assert off[-1] == pytest.approx(0.02, abs=2e-3), start
+        assert abs(clock.drift) < 1e-4
+        assert np.abs(np.diff(off[200:])).max() < 1.1e-5
+        assert len(clock._blocks) >= 25
+
+
+def test_a_clock_is_settled_after_a_second_without_contradiction() -> None:
+    clock = SourceClock()
+    assert clock.settled
+    for k in range(100):
+        clock.ours(0.01 * k, 50.0 + 0.01 * k)
+        assert not clock.settled
+    clock.ours(1.01, 51.01)
+    assert clock.settled
+    assert not clock.believes(9.0, 51.02)
+    assert clock.strange == 1
+    assert not clock.settled
+    assert clock.believes(1.03, 51.03)
+    assert clock.settled

@@ -203,3 +203,76 @@ def test_where_nothing_can_be_followed_nothing_is_driven() -> None:
     found.see(0.0, np.zeros(6))
     found._observer = SimpleNamespace(state=np.full(13, np.nan))  # type: ignore[assignment]
     assert found.fault() == "where the vehicle is cannot be followed"
+
+
+def test_full_sticks_are_full_and_a_gain_of_the_pilots_is_allowed_for() -> None:
+    full = np.array([1.0, -1.0, 0.25, -1.0, 1.0, 0.5])
+    manual = message(Encoder(Way.MANUAL, 255, Sender(1, 1)).sticks(full))
+    assert (manual.x, manual.y, manual.z, manual.r, manual.s, manual.t) == (1000, -1000, 375, 500, 400, -400)
+    beyond = message(Encoder(Way.MANUAL, 255, Sender(1, 1)).sticks(3.0 * full))
+    assert (beyond.x, beyond.y, beyond.z, beyond.r) == (1000, -1000, 125, 1000)
+    half = message(Encoder(Way.MANUAL, 255, Sender(1, 1), gain=0.5).sticks(full))
+    assert (half.x, half.z) == (1000, 250)
+    assert message(Encoder(Way.MANUAL, 255, Sender(1, 1), gain=0.5).sticks(3.0 * full)).z == 0
+    rc = message(Encoder(Way.RC, 255, Sender(1, 1), gain=0.5).sticks(full))
+    assert [getattr(rc, f"chan{n}_raw") for n in range(1, 7)] == [1900, 1100, 1400, 1700, 1900, 1100]
+
+
+def test_messages_of_sticks_are_numbered_and_addressed() -> None:
+    encoder = Encoder(Way.RC, 255, Sender(7, 3))
+    found = [message(encoder.neutral()) for _ in range(258)]
+    assert [each.get_seq() for each in found] == [k % 256 for k in range(258)]
+    assert {(each.target_system, each.target_component) for each in found} == {(7, 3)}
+
+
+def test_the_gain_of_the_pilot_is_heard_by_its_name() -> None:
+    autopilot = Autopilot(100.0)
+    assert math.isnan(autopilot.gain)
+    for name, value in ((b"Other", 0.1), (b"PilotGain\0", 0.5), (b"PilotGainX", 0.9), (b"Aaaa", 0.2)):
+        autopilot.hear("NAMED_VALUE_FLOAT", lambda name=name, value=value: {"name": name, "value": value}, 101.0)  # type: ignore[misc]
+    assert autopilot.gain == 0.5
+    assert autopilot.beat == -math.inf
+    autopilot.hear("ATTITUDE", lambda: {}, 103.0)
+    assert autopilot.link == 3.0
+
+
+def test_outputs_count_where_all_are_there_and_newer() -> None:
+    measured = Measured(HEAVY)
+    pulses = {f"cmd_{each.name}": 1500.0 + k for k, each in enumerate(HEAVY.thrusters)}
+    some = dict(list(pulses.items())[1:])
+    measured.take([arrival(1.0, topic="o", **pulses), arrival(1.1, topic="o", **some)])
+    measured.take(
+        [arrival(0.9, topic="o", **pulses), arrival(1.2, topic="o", **{**pulses, next(iter(pulses)): math.nan})]
+    )
+    assert measured.outputs_t == 1.0
+    assert [(t, each.tolist()) for t, each in measured.outputs] == [(1.0, [1500.0 + k for k in range(8)])]
+
+
+def test_a_quaternion_will_do_and_where_the_pose_comes_from_is_told() -> None:
+    measured = Measured(HEAVY)
+    assert measured.text == "nothing"
+    half = math.sqrt(0.5)
+    measured.take(
+        [arrival(1.0, topic="att", qw=half, qx=0.0, qy=0.0, qz=half), arrival(1.0, topic="gps", x=1.0, y=2.0)]
+    )
+    assert measured.t == -math.inf  # no depth yet
+    measured.take([arrival(1.2, topic="baro", rank=1, z=3.0), arrival(1.3, topic="gps", x=1.1, y=2.0)])
+    assert measured.pose == pytest.approx([1.1, 2.0, 3.0, 0.0, 0.0, math.pi / 2.0])
+    assert measured.t == 1.0
+    assert measured.text == "test gps and test att and test baro"
+
+
+def test_how_far_the_walls_are() -> None:
+    found = Helm(Guard.of(HEAVY, Space.from_text("9x8x5"), drawn_around(HEAVY, 1, 0.3)))
+    assert found.walls == "not known yet"
+    found.anchor(0.0, np.zeros(6))
+    found.see(0.0, np.zeros(6))
+    found.see(0.1, np.array([1.0, 0.5, 0.25, 0.0, 0.0, 0.0]))
+    space, place = found.guard.space, found._place[1]  # type: ignore[index]
+    ahead, right, bottom = space.upper - place[:3]
+    behind, left, surface = place[:3] - space.lower
+    assert found.walls == (
+        f"{ahead:.1f} m ahead, {behind:.1f} behind, {right:.1f} right, {left:.1f} left, "
+        f"{bottom:.1f} to the bottom, {surface:.1f} to the surface"
+    )
+    assert (ahead + behind, left + right, bottom + surface) == pytest.approx((9.0, 8.0, 5.0))

@@ -21,7 +21,7 @@ from towtank import load_vehicle
 from towtank.dashboard.prediction import FreeRuns
 from towtank.errors import InputError
 from towtank.live import Raw, Sample
-from towtank.live.foxglove import LAYOUT, FoxgloveServer
+from towtank.live.foxglove import LAYOUT, FoxgloveServer, _parts
 from towtank.live.links.source import SourceState
 from towtank.live.pipeline.instants import rows_of
 from towtank.live.recording import messages
@@ -300,3 +300,15 @@ def test_where_it_cannot_listen(vehicle: Vehicle, run: Recording, monkeypatch: p
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"towtank\[foxglove\]"):
         FoxgloveServer(session, vehicle, EPOCH, "127.0.0.1:0").open()
+
+
+@pytest.mark.parametrize("address", ["", "host", "host:", ":x", "host:²", "host:65536", "host:-1"])
+def test_an_address_that_is_none_is_one_line(address: str) -> None:
+    with pytest.raises(InputError, match="expected HOST:PORT with a port of 0 to 65535"):
+        _parts(address)
+
+
+def test_an_address_is_a_host_and_a_port() -> None:
+    assert _parts("host:65535") == ("host", 65535)
+    assert _parts(":0") == ("127.0.0.1", 0)
+    assert _parts("[::1]:8765") == ("::1", 8765)

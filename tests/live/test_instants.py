@@ -96,3 +96,17 @@ def test_an_attitude_has_one_source_whatever_its_numbers_are_called() -> None:
     assert preference.taken(sample(0.2, 1)) == {}
     assert set(preference.taken(sample(1.3, 1))) == {"qw", "qx", "qy", "qz"}  # the first one is silent
     assert set(preference.doubled) == {"qw", "qx", "qy", "qz"}
+
+
+def test_inputs_in_force_are_those_that_are_whole(vehicle: Vehicle) -> None:
+    instants = Instants(vehicle)
+    assert instants.in_force() == {}
+    names = [f"cmd_{each.name}" for each in vehicle.thrusters]
+    instants.arguments({"X": 5.0})
+    assert instants.in_force()["wrench"][0] == 5.0
+    instants.arguments({names[0]: 1.0})
+    assert instants.in_force() == {}  # some of the commands: a wrench beside them is their consequence
+    instants.arguments(dict.fromkeys(names, 2.0))
+    assert instants.in_force().keys() == {"commands"}
+    instants.arguments({"voltage": 15.0})
+    assert instants.in_force()["voltage"] == 15.0

@@ -9,6 +9,7 @@ import socket
 import numpy as np
 import pytest
 
+from towtank.errors import InputError
 from towtank.live import Raw, Sample
 from towtank.live.links.datagrams import Allowance
 from towtank.live.links.json import JsonMessages, JsonSource
@@ -166,3 +167,35 @@ def test_noise_is_recorded_up_to_a_bound_and_counted_beyond() -> None:
     assert 1000 <= taken <= 1500
     assert allowance.passed_over == 5000 - taken
     assert "not recorded" in allowance.said[0]
+
+
+def test_a_sender_that_falls_silent_gives_its_channels_up() -> None:
+    source = JsonSource("json:127.0.0.1:9", load_vehicle("vlbv300"))
+    one, other, both = ("1.1.1.1", 1), ("2.2.2.2", 2), (0.0, ("x", "y"), (1.0, 2.0))
+    assert source._own(both, 10.0, one) == both
+    assert source._own((0.0, ("y", "z"), (3.0, 4.0)), 11.0, other) == (0.0, ("z",), (4.0,))
+    assert (source._foreign, source._rival) == (1, "2.2.2.2:2")
+    assert source._own(both, 11.01, other) == both
+    assert source._own(both, 12.0, one) == (0.0, (), ())
+    assert source._foreign == 3
+
+
+def test_of_what_is_bad_a_part_is_kept_and_of_what_is_good_all() -> None:
+    source = JsonSource("json:127.0.0.1:9", load_vehicle("vlbv300"))
+    out: list[Raw | Sample] = []
+    good = b'{"x": 1' + b" " * 6000 + b"}"
+    source._take(good, 0.0, out)
+    source._take(b"x" * 6000, 0.0, out)
+    source._take(b"", 0.0, out)
+    assert [len(each.data) for each in out if isinstance(each, Raw)] == [len(good), 4096]
+    assert [each.names for each in out if isinstance(each, Sample)] == [("x",)]
+
+
+@pytest.mark.parametrize(
+    "text", ["json:", "json:host", "json:host:", "json:host:x", "json:host:0", "json:host:65536", "json:host:²"]
+)
+def test_a_port_is_a_number_that_can_be_one(text: str) -> None:
+    with pytest.raises(InputError, match="with a port of 1 to 65535"):
+        JsonSource(text, load_vehicle("vlbv300"))
+    for port in (1, 65535):
+        assert JsonSource(f"json:[::1]:{port}", load_vehicle("vlbv300"))._address == ("::1", port)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,8 +16,12 @@ import pytest
 from towtank import Learner, load_vehicle
 from towtank.errors import InputError
 from towtank.live import Raw, Sample, SourceState, open_source
+from towtank.live.events import EventLog
+from towtank.live.learning import Learning
 from towtank.live.links.json import JsonMessages
 from towtank.live.pipeline.instants import rows_of
+from towtank.live.pipeline.lane import Lane
+from towtank.live.pipeline.sorter import Sorter
 from towtank.live.session import Session
 from towtank.live.status import Status
 from towtank.live.warm_up import new_learner
@@ -263,3 +268,71 @@ def test_a_learner_takes_of_a_recording_what_counts(vehicle: Vehicle, dive: Reco
     never = run.without("armed").replace([Channel("armed", [0.0], [0.0], "1")])
     with pytest.raises(InputError, match=r"nothing of it counts \(0 to 13 s: disarmed\)"):
         Learner(vehicle, method).run(never)
+
+
+class Counts(Learner):
+    """A learner that keeps the times that it is taught."""
+
+    def __init__(self) -> None:
+        self.seen: list[float] = []
+        self.restarts: list[int] = []
+
+    def update(self, t: float, **arguments: Any) -> bool:
+        self.seen.append(t)
+        return True
+
+    def settle(self) -> None:
+        pass
+
+    def restart(self) -> None:
+        self.restarts.append(len(self.seen))
+
+    @property
+    def estimate(self) -> None:  # type: ignore[override]
+        return None
+
+
+def rows_at(times: Sequence[float]) -> list[tuple[float, tuple[str, ...], tuple[float, ...]]]:
+    return [(t, ("u", "r"), (0.1 * t, 0.2)) for t in times]
+
+
+def test_what_was_recorded_before_is_learned_from_in_stretches(vehicle: Vehicle) -> None:
+    learner, events = Counts(), EventLog()
+    learning = Learning(vehicle, learner, Lane(100), Sorter(0.1, 1), events=events, keep_all=True)
+    times = [0.1 * k for k in range(20)] + [5.0 + 0.1 * k for k in range(20)] + [6.9 + 1.9, 6.9 + 1.9 + 2.1]
+    learning.catch_up(rows_at(times))
+    assert learner.seen == times
+    assert learner.restarts == [20, 41]  # after pauses of more than two seconds
+    assert [each.text for each in events.all if each.kind == "resume"] == ["resumed, 42 instants learned from again"]
+    assert (learning.now.t, learning.now.instants) == (times[-1], 42)
+    kept = learning.recent.recording()
+    assert kept is not None
+    assert (kept.start, kept.end) == (5.0, pytest.approx(8.8))  # the longer stretch of the last minute
+
+
+def test_where_nothing_was_recorded_nothing_is_resumed(vehicle: Vehicle) -> None:
+    events = EventLog()
+    learning = Learning(vehicle, Counts(), Lane(100), Sorter(0.1, 1), events=events)
+    learning.catch_up([])
+    assert events.all == ()
+    assert learning.now.t == -math.inf
+    assert not learning.alive
+    assert learning.now.not_learning == ""
+
+
+def test_learning_that_is_paused_takes_nothing_and_begins_a_new_stretch(vehicle: Vehicle) -> None:
+    learner, events = Counts(), EventLog()
+    learning = Learning(vehicle, learner, Lane(100), Sorter(0.1, 1), events=events, keep_all=True)
+    taps: list[float] = []
+    learning.tap = lambda t, arguments: taps.append(t)
+    learning.catch_up(rows_at([0.0, 0.1]))
+    learning.pause(True)
+    learning.pause(True)
+    learning.catch_up(rows_at([0.2, 0.3]), since=0.1)
+    assert learning.now.paused
+    learning.pause(False)
+    learning.catch_up(rows_at([0.4, 0.5]), since=0.3)
+    assert learner.seen == [0.0, 0.1, 0.4, 0.5]
+    assert taps == [0.0, 0.1, 0.2, 0.3, 0.4, 0.5]
+    assert [each.text for each in events.all if each.kind == "mark"] == ["learning paused", "learning resumed"]
+    assert learning._latency.count == 0

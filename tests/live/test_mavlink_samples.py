@@ -11,8 +11,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from towtank.live import Sample
 from towtank.live.links.mavlink.frames import Framer
-from towtank.live.links.mavlink.samples import MavlinkSamples
+from towtank.live.links.mavlink.samples import MavlinkSamples, MavlinkStamps
+from towtank.readers.common.tables import Table
 from towtank.readers.mavlink.format import layouts
+from towtank.readers.mavlink.senders import Sender
 
 from .mavlink_peer import AIDED, UNAIDED, Autopilot, second
 
@@ -239,14 +241,15 @@ def test_a_flood_of_senders_keeps_memory_bounded() -> None:
 def test_heartbeats_tell_armed_and_mode_from_the_first_sample_on() -> None:
     """The one that came before anything was decided is told again: what it says is in force."""
     autopilot, heard = Autopilot(), Heard()
-    heard.take([(0.0, autopilot.heartbeat(armed=True, mode=19)), *second(autopilot, 0.1)[2:]])
+    before = [(0.0, autopilot.heartbeat()), (0.05, autopilot.heartbeat(armed=True, mode=19))]
+    heard.take([*before, *second(autopilot, 0.1)[2:]])
     assert heard.samples.attributes == {}
     heard.decide(1.5)
     found = heard.take([*second(autopilot, 2.0)[2:], (3.0, autopilot.heartbeat(mode=9))])
     beats = [sample for sample in found if sample.topic == "HEARTBEAT"]
     assert [each.names for each in beats] == [("armed", "mode")] * 2
     assert [each.values for each in beats] == [(1.0, 19.0), (0.0, 9.0)]
-    assert [each.received - EPOCH for each in beats] == pytest.approx([0.01, 3.01])
+    assert [each.received - EPOCH for each in beats] == pytest.approx([0.06, 3.01])
     assert "9 SURFACE" in heard.samples.attributes["modes"]
     rover = Heard()
     rover.take([(0.0, autopilot.heartbeat(kind=11)), *second(autopilot, 0.1)[2:]])
@@ -285,3 +288,26 @@ def test_a_flood_of_senders_does_not_silence_the_autopilot_that_is_followed() ->
 
 def autopilot_sender(heard: Heard) -> object:
     return heard.samples.autopilot.sender
+
+
+@pytest.mark.parametrize(("field", "unit"), [("time_boot_ms", 1e-3), ("time_usec", 1e-6), ("usec", 1e-6)])
+def test_stamps_are_in_the_units_of_their_fields(field: str, unit: float) -> None:
+    own = 50.0 + 0.1 * np.arange(30)
+    received = 1000.0 + own + 0.002
+    table = Table("A", received, {field: np.round(own / unit)})
+    stamps = MavlinkStamps().of(table, Sender(1, 1), received)
+    np.testing.assert_allclose(np.diff(stamps), 0.1, atol=1e-4)
+    np.testing.assert_allclose(stamps, received, atol=1e-2)
+    assert np.isnan(MavlinkStamps().of(Table("A", received, {}), Sender(1, 1), received)).all()
+
+
+def test_whom_a_link_hears_is_said() -> None:
+    heard, autopilot = Heard(), Autopilot(7, 1)
+    assert heard.samples.said() == []
+    heard.take(second(autopilot, 0.0) + second(autopilot, 1.0))
+    heard.decide(2.0)
+    assert heard.samples.said()[0] == "hears autopilot 7.1"
+    alone, station = Heard(), Autopilot(255, 190)
+    alone.take([(0.1 * k, station.heartbeat(autopilot=8, kind=6)) for k in range(9)])
+    alone.decide(2.0)
+    assert alone.samples.said()[0].startswith("hears no autopilot")

@@ -364,3 +364,223 @@ def test_whole_numbers_sent_as_their_bits() -> None:
     assert parameter_of("SERVO1_FUNCTION", 33 * 2.0**-149, 6) == 33.0
     assert parameter_of("SERVO1_FUNCTION", 33.0, 6) == 33.0
     assert parameter_of("BARO1_GND_PRESS", 101_325.0, 9) == 101_325.0
+
+
+def decoded(sent: list[bytes]) -> list[Any]:
+    return [message for data in sent for message in dialect.MAVLink(None).parse_buffer(data)]
+
+
+def test_questions_are_put_one_rate_at_a_time_and_again_after_a_second() -> None:
+    requests = Requests(speaks_first=False)
+    assert requests.due(0.0, 0.0) == []
+    requests.aim(Sender(3, 4), 2)
+
+    def rates(now: float) -> list[Any]:
+        return [each for each in decoded(requests.due(now, now)) if each.get_type() == "COMMAND_LONG"]
+
+    (first,) = rates(10.0)
+    assert (first.get_srcSystem(), first.get_srcComponent()) == (SYSTEM, 190)
+    assert (first.target_system, first.target_component, first.command) == (3, 4, SET_INTERVAL)
+    assert (int(first.param1), first.param2) == (dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, 20_000.0)
+    assert rates(10.9) == []
+    (again,) = rates(11.0)
+    assert again.param1 == first.param1
+    requests.hear(Frame(77, Sender(3, 4), b"", 2), 511.0, 5.0)  # in progress: no answer yet
+    requests.hear(Frame(77, Sender(3, 4), b"", 2), 400.0, 0.0)  # to another question
+    assert rates(11.5) == []
+    requests.hear(Frame(77, Sender(3, 4), b"", 2), 511.0, 0.0)
+    (second,) = rates(11.5)
+    assert int(second.param1) == dialect.MAVLINK_MSG_ID_ATTITUDE
+
+
+def test_parameters_are_asked_for_eight_at_once_once_the_rates_are_settled() -> None:
+    requests = Requests(speaks_first=False)
+    requests.aim(Sender(1, 1), 2)
+    for _ in range(7):
+        requests.due(0.0, 0.0)
+        requests.hear(Frame(77, Sender(1, 1), b"", 2), 511.0, 0.0)
+    asked = [decoded(requests.due(1.0 + 0.01 * k, 1.0)) for k in range(6)]
+    names = [message.param_id for each in asked for message in each]
+    assert [len(each) for each in asked][:4] == [8, 8, 8, 8]
+    assert sum(len(each) for each in asked) == len(set(names)) == 16 + 12 + 5 + 3 + 2
+    assert {"SERVO1_FUNCTION", "SERVO16_FUNCTION", "MOT_1_DIRECTION", "MOT_12_DIRECTION", "VISO_POS_Z"} <= set(names)
+    assert not requests.settled
+    assert all(requests.learn(name, 1.0) for name in names)
+    assert not requests.learn("VISO_POS_Z", 1.0)
+    assert requests.learn("VISO_POS_Z", 2.0)
+    assert requests.settled
+    assert requests.due(5.0, 5.0) == []
+    assert requests.parameters["VISO_POS_Z"] == 2.0
+
+
+def test_messages_are_numbered_from_0_to_255_and_round() -> None:
+    requests = Requests(speaks_first=True)
+    numbers = [message.get_seq() for k in range(300) for message in decoded(requests.due(float(k), float(k)))]
+    assert numbers == [k % 256 for k in range(300)]
+
+
+def test_a_heartbeat_goes_out_once_a_second_where_nothing_comes_for_three() -> None:
+    requests = Requests(speaks_first=False)
+    assert [t for t in (1.0, 3.0, 3.5, 4.0, 4.5, 5.0) if requests.due(t, 0.0)] == [3.5, 4.5]
+    (beat,) = decoded(requests.due(9.0, 0.0))
+    assert (beat.type, beat.autopilot, beat.system_status) == (6, 8, 4)
+    assert Requests(speaks_first=False, silent=True).due(9.0, 0.0) == []
+    assert Requests(speaks_first=False, silent=True).settled
+
+
+def test_what_was_asked_and_answered_is_said_by_answer() -> None:
+    requests = Requests(speaks_first=False)
+    assert requests.said() == []
+    requests.aim(Sender(1, 1), 1)
+    for answer in (0.0, 1.0, 2.0, 3.0, 4.0, 9.0):
+        data = requests.due(0.0, 0.0)
+        assert data[0][0] == 0xFE  # version 1 of MAVLink, as the autopilot speaks
+        requests.hear(Frame(77, Sender(1, 1), b"", 2), 511.0, answer)
+    assert requests.said() == [
+        "asked 1.1 for the rates of 7 messages, 1 granted; refused for now: ATTITUDE; "
+        "refused: LOCAL_POSITION_NED, EKF_STATUS_REPORT; not known: RAW_IMU; failed: SCALED_PRESSURE2"
+    ]
+    assert Requests(speaks_first=False, silent=True).said() == ["asks for nothing, as told"]
+
+
+def test_an_autopilot_that_starts_anew_is_asked_again_and_another_one_has_parameters_of_its_own() -> None:
+    requests = Requests(speaks_first=False)
+    requests.also({"VFR_HUD": 4.0}, ["PILOT_GAIN"])
+    requests.aim(Sender(1, 1), 2)
+    requests.learn("SERVO1_FUNCTION", 33.0)
+    for _ in range(8):
+        requests.due(0.0, 0.0)
+        requests.hear(Frame(77, Sender(1, 1), b"", 2), 511.0, 0.0)
+    assert requests.said() == ["asked 1.1 for the rates of 8 messages, 8 granted"]
+    assert decoded(requests.due(0.0, 0.0))[0].param_id == "PILOT_GAIN"
+    requests.aim(Sender(1, 1), 2)
+    assert "8 granted" in requests.said()[0]
+    requests.begin_anew()
+    assert "0 granted" in requests.said()[0]
+    assert requests.parameters == {"SERVO1_FUNCTION": 33.0}
+    requests.aim(Sender(2, 1), 2)
+    assert requests.parameters == {}
+
+
+@pytest.mark.parametrize("bandwidth, slowest, fastest", [(0.0, 2.0, 50.0), (100.0, 2.0, 2.0), (1e6, 2.0, 50.0)])
+def test_a_line_tells_how_often_may_be_asked(bandwidth: float, slowest: float, fastest: float) -> None:
+    asked = Requests(speaks_first=False, bandwidth=bandwidth).asked
+    assert (min(asked.values()), max(asked.values())) == (slowest, fastest)
+
+
+@pytest.mark.parametrize(
+    "value, kind, meant",
+    [(2.0**-149, 6.0, 1.0), (-(2.0**-149), 6.0, -(2.0**31) + 1), (2.0**-149, 9.0, 2.0**-149), (0.0, 6.0, 0.0)],
+)
+def test_tiny_numbers_are_bits_where_a_whole_number_is_meant(value: float, kind: float, meant: float) -> None:
+    assert parameter_of("X", value, kind) == meant
+
+
+def test_a_vehicle_with_another_address_is_named_and_what_it_sends_passed_over() -> None:
+    """Fed by hand: the source hears frames of two addresses that bear one number."""
+    source = source_of(f"udpin:127.0.0.1:{free_port()}")
+    layout = layouts()
+    (number,) = [number for number, each in layout.items() if each.name == "HEARTBEAT"]
+    frame = Frame(number, Sender(1, 1), bytes(9), 2)
+    home, others = ("127.0.0.1", 1), [("127.0.0.1", 2 + k) for k in range(300)]
+    assert source._hear(frame, 0.0, home)
+    assert not any(source._hear(frame, 0.1, each) for each in others)
+    assert source._hear(frame, 0.2, home)
+    assert len(source._foreign) <= 257
+    assert sum(source._foreign.values()) == 300
+    assert source._hear(frame, 60.0, others[0])  # who was heard first has fallen silent
+    assert not source._hear(frame, 60.1, home)
+
+
+def test_the_autopilots_parameters_and_address_are_known_to_who_drives() -> None:
+    source = source_of(f"udpin:127.0.0.1:{free_port()}")
+    assert source.target is None
+    assert source.parameters == {}
+    source._requests.aim(Sender(1, 1), 2)
+    source._requests.learn("SERVO1_FUNCTION", 33.0)
+    assert source.target == Sender(1, 1)
+    assert source.parameters == {"SERVO1_FUNCTION": 33.0}
+    listening = source_of(f"mavlink:udpin:127.0.0.1:{free_port()}?listen")
+    with pytest.raises(InputError, match="with which nothing may be sent; leave it out"):
+        listening.also({"VFR_HUD": 4.0}, [])
+
+
+@pytest.mark.parametrize(
+    "text, kind, host, port",
+    [
+        ("udp:127.0.0.1:14550", "UdpIn", "127.0.0.1", 14550),
+        ("UDPIN://:1", "UdpIn", "0.0.0.0", 1),
+        ("udpin:[::1]:65535", "UdpIn", "::1", 65535),
+        ("udpout:localhost:14550", "UdpOut", "localhost", 14550),
+        ("tcp:sub.local:5760", "Tcp", "sub.local", 5760),
+    ],
+)
+def test_a_link_is_known_by_its_words(text: str, kind: str, host: str, port: int) -> None:
+    found: Any = connection_of(text)
+    assert type(found).__name__ == kind
+    assert (found._host, found._port) == (host, port) if kind == "Tcp" else (found.host, found.port) == (host, port)
+    assert (found.stream, found.speaks_first) == (kind == "Tcp", kind == "UdpOut")
+    assert (found.bandwidth, found.broken, found.dropped) == (0.0, "", 0)
+
+
+@pytest.mark.parametrize(
+    "text, device, baud",
+    [
+        ("/dev/ttyACM0", "/dev/ttyACM0", 115200),
+        ("serial:///dev/ttyUSB1:57600", "/dev/ttyUSB1", 57600),
+        ("COM3,9600", "COM3", 9600),
+    ],
+)
+def test_a_line_is_known_by_its_words(text: str, device: str, baud: int) -> None:
+    line: Any = connection_of(text)
+    assert (line._device, line._baud, line.bandwidth) == (device, baud, baud / 10.0)
+    assert (line.stream, line.speaks_first) == (True, False)
+
+
+def test_a_host_that_is_not_known_is_one_line() -> None:
+    for host in ("no.such.host.invalid", "x" * 70):
+        with pytest.raises(InputError, match="is not known") as error:
+            connection_of(f"udpout:{host}:14550").open()
+        assert "\n" not in str(error.value)
+
+
+def test_what_breaks_is_said_and_tried_again_after_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        now = 100.0
+        monkeypatch.setattr("towtank.live.links.mavlink.connection.time.monotonic", lambda: now)
+        monkeypatch.setattr("towtank.live.links.mavlink.connection.time.sleep", lambda seconds: None)
+        link = connection_of(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+        link.open()
+        peer, _ = server.accept()
+        peer.send(b"first")
+        assert [each[0] for each in link.receive(1.0)] == [b"first"]
+        assert link.receive(0.0) == []
+        assert link.broken == ""
+        peer.close()
+        assert link.receive(1.0) == []
+        assert link.broken.endswith("the other end has closed; trying again")
+        now = 100.9
+        assert link.receive(0.0) == []
+        assert link.broken
+        now = 101.0
+        link.receive(0.0)
+        assert link.broken == ""
+        peer, _ = server.accept()
+        peer.send(b"again")
+        assert [each[0] for each in link.receive(1.0)] == [b"again"]
+        link.close()
+        peer.close()
+
+
+def test_a_link_on_which_nothing_comes_says_for_how_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [1000.0]
+    monkeypatch.setattr("towtank.live.links.mavlink.source.steady_time", lambda: clock[0])
+    text = f"udpin:127.0.0.1:{free_port()}"
+    source = source_of(text)
+    source.open()
+    said = f"{text}: nothing has come for 3 s"
+    for now, told in ((1001.9, False), (1003.2, True)):
+        clock[0] = now
+        source.read(0.0)
+        assert (said in source.state().said) is told
+    source.close()

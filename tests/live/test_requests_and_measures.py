@@ -189,3 +189,37 @@ def test_wrong_samples_beside_a_gap_and_at_the_ends_are_left_alone():
     ends = x.copy()
     ends[[0, 200, 399]] = 1.0, 0.0, 1.0
     assert not find_spikes(t, ends).size
+
+
+def test_an_axis_that_is_only_rounding_is_not_excited() -> None:
+    vehicle = load_vehicle("vlbv300")
+    excitation = Excitation(vehicle)
+    assert excitation.rms == ()
+    excitation.see(0.0, {"velocity": np.ones(6)})
+    assert excitation.rms == ()
+    excitation.see(0.0, {"wrench": np.array([100.0, 1e-8, 1e-6, np.nan, 0.0, 3.0])})
+    assert excitation.rms == (100.0, 0.0, pytest.approx(1e-6), 0.0, 0.0, 3.0)
+    excitation.see(0.05, {"wrench": np.zeros(6)})  # ten times a second will do
+    assert excitation.rms[0] == 100.0
+    excitation.see(0.1, {"wrench": np.zeros(6)})
+    assert excitation.rms[0] == pytest.approx(100.0 / np.sqrt(2.0))
+    for k in range(2, 102):
+        excitation.see(0.101 * k, {"wrench": np.zeros(6)})
+    assert excitation.rms[0] == 0.0
+
+
+def test_nothing_at_all_excites_nothing() -> None:
+    excitation = Excitation(load_vehicle("vlbv300"))
+    excitation.see(0.0, {"wrench": np.zeros(6)})
+    assert excitation.rms == (0.0,) * 6
+
+
+def test_latencies_of_no_time_and_of_very_long_ones_are_counted() -> None:
+    latency = Latency()
+    assert math.isnan(latency.percentile(0.5))
+    for seconds in (0.0, 1e-6, 1e-6, 1e6):
+        latency.add(seconds)
+    assert latency.count == 4
+    assert latency.percentile(0.5) == 1e-6
+    assert latency.milliseconds()["max"] == 1e9
+    assert 1e2 < latency.percentile(1.0) <= 1e6

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import threading
 from datetime import UTC, datetime
@@ -13,11 +14,14 @@ import pytest
 
 from towtank import Learner, load_vehicle
 from towtank.errors import InputError
-from towtank.live.links.source import Sample
+from towtank.live.links.source import Raw, Sample
 from towtank.live.pipeline.instants import rows_of
+from towtank.live.pipeline.sorter import Arrival
 from towtank.live.recording.checkpoint import Checkpoint, Earlier, earlier
+from towtank.live.recording.recorder import Recorder
 from towtank.live.session import Session
 from towtank.live.warm_up import new_learner
+from towtank.readers import read
 from towtank.recording import Recording
 from towtank.recording.mcap.log import McapLog
 from towtank.simulation import Mocap, manoeuvre, simulate
@@ -204,3 +208,104 @@ def test_a_computer_whose_clock_lies_behind_the_recording_goes_on_from_its_end(
     assert before.now_epoch() == EPOCH
     now = EPOCH - 86_400.0
     assert now - before.now_epoch() == pytest.approx(run.end + 3.0, abs=1e-3)
+
+
+def test_a_checkpoint_after_another_waits_for_it_and_takes_its_place(tmp_path: Path) -> None:
+    checkpoint = Checkpoint(tmp_path / "dive.mcap", {"method": "joint"})
+    for k in range(3):
+        assert checkpoint.save(Kept([float(k)]), float(k), wait=True)  # type: ignore[arg-type]
+    head, _, body = checkpoint.path.read_bytes().partition(b"\n")
+    assert json.loads(head) == {"version": 1, "method": "joint", "t": 2.0}
+    assert body == b"2.0"
+    assert [each.name for each in tmp_path.iterdir()] == ["dive.mcap.state"]
+
+
+def test_while_one_waits_for_the_disk_no_other_is_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    busy, seen = threading.Event(), Checkpoint._put
+    monkeypatch.setattr(Checkpoint, "_put", lambda self, head, part: (busy.wait(20.0), seen(self, head, part)))
+    checkpoint = Checkpoint(tmp_path / "dive.mcap", {})
+    assert checkpoint.save(Kept([1.0]), 1.0)  # type: ignore[arg-type]
+    assert not checkpoint.save(Kept([2.0]), 2.0)  # type: ignore[arg-type]
+    busy.set()
+    assert checkpoint.save(Kept([3.0]), 3.0, wait=True)  # type: ignore[arg-type]
+    assert b'"t": 3.0' in checkpoint.path.read_bytes()
+    assert checkpoint.trouble == ""
+
+
+def test_a_learner_that_keeps_no_checkpoint_writes_none(tmp_path: Path) -> None:
+    class Forgetful(Kept):
+        keeps_checkpoints = False
+
+    assert not Checkpoint(tmp_path / "dive.mcap", {}).save(Forgetful(), 1.0, wait=True)  # type: ignore[arg-type]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_why_a_checkpoint_cannot_be_written_is_told_in_the_systems_words(tmp_path: Path) -> None:
+    checkpoint = Checkpoint(tmp_path / "gone" / "dive.mcap", {})
+    checkpoint.save(Kept([1.0]), 1.0, wait=True)  # type: ignore[arg-type]
+    assert checkpoint.trouble == f"{checkpoint.path}: No such file or directory"
+
+    class Refuses(Kept):
+        def save(self, path: Path) -> None:
+            raise InputError("is not to be saved")
+
+    assert not checkpoint.save(Refuses(), 1.0, wait=True)  # type: ignore[arg-type]
+    assert checkpoint.trouble == f"{checkpoint.path}: is not to be saved"
+    (tmp_path / "gone").mkdir()
+    assert checkpoint.save(Kept([1.0]), 1.0, wait=True)  # type: ignore[arg-type]
+    assert checkpoint.trouble == ""
+
+
+def test_columns_that_come_later_are_sources_of_their_own(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    recorder = Recorder(McapLog.open(path))
+    recorder.start()
+
+    def put(t: float, **values: float) -> None:
+        sample = Sample("json", "/a b/", t, t, tuple(values), tuple(values.values()))
+        recorder.put([Arrival(t, t, 0, sample)], [])
+
+    put(0.0, u=1.0, v=2.0)
+    put(0.1, u=3.0)
+    put(0.2, w=4.0, u=5.0)
+    put(0.3, p=6.0)
+    put(0.4, w=7.0)
+    recorder.close(["all of it"])
+    assert recorder.state().count == 5
+    assert recorder.state().lost == 0
+    found = read(path)
+    assert [(each.name, each.count) for each in found.contents] == [
+        ("/json/a_b", 3),
+        ("/json/a_b 2", 2),
+        ("/json/a_b 3", 1),
+    ]
+    assert found["u"].values.tolist() == [1.0, 3.0, 5.0]
+    assert found["w"].t.tolist() == [0.2, 0.4]
+    assert found.notes == ("all of it",)
+
+
+def test_what_a_disk_does_not_take_in_time_is_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("towtank.live.recording.recorder._PATIENCE", 300)
+    recorder = Recorder(McapLog.open(tmp_path / "a.mcap"))  # not started: nothing is written
+    sample = Sample("json", "a", 0.0, 0.0, ("u",), (1.0,))
+    for k in range(4):
+        recorder.put([Arrival(0.1 * k, 0.0, 0, sample)], [])
+    recorder.put([], [])
+    recorder.put([], [(0.5, Raw("json", "a", 0.5, b"x" * 200))])
+    assert (recorder.state().count, recorder.state().lost) == (2, 3)
+    recorder.start()
+    recorder.close()
+    assert read(tmp_path / "a.mcap").notes == ("3 samples and packets were lost: the disk did not take them",)
+
+
+def test_inputs_in_force_and_the_rows_that_follow(run: Recording) -> None:
+    told: list[float] = []
+    before = Earlier(EPOCH, since=15.0, recording=run)
+    rows = list(before.rows(lambda text, share: told.append(share)))
+    assert rows[0][0] == pytest.approx(15.01)
+    assert told[0] == pytest.approx(0.01 / (run.end - 15.0))
+    assert told[-1] == pytest.approx(1.0)
+    assert list(Earlier(EPOCH).rows(lambda text, share: None)) == []
+    whole: list[float] = []
+    assert len(list(Earlier(EPOCH, recording=run).rows(lambda text, share: whole.append(share)))) == len(whole)
+    assert whole[0] == 0.0

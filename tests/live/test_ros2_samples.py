@@ -198,3 +198,109 @@ def test_a_router_that_is_not_there_is_one_line() -> None:
     with pytest.raises(InputError, match=r"no zenoh router at tcp/127\.0\.0\.1") as error:
         Ros2Source(f"ros2:0@tcp/127.0.0.1:{free_port()}").open()
     assert "\n" not in str(error.value)
+
+
+class Link:
+    """A system of topics by hand, on a clock of its own."""
+
+    name = "by hand"
+
+    def __init__(self) -> None:
+        self.published: dict[str, str] = {}
+        self.refused: dict[str, str] = {}
+        self.waiting: list[Message] = []
+        self.asked: list[str] = []
+        self.looks = self.opened = self.closed = 0
+
+    def open(self) -> None:
+        self.opened += 1
+
+    def topics(self) -> dict[str, str]:
+        self.looks += 1
+        return dict(self.published)
+
+    def subscribe(self, topic: str, kind: str) -> str:
+        self.asked.append(topic)
+        return self.refused.get(topic, "")
+
+    def receive(self, timeout: float) -> list[Message]:
+        found, self.waiting = self.waiting, []
+        return found
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+@pytest.fixture
+def by_hand(monkeypatch: pytest.MonkeyPatch) -> tuple[Link, list[float]]:
+    link, clock = Link(), [EPOCH]
+    monkeypatch.setattr("towtank.live.links.ros2.source.link_of", lambda text: link)
+    monkeypatch.setattr("towtank.live.links.ros2.source.steady_time", lambda: clock[0])
+    return link, clock
+
+
+def test_a_source_that_was_not_opened_has_nothing_to_close(by_hand: tuple[Link, list[float]]) -> None:
+    link, _ = by_hand
+    source = Ros2Source("ros2:0")
+    source.close()
+    assert link.closed == 0
+    source.open()
+    source.close()
+    source.close()
+    assert (link.opened, link.closed) == (1, 1)
+    assert source.state().said == ("by hand", "no topic that could be used is published")
+
+
+def test_topics_are_looked_for_once_a_second_and_asked_for_once(by_hand: tuple[Link, list[float]]) -> None:
+    link, clock = by_hand
+    link.published = {"/odom": ODOMETRY, "/chatter": "std_msgs/msg/String", "/bad": WRENCH}
+    link.refused = {"/bad": "its type is not known"}
+    source = Ros2Source("ros2:0")
+    source.open()
+    for k in range(21):
+        clock[0] = EPOCH + 0.1 * k + 1e-3
+        source.read(0.0)
+    assert link.looks == 3
+    assert link.asked == ["/odom", "/bad"]
+    assert source.state().said[:3] == ("by hand", "listens to /odom", "/bad: not listened to: its type is not known")
+    assert source.state().senders == ("/odom",)
+
+
+def test_what_comes_is_recorded_at_once_and_learned_from_after_the_first_decision(
+    by_hand: tuple[Link, list[float]],
+) -> None:
+    link, clock = by_hand
+    link.published = {"/odom": ODOMETRY, "/thrust": WRENCH}
+    source = Ros2Source("ros2:0")
+    source.open()
+    first = None
+    for k in range(4):
+        for message in second(float(k)):
+            clock[0] = message.received
+            link.waiting = [message]
+            found = source.read(0.0)
+            assert [each.topic for each in found if isinstance(each, Raw)] == [f"{message.topic} {message.kind}"]
+            if first is None and any(isinstance(each, Sample) for each in found):
+                first = message.received - EPOCH
+    assert first == pytest.approx(1.5, abs=0.05)
+    state = source.state()
+    assert (state.bad, state.restarts) == (0, 0)
+    assert source._rates.counts == {"/odom": 200, "/thrust": 200}
+
+
+def test_a_mapping_names_what_is_not_published(by_hand: tuple[Link, list[float]]) -> None:
+    link, clock = by_hand
+    link.published = {"/odom": ODOMETRY, "/thrust": WRENCH}
+    mapping = ColumnMapping.model_validate(
+        {"columns": {"v": "/odom.twist.twist.linear.y", "u": "/dvl.velocity.x", "w": "/dvl.velocity.z"}}
+    )
+    source = Ros2Source("ros2:0", mapping)
+    source.open()
+    clock[0] += 1.0
+    source.read(0.0)
+    assert source.state().said == (
+        "by hand",
+        "listens to /odom",
+        "the mapping's /dvl.velocity.x is not published",
+        "the mapping's /dvl.velocity.z is not published",
+    )

@@ -354,3 +354,146 @@ def test_a_log_is_replayed_at_the_pace_asked_for(vehicle: Vehicle, run: Recordin
     assert time.monotonic() - began >= 12.0 / 20.0 - 0.05
     assert [each.t - found[0].t for each in found] == pytest.approx([t for t, _, _ in rows_of(run)], abs=1e-6)
     assert [each.values for each in found] == [values for _, _, values in rows_of(run)]
+
+
+class Still(Learner):
+    """A learner that only counts."""
+
+    def __init__(self) -> None:
+        self.seen: list[float] = []
+
+    def update(self, t: float, **arguments: Any) -> bool:
+        self.seen.append(t)
+        return True
+
+    def settle(self) -> None:
+        pass
+
+    def restart(self) -> None:
+        pass
+
+    @property
+    def estimate(self) -> None:  # type: ignore[override]
+        return None
+
+
+class Told(Link):
+    """A link that says how it fares."""
+
+    def __init__(self, batches: Sequence[Sequence[Sample | Raw]], patient: bool = True, **said: Any) -> None:
+        super().__init__(iter(batches), patient=patient)
+        self._said = said
+
+    def state(self) -> SourceState:
+        return SourceState(ended=self._ended, **self._said)
+
+
+def of_pose(t: float, x: float, received: float | None = None) -> Sample:
+    return Sample("test", "pose", EPOCH + t, EPOCH + t if received is None else received, ("x", "y"), (x, 0.0))
+
+
+def session_of(*links: Any, vehicle: Vehicle, **settings: Any) -> tuple[Session, Still]:
+    learner = Still()
+    named = [(f"link {k}", each) for k, each in enumerate(links)]
+    made = Session(named, vehicle, learner, epoch=EPOCH, keep_all=True, **settings)  # type: ignore[arg-type]
+    made.open()
+    return made, learner
+
+
+def test_at_the_end_the_recording_says_how_each_link_fared(vehicle: Vehicle, tmp_path: Path) -> None:
+    batch = [of_pose(0.01 * k, 0.1 * k) for k in range(300)]
+    good, bad = Told([batch]), Told([[]], bad=2, dropped=3, foreign=4)
+    path = tmp_path / "a.mcap"
+    made, _ = session_of(good, bad, vehicle=vehicle, log=McapLog.open(path))
+    made.run(threading.Event())
+    assert read(path).notes == (
+        "live link 0: 300 samples",
+        "live link 1: 0 samples, 2 bad messages, 3 datagrams dropped by the system, "
+        "4 messages and values of others passed over",
+    )
+
+
+def test_commands_that_no_thruster_takes_are_a_warning(vehicle: Vehicle) -> None:
+    names = ("cmd_1", "cmd_nobody", "strange", "u")
+    sample = [Sample("test", "a", EPOCH + 0.1 * k, EPOCH, names, (1.0, 2.0, 3.0, 4.0)) for k in range(9)]
+    made, learner = session_of(Told([sample]), vehicle=vehicle)
+    status = made.run(threading.Event())
+    assert status.warnings == ("link 0: the vehicle has no thruster for cmd_nobody, strange; passed over",)
+    assert (status.samples, len(learner.seen)) == (9, 9)
+    assert status.ended
+    assert not status.ending
+
+
+def test_a_patient_session_ends_after_so_many_seconds_of_samples(vehicle: Vehicle) -> None:
+    batches = [[of_pose(0.1 * (10 * k + n), 1.0 * n) for n in range(10)] for k in range(20)]
+    made, learner = session_of(Told(batches), vehicle=vehicle)
+    status = made.run(threading.Event(), seconds=3.05)
+    assert status.samples == 31
+    assert learner.seen[-1] == pytest.approx(3.0)
+    assert made.t == pytest.approx(3.0)
+    assert math.isnan(status.epoch)
+
+
+def test_samples_that_come_before_a_clock_has_settled_stand_on_it_all_the_same(vehicle: Vehicle) -> None:
+    """A source whose clock shows 500 s less, and whose first messages come late."""
+
+    class Live(Told):
+        keeps_time = False
+
+    def sent(k: int) -> Sample:
+        late = 0.05 if k < 3 else 0.01
+        return Sample("t", "p", EPOCH - 500.0 + 0.05 * k, EPOCH + 0.05 * k + late, ("x",), (1.0 * k,))
+
+    made, learner = session_of(Live([[sent(k)] for k in range(60)], patient=True), vehicle=vehicle)
+    made.run(threading.Event())
+    assert len(learner.seen) == 60
+    assert np.diff(learner.seen) == pytest.approx(0.05, abs=1e-6)
+    assert learner.seen[0] == pytest.approx(0.01, abs=1e-3)
+    (only,) = made.status().sources
+    assert only.offset == pytest.approx(500.01, abs=1e-3)
+
+
+def test_a_clock_that_was_set_anew_is_an_event_and_a_new_stretch(vehicle: Vehicle) -> None:
+    link = Told([[of_pose(0.1 * k, 1.0 * k)] for k in range(5)], restarts=1)
+    made, _ = session_of(link, vehicle=vehicle)
+    status = made.run(threading.Event())
+    assert [each.text for each in status.events if each.kind == "clock"] == ["link 0: its clock was set anew"]
+
+
+def test_what_somebody_says_of_the_session_is_an_event(vehicle: Vehicle) -> None:
+    made, _ = session_of(Told([[of_pose(2.5, 1.0)]]), vehicle=vehicle)
+    made.mark("before")
+    made.run(threading.Event())
+    made.mark("after")
+    marks = [(each.t, each.text) for each in made.status().events if each.kind == "mark"]
+    assert marks == [(0.0, "before"), (2.5, "after")]
+
+
+def test_of_links_that_cannot_all_be_opened_none_is(vehicle: Vehicle) -> None:
+    closed: list[str] = []
+
+    class Opens(Told):
+        def close(self) -> None:
+            closed.append("closed")
+
+    class Fails(Told):
+        def open(self) -> None:
+            raise InputError("no")
+
+    with pytest.raises(InputError, match="no"):
+        session_of(Opens([]), Fails([]), vehicle=vehicle)
+    assert closed == ["closed"]
+
+
+def test_what_is_sent_is_recorded_and_taps_see_samples_first(vehicle: Vehicle, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    made, _ = session_of(Told([[of_pose(0.1 * k, 1.0)] for k in range(5)]), vehicle=vehicle, log=McapLog.open(path))
+    tapped: list[float] = []
+    ended: list[bool] = []
+    made.taps += (lambda arrivals: tapped.extend(each.t for each in arrivals),)
+    made.before_end += (lambda: ended.append(made.status().ended),)
+    made.keep(0.2, Raw("mavlink", "sent", EPOCH + 0.2, b"sent"))
+    made.run(threading.Event())
+    assert tapped == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
+    assert ended == [False]
+    assert {each.name: each.count for each in read(path).contents}["/raw/mavlink/sent"] == 1

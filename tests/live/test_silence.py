@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Iterator, Sequence
 
@@ -10,7 +11,7 @@ import pytest
 
 from towtank import load_vehicle
 from towtank.live import Raw, Sample
-from towtank.live.learning import Recent, Silence
+from towtank.live.learning import Recent, Silence, recording_of
 from towtank.live.links.source import SourceState
 from towtank.live.pipeline.instants import rows_of
 from towtank.live.session import Session
@@ -142,3 +143,27 @@ def test_the_recent_part_is_the_longer_stretch(run: Recording) -> None:
     assert (kept.start, kept.end) == (pytest.approx(4.01), pytest.approx(20.0))
     np.testing.assert_array_equal(kept["x"].measured.values, run.window(4.005, 20.005)["x"].measured.values)
     assert Recent().recording() is None
+
+
+def test_the_recent_part_is_a_minute_and_a_copy_of_it_stays() -> None:
+    recent = Recent()
+    for k in range(2000):
+        recent.add(0.1 * k, {"u": float(k), "strange": 1.0, "v": math.nan})
+    copy = recent.copy()
+    recent.add(200.0, {"u": 2000.0})
+    kept, after = copy.recording(), recent.recording()
+    assert kept is not None
+    assert after is not None
+    assert list(kept.channels) == ["u"]
+    assert (kept.end, after.end) == (pytest.approx(199.9), 200.0)
+    assert kept.end - kept.start == pytest.approx(60.0, abs=0.11)
+    assert kept["u"].values.tolist() == [float(round(10.0 * t)) for t in kept["u"].t]
+
+
+def test_of_two_values_of_a_moment_the_first_counts_and_none_that_goes_back() -> None:
+    rows = [(1.0, ("u", "cmd_1"), (1.0, 5.0)), (1.0, ("u",), (2.0,)), (0.5, ("u",), (3.0,)), (2.0, ("u",), (4.0,))]
+    found = recording_of(rows, "rows")
+    assert found is not None
+    assert (found["u"].t.tolist(), found["u"].values.tolist()) == ([1.0, 2.0], [1.0, 4.0])
+    assert (found["u"].unit, found["u"].frame) == ("m/s", "FRD")
+    assert recording_of([(1.0, ("strange", "u"), (1.0, math.inf))], "rows") is None

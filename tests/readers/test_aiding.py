@@ -9,6 +9,7 @@ import pytest
 
 from towtank.readers import read
 from towtank.readers.ardupilot.aiding import Evidence, aided, aiding_of
+from towtank.readers.ardupilot.dvl import displacement_source
 from towtank.readers.common.sources import Source
 
 from .encoders import DataFlashWriter, dive_bin
@@ -91,3 +92,22 @@ def test_the_primary_core_is_believed(tmp_path: Path) -> None:
     run = read(path)
     assert set(run["vn"].values) == {1.0}
     assert set(run["z"].values) == {1.0}
+
+
+def test_a_dvl_tells_a_speed_where_time_has_passed_and_the_bottom_is_seen() -> None:
+    t = np.arange(6.0)
+    ahead, side, down = np.array([0.1, 0.1, 0.1, 0.1, 0.0, 0.2]), np.zeros(6), np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.1])
+    dt = np.array([0.1, 0.0, -0.5, np.nan, 0.1, 0.2])
+    confidence = np.array([50.0, 50.0, 50.0, 50.0, 0.0, 0.0])
+    found = displacement_source("VISO", t, (ahead, side, down), dt, confidence)
+    nan = np.nan
+    np.testing.assert_allclose(found.channels["u"], [1.0, nan, nan, nan, nan, 1.0])
+    np.testing.assert_allclose(found.channels["w"], [0.0, nan, nan, nan, nan, 0.5])
+    whole = displacement_source("VISO", t, (ahead, side, down), dt, None)
+    np.testing.assert_allclose(whole.channels["u"], [1.0, nan, nan, nan, 0.0, 1.0])
+
+
+def test_an_unbelievable_report_aids_nothing() -> None:
+    evidence = Evidence(t=np.array([1.0, 0.0]), flags=np.array([1e30, float(AIDED)]))
+    found = aided(velocity(np.array([0.0, 1.0])), aiding_of(evidence))
+    assert np.isfinite(found.channels["vn"]).tolist() == [True, False]

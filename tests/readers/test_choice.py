@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from towtank.readers.ardupilot.frame import frame_of
-from towtank.readers.ardupilot.thruster_outputs import command_source, thruster_outputs
+from towtank.readers.ardupilot.thruster_outputs import command_source, command_sources, thruster_outputs
 from towtank.readers.ardupilot.water_pressure import Pressure, depth_sources
 from towtank.readers.common.sources import Source, choose
 
@@ -86,6 +86,68 @@ def test_outputs_that_move_where_nothing_is_known() -> None:
     assert "outputs 1 to 6, which move" in found.note
     assert thruster_outputs({}, {1: np.array([1500.0, 1500.0])}).outputs == {}
     assert command_source("RCOU", np.arange(2.0), {}, found) is None
+
+
+def test_twelve_motors_have_functions_of_their_own_and_other_functions_are_none() -> None:
+    functions = [*range(33, 41), *range(82, 86)]
+    parameters = {f"SERVO{n}_FUNCTION": float(kind) for n, kind in enumerate([32, *functions, 41, 81, 86], 20)}
+    assert thruster_outputs(parameters, {}).outputs == {n: 20 + n for n in range(1, 13)}
+    assert thruster_outputs({"SERVO32_FUNCTION": 33.0, "SERVO33_FUNCTION": 34.0}, {}).outputs == {1: 32}
+
+
+def test_what_is_said_of_motors() -> None:
+    functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 4)}
+    moving = {n: OUTPUTS[n] for n in range(1, 4)}
+    assert thruster_outputs(functions, moving).note == (
+        "no MOT_n_DIRECTION among the parameters: no thruster is mirrored"
+    )
+    assert thruster_outputs(functions | {"MOT_2_DIRECTION": 1.0}, moving).note == ""
+    turned = thruster_outputs(functions | {"MOT_1_DIRECTION": -1.0, "MOT_3_DIRECTION": -1.0}, moving)
+    assert turned.note == (
+        "thrusters 1, 3 turn the other way (MOT_n_DIRECTION -1): pulses mirrored about 1500, as ArduPilot means them"
+    )
+    alone = thruster_outputs({}, {1: OUTPUTS[1]})
+    assert alone.note.endswith("output 1, which moves, is taken for the thrusters in order, none mirrored")
+    both = thruster_outputs({"SERVO1_FUNCTION": 73.0, "SERVO1_REVERSED": 1.0, "SERVO2_FUNCTION": 74.0}, {})
+    assert both.note.endswith("; left with pulses mirrored about 1500 (SERVOn_REVERSED), so that more is ahead")
+
+
+def test_outputs_of_two_tables_are_joined_to_one() -> None:
+    functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in (1, 2, 17)} | {"MOT_17_DIRECTION": 1.0, "MOT_1_DIRECTION": 1.0}
+    functions["SERVO17_FUNCTION"] = 35.0
+    t, later = np.array([0.0, 1.0, 2.0]), np.array([0.5, 1.0, 3.0])
+    first = {1: 1500.0 + t, 2: 1600.0 + t}
+    main, other = command_sources([("RCO2", later, {17: 1700.0 + later}), ("RCOU", t, first)], functions)
+    assert (main.table, list(main.channels), main.t.tolist()) == (
+        "RCOU",
+        ["cmd_1", "cmd_2", "cmd_3"],
+        [0, 0.5, 1, 2, 3],
+    )
+    np.testing.assert_array_equal(main.channels["cmd_1"], [1500.0, np.nan, 1501.0, 1502.0, np.nan])
+    np.testing.assert_array_equal(main.channels["cmd_3"], [np.nan, 1700.5, 1701.0, np.nan, 1703.0])
+    assert main.note == "thrusters of RCO2 are joined to those of RCOU"
+    assert (other.table, other.refused, other.note) == ("RCO2", "joined to RCOU", "")
+
+
+def test_outputs_of_three_tables_are_joined_as_well() -> None:
+    functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in (1, 2, 3)}
+    t = np.array([0.0, 1.0, 2.0])
+    parts = [(name, t, {n: 1500.0 + n + t}) for n, name in enumerate(("A", "B", "C"), 1)]
+    main, *others = command_sources(parts, functions)
+    assert list(main.channels) == ["cmd_1", "cmd_2", "cmd_3"]
+    assert [each.refused for each in others] == ["joined to A", "joined to A"]
+    assert "thrusters of B, C are joined to those of A" in main.note
+
+
+def test_outputs_of_two_tables_stay_apart_where_they_overlap_or_have_no_times() -> None:
+    functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in (1, 2)}
+    t = np.array([0.0, 1.0, 2.0])
+    one, both = {1: 1500.0 + t}, {1: 1500.0 + t, 2: 1600.0 + t}
+    for parts in ([("A", t, one), ("B", t, both)], [("A", t, {2: t}), ("B", np.array([0.0, np.nan, 2.0]), one)]):
+        found = command_sources(parts, functions)
+        assert [each.refused for each in found] == ["", ""]
+    assert [each.table for each in command_sources([("A", t, one), ("B", t, both)], functions)] == ["B", "A"]
+    assert [each.table for each in command_sources([("A", t, both)], functions)] == ["A"]
 
 
 def test_no_output_is_no_command() -> None:

@@ -14,6 +14,7 @@ import scipy.io
 
 from towtank.errors import InputError
 from towtank.readers import read
+from towtank.readers.matlab.reader import tables_of
 from towtank.readers.matlab.variables import load_variables
 from towtank.recording import ColumnMapping
 
@@ -214,6 +215,74 @@ def test_foreign_and_empty_files_are_one_line(tmp_path: Path, content: bytes, me
     with pytest.raises(InputError, match=message) as raised:
         read(tmp_path / "a.mat")
     assert "\n" not in str(raised.value)
+
+
+def test_an_array_of_structs_that_hold_vectors_is_a_table_each(tmp_path: Path) -> None:
+    path = save(tmp_path / "a.mat", run=[{"t": T, "speed": U}, {"t": T[:9], "speed": R[:9]}], note=[{"a": "x"}] * 3)
+    tables = tables_of(path).tables
+    assert {name: (len(each), list(each.columns)) for name, each in tables.items()} == {
+        "run[0]": (N, ["run[0].speed"]),
+        "run[1]": (9, ["run[1].speed"]),
+    }
+    run = read(path, mapping(u="run[1].speed"))
+    assert np.array_equal(run["u"].values, R[:9])
+
+
+def test_columns_of_a_matrix_are_taken_whichever_way_it_lies(tmp_path: Path) -> None:
+    wide, square = np.stack([U, R]), np.arange(9.0).reshape(3, 3)
+    path = save(tmp_path / "a.mat", t=T, wide=wide, cube=np.zeros((2, 3, N)), short=U[:7], text="t", square=square)
+    [table] = tables_of(path).tables.values()
+    assert list(table.columns) == ["wide[0]", "wide[1]"]
+    assert np.array_equal(table.columns["wide[1]"], R)
+    read_by = {"rate": 50.0, "columns": {"u": "wide[1]", "v": "short"}}
+    run = read(path, ColumnMapping.model_validate(read_by))
+    assert np.array_equal(run["u"].values, R)
+    assert np.array_equal(run["v"].t, np.arange(7) / 50.0)
+    with pytest.raises(InputError, match=r'no vector "wide\[2\]"'):
+        read(path, mapping(t="t", u="wide[2]"))
+    with pytest.raises(InputError, match=r'no vector "cube\[0\]"'):
+        read(path, mapping(t="t", u="cube[0]"))
+
+
+def test_structs_without_times_belong_to_the_times_above_them(tmp_path: Path) -> None:
+    cells = [{"gyro": R}, {"gyro": U}]
+    path = save(tmp_path / "a.mat", time=T, imu={"rate": U, "of": cells}, dvl={"t": T[:9], "speed": U[:9]})
+    tables = tables_of(path).tables
+    assert {name: list(each.columns) for name, each in tables.items()} == {
+        "top level": ["imu.rate", "imu.of[0].gyro", "imu.of[1].gyro"],
+        "dvl": ["dvl.speed"],
+    }
+
+
+def test_structs_of_an_array_that_have_times_of_their_own_are_tables_of_their_own(tmp_path: Path) -> None:
+    runs = [{"t": T[:20], "speed": U[:20]}, {"t": T[:30], "speed": U[:30]}]
+    tables = tables_of(save(tmp_path / "a.mat", time=T, rate=R, runs=runs)).tables
+    assert {name: list(each.columns) for name, each in tables.items()} == {
+        "top level": ["rate"],
+        "runs[0]": ["runs[0].speed"],
+        "runs[1]": ["runs[1].speed"],
+    }
+
+
+def test_a_struct_with_the_most_standard_names_comes_first(tmp_path: Path) -> None:
+    path = save(tmp_path / "a.mat", a={"t": T, "u": U}, b={"t": T[::2], "u": R[::2], "v": R[::2]})
+    run = read(path)
+    assert set(run.names) == {"u", "v"}
+    assert np.array_equal(run["u"].values, R[::2])
+    assert {each.name: each.used for each in run.contents} == {"a": (), "b": ("u", "v")}
+    assert {each.name: each.reason for each in run.contents} == {"a": "no standard name", "b": ""}
+
+
+def test_times_in_days_are_told_from_seconds(tmp_path: Path) -> None:
+    for first, days in ((600_001.0, True), (599_990.0, False), (899_900.0, True), (899_999.0, False)):
+        path = save(tmp_path / "days.mat", t=first + T, u=U)
+        if days:
+            with pytest.raises(InputError, match=r"is in days \(datenum\)"):
+                read(path)
+        else:
+            assert len(read(path)["u"]) == N
+    long = save(tmp_path / "long.mat", t=700_000.0 + 10.0 * T, u=U)  # a minute, of a clock that began a week ago
+    assert len(read(long)["u"]) == N
 
 
 def test_without_h5py_the_remedy_is_named(tmp_path: Path) -> None:

@@ -13,6 +13,9 @@ from mcap.writer import Writer
 
 from towtank.errors import InputError
 from towtank.readers import read
+from towtank.readers.common.raw_messages import RawMessages, Topic
+from towtank.readers.common.tables import Table
+from towtank.readers.mcap.json import is_mavlink, json_table, mavlink_tables
 from towtank.recording import ColumnMapping
 
 START = 1_700_000_000_000_000_000
@@ -170,3 +173,83 @@ def test_a_telemetry_log_and_the_same_messages_in_json(data: Path, tmp_path: Pat
     assert found.notes == reference.notes
     lines = {each.name: (each.count, each.used, each.reason) for each in found.contents}
     assert lines == {each.name: (each.count, each.used, each.reason) for each in reference.contents}
+
+
+def tabled(*messages: Any) -> tuple[Table, int]:
+    data = [each if isinstance(each, bytes) else json.dumps(each).encode() for each in messages]
+    times = START + np.arange(len(data)) * 10**9
+    return json_table(Topic("/own", "", "json", times, RawMessages.of(data)), START)
+
+
+def test_fields_of_every_shape_are_columns_by_their_path() -> None:
+    found, damaged = tabled(
+        {"a": 1, "on": True, "deep": {"x": 1.5, "list": [1, 2]}, "name": "first\0rest", "word": ["o", "k", "\0", "x"]},
+        {"a": None, "on": False, "deep": {"list": [3]}, "b": 10**400, "name": "second", "word": []},
+        b"{broken",
+        5,
+    )
+    assert damaged == 1
+    assert (found.t.tolist(), found.kind) == ([0.0, 1.0, 3.0], "JSON")
+    nan = np.nan
+    expected = {
+        **{"a": [1.0, nan, nan], "on": [1.0, 0.0, nan], "b": [nan, nan, nan], "value": [nan, nan, 5.0]},
+        **{"deep.x": [1.5, nan, nan], "deep.list[0]": [1.0, 3.0, nan], "deep.list[1]": [2.0, nan, nan]},
+    }
+    assert found.columns.keys() == expected.keys()
+    for name, values in expected.items():
+        np.testing.assert_array_equal(found.columns[name], values, name)
+    assert found.text == {"name": ("first", "second", ""), "word": ("ok", "", "")}
+
+
+def test_long_lists_deep_objects_and_many_fields_are_cut() -> None:
+    nested: Any = 1.0
+    for _ in range(12):
+        nested = {"in": nested}
+    found, _ = tabled({"list": list(range(100)), "deep": nested, **{f"f{k:03}": k for k in range(600)}})
+    assert sum(name.startswith("list[") for name in found.columns) == 64
+    assert not any(name.startswith("deep") for name in found.columns)
+    assert len(found.columns) == 512
+    seven: Any = 1.0
+    for _ in range(7):
+        seven = {"in": seven}
+    assert list(tabled({"deep": seven})[0].columns) == ["deep" + ".in" * 7]
+
+
+def test_a_topic_that_is_not_kept_has_times_alone() -> None:
+    found, damaged = json_table(Topic("/own", "kind", "json", START + np.arange(3), None), START)
+    assert (len(found), found.columns, found.kind, damaged) == (3, {}, "kind", 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "encoding", "told"),
+    [
+        ("mavlink/1/1/ATTITUDE", "json", True),
+        ("/mavlink/out", "json", True),
+        ("mavlink", "json", False),
+        ("mavlink/out", "cdr", False),
+        ("x/mavlink/out", "json", False),
+    ],
+)
+def test_topics_of_mavlink_are_known_by_name_and_encoding(name: str, encoding: str, told: bool) -> None:
+    assert is_mavlink(name, encoding) is told
+
+
+def test_constants_are_numbers_by_their_names() -> None:
+    submarine = {"mavtype": {"type": "MAV_TYPE_SUBMARINE"}, "base_mode": {"bits": 81}, "autopilot": "MAV_AUTOPILOT_PX4"}
+    flags = "MAV_MODE_FLAG_SAFETY_ARMED | MAV_MODE_FLAG_HIL_ENABLED"
+    data = [
+        said("HEARTBEAT", **submarine),
+        said("HEARTBEAT", mavtype={"type": "NO_SUCH_NAME"}, flags=flags),
+        {"header": {}, "message": {}},
+        said("HEARTBEAT", component=190),
+    ]
+    raw = RawMessages.of([json.dumps(each).encode() for each in data])
+    topic = Topic("mavlink/out", "", "json", START + np.arange(4) * 10**9, raw)
+    tables, senders, damaged = mavlink_tables([topic], START)
+    assert damaged == 1
+    assert sorted(str(each) for each in senders.values()) == ["1.1", "1.190"]
+    [own] = [table for name, table in tables.items() if str(senders[name]) == "1.1"]
+    np.testing.assert_array_equal(own["type"], [12.0, np.nan])
+    np.testing.assert_array_equal(own["base_mode"], [81.0, np.nan])
+    np.testing.assert_array_equal(own["autopilot"], [12.0, np.nan])
+    np.testing.assert_array_equal(own["flags"], [np.nan, 128.0 + 32.0])

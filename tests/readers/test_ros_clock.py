@@ -84,3 +84,40 @@ def test_stamps_of_no_use(stamp: np.ndarray, why: str) -> None:
 def test_a_few_messages_keep_their_times() -> None:
     few = Table("/few", np.array([1.0, 2.0]), {}, stamp=np.array([-100.0, -99.0]))
     assert reconciled([few]).tables[0] is few
+
+
+@pytest.mark.parametrize(
+    "offset, words",
+    [
+        (0.2, "0.200 s behind"),
+        (-0.2, "0.200 s ahead of"),
+        (172_799.0, "172799.000 s behind"),
+        (172_801.0, "2.00 days (172801.000 s) behind"),
+        (-864_000.0, "10.00 days (864000.000 s) ahead of"),
+    ],
+)
+def test_how_far_clocks_are_apart_in_words(offset: float, words: str) -> None:
+    exact = Table("/a", TRUE, {}, stamp=TRUE - offset)
+    assert reconciled([exact]).notes == (f"stamps of the messages are {words} the recorder's clock; shifted onto it",)
+
+
+def test_stamps_that_count_and_those_that_do_not() -> None:
+    def clock(stamp: np.ndarray, t: np.ndarray = TRUE) -> tuple[str, ...]:
+        return reconciled([Table("/a", t, {}, stamp=stamp)]).notes
+
+    assert clock(np.where(np.arange(N) % 10 == 0, np.nan, TRUE)) == ()
+    assert "most of its stamps are missing" in clock(np.where(np.arange(N) % 9 == 0, np.nan, TRUE))[0]
+    back = np.where(np.arange(N) % 25 == 0, TRUE - 1.0, TRUE)
+    assert clock(back) == ()
+    assert "its stamps do not increase" in clock(np.repeat(TRUE[::5], 5))[0]
+    wander = TRUE + np.where(np.arange(N) % 2, 0.0, 2.5)
+    assert "do not increase" in clock(wander)[0]
+    late = np.where(TRUE > 20.0, 3.0, 0.0)
+    assert (
+        "wander against the times of recording"
+        in clock(TRUE, TRUE + np.where((TRUE > 10.0) & (TRUE < 30.0), 3.0, 0.0))[0]
+    )
+    assert clock(TRUE, TRUE + late)
+    few = Table("/a", TRUE[:7], {}, stamp=TRUE[:7] + 9.0)
+    assert reconciled([few]).tables[0] is few
+    assert reconciled([Table("/a", TRUE[:8], {}, stamp=TRUE[:8] + 9.0)]).notes != ()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from towtank.errors import InputError
 from towtank.readers import read
@@ -186,6 +187,204 @@ def test_every_usual_channel_is_asked_for(tmp_path: Path) -> None:
     assert set(read(tmp_path / "a.csv", tmp_path / "map.toml")) == set(asked)
 
 
+def written(path: Path, columns: dict[str, np.ndarray]) -> Path:
+    """A CSV of these columns, cells of NaN empty."""
+    rows = zip(*columns.values(), strict=True)
+    lines = [",".join("" if np.isnan(x) else repr(float(x)) for x in row) for row in rows]
+    path.write_text("\n".join([",".join(columns), *lines]) + "\n")
+    return path
+
+
+def test_a_mapping_says_what_it_supposes_and_lists_all_else(tmp_path: Path) -> None:
+    t = np.arange(8) / 4.0
+    columns = {
+        "time": t,
+        "pwm2": 1500.0 + 100.0 * np.sign(np.sin(3.0 * t)),
+        "pwm1": 1500.0 - 50.0 * np.sign(np.sin(3.0 * t)),
+        "vx": 0.5 * t,
+        "vy": 0.0 * t,
+        "vel_north": 0.5 * t,
+        "imu_yaw": 2.0 * t,
+        "yaw_deg": 90.0 * t,
+        "heading": 0.01 * t,
+        "acc_z": -9.8 + 0.01 * t,
+        "Größe": t**2,
+    }
+    found = mapping_skeleton(written(tmp_path / "dive.csv", columns))
+    head, _, body = found.text.partition("\n\n")
+    assert head.startswith("# Which of the columns of dive.csv is which channel.\n")
+    assert "#   towtank inspect dive.csv --map THIS_FILE\n" in head
+    asked = {name: "\n".join(f'# {each} = ""' for each in name) for name in ("xyz", "pqr")}
+    assert (
+        body
+        == f"""\
+# Commands: source columns in the order of the vehicle's [[thrusters]], in the unit of its thruster curves.
+thrusters = ["pwm1", "pwm2"]
+#   pwm1: 1450 .. 1550
+#   pwm2: 1400 .. 1600
+
+body = "FRD"                                  # acc_z averages -9.79: z down if it was mostly level; FLU: z up
+world = "NED"                                 # x north, y east, z down; ENU: x east, y north, z up
+
+[columns]
+t = "time"                                    # s; 0 .. 1.75
+
+# position [m]
+{asked["xyz"]}
+
+# attitude: Euler angles, or a quaternion [rad]
+# phi = ""
+# theta = ""
+psi = {{ from = "yaw_deg", scale = 0.017453292519943295 }}  # 0 .. 157.5, in deg
+# or: psi = {{ from = "heading", scale = 0.017453292519943295 }}  # 0 .. 0.0175: degrees?
+# or: psi = "imu_yaw"                               # 0 .. 3.5
+
+# velocity over ground, along the body [m/s]
+u = "vx"                                      # 0 .. 0.875
+v = "vy"                                      # always 0
+# w = ""
+
+# velocity over ground, along the world's axes [m/s]
+# or: vn = "vel_north"                              # 0 .. 0.875
+
+# angular rates [rad/s]
+{asked["pqr"]}
+
+# specific force, as an accelerometer measures it [m/s^2]
+# ax = ""
+# ay = ""
+az = "acc_z"                                  # -9.8 .. -9.783
+
+# What else the log holds:
+#   "Größe"                                   0 .. 3.062
+"""
+    )
+    assert found.suggested == {"t": "time", "psi": "yaw_deg", "u": "vx", "v": "vy", "az": "acc_z"}
+    assert found.columns == tuple(columns)
+
+
+def suggested(path: Path, **columns: float) -> dict[str, object]:
+    """The mapping of a table whose columns go from nought to these values and back."""
+    there_and_back = np.append(np.linspace(0.0, 1.0, 50), np.linspace(1.0, 0.0, 50))
+    table = {"t": np.arange(100) / 10.0} | {name: most * there_and_back for name, most in columns.items()}
+    found: dict[str, object] = tomllib.loads(mapping_skeleton(written(path / "table.csv", table)).text)["columns"]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("most", "scale"),
+    [
+        ({"yaw": 24.9}, 1.0),
+        ({"yaw": 25.1}, DEGREE),
+        ({"yaw": 399.0}, DEGREE),
+        ({"yaw": 401.0}, 0.01 * DEGREE),
+        ({"yaw": 24.9, "pitch": 1.64}, 1.0),
+        ({"yaw": 24.9, "pitch": 1.66}, DEGREE),
+        ({"yaw": 3599.0, "pitch": 94.9}, DEGREE),
+        ({"yaw": 3601.0, "pitch": 94.9}, 0.01 * DEGREE),
+        ({"yaw": 3000.0, "pitch": 95.1}, 0.01 * DEGREE),
+    ],
+)
+def test_the_largest_angle_of_a_family_tells_its_unit(tmp_path: Path, most: dict[str, float], scale: float) -> None:
+    found = suggested(tmp_path, **most)
+    expected = "yaw" if scale == 1.0 else {"from": "yaw", "scale": pytest.approx(scale)}
+    assert found["psi"] == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "most", "scale"),
+    [
+        ("gyro_z", 24.9, 1.0),
+        ("gyro_z", 25.1, 1e-3),
+        ("yaw_rate", 24.9, 1.0),
+        ("yaw_rate", 25.1, DEGREE),
+    ],
+)
+def test_a_rate_that_no_vehicle_has_is_in_another_unit(tmp_path: Path, name: str, most: float, scale: float) -> None:
+    found = suggested(tmp_path, **{name: most})
+    assert found["r"] == (name if scale == 1.0 else {"from": name, "scale": pytest.approx(scale)})
+
+
+@pytest.mark.parametrize(
+    ("usual", "scale"),
+    [
+        *((0.69, 1.0), (0.71, 9.80665), (-1.29, 9.80665), (1.31, 1.0), (9.8, 1.0)),
+        *((699.0, 1.0), (701.0, 9.80665e-3), (-1299.0, 9.80665e-3), (1301.0, 1.0)),
+    ],
+)
+def test_gravity_tells_the_unit_of_an_accelerometer(tmp_path: Path, usual: float, scale: float) -> None:
+    columns = {"t": np.arange(20) / 10.0, "acc_z": usual + 1e-3 * (np.arange(20) % 2)}
+    found = tomllib.loads(mapping_skeleton(written(tmp_path / "table.csv", columns)).text)["columns"]["az"]
+    assert found == ("acc_z" if scale == 1.0 else {"from": "acc_z", "scale": pytest.approx(scale)})
+
+
+@pytest.mark.parametrize(
+    ("mean", "frame", "said"),
+    [(4.8, "FRD", "x forward"), (5.0, "FLU", "z up if"), (-4.8, "FRD", "x forward"), (-5.0, "FRD", "z down if")],
+)
+def test_half_of_gravity_tells_where_down_is(tmp_path: Path, mean: float, frame: str, said: str) -> None:
+    columns = {"t": np.arange(20) / 10.0, "acc_z": mean + 1e-3 * (np.arange(20) % 2)}
+    text = mapping_skeleton(written(tmp_path / "table.csv", columns)).text
+    assert tomllib.loads(text)["body"] == frame
+    assert said in next(line for line in text.splitlines() if line.startswith("body"))
+
+
+@pytest.mark.parametrize(
+    ("name", "step", "scale"),
+    [
+        ("time", 1.9, 1.0),
+        ("time", 2.0, 1e-3),
+        ("time", 999.0, 1e-3),
+        ("time", 1000.0, 1e-6),
+        ("time", 999_999.0, 1e-6),
+        ("time", 1e6, 1e-9),
+        ("time_us", 0.02, 1e-6),
+    ],
+)
+def test_the_steps_of_a_time_tell_its_unit(tmp_path: Path, name: str, step: float, scale: float) -> None:
+    columns = {name: step * np.arange(20), "surge": np.sin(np.arange(20.0))}
+    found = tomllib.loads(mapping_skeleton(written(tmp_path / "table.csv", columns)).text)["columns"]["t"]
+    assert found == (name if scale == 1.0 else {"from": name, "scale": pytest.approx(scale)})
+
+
+def test_of_two_attitudes_one_is_named_and_a_quaternion_is_whole_or_not_there(tmp_path: Path) -> None:
+    wave = np.sin(np.arange(20.0))
+    four = {f"q_{axis}": 0.5 + 0.1 * wave for axis in "wxyz"}
+    three = {name: four[name] for name in list(four)[:3]}
+    angles = {"roll": 0.1 * wave, "pitch": 0.1 * wave, "yaw": wave}
+    named = []
+    for columns in (four, three, four | angles):
+        table = written(tmp_path / "table.csv", {"t": np.arange(20) / 10.0, **columns})
+        named.append(mapping_skeleton(table).suggested.keys() - {"t"})
+    assert named == [{"qw", "qx", "qy", "qz"}, set(), {"phi", "theta", "psi"}]
+
+
+def test_a_table_without_a_time_is_asked_for_its_rate_and_many_thrusters_stand_below_each_other(tmp_path: Path) -> None:
+    wave = np.sin(np.arange(20.0))
+    columns = {f"of_the_bow_thruster_command_{k}": (k + 1.0) * wave for k in range(8)}
+    text = mapping_skeleton(written(tmp_path / "table.csv", columns)).text
+    assert f"\n# {'rate = 100.0':44}  # Hz, of the rows: no column is known to be a time" in text
+    assert "thrusters = [\n" + "".join(f'    "{name}",\n' for name in columns) + "]\n" in text
+    assert tomllib.loads(text)["thrusters"] == list(columns)
+    assert 'thrusters = ["", ""]' in mapping_skeleton(written(tmp_path / "table.csv", {"yaw": wave})).text
+
+
+def test_what_else_a_log_of_messages_holds_is_listed_by_table(tmp_path: Path) -> None:
+    t = np.arange(0.0, 5.0, 0.1)
+    path = tmp_path / "run.mat"
+    few = {"time": t, "salt": t, "oxygen": 2.0 * t}
+    many = {"time": t[:25], **{f"cell_of_the_array_{k}": t[:25] for k in range(13)}}
+    savemat(path, {"water": few, "array": many})
+    text = mapping_skeleton(path).text
+    rest = text.partition("# What else the log holds:\n")[2]
+    assert "#   water, 10 Hz: water.salt (0 .. 4.9), water.oxygen (0 .. 9.8)\n" in rest
+    assert rest.count("cell_of_the_array_") == 13
+    assert "cell_of_the_array_0 (" not in rest
+    assert max(map(len, text.splitlines())) <= 115
+    assert "# The messages have times of their own.\n" in text
+    assert 'body = "FRD"                                  # x forward, y to starboard, z down;' in text
+
+
 def test_files_without_numbers_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "words.csv"
     path.write_text("a,b\nx,y\nz,w\n")
@@ -194,3 +393,11 @@ def test_files_without_numbers_are_refused(tmp_path: Path) -> None:
     path.write_text("a,b\n1,2\n3\n")
     with pytest.raises(InputError, match=r"words\.csv:3: found 1 cells, expected 2"):
         mapping_skeleton(path)
+
+
+def test_what_is_about_one_is_no_gravity_but_in_az(tmp_path: Path) -> None:
+    one = 1.0 + 1e-3 * (np.arange(20) % 2)
+    columns = {"t": np.arange(20) / 10.0, "surge": one, "acc_x": one, "voltage": one, "acc_z": one}
+    found = tomllib.loads(mapping_skeleton(written(tmp_path / "table.csv", columns)).text)["columns"]
+    assert (found["u"], found["ax"], found["voltage"]) == ("surge", "acc_x", "voltage")
+    assert found["az"] == {"from": "acc_z", "scale": pytest.approx(9.80665)}

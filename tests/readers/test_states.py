@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 
 from towtank.readers import read
+from towtank.readers.ardupilot.states import (
+    dataflash_states,
+    heartbeat_states,
+    mavros_modes,
+    mavros_states,
+    tells_pressure,
+    with_states,
+)
+from towtank.readers.common.tables import Table, Tables
 from towtank.recording import ColumnMapping, Recording
+from towtank.recording.channel import Channel
 from towtank.recording.grids.free_motion import DEPTH_BELOW_SURFACE, free_motion, mode_names
 from towtank.vehicle import load_vehicle
 
@@ -145,3 +155,78 @@ def test_mavros(tmp_path: Path) -> None:
     assert found[0] == "0 to 5 s: disarmed"
     assert found[1].startswith("15 to 19.9 s: autopilot in mode SURFACE")
     assert {each.name: each.used for each in run.contents}["/mavros/state"] == ("armed", "mode")
+
+
+@pytest.mark.parametrize(
+    ("kinds", "name"),
+    [
+        *(((10.0,), "HOLD"), ((11.0,), "HOLD"), ((9.0,), "GUIDED"), ((12.0,), "GUIDED")),
+        *(((11.0, 11.0, 12.0), "HOLD"), ((11.0, 12.0), "GUIDED"), ((), "GUIDED")),
+    ],
+)
+def test_rovers_and_boats_have_modes_of_their_own(kinds: tuple[float, ...], name: str) -> None:
+    table = Table("HEARTBEAT", np.arange(float(len(kinds))), {"type": np.array(kinds)})
+    _, modes = heartbeat_states(table)
+    assert modes[4] == name
+
+
+@pytest.mark.parametrize(
+    ("parameters", "said", "rover"),
+    [
+        ({"SERVO1_FUNCTION": 26.0}, (), True),
+        ({"SERVO12_FUNCTION": 70.0}, (), True),
+        ({"SERVO1_FUNCTION": 73.0, "SERVO3_FUNCTION": 74.0}, (), True),
+        ({"SERVO1_FUNCTION": 33.0, "RC1_FUNCTION": 26.0}, ("ArduSub V4.1",), False),
+        ({}, ("ArduRover V4.2",), True),
+        ({}, (), False),
+    ],
+)
+def test_a_rover_is_known_by_its_outputs_or_its_words(
+    parameters: dict[str, float], said: tuple[str, ...], rover: bool
+) -> None:
+    messages = Table("MSG", np.arange(float(len(said))), {}, text={"Message": said})
+    _, modes = dataflash_states(Tables("dive.BIN", {"MSG": messages}, parameters))
+    assert modes[4] == ("HOLD" if rover else "GUIDED")
+
+
+def test_a_state_told_now_and_then_is_on_between_two_that_say_so() -> None:
+    on = np.array([0.0, 1.0, 1.0, 0.0, 1.0])
+    t = np.array([4.0, 1.0, 2.0, 3.0, 5.0])[[1, 2, 3, 0, 4]]
+    table = Table("HEARTBEAT", t, {"base_mode": 128.0 * on + 127.0, "custom_mode": np.array([0.0, 4.0, 4.0, 9.0, 9.0])})
+    states, modes = heartbeat_states(table)
+    assert states["armed"][0] == "HEARTBEAT"
+    assert states["armed"][1].values.tolist() == [0.0, 1.0, 0.0, 0.0, 1.0]
+    assert states["mode"][1].values.tolist() == [0.0, 4.0, 4.0, 9.0, 9.0]
+    assert (modes[9], modes[20]) == ("SURFACE", "MOTOR_DETECT")
+
+
+def test_states_without_a_time_are_left_out_and_of_two_at_once_the_last_counts() -> None:
+    t = np.array([2.0, np.nan, 0.0, 0.0])
+    table = Table("/state", t, {"armed": np.array([0.0, 1.0, 1.0, 0.0])}, text={"mode": ("a,b", "", "x", "a,b")})
+    states, modes = mavros_states(table)
+    assert (states["armed"][1].t.tolist(), states["armed"][1].values.tolist()) == ([0.0, 2.0], [0.0, 0.0])
+    assert states["mode"][1].values.tolist() == [0.0, 0.0]
+    assert modes == mavros_modes({"a,b": 0, "": 1, "x": 2}) == {0: "A B", 1: "none", 2: "X"}
+
+
+def test_modes_that_have_no_name_keep_their_number_and_states_of_the_recording_itself_come_first() -> None:
+    t = np.arange(10.0)
+    own = Recording.from_table(t, {"r": np.sin(t)}).replace([Channel("armed", t, np.ones(10), "1", "")])
+    table = Table(
+        "HEARTBEAT", t, {"base_mode": 0.0 * t, "custom_mode": 19.0 + 80.0 * (t > 4.0), "type": 12.0 + 0.0 * t}
+    )
+    run = with_states(own, *heartbeat_states(table))
+    assert run["armed"].values.tolist() == [1.0] * 10
+    assert mode_names(run) == {19: "MANUAL", 99: "mode 99"}
+
+
+@pytest.mark.parametrize(
+    ("name", "tells"),
+    [
+        *(("BARO", True), ("BARO[1]", True), ("BAR3", True), ("SCALED_PRESSURE2@1.1", True)),
+        *(("mavlink/SCALED_PRESSURE", True), ("BAROX", False), ("SCALED_PRESSURE4", False)),
+        *(("SCALED_PRESSURE/x", False), ("XBARO", False)),
+    ],
+)
+def test_tables_of_pressure_are_known_by_their_names(name: str, tells: bool) -> None:
+    assert tells_pressure(name) is tells

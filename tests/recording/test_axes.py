@@ -109,3 +109,30 @@ def test_a_heading_alone_tells_yaw_and_nothing_else() -> None:
     found = velocity_of_pose(pose, np.full((5, 6), 0.2), np.full((5, 6), np.nan))
     np.testing.assert_allclose(found[:, 5], 0.2)
     assert np.isnan(found[:, :5]).all()
+
+
+def test_a_place_without_a_heading_tells_no_speed_and_one_without_depth_no_heave(
+    tilted: tuple[np.ndarray, ...],
+) -> None:
+    pose, rate, nu = tilted
+    for missing, told in (
+        ((5,), [2, 3, 4]),
+        ((0,), [2, 3, 4, 5]),
+        ((1,), [2, 3, 4, 5]),
+        ((2,), [3, 4, 5]),
+        ((3,), [0, 1, 2, 4, 5]),
+    ):
+        part = pose.copy()
+        part[:, missing] = np.nan
+        found = velocity_of_pose(part, rate, nu)
+        assert np.flatnonzero(np.isfinite(found).all(axis=0)).tolist() == told, missing
+        assert np.isfinite(found).any(axis=0).sum() == len(told)
+
+
+def test_what_lies_on_its_side_tells_no_heave_by_its_depth() -> None:
+    tilt = np.radians([0.0, 78.0, 79.0, 101.0, 170.0])
+    pose = np.full((5, 6), np.nan)
+    pose[:, 2], pose[:, 3] = 1.0, tilt
+    found = velocity_of_pose(pose, np.full((5, 6), 0.2), np.full((5, 6), np.nan))[:, 2]
+    assert np.isfinite(found).tolist() == [True, True, False, False, False]
+    np.testing.assert_allclose(found[:2], 0.2 / np.cos(tilt[:2]))

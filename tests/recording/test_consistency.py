@@ -86,6 +86,82 @@ def test_what_is_wrong_is_named(changes: Columns, what: str, words: str) -> None
     assert not finding.allowed_for
 
 
+@pytest.mark.parametrize(
+    "factor, words",
+    [
+        (np.degrees(1.0), "degrees, not radians (scale = 0.0174533 in the mapping)"),
+        (np.radians(1.0), "turned from degrees into radians twice (leave its scale out in the mapping)"),
+        (1000.0, "millimetres, not metres (scale = 0.001 in the mapping)"),
+        (100.0, "centimetres, not metres (scale = 0.01 in the mapping)"),
+        (3.6, "km/h, not m/s (scale = 0.27778 in the mapping)"),
+        (1.94384, "knots, not m/s (scale = 0.51444 in the mapping)"),
+        (0.3048, "scaled from feet once too often (leave its scale out in the mapping)"),
+        (3.28084, "feet, not metres (scale = 0.3048 in the mapping)"),
+        (1.5, "check units, frames and the filter before it"),
+        (0.7, "check units, frames and the filter before it"),
+    ],
+)
+def test_a_unit_is_known_by_its_gain(factor: float, words: str) -> None:
+    [finding] = found({name: factor * EXACT[name] for name in "uvw"})
+    assert finding.what == "u v w"
+    assert f"times what the position does: {words}; found " in finding.text
+    assert float(finding.text.split(" times")[0].split()[-1]) == pytest.approx(factor, rel=0.05)
+
+
+@pytest.mark.parametrize("gain, wrong", [(0.9, False), (0.88, True), (1.1, False), (1.14, True)])
+def test_a_gain_may_be_off_by_an_eighth(gain: float, wrong: bool) -> None:
+    named = [(each.what, f"{gain:.2g}"[:3] in each.text) for each in found({"v": gain * EXACT["v"]})]
+    assert named == ([("v", True)] if wrong else [])
+
+
+@pytest.mark.parametrize("degrees, wrong", [(5.0, False), (-5.0, False), (10.0, True), (-10.0, True), (120.0, True)])
+def test_a_sensor_may_be_turned_by_some_degrees(degrees: float, wrong: bool) -> None:
+    course = np.exp(1j * np.radians(degrees)) * (EXACT["u"] + 1j * EXACT["v"])
+    told = found({"u": course.real, "v": course.imag})
+    side = "clockwise" if degrees > 0.0 else "counter-clockwise"
+    assert [each.what for each in told] == (["u v"] if wrong else [])
+    for each in told:
+        assert f"° {side} (seen from above) against what the position does" in each.text
+        assert float(each.text.split("°")[0].split()[-1]) == pytest.approx(abs(degrees), abs=2.5)
+
+
+@pytest.mark.parametrize("late, wrong", [(0.03, False), (-0.03, False), (0.06, True), (-0.06, True), (0.45, True)])
+def test_stamps_may_be_off_by_some_hundredths(late: float, wrong: bool) -> None:
+    speeds = Recording.from_table(T[::5] + late, {name: EXACT[name][::5] for name in "uvw"})
+    pose = Recording.from_table(T, {name: EXACT[name] for name in ("x", "y", "z", "phi", "theta", "psi")})
+    told = inconsistencies(pose.replace(speeds.channels))
+    side = "after" if late > 0.0 else "before"
+    assert [each.text.partition(":")[0] for each in told] == (
+        [f"u v w arrive {abs(late):.2f} s {side} the position"] if wrong else []
+    )
+
+
+@pytest.mark.parametrize("gain, wrong", [(0.85, False), (0.82, True), (1.18, False), (1.22, True)])
+def test_a_wrench_may_be_off_by_a_fifth(gain: float, wrong: bool) -> None:
+    t = np.arange(6000) / 100.0
+    commanded = np.zeros((t.size, 6))
+    commanded[:, 0] = 20.0 * np.sign(np.sin(0.9 * t))
+    told = inconsistencies(Recording.from_table(t, {"u": np.sin(t), "X": gain * commanded[:, 0]}), (t, commanded))
+    assert [each.what for each in told] == (["X"] if wrong else [])
+
+
+def test_speeds_that_have_nothing_to_do_with_the_pose_are_named_with_the_share_in_common() -> None:
+    _, other = motion(seed=5)
+    told = found({"p": other["p"], "q": other["q"], "r": other["r"]})
+    assert [each.what for each in told] == ["p", "q", "r"]
+    for each in told:
+        assert f"{each.what} is not what the attitude does (it explains " in each.text
+        assert 0 <= int(each.text.split(" % of it")[0].split()[-1]) < 20
+
+
+def test_rates_without_an_attitude_are_judged_by_their_size() -> None:
+    t, columns = motion()
+    assert inconsistencies(Recording.from_table(t, {name: columns[name] for name in "pqr"})) == ()
+    [finding] = inconsistencies(Recording.from_table(t, {name: np.degrees(columns[name]) for name in "pqr"}))
+    assert set(finding.what.split()) <= {"p", "q", "r"}
+    assert "more than any underwater vehicle turns: degrees, not radians?" in finding.text
+
+
 @pytest.mark.parametrize("late", [-0.2, 0.12, 0.3])
 def test_speeds_that_come_late(late: float) -> None:
     t, columns = motion()

@@ -209,3 +209,10 @@ def test_a_long_file_reads_fast(tmp_path: Path) -> None:
     start = time.process_time()
     assert len(read_csv(tmp_path / "long.csv")["u"]) == n
     assert time.process_time() - start < 1.0
+
+
+def test_a_last_line_that_is_cut_off_is_said_to_be(tmp_path: Path) -> None:
+    for text, cut in (("t,u\n0,1\n1", True), ("t,u\n0,1\n1\n", False), ("t,u\n0,1\n1\n2,3\n", False)):
+        with pytest.raises(InputError, match=r"dive\.csv:3: found 1 cells, expected 2") as raised:
+            read_csv(write(tmp_path, text))
+        assert str(raised.value).endswith("; the last line is cut off: delete it") is cut

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 
 import numpy as np
@@ -88,3 +89,15 @@ def test_a_library_that_is_missing_is_named_with_its_extra(
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(InputError, match=rf'{method}: {library} is not installed; pip install "towtank\[notebook\]"'):
         getattr(run, method)()
+
+
+def test_a_notebook_shows_what_holds_and_how_many_gaps_there_are() -> None:
+    t = np.delete(np.arange(100) / 10.0, slice(40, 60))
+    shown = Recording.from_table(t, {"u": np.sin(t), "cmd_1": np.sign(np.sin(t))}, source="a.csv")._repr_html_()
+    rows = [row for row in re.split("<tr", shown) if "over time" in row]
+    cells = [re.sub("<svg.*</svg>|<[^>]*>", " ", row).split() for row in rows]
+    named = {each[1] if each[0].endswith(">") else each[0]: each for each in cells}
+    assert "held" in " ".join(named["cmd_1"])
+    assert "held" not in " ".join(named["u"])
+    assert "1" in named["u"]
+    assert f"a.csv: {t[-1]:.3f} s, 2 channels" in shown

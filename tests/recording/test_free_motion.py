@@ -256,3 +256,14 @@ def test_tables_lose_nothing(data: Path, tmp_path: Path, pattern: str, mapping: 
     known = load_mapping(tmp_path / mapping)
     for path in sorted(data.glob(pattern)):
         assert not free_motion(read(path, known), load_vehicle(vehicle)).left_out, path.name
+
+
+def test_a_quaternion_of_nothing_is_upright_and_so_is_weightlessness() -> None:
+    t = np.arange(0.0, 30.0, 0.1)
+    q = dict.fromkeys(("qw", "qx", "qy", "qz"), np.zeros(t.size))
+    assert free_motion(Recording.from_table(t, {**q, "r": np.sin(t)})).left_out == ()
+    force = dict.fromkeys(("ax", "ay", "az"), np.zeros(t.size))
+    assert free_motion(Recording.from_table(t, {**force, "r": np.sin(t)})).left_out == ()
+    over = {**q, "qx": np.full(t.size, 2.0), "qw": np.where(t < 20.0, 2.0, 0.0)}  # of no unit length
+    [cut] = free_motion(Recording.from_table(t, {**over, "r": np.sin(t)})).left_out
+    assert (cut.kind, cut.start, cut.end) == ("upside down", pytest.approx(20.0), pytest.approx(29.9))

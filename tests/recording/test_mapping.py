@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from towtank.errors import InputError
-from towtank.recording import ColumnMapping, load_mapping, read_csv
+from towtank.recording import Column, ColumnMapping, load_mapping, read_csv
 
 CONTRACT = """
 thrusters = ["pwm1", "pwm2"]
@@ -128,3 +128,11 @@ def test_one_source_column_may_serve_twice(tmp_path: Path) -> None:
     mapping = ColumnMapping.model_validate({"rate": 10.0, "thrusters": ["b", {"from": "b", "scale": -1.0}]})
     run = read_csv(table(tmp_path, "a,b"), mapping)
     assert np.array_equal(run["cmd_1"].values, -run["cmd_2"].values)
+
+
+def test_a_scale_and_an_offset_are_applied_whichever_is_there() -> None:
+    values = np.array([1.0, -2.0, np.nan])
+    assert Column(source="a").apply(values) is values
+    for scale, offset in ((1.0, -3.0), (1.0, 3.0), (-1.0, 0.0), (2.0, 0.0), (0.5, 1.0)):
+        found = Column(source="a", scale=scale, offset=offset).apply(values)
+        np.testing.assert_array_equal(found, scale * values + offset)

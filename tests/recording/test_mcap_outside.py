@@ -13,6 +13,7 @@ from mcap.reader import make_reader
 
 from towtank.errors import InputError
 from towtank.readers import read
+from towtank.recording.event import EVENT_TOPIC, Event
 from towtank.recording.mcap.log import McapLog, Quantity
 
 
@@ -141,3 +142,83 @@ def test_a_disk_that_stays_full_leaves_what_was_recorded_and_says_so(
     assert (log.lost, log.complete) == (300, False)
     assert (tmp_path / "a.mcap").read_bytes() == before
     assert len(read(tmp_path / "a.mcap")["r"]) == 300
+
+
+@pytest.mark.parametrize("number, refused", [(errno.EACCES, True), (errno.EAGAIN, True), (errno.ENOLCK, False)])
+def test_a_disk_without_locks_is_written_and_one_that_is_locked_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, refused: bool
+) -> None:
+    begun(tmp_path / "a.mcap").close()
+
+    def flock(descriptor: int, how: int) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("towtank.recording.mcap.log.fcntl.flock", flock)
+    if refused:
+        with pytest.raises(InputError, match="another session is recording to it"):
+            McapLog.resume(tmp_path / "a.mcap")
+        with pytest.raises(InputError, match="cannot be written"):
+            McapLog.open(tmp_path / "b.mcap")
+        assert not (tmp_path / "b.mcap").exists()
+    else:
+        McapLog.resume(tmp_path / "a.mcap").close()
+        McapLog.open(tmp_path / "b.mcap").close()
+        assert (tmp_path / "b.mcap").exists()
+
+
+def test_of_a_file_without_its_beginning_nothing_is_left_and_it_begins_anew(tmp_path: Path) -> None:
+    log = begun(tmp_path / "a.mcap")
+    os.truncate(tmp_path / "a.mcap", 3)
+    write(log, 300, 400)
+    log.close()
+    [incident] = log.incidents
+    assert "301 samples and packets in them; it goes on" in incident
+    assert log.lost == 301
+    run = read(tmp_path / "a.mcap")
+    assert run["r"].values.tolist() == [float(k) for k in range(300, 400)]
+    assert "301 samples could not be written" in " ".join(run.notes)
+
+
+def test_events_wait_for_a_disk_that_does_not_take_their_topic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = begun(tmp_path / "a.mcap")
+    honest, full = os.write, True
+
+    def no_room(descriptor: int, data: bytes) -> int:
+        if full:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return honest(descriptor, data)
+
+    monkeypatch.setattr("towtank.recording.mcap.log.os.write", no_room)
+    for k in range(3):
+        log.write_event(Event(float(k), "mark", f"event {k}"))
+    log.write_raw("other", 1.0, b"packet")  # nor that of other bytes
+    log.describe({"room": "tank 2"})
+    assert (log.lost, "No space left" in log.trouble) == (1, True)
+    full = False
+    log.close()
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        found = [(each.log_time, each.data) for _, _, each in make_reader(stream).iter_messages(topics=[EVENT_TOPIC])]
+    assert [time for time, _ in found] == [0, 10**9, 2 * 10**9]
+    assert [b'"event %d"' % k in data for k, (_, data) in enumerate(found)] == [True] * 3
+    assert read(tmp_path / "a.mcap").attributes["room"] == "tank 2"
+
+
+def test_times_before_1970_and_after_2262_stand_at_the_ends(tmp_path: Path) -> None:
+    log = begun(tmp_path / "a.mcap")
+    log.write_raw("udp", -5.0, b"early")
+    log.write_raw("udp", 1e12, b"late")
+    log.close()
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        found = {
+            message.data: message.log_time for _, _, message in make_reader(stream).iter_messages(topics=["/raw/udp"])
+        }
+    assert found == {b"packet": 10**9, b"early": 0, b"late": 2**63 - 1}
+
+
+def test_a_folder_within_a_folder_that_is_removed_is_made_anew(tmp_path: Path) -> None:
+    (tmp_path / "dives" / "today").mkdir(parents=True)
+    log = begun(tmp_path / "dives" / "today" / "a.mcap")
+    shutil.rmtree(tmp_path / "dives")
+    write(log, 300, 600)
+    log.close()
+    assert len(read(tmp_path / "dives" / "today" / "a.mcap")["r"]) == 600

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,8 @@ from towtank.errors import InputError
 from towtank.recording import Recording, standard_channel
 from towtank.recording.channel import Channel
 from towtank.recording.merging.merge import merge, merges_of
-from towtank.recording.merging.offset import clock_offset
+from towtank.recording.merging.offset import ClockOffset, _outside, clock_offset
+from towtank.recording.repairs import Repairs
 
 ANGLES, QUATERNION = ("phi", "theta", "psi"), ("qw", "qx", "qy", "qz")
 Course = Callable[[np.ndarray], np.ndarray]
@@ -329,3 +331,109 @@ def test_states_are_no_inputs() -> None:
     both = merge(dive(of), second, 0.0)
     assert both.end <= 60.0
     assert both.start >= 0.0
+
+
+def test_notes_and_repairs_of_the_second_file_bear_its_name() -> None:
+    of = course()
+    second = mocap(of, 2.0)
+    second = replace(second, repairs=Repairs(damaged=3, details=("three lines",)), notes=("seen",))
+    once = merge(dive(of), second, 2.0)
+    assert once.repairs.damaged == 3
+    assert once.repairs.details == ("mocap.csv: three lines",)
+    twice = merge(once, second, 2.0)
+    assert [each["offset_s"] for each in merges_of(twice)] == [2.0, 2.0]
+    thrice = merge(twice, second, 2.0)
+    assert len(merges_of(thrice)) == 3
+
+
+def test_supply_and_wrench_are_the_first_files_where_it_has_them() -> None:
+    of = course()
+    t = np.arange(0.0, 60.0, 0.1)
+    supply = standard_channel("voltage", t, 15.0 + np.sin(t))
+    push = standard_channel("X", t, np.sin(t))
+    second = mocap(of, 0.0).replace([supply, push, supply.renamed("temperature")])
+    alone = merge(dive(of), second, 0.0)
+    assert alone["voltage"] == supply
+    assert {"X", "cmd_1", "temperature"} <= set(alone.names)
+    first = dive(of).replace([standard_channel("voltage", t, 12.0 + 0.0 * t), standard_channel("Y", t, 0.0 * t)])
+    both = merge(first.replace([supply.renamed("temperature")]), second, 0.0)
+    assert float(both["voltage"].values[0]) == 12.0
+    assert "X" not in both
+    assert {"temperature", "temperature (mocap.csv)"} <= set(both.names)
+    said = [note for note in both.notes if "from dive.BIN, not from mocap.csv" in note]
+    assert said == ["X: from dive.BIN, not from mocap.csv", "voltage: from dive.BIN, not from mocap.csv"]
+
+
+def test_seconds_before_and_after_the_commands_are_added_up() -> None:
+    of = course()
+    early, late = merge(dive(of), mocap(of, 0.0, start=-3.0), 0.0), merge(dive(of), mocap(of, 0.0, end=64.5), 0.0)
+    both = merge(dive(of), mocap(of, 0.0, start=-3.0, end=64.5), 0.0)
+    said = [[note for note in run.notes if "left out" in note] for run in (early, late, both)]
+    words = "s of mocap.csv left out, for which dive.BIN tells no inputs"
+    assert said == [[f"3.0 {words}"], [f"4.5 {words}"], [f"7.5 {words}"]]
+    inside = merge(dive(of), mocap(of, 0.0, start=1.0, end=59.0), 0.0)
+    assert not [note for note in inside.notes if "left out" in note]
+
+
+def test_of_two_that_tell_as_many_axes_the_one_known_better_counts_and_dead_ones_tell_nothing() -> None:
+    rng = np.random.default_rng(4)
+    t = np.arange(0.0, 60.0, 0.1)
+    two = table(t, {"p": 0.1 * rng.normal(size=t.size), "q": 0.1 * rng.normal(size=t.size)}, "two.csv")
+    three = table(t, {name: 0.5 * rng.normal(size=t.size) for name in "pqr"}, "three.csv")
+    dead = table(t, {name: np.full(t.size, 0.1) for name in "pqr"}, "dead.csv")
+    for first, second, better in ((two, three, "three.csv"), (three, dead, "three.csv"), (dead, three, "three.csv")):
+        run = merge(first, second, 0.0)
+        assert any(note.startswith(f"rates: from {better}, which tells more") for note in run.notes), better
+
+
+def test_an_offset_with_a_drift_leads_there_and_back() -> None:
+    clock = ClockOffset(5.0, drift=1e-3, middle=100.0)
+    t = np.array([0.0, 100.0, 300.0])
+    assert clock.times(t).tolist() == pytest.approx([4.9, 105.0, 305.2])
+    assert clock.own(clock.times(t)).tolist() == pytest.approx(t.tolist())
+
+
+@pytest.mark.parametrize(
+    "clock, text",
+    [
+        (ClockOffset(2.5), "b lies 2.5 s after a, as was said"),
+        (ClockOffset(-2.5), "b lies 2.5 s before a, as was said"),
+        (ClockOffset(0.0), "b lies 0 s after a, as was said"),
+        (ClockOffset(1.23456, 2e-3, by=("yaw rate",)), "b lies 1.235 ± 0.002 s after a, by yaw rate"),
+        (ClockOffset(1.23456, 1e-5, by=("yaw rate",)), "b lies 1.2346 ± 0.0001 s after a, by yaw rate"),
+        (ClockOffset(-1.0, 5e-4, by=("depth", "yaw rate")), "b lies 1.000 ± 0.001 s before a, by depth and yaw rate"),
+        (ClockOffset(1.0, 1e-2, by=("yaw rate", "roll rate")), "b lies 1.000 ± 0.010 s after a, by yaw and roll rate"),
+        (
+            ClockOffset(1.0, 1e-2, 5e-5, 1e-5, by=("depth",)),
+            "b lies 1.000 ± 0.010 s after a, by depth; its clock is 50 ± 10 ppm slow",
+        ),
+        (
+            ClockOffset(1.0, 1e-2, -5e-5, 1e-6, by=("depth",)),
+            "b lies 1.000 ± 0.010 s after a, by depth; its clock is 50 ± 1 ppm fast",
+        ),
+        (ClockOffset(1.0, 1e-2, 5e-5, 2e-5, by=("depth",)), "b lies 1.000 ± 0.010 s after a, by depth"),
+        (ClockOffset(1.0, 1e-2, 5e-7, 1e-8, by=("depth",)), "b lies 1.000 ± 0.010 s after a, by depth"),
+    ],
+)
+def test_an_offset_in_words(clock: ClockOffset, text: str) -> None:
+    assert clock.text("a", "b") == text
+
+
+def test_a_peak_ends_where_it_has_fallen_by_half_and_rises_again() -> None:
+    gain = np.array([4.0, 0.0, 1.0, 5.0, 10.0, 6.0, 2.0, 3.0, 1.0])
+    assert _outside(gain, 4).tolist() == [True, False, False, False, False, False, False, True, True]
+    assert _outside(gain[::-1], 4).tolist() == [True, True, False, False, False, False, False, False, True]
+    dip = np.array([4.0, 0.0, 9.0, 8.0, 10.0, 8.0, 9.0, 1.0, 0.0, 4.0])
+    assert _outside(dip, 4).tolist() == [True, *[False] * 8, True]
+    assert not _outside(np.array([1.0, 2.0, 3.0]), 2).any()
+    assert not _outside(np.array([3.0, 2.0, 1.0]), 0).any()
+
+
+def test_a_file_that_is_too_short_or_at_rest_says_so() -> None:
+    of = course()
+    assert "one of them is too short" in refusal(dive(of), mocap(of, 0.0, end=0.9))
+    t = np.arange(0.0, 60.0, 0.02)
+    still = table(t, {name: 1e-3 * np.sin(t + k) for k, name in enumerate(ANGLES)}, "mocap.csv")
+    assert "the second file hardly moves" in refusal(dive(of), still)
+    rest = table(t, {name: 1e-3 * np.sin(t + k) for k, name in enumerate("pqr")}, "dive.BIN")
+    assert "the first file hardly moves and the second file hardly moves" in refusal(rest, still)
