@@ -59,9 +59,16 @@ class Wire:
         self.autopilot, self.link, self.to = autopilot, link, to
         self.began = time.time()
         self.beaten = 0.0
+        self.turns = 0
         link.setblocking(False)
 
+    @property
+    def rate(self) -> float:
+        """Messages of a kind a second so far, which on a busy machine are fewer."""
+        return self.turns / (time.time() - self.began)
+
     def turn(self) -> None:
+        self.turns += 1
         t = time.time() - self.began
         messages = [self.autopilot.attitude(t, 0.1 * t, 0.1), self.autopilot.outputs(t, [1600] * 8)]
         if t >= self.beaten:
@@ -90,6 +97,14 @@ def run(source: MavlinkSource, wire: Wire, seconds: float) -> list[Sample | Raw]
     return found
 
 
+def first_sample(source: MavlinkSource, wire: Wire) -> Sample | None:
+    """Return the first sample that comes within ten seconds."""
+    for _ in range(100):
+        if samples := [each for each in run(source, wire, 0.1) if isinstance(each, Sample)]:
+            return samples[0]
+    return None
+
+
 @pytest.fixture
 def udp() -> Iterator[tuple[MavlinkSource, Wire]]:
     port = free_port()
@@ -115,15 +130,15 @@ def test_rates_are_asked_for_and_told_and_nothing_else_is_said(udp: tuple[Mavlin
     assert wire.autopilot.intervals[dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW] == 20_000
     state = source.state()
     assert state.asked["SERVO_OUTPUT_RAW"] == 50.0
-    assert state.rates["ATTITUDE"] == pytest.approx(75.0, rel=0.4)
+    assert state.rates["ATTITUDE"] == pytest.approx(wire.rate, rel=0.5)
     assert any("6 granted; not known: RAW_IMU" in line for line in state.said)
     assert state.senders == ("1.1",)
     samples = [each for each in found if isinstance(each, Sample)]
     assert {sample.topic for sample in samples} == {"ATTITUDE", "HEARTBEAT", "SERVO_OUTPUT_RAW"}
-    outputs = next(sample for sample in samples if sample.topic == "SERVO_OUTPUT_RAW")
-    assert outputs.names == tuple(f"cmd_{n}" for n in range(1, 9))
-    assert outputs.values == (1600.0,) * 8
-    assert abs(outputs.t - outputs.received) < 0.05
+    outputs = [sample for sample in samples if sample.topic == "SERVO_OUTPUT_RAW"]
+    assert {each.names for each in outputs} == {tuple(f"cmd_{n}" for n in range(1, 9))}
+    assert {each.values for each in outputs} == {(1600.0,) * 8}
+    assert min(abs(each.t - each.received) for each in outputs) < 0.05
 
 
 def test_the_bytes_come_first_and_whole(udp: tuple[MavlinkSource, Wire]) -> None:
@@ -173,7 +188,9 @@ def test_tcp_that_breaks_is_connected_again(monkeypatch: pytest.MonkeyPatch) -> 
         source.open()
         link, _ = server.accept()
         with link:
-            assert any(isinstance(each, Sample) for each in run(source, Wire(simulated(), link, None), 0.7))
+            wire = Wire(simulated(), link, None)
+            assert first_sample(source, wire) is not None
+            run(source, wire, 0.7)
         server.settimeout(0.02)
         told, again = False, None
         for _ in range(100):
@@ -185,8 +202,7 @@ def test_tcp_that_breaks_is_connected_again(monkeypatch: pytest.MonkeyPatch) -> 
         assert told
         assert again is not None
         with again:
-            wire = Wire(simulated(), again, None)
-            assert any(isinstance(each, Sample) for each in run(source, wire, 0.5))
+            assert first_sample(source, Wire(simulated(), again, None)) is not None
         assert not any("trying again" in line for line in source.state().said)
         source.close()
 
