@@ -45,7 +45,6 @@ _FIELDS = {_BOOT: 1e-3, "time_usec": 1e-6, "usec": 1e-6}  # s
 _TURN = 2.0**32  # counts after which a counter of 32 bits begins anew: 71 minutes of microseconds, 50 days of ms
 _STEP = 0.1  # s of messages whose stamps are followed type by type, before the first decision,
 _AT_ONCE = 32  # and messages afterwards; more would stand too far out of order
-_SAME = 2.0  # s within which a stamp is of the clock that is known
 Arrival = tuple[Frame, float]  # a message and when it came [s]
 _Key = tuple[int, Sender]
 _HISTORY = 6.0  # s
@@ -82,7 +81,7 @@ class MavlinkStamps:
         unit = _FIELDS[field]
         clock = self._clocks.setdefault((sender, _BOOT), SourceClock())
         own = _unwrapped(unit * table[field], received - clock.offset, unit * _TURN)
-        if field != _BOOT and not abs(received[-1] - own[-1] - clock.offset) <= _SAME:
+        if field != _BOOT and not clock.is_of(own[-1], received[-1]):
             clock = self._clocks.setdefault((sender, field), SourceClock())
             own = _unwrapped(unit * table[field], received - clock.offset, unit * _TURN)
         stamps = [self._stamp(clock, *each) for each in zip(own.tolist(), received.tolist(), strict=True)]
