@@ -138,6 +138,35 @@ def test_what_a_stall_held_up_keeps_its_stamps_whatever_field_bears_them() -> No
         np.testing.assert_allclose(stamps, 3.01 + after + np.arange(40) / 20, atol=2e-3, rtol=0)
 
 
+@pytest.mark.parametrize("looked", [[], [10.0, 15.0, 63.0]])
+def test_a_silence_says_nothing_of_what_is_sent(looked: list[float]) -> None:
+    autopilot, heard = Autopilot(), Heard()
+    heard.take(second(autopilot, 0.0) + second(autopilot, 1.0))
+    heard.decide(2.0)
+    heard.take(second(autopilot, 2.0))
+    for t in looked:
+        heard.decide(t)
+    first, *others = (t_data for start in (3.0, 4.0) for t_data in sorted(second(autopilot, start)))
+    found = heard.take([first], late=60.0)
+    heard.decide(63.0)  # one message alone has come by now
+    found += heard.take(others, late=60.0)
+    found += heard.take(second(autopilot, 65.0))
+    heard.decide(66.0)
+    found += heard.take(second(autopilot, 66.0))
+    assert channel(found, "psi").size == channel(found, "z").size == channel(found, "cmd_1").size == 80
+
+
+def test_an_autopilot_that_is_silent_gives_way_to_another() -> None:
+    first, other, heard = Autopilot(), Autopilot(system=2), Heard()
+    heard.take(second(first, 0.0) + second(other, 0.0) + second(first, 1.0) + second(other, 1.0))
+    heard.decide(2.0)
+    assert str(heard.samples.autopilot.sender) == "1.1"
+    for start in range(2, 12):
+        heard.take(second(other, float(start)))
+    heard.decide(12.0)
+    assert str(heard.samples.autopilot.sender) == "2.1"
+
+
 def test_dead_reckoning_is_no_velocity() -> None:
     heard = Heard()
     found = turning(UNAIDED, heard)
