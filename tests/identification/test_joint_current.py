@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from towtank.identification import Learner, LogLearning, learn_recordings
+from towtank.identification.online.joint import JointLearner
+from towtank.live.pipeline.instants import Instants, rows_of
 from towtank.recording import Recording
 from towtank.simulation import Ins, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import load_vehicle
@@ -72,3 +74,39 @@ def test_a_stream_learns_it_along(flowing: Recording) -> None:
     assert learner.current is not None  # type: ignore[attr-defined]
     assert learner.current.velocity == pytest.approx(WATER, abs=0.01)  # type: ignore[attr-defined]
     assert learner.estimate["X_uu"].value == pytest.approx(TRUTH.coefficient("X_uu"), rel=0.08)
+
+
+def test_a_stretch_of_the_same_session_is_in_the_same_water_and_another_dive_is_not(flowing: Recording) -> None:
+    learner = JointLearner(TRUTH, free=FREE, delay=0.0)
+    learner.run(flowing)
+    known = learner.current
+    assert known is not None
+    rows = [(t, names, values) for t, names, values in rows_of(flowing)][:20]
+    deviation = {}
+    for later in (1.0, 3600.0):
+        learner.restart()
+        instants = Instants(TRUTH)
+        last = learner._stream.running.state.clock[0].time  # type: ignore[union-attr]
+        for t, names, values in rows:
+            learner.update(last + later + t, **instants.arguments(dict(zip(names, values, strict=True))))
+        assert learner.current is not None
+        deviation[later] = learner.current.std
+    assert (deviation[1.0][:2] < 1.2 * known.std[:2]).all()
+    assert (deviation[3600.0][:2] > 5.0 * known.std[:2]).all()
+
+
+def test_a_break_in_a_session_moves_no_coefficient_by_half_a_deviation(flowing: Recording) -> None:
+    found = []
+    for broken in (False, True):
+        learner = JointLearner(TRUTH, free=FREE, delay=0.0)
+        instants = Instants(TRUTH)
+        for k, (t, names, values) in enumerate(rows_of(flowing)):
+            if broken and k == 700:
+                learner.restart()
+                instants.forget()
+            learner.update(t, **instants.arguments(dict(zip(names, values, strict=True))))
+        found.append(learner.estimate)
+    whole, parted = found
+    change = np.abs(parted.values - whole.values) / whole.std
+    assert change.max() < 0.5
+    assert (parted.std < 1.2 * whole.std).all()

@@ -32,8 +32,10 @@ _DIST = 12
 _TINY = 1e-30  # m^2/s^4
 _ATTITUDE_MEMORY = 30.0  # s: of the bias of an attitude that wanders
 _START = (0.3, 0.2, 0.3, 0.2)  # m, rad, m/s, rad/s: deviations at the start where a sensor has shown nothing
+_UNDER_WAY = (1.0, 1.0)  # m/s, rad/s: of speeds that the next poses tell: a stretch may begin in full motion
 _UNKNOWN_POSITION = 100.0  # m^2: variance of it
-_ANSWERED = 0.5  # s after which thrusters have forgotten what they did before the first command
+_ANSWERED = 0.5  # s after which thrusters have forgotten what they did before the first command,
+_LAGS, _LEAST_LAG = 5.0, 0.02  # or time constants, of so many s at least
 
 
 class Rows(NamedTuple):
@@ -336,10 +338,11 @@ def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> 
         for sensor in SPEEDS:
             speed = speed if math.isfinite(speed) else z[3 * sensor + i]
         x[7 + i] = speed if math.isfinite(speed) else 0.0
-        P[6 + i, 6 + i] = _START[2] ** 2
+        posed = math.isfinite(z[i]) and not math.isfinite(speed)
+        P[6 + i, 6 + i] = (_UNDER_WAY[0] if posed else _START[2]) ** 2
         measured = math.isfinite(z[9 + i])
         x[10 + i] = z[9 + i] - state.bias[i] if measured else 0.0
-        P[9 + i, 9 + i] = _START[3] ** 2
+        P[9 + i, 9 + i] = (_UNDER_WAY[1] if math.isfinite(z[3 + i]) and not measured else _START[3]) ** 2
     for i in range(6):
         state.force[i] = 0.0
         state.rate[i] = 0.0
@@ -364,11 +367,14 @@ def _inputs_known(held: ZeroOrderHold, t: float) -> bool:
     A first command that asks for a force says that there were others before, which are not known. A wrench has no lag.
     """
     received, ring = int(held.counters[0].received), held.times.shape[0]
-    slow = False
+    lag = 0.0
     for j in range(held.lag.shape[0]):
-        slow = slow or held.lag[j] > 0.0
-    if received == 0 or received > ring or not slow or t - held.times[0] + held.delay[0] > _ANSWERED:
+        lag = max(lag, held.lag[j])
+    if received == 0 or received > ring or lag == 0.0:
         return received > 0
+    since = t - held.times[0]
+    if since > _LAGS * max(lag, _LEAST_LAG) or since + held.delay[0] > _ANSWERED:
+        return True
     asked = 0.0
     for j in range(held.values.shape[1]):
         asked += math.fabs(held.values[0, j])
