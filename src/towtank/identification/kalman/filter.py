@@ -332,17 +332,18 @@ def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> 
     if not math.isfinite(psi):
         psi = 0.0
     x[3], x[4], x[5], x[6] = quaternion_from_euler(phi, theta, psi)
+    posed = math.isfinite(z[0]) and math.isfinite(z[1]) and math.isfinite(z[2])
+    turned = math.isfinite(z[3]) and math.isfinite(z[4]) and math.isfinite(z[5])
     for i in range(3):
         P[3 + i, 3 + i] = _START[1] ** 2
         speed = math.nan
         for sensor in SPEEDS:
             speed = speed if math.isfinite(speed) else z[3 * sensor + i]
         x[7 + i] = speed if math.isfinite(speed) else 0.0
-        posed = math.isfinite(z[i]) and not math.isfinite(speed)
-        P[6 + i, 6 + i] = (_UNDER_WAY[0] if posed else _START[2]) ** 2
+        P[6 + i, 6 + i] = (_UNDER_WAY[0] if posed and not math.isfinite(speed) else _START[2]) ** 2
         measured = math.isfinite(z[9 + i])
         x[10 + i] = z[9 + i] - state.bias[i] if measured else 0.0
-        P[9 + i, 9 + i] = (_UNDER_WAY[1] if math.isfinite(z[3 + i]) and not measured else _START[3]) ** 2
+        P[9 + i, 9 + i] = (_UNDER_WAY[1] if turned and not measured else _START[3]) ** 2
     for i in range(6):
         state.force[i] = 0.0
         state.rate[i] = 0.0
