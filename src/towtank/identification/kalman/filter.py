@@ -34,8 +34,7 @@ _ATTITUDE_MEMORY = 30.0  # s: of the bias of an attitude that wanders
 _START = (0.3, 0.2, 0.3, 0.2)  # m, rad, m/s, rad/s: deviations at the start where a sensor has shown nothing
 _UNDER_WAY = (1.0, 1.0)  # m/s, rad/s: of speeds that the next poses tell: a stretch may begin in full motion
 _UNKNOWN_POSITION = 100.0  # m^2: variance of it
-_ANSWERED = 0.5  # s after which thrusters have forgotten what they did before the first command,
-_LAGS, _LEAST_LAG = 5.0, 0.02  # or time constants, of so many s at least
+_ANSWERED = 0.5  # s after which thrusters have forgotten what they did before the first command
 
 
 class Rows(NamedTuple):
@@ -368,14 +367,11 @@ def _inputs_known(held: ZeroOrderHold, t: float) -> bool:
     A first command that asks for a force says that there were others before, which are not known. A wrench has no lag.
     """
     received, ring = int(held.counters[0].received), held.times.shape[0]
-    lag = 0.0
+    slow = False
     for j in range(held.lag.shape[0]):
-        lag = max(lag, held.lag[j])
-    if received == 0 or received > ring or lag == 0.0:
+        slow = slow or held.lag[j] > 0.0
+    if received == 0 or received > ring or not slow or t - held.times[0] + held.delay[0] > _ANSWERED:
         return received > 0
-    since = t - held.times[0]
-    if since > _LAGS * max(lag, _LEAST_LAG) or since + held.delay[0] > _ANSWERED:
-        return True
     asked = 0.0
     for j in range(held.values.shape[1]):
         asked += math.fabs(held.values[0, j])
