@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from towtank.identification import Learner, LogLearning, learn_recordings
+from towtank.identification import Estimate, Learner, LogLearning, learn_recordings
+from towtank.identification.kalman import passes
 from towtank.identification.online.joint import JointLearner
 from towtank.live.pipeline.instants import Instants, rows_of
 from towtank.recording import Recording
@@ -95,18 +96,28 @@ def test_a_stretch_of_the_same_session_is_in_the_same_water_and_another_dive_is_
     assert (deviation[3600.0][:2] > 5.0 * known.std[:2]).all()
 
 
-def test_a_break_in_a_session_moves_no_coefficient_by_half_a_deviation(flowing: Recording) -> None:
-    found = []
-    for broken in (False, True):
-        learner = JointLearner(TRUTH, free=FREE, delay=0.0)
-        instants = Instants(TRUTH)
-        for k, (t, names, values) in enumerate(rows_of(flowing)):
-            if broken and k == 700:
-                learner.restart()
-                instants.forget()
-            learner.update(t, **instants.arguments(dict(zip(names, values, strict=True))))
-        found.append(learner.estimate)
-    whole, parted = found
-    change = np.abs(parted.values - whole.values) / whole.std
-    assert change.max() < 0.5
-    assert (parted.std < 1.2 * whole.std).all()
+@pytest.fixture(scope="module")
+def unbroken(flowing: Recording) -> Estimate:
+    return _learned(flowing, None)
+
+
+def _learned(flowing: Recording, broken: int | None) -> Estimate:
+    learner = JointLearner(TRUTH, free=FREE, delay=0.0)
+    instants = Instants(TRUTH)
+    for k, (t, names, values) in enumerate(rows_of(flowing)):
+        if k == broken:
+            learner.restart()
+            instants.forget()
+        learner.update(t, **instants.arguments(dict(zip(names, values, strict=True))))
+    return learner.estimate
+
+
+def test_a_break_in_a_session_costs_less_than_another_dive_would(
+    flowing: Recording, unbroken: Estimate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = _learned(flowing, 700)
+    monkeypatch.setattr(passes, "_SAME_WATER", -1.0)
+    dives = _learned(flowing, 700)
+    assert (np.abs(session.values - unbroken.values) < 2.0 * unbroken.std).all()
+    assert (session.std < 1.3 * unbroken.std).all()
+    assert (dives.std > 1.2 * session.std).all()
