@@ -142,9 +142,9 @@ class JointStream:
         if not (np.isfinite(t) and t > self._last_t):
             return False
         last, self._last_t = self._last_t, t
-        if self._broken_off:
-            self._broken_off = False
-            self._enter_water(t)
+        if self._broken_off and self.running is not None:  # in the water of the last stretch, if that is not long ago
+            forget_surroundings(self.running.state, since_last(self.running.state, np.array([t])))
+        self._broken_off = False
         buffer = self._buffer
         if buffer is None:
             self._early = [*self._early[-_MOST_EARLY:], (t, z)]
@@ -334,12 +334,6 @@ class JointStream:
         self._healthy = snapshot
         if running.has_moved or np.any(buffer.measured & ~self._heard):
             self.schedule.call(self.seen)
-
-    def _enter_water(self, t: float) -> None:
-        """Begin a stretch at t [s] in the water of the last one, where that is not long ago, else in other water."""
-        if self.running is not None:
-            state = self.running.state
-            forget_surroundings(state, since_last(state, np.array([t])))
 
     def _recover(self, buffer: Buffer, running: Running, healthy: HealthySnapshot) -> None:
         self.recoveries += 1
