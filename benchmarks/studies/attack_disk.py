@@ -9,7 +9,8 @@ Killed: at random moments the process is killed with SIGKILL, started anew with 
 from where it stood; `--each` kills a session. After every kill the file is opened with the reader of the package
 `mcap`, which must find every sample, and at most a second of what was sent may be missing. In the end every
 coefficient must be within half a deviation of the median of sessions that nobody interrupted: the filter's re-
-estimations run beside the stream, so that these differ among themselves; how far, is shown beside.
+estimations run beside the stream, so that these differ among themselves; how far, is shown beside. What was lost is
+gone for good, and what it told with it: how much that alone may change, as wider deviations say, is shown, too.
 
 Cases: a disk that is full, fills, and gets room again; a folder that cannot be written, a folder that is removed, a
 file that is cut; two sessions on one file; SIGINT, SIGTERM, SIGHUP, and a reader of the output that goes away. Of
@@ -244,6 +245,15 @@ def changes(run: Killed, reference: dict[str, tuple[float, float]]) -> dict[str,
         else float("inf")
         for name in sorted(names)
     }
+
+
+def widening(run: Killed, reference: dict[str, tuple[float, float]]) -> list[float]:
+    """Return by how much each coefficient may change since less is known of it, in deviations.
+
+    An estimate from a part of the data differs from that of all by the difference of both variances.
+    """
+    both = [(run.coefficients[name][1], reference[name][1]) for name in run.coefficients.keys() & reference.keys()]
+    return [float(np.sqrt(max(wide**2 - std**2, 0.0)) / max(std, 1e-12)) for wide, std in both]
 
 
 def median_of(runs: Sequence[Killed]) -> dict[str, tuple[float, float]]:
@@ -501,7 +511,7 @@ def show_cases(found: dict[str, Blow | str]) -> bool:
         verdict = "ok" if fine else "BROKEN " + "; ".join(blow.wrong)
         missing = f"{blow.missing[0]} ({blow.missing[1]})"
         table.add_row(name, code, f"{blow.said:.2f}", "yes" if blow.learned else "no", str(blow.gone), missing, verdict)
-    Console(width=120).print(table)
+    Console(width=120, markup=False).print(table)
     return good
 
 
@@ -524,9 +534,14 @@ def show_killed(through: Sequence[Killed], runs: Sequence[Killed]) -> bool:
     table.add_row(
         "largest change of a coefficient [std]", f"{CHANGED}", f"{change[name]:.2f}", f"{name}, {_moments(worst)}"
     )
+    beyond = sum(max(changes(run, reference).values()) > CHANGED for run in runs)
+    table.add_row("sessions with a larger one", "", f"{beyond}", f"of {len(runs)}")
     table.add_row("median change [std]", "", f"{np.median(every):.3f}", f"of {len(reference)} coefficients")
+    explained = f"{np.sqrt(np.mean([x**2 for run in runs for x in widening(run, reference)])):.3f} by wider deviations"
+    finite = [x for x in every if np.isfinite(x)]
+    table.add_row("root mean square of the changes [std]", "", f"{np.sqrt(np.mean(np.square(finite))):.3f}", explained)
     table.add_row("among sessions that nobody interrupted [std]", "", f"{own:.2f}", f"median {np.median(alone):.3f}")
-    Console(width=120).print(table)
+    Console(width=120, markup=False).print(table)
     return late.missing <= MISSING and unread == 0 and change[name] <= CHANGED
 
 

@@ -331,8 +331,9 @@ def computer_clock(seed: int) -> Row:
     said = sum("computer's clock was set" in event.text for event in done[0].events)
     gap = float(np.max(np.diff(times)))
     kept = len(times) / len(run["x"])
-    good = said == 2 and gap < 2.0 and kept == 1.0 and 5.0 < times[-1] - times[0] < 8.0
-    found = f"said {said} times, {100 * kept:.0f} % recorded over {times[-1] - times[0]:.1f} s"
+    length = float(times[-1] - times[0])
+    good = said == 2 and gap < 2.0 and kept == 1.0 and 5.0 < length < 8.0
+    found = f"said {said} times, {100 * kept:.0f} % recorded over {length:.1f} s"
     return Row("this computer's clock set by +3 h, -6 h", found, "said, times go on", good)
 
 
@@ -406,7 +407,7 @@ def hours(length: float, speed: float, seed: int) -> Row:
         document = json.loads(last)
     warm = len(memory) // 4
     tenth = max(len(memory) // 10, 1)
-    early, late = np.median(memory[warm : warm + tenth]), np.median(memory[-tenth:])
+    early, late = float(np.median(memory[warm : warm + tenth])), float(np.median(memory[-tenth:]))
     held = int(np.median(handles[warm : warm + tenth])), int(np.median(handles[-tenth:]))
     dropped = document["live"]["dropped"]
     found = f"{early:.1f} MB, then {late:.1f} MB; {held[0]} open files, then {held[1]}; {dropped} dropped in learning"

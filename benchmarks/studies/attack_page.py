@@ -74,6 +74,7 @@ EVERY = " ".join(STRINGS)
 WIDTHS = (360, 768, 1440)
 _STEERING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\u200b\u2028\ufeff]")
 _OF_RICH = re.compile(r"\x1b\[(?:[0-9;]*m|\?25[lh]|[0-9]*[AK]|[0-9]*G)")  # colours, and bars that are drawn again
+_LONGEST_NAME = 200  # bytes of UTF-8: a file system takes 255, and an ending and some words come behind them
 _OURS = ("commands", "report", "page", "files", "server")
 
 
@@ -242,7 +243,8 @@ def raw_in(text: str, *, terminal: bool) -> str:
 
 def file_names(folder: Path) -> list[Path]:
     """Return names of files that can be had, short enough, and hostile."""
-    found = [text.replace("/", "_").replace("\x00", "")[:80] for text in STRINGS]
+    plain = [text.replace("/", "_").replace("\x00", "")[:80].encode() for text in STRINGS]
+    found = [name[:_LONGEST_NAME].decode(errors="ignore") for name in plain]
     half = os.fsdecode(b"\x1b[2J\x1b]0;title\x07 half \xff.csv")  # not UTF-8
     return [folder / f"{text}.csv" for text in found] + [folder / half]
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from towtank.identification import Learner, LogLearning, learn_recordings
+from towtank.identification import Estimate, Learner, LogLearning, learn_recordings
+from towtank.identification.kalman import passes
+from towtank.identification.online.joint import JointLearner
+from towtank.live.pipeline.instants import Instants, rows_of
 from towtank.recording import Recording
 from towtank.simulation import Ins, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import load_vehicle
@@ -72,3 +75,49 @@ def test_a_stream_learns_it_along(flowing: Recording) -> None:
     assert learner.current is not None  # type: ignore[attr-defined]
     assert learner.current.velocity == pytest.approx(WATER, abs=0.01)  # type: ignore[attr-defined]
     assert learner.estimate["X_uu"].value == pytest.approx(TRUTH.coefficient("X_uu"), rel=0.08)
+
+
+def test_a_stretch_of_the_same_session_is_in_the_same_water_and_another_dive_is_not(flowing: Recording) -> None:
+    learner = JointLearner(TRUTH, free=FREE, delay=0.0)
+    learner.run(flowing)
+    known = learner.current
+    assert known is not None
+    rows = [(t, names, values) for t, names, values in rows_of(flowing)][:20]
+    deviation = {}
+    for later in (1.0, 3600.0):
+        learner.restart()
+        instants = Instants(TRUTH)
+        last = learner._stream.running.state.clock[0].time  # type: ignore[union-attr]
+        for t, names, values in rows:
+            learner.update(last + later + t, **instants.arguments(dict(zip(names, values, strict=True))))
+        assert learner.current is not None
+        deviation[later] = learner.current.std
+    assert (deviation[1.0][:2] < 1.2 * known.std[:2]).all()
+    assert (deviation[3600.0][:2] > 5.0 * known.std[:2]).all()
+
+
+@pytest.fixture(scope="module")
+def unbroken(flowing: Recording) -> Estimate:
+    return _learned(flowing, None)
+
+
+def _learned(flowing: Recording, broken: int | None) -> Estimate:
+    learner = JointLearner(TRUTH, free=FREE, delay=0.0)
+    instants = Instants(TRUTH)
+    for k, (t, names, values) in enumerate(rows_of(flowing)):
+        if k == broken:
+            learner.restart()
+            instants.forget()
+        learner.update(t, **instants.arguments(dict(zip(names, values, strict=True))))
+    return learner.estimate
+
+
+def test_a_break_in_a_session_costs_less_than_another_dive_would(
+    flowing: Recording, unbroken: Estimate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = _learned(flowing, 700)
+    monkeypatch.setattr(passes, "_SAME_WATER", -1.0)
+    dives = _learned(flowing, 700)
+    assert (np.abs(session.values - unbroken.values) < 2.0 * unbroken.std).all()
+    assert (session.std < 1.3 * unbroken.std).all()
+    assert (dives.std > 1.2 * session.std).all()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from towtank.core.attitude import quaternion_product
 from towtank.core.layout import N_PARAMETERS
 from towtank.core.zero_order_hold import hold_force, mean_forces_into, new_zero_order_hold
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, Samples, samples_of
-from towtank.identification.kalman.filter import joint_events, rows_of, take_row
+from towtank.identification.kalman.filter import begin_motion, joint_events, rows_of, take_row
 from towtank.identification.kalman.passes import inputs_of
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state, transition_scratch
 from towtank.identification.model.linearisation import step_and_linearise
@@ -20,7 +21,7 @@ from towtank.identification.model.measurements import attitude_error
 from towtank.identification.model.parameters import LATENCIES, N_FIXED, free_parameters
 from towtank.identification.model.prior import prior_of
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
-from towtank.vehicle import Vehicle, load_vehicle
+from towtank.vehicle import Vehicle, configuration_matrix, load_vehicle
 
 NAMES = ("X_udot", "Y_vdot", "X_uu", "N_rr", "BG_z")
 NOISE = np.array([1e-3] * 6 + [5e-3] * 3 + [2e-3] * 3 + [0.05] * 3)
@@ -68,6 +69,24 @@ def run_through(state: JointState, samples: Samples, last: int | None = None) ->
     end = len(samples) if last is None else last
     joint_events(state, held, rows_of(samples), 0, end, 0)
     return state
+
+
+@pytest.mark.parametrize(
+    ("columns", "expected"),
+    [
+        (range(6), [0.3] * 3 + [1.0] * 3),  # the next attitudes tell every rate, however fast a stretch begins
+        ((2,), [0.3] * 3 + [0.2] * 3),
+        (range(12), [0.3] * 3 + [0.2] * 3),  # which are measured themselves
+    ],
+)
+def test_a_stretch_may_begin_in_full_motion(vehicle: Vehicle, columns: Sequence[int], expected: list[float]) -> None:
+    state = filter_for(vehicle, B=configuration_matrix(vehicle))
+    held = new_zero_order_hold(state.B.shape[1], np.zeros(state.B.shape[1]), 0.0)
+    hold_force(held, 0.0, np.zeros(state.B.shape[1]))
+    row = np.full(N_MEASURED, np.nan)
+    row[list(columns)] = 0.1
+    begin_motion(state, held, 0.0, row)
+    np.testing.assert_allclose(np.sqrt(np.diag(state.P)[6:12]), expected)
 
 
 class Reference:

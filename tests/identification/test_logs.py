@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from towtank.errors import InputError
 from towtank.identification import PaperLearner, learn_paper
+from towtank.identification.data.samples import samples_of
+from towtank.identification.offline.first_look import driven_axes
 from towtank.recording import Recording
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, simulate
 
@@ -241,3 +245,10 @@ def test_a_channel_without_any_value_is_as_if_it_were_not_there() -> None:
     estimate = learn_paper(box(), [blank], delay=0.0).estimate
     assert estimate["X_udot"].value == pytest.approx(-10.0, rel=0.01)  # sway is derived, so all is low-passed
     assert set(VELOCITY) <= set(blank.names)
+
+
+def test_a_log_of_which_no_input_is_known_hides_no_axis_that_another_drives() -> None:
+    known = samples_of(run((0, 25.0, 1.2), 10.0), box())
+    unknown_throughout = replace(known, input_force=np.full_like(known.input_force, np.nan))
+    assert driven_axes([unknown_throughout, known]) == driven_axes([known]) == (True, *[False] * 5)
+    assert driven_axes([unknown_throughout]) == (False,) * 6

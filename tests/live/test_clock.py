@@ -86,6 +86,26 @@ def test_what_a_stalled_link_held_back_keeps_its_times() -> None:
     assert (clock.restarts, clock.strange) == (0, 0)
 
 
+def test_what_a_stalled_link_held_back_may_come_a_little_out_of_order() -> None:
+    clock = SourceClock()
+    steady(clock, 0.0, 100, 1000.0)
+    backlog = [10.0 + 0.1 * (k ^ 3) for k in range(600)]  # four at a time, the last one first
+    found = [clock.ours(t, 1070.0 + 1e-4 * k) for k, t in enumerate(backlog)]
+    assert found == pytest.approx([1000.0 + t for t in backlog], abs=1e-3)
+    assert (clock.restarts, clock.strange) == (0, 0)
+
+
+def test_a_stamp_is_of_a_clock_that_is_as_late_as_usual_or_near_the_newest() -> None:
+    clock = SourceClock()
+    assert not clock.is_of(10.0, 1010.0)  # nothing is known of it
+    steady(clock, 0.0, 100, 1000.0)
+    assert clock.is_of(11.0, 1011.5)
+    assert clock.is_of(11.0, 1070.0)  # a link had held it up
+    assert clock.is_of(300.0, 1300.0)  # after a silence
+    assert not clock.is_of(300.0, 1070.0)
+    assert not clock.is_of(-1e6, 1011.0)
+
+
 @pytest.mark.parametrize("step", [-10_800.0, -5.0, 0.5, 10_800.0])
 def test_a_clock_that_is_set_is_followed_at_once(step: float) -> None:
     clock = SourceClock()

@@ -43,6 +43,22 @@ def test_commands_hold_thruster_by_thruster(vehicle: Vehicle) -> None:
     assert instants.arguments({names[2]: 9.0}) == {}
 
 
+def test_inputs_go_on_where_they_are_told_and_are_the_same(vehicle: Vehicle) -> None:
+    same = {f"cmd_{each.name}": float(k) for k, each in enumerate(vehicle.thrusters)}
+    other = next(iter(same))
+    instants = Instants(vehicle)
+    assert not instants.goes_on(same)  # none was known
+    instants.arguments(same)
+    assert instants.goes_on({"x": 1.0, **same})
+    assert instants.goes_on({other: 0.0})
+    assert not instants.goes_on({"x": 1.0})  # nothing is told of them
+    assert not instants.goes_on({**same, other: 9.0})
+    pushed = Instants(vehicle)
+    pushed.arguments({"X": 5.0})
+    assert pushed.goes_on({"X": 5.0})
+    assert not pushed.goes_on({"X": 6.0})
+
+
 def test_a_wrench_counts_where_no_commands_come(vehicle: Vehicle) -> None:
     instants = Instants(vehicle)
     assert np.array_equal(instants.arguments({"X": 5.0})["wrench"], [5.0] + [np.nan] * 5, equal_nan=True)

@@ -28,12 +28,12 @@ class Heard:
     def __init__(self, parameters: dict[str, float] | None = None, thrusters: int = 8) -> None:
         self.samples = MavlinkSamples(layouts(), thrusters)
         self.parameters = EIGHT if parameters is None else parameters
-        self._framer = Framer(layouts(), stream=False)
+        self.framer = Framer(layouts(), stream=False)
 
     def take(self, sent: list[tuple[float, bytes]], late: float = 0.01) -> list[Sample]:
         found: list[Sample] = []
         for t, data in sorted(sent, key=lambda each: each[0]):
-            found += self.samples.take([(frame, EPOCH + t + late) for frame in self._framer.feed(data)])
+            found += self.samples.take([(frame, EPOCH + t + late) for frame in self.framer.feed(data)])
             if self.samples.hurry:
                 self.decide(t)
         return found
@@ -123,6 +123,50 @@ def test_what_is_held_up_keeps_its_stamp() -> None:
     (held_up,) = heard.take([(3.0, autopilot.attitude(3.0))], late=0.3)
     assert held_up.received - EPOCH == pytest.approx(3.3)
     assert held_up.t - EPOCH == pytest.approx(3.01, abs=2e-3)
+
+
+def test_what_a_stall_held_up_keeps_its_stamps_whatever_field_bears_them() -> None:
+    autopilot, heard = Autopilot(), Heard()
+    heard.take(second(autopilot, 0.0) + second(autopilot, 1.0))
+    heard.decide(2.0)
+    heard.take(second(autopilot, 2.0))
+    sent = sorted(second(autopilot, 3.0) + second(autopilot, 4.0), key=lambda each: each[0])
+    frames = [frame for _, data in sent for frame in heard.framer.feed(data)]
+    arrivals = [(frame, EPOCH + 63.0 + 1e-4 * k) for k, frame in enumerate(frames)]  # a minute late, all at once
+    found = [s for first in range(0, len(arrivals), 32) for s in heard.samples.take(arrivals[first : first + 32])]
+    assert heard.samples.strange == 0
+    for topic, after in (("ATTITUDE", 0.0), ("LOCAL_POSITION_NED", 0.001), ("SERVO_OUTPUT_RAW", 0.002)):
+        stamps = [sample.t - EPOCH for sample in found if sample.topic == topic]
+        np.testing.assert_allclose(stamps, 3.01 + after + np.arange(40) / 20, atol=2e-3, rtol=0)
+
+
+@pytest.mark.parametrize("looked", [[], [10.0, 15.0, 63.0]])
+def test_a_silence_says_nothing_of_what_is_sent(looked: list[float]) -> None:
+    autopilot, heard = Autopilot(), Heard()
+    heard.take(second(autopilot, 0.0) + second(autopilot, 1.0))
+    heard.decide(2.0)
+    heard.take(second(autopilot, 2.0))
+    for t in looked:
+        heard.decide(t)
+    first, *others = (t_data for start in (3.0, 4.0) for t_data in sorted(second(autopilot, start)))
+    found = heard.take([first], late=60.0)
+    heard.decide(63.0)  # one message alone has come by now
+    found += heard.take(others, late=60.0)
+    found += heard.take(second(autopilot, 65.0))
+    heard.decide(66.0)
+    found += heard.take(second(autopilot, 66.0))
+    assert channel(found, "psi").size == channel(found, "z").size == channel(found, "cmd_1").size == 80
+
+
+def test_an_autopilot_that_is_silent_gives_way_to_another() -> None:
+    first, other, heard = Autopilot(), Autopilot(system=2), Heard()
+    heard.take(second(first, 0.0) + second(other, 0.0) + second(first, 1.0) + second(other, 1.0))
+    heard.decide(2.0)
+    assert str(heard.samples.autopilot.sender) == "1.1"
+    for start in range(2, 12):
+        heard.take(second(other, float(start)))
+    heard.decide(12.0)
+    assert str(heard.samples.autopilot.sender) == "2.1"
 
 
 def test_dead_reckoning_is_no_velocity() -> None:

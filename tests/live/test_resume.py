@@ -93,12 +93,12 @@ def test_a_session_gone_on_with_ends_where_an_uninterrupted_one_does(
 ) -> None:
     whole = learned(part(run, 0.0, 16.0), vehicle, new_learner(vehicle, "joint", FREE), tmp_path / "whole.mcap")
     path = tmp_path / "dive.mcap"
-    learned(part(run, 0.0, 7.0), vehicle, new_learner(vehicle, "joint", FREE), path)
+    learned(part(run, 0.0, 8.0), vehicle, new_learner(vehicle, "joint", FREE), path)
     before = earlier(path, vehicle, Checkpoint(path, {}))
     assert before.epoch == EPOCH
     again = new_learner(vehicle, "joint", FREE)
     rows = before.rows(lambda text, share: None)
-    learned(part(run, 7.0, 16.0), vehicle, again, path, rows=rows, since=before.since, inputs=before.inputs)
+    learned(part(run, 8.0, 16.0), vehicle, again, path, rows=rows, since=before.since, inputs=before.inputs)
     again.settle()
     whole.settle()
     change = np.abs(again.estimate.values - whole.estimate.values)

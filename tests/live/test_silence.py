@@ -53,6 +53,19 @@ def test_commands_sent_when_they_change_hold_for_ever() -> None:
     assert seen(few, np.arange(0.2, 60.0, 0.1).tolist(), POSE) == []
 
 
+def test_where_nothing_comes_for_a_tenth_of_a_second_and_five_periods_commands_were_lost() -> None:
+    fast, slow, seldom = Silence(), Silence(), Silence()
+    seen(fast, np.arange(0.0, 2.0, 0.01).tolist(), COMMANDS)
+    assert not fast.lost(0.09)
+    assert fast.lost(0.11)
+    seen(slow, np.arange(0.0, 9.0, 0.1).tolist(), COMMANDS)
+    assert not slow.lost(0.49)
+    assert slow.lost(0.51)
+    seen(seldom, np.cumsum(np.tile([0.1, 0.1, 0.1, 3.0, 7.0], 8)).tolist(), COMMANDS)
+    assert not seldom.lost(60.0)
+    assert not Silence().lost(60.0)
+
+
 class Link:
     name, patient, keeps_time = "test", True, True
 
@@ -118,6 +131,25 @@ def test_a_session_says_so_and_learns_on_when_they_are_back(vehicle: Vehicle, ru
 
     assert wrong(status) < 0.05
     assert wrong(status) < wrong(learned(vehicle, run, (10.0, 15.0), heed=False))
+
+
+@pytest.mark.parametrize("heed", [True, False])
+def test_what_a_link_lost_with_the_commands_is_not_made_up(vehicle: Vehicle, run: Recording, *, heed: bool) -> None:
+    away = (12.0, 12.4)  # half a swing of the thrusters
+    rows = [each for each in rows_of(run) if not away[0] <= each[0] < away[1]]
+    samples = [Sample("test", "all", EPOCH + t, EPOCH + t, names, values) for t, names, values in rows]
+    whole = [Sample("test", "all", EPOCH + t, EPOCH + t, names, values) for t, names, values in rows_of(run)]
+    found = []
+    for part in (whole, samples):
+        learner = new_learner(vehicle, "joint", ("X_udot", "X_uu"), background=False)
+        session = Session([("test", Link(part))], vehicle, learner, epoch=EPOCH)
+        if not heed:
+            session.learning._silence.lost = lambda seconds: False  # type: ignore[method-assign]
+        session.open()
+        session.run(threading.Event())
+        found.append(learner.estimate)
+    change = np.abs(found[1].values - found[0].values) / found[0].std
+    assert bool(change.max() < 0.5) == heed
 
 
 def test_silence_to_the_end_is_a_warning(vehicle: Vehicle, run: Recording) -> None:

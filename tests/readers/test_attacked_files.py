@@ -14,6 +14,7 @@ import pytest
 from towtank.errors import InputError
 from towtank.readers import read
 from towtank.recording.consistency.rates import rate_scales
+from towtank.recording.mcap.log import McapLog, Quantity
 from towtank.recording.recording import Recording
 
 from .encoders import DataFlashWriter, dive_tlog
@@ -138,3 +139,14 @@ def test_a_live_session_of_a_row_or_two_is_inspected_or_refused(rows: int, tmp_p
         warnings.simplefilter("error")
         with pytest.raises(InputError, match=rf"a\.mcap: found {rows} samples of motion, expected at least 4"):
             app(["inspect", str(tmp_path / "a.mcap"), "--json"], standalone_mode=False)
+
+
+def test_a_column_of_our_own_without_a_name_is_refused_with_its_place(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with McapLog.open(path) as log:
+        log.source("dvl", [Quantity("u", "m/s", "FRD"), Quantity("")])
+        for k in range(9):
+            log.write("dvl", 0.1 * k, 0.1, 0.2)
+    with pytest.raises(InputError) as raised:
+        read(path)
+    assert str(raised.value) == f"{path}: /dvl: found a channel without a name, expected one"

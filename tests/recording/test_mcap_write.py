@@ -169,5 +169,5 @@ def test_another_version_or_unit_is_refused(tmp_path: Path) -> None:
     columns = json.dumps([["u", "m/s", "FRD"]]).encode()
     assert columns in whole
     (tmp_path / "c.mcap").write_bytes(whole.replace(columns, columns.replace(b"m/s", b"kmh")))
-    with pytest.raises(InputError, match=r'c\.mcap: channel "u": found unit "kmh"'):
+    with pytest.raises(InputError, match=r'c\.mcap: /u: channel "u": found unit "kmh"'):
         read(tmp_path / "c.mcap")

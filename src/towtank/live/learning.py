@@ -1,7 +1,8 @@
 """The thread that learns: samples in order of time, those of one instant together, into the learner.
 
-Commands that have stopped while motion still comes are not in force for ever. The last minute of what was learned from
-is kept as a recording: what the model of a session is judged on.
+Commands that have stopped while motion still comes are not in force for ever. Where a link has lost everything for a
+while, commands among it, what the thrusters did meanwhile is not known, and a new stretch begins. The last minute of
+what was learned from is kept as a recording: what the model of a session is judged on.
 
 Only the vehicle moving freely in water counts (`recording.grids.online_free_motion`): what is in doubt is held back
 until it is decided, at most five seconds, what does not count is not learned from.
@@ -37,6 +38,7 @@ from towtank.vehicle import Vehicle
 __all__ = ["Follower", "Learning", "Learnt", "Recent", "Row", "Silence", "recording_of"]
 
 _LEAST, _PERIODS = 1.0, 5.0  # s, and usual periods of the commands, without any
+_LEAST_LOST = 0.1  # s, and as many periods, without anything at all: some were lost
 _FEWEST, _MOST = 10, 50  # periods that show what is usual
 _STEADY = 2.0  # times the usual period: nine of ten are shorter, else commands are sent when they change, and hold
 _SPAN = 60.0  # s
@@ -81,11 +83,16 @@ class Silence:
         text = f"no commands since {self._last:.1f} s while motion comes; learning waits for them"
         return Event(self._last, "occlusion", text, {"measured": "commands", "noticed": t})
 
+    def lost(self, seconds: float) -> bool:
+        """Whether commands must have come, and were lost, in a time [s] in which nothing has come at all."""
+        limit = self._limit(_LEAST_LOST)
+        return limit is not None and seconds > limit
+
     def forget(self) -> None:
         """Begin a new stretch: nothing is known of what was before, but the usual period."""
         self._last = self.since = None
 
-    def _limit(self) -> float | None:
+    def _limit(self, least: float = _LEAST) -> float | None:
         """Return after how long [s] commands are missed; None where they do not come steadily."""
         if len(self._periods) < _FEWEST:
             return None
@@ -93,7 +100,7 @@ class Silence:
         usual = ordered[len(ordered) // 2]
         if ordered[int(0.9 * (len(ordered) - 1))] > _STEADY * usual:
             return None
-        return max(_LEAST, _PERIODS * usual)
+        return max(least, _PERIODS * usual)
 
 
 class Recent:
@@ -280,9 +287,10 @@ class Learning:
         if self._water is not None and inputs:
             self._water.see(since, inputs, self._said[0])
         for t, names, values in rows:
-            if t - self._seen > _BREAK:
+            sample = dict(zip(names, values, strict=True))
+            if self._apart_from_last(t, sample):
                 self._break_off()
-            self._update(t, dict(zip(names, values, strict=True)))
+            self._update(t, sample)
             self.learner.settle()
         self._learn_held()
         self._resumed = math.isfinite(self._last)
@@ -369,7 +377,7 @@ class Learning:
     def _flush(self) -> None:
         """Learn from the instant that is put together."""
         if self._pending:
-            if not self._paused and (self._resumed or self._pending_t - self._seen > _BREAK):
+            if not self._paused and (self._resumed or self._apart_from_last(self._pending_t, self._pending)):
                 self._break_off()
             self._update(self._pending_t, self._pending)
             self._pending = {}
@@ -379,6 +387,12 @@ class Learning:
                 self._latency.add(done - came)
                 self._processing.add(done - ready)
         self._moments.clear()
+
+    def _apart_from_last(self, t: float, sample: Mapping[str, float]) -> bool:
+        """Whether what came before says nothing of the instant t [s]: not for long, or not what the thrusters did."""
+        if t - self._seen > _BREAK:
+            return True
+        return self._silence.lost(t - self._seen) and not self._instants.goes_on(sample)
 
     def _update(self, t: float, sample: dict[str, float]) -> None:
         arguments = self._instants.arguments(sample)

@@ -62,7 +62,7 @@ class Channel:
 
     def __post_init__(self) -> None:
         if not self.name:
-            raise InputError("a channel needs a name")
+            raise InputError("found a channel without a name, expected one")
         try:
             object.__setattr__(self, "t", read_only(self.t))
             object.__setattr__(self, "values", read_only(self.values))

@@ -32,6 +32,7 @@ _DIST = 12
 _TINY = 1e-30  # m^2/s^4
 _ATTITUDE_MEMORY = 30.0  # s: of the bias of an attitude that wanders
 _START = (0.3, 0.2, 0.3, 0.2)  # m, rad, m/s, rad/s: deviations at the start where a sensor has shown nothing
+_TURNING = 1.0  # rad/s: of rates that the next attitudes tell: a stretch may begin in full motion
 _UNKNOWN_POSITION = 100.0  # m^2: variance of it
 _ANSWERED = 0.5  # s after which thrusters have forgotten what they did before the first command
 
@@ -319,6 +320,7 @@ def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> 
     if not math.isfinite(psi):
         psi = 0.0
     x[3], x[4], x[5], x[6] = quaternion_from_euler(phi, theta, psi)
+    turned = math.isfinite(z[3]) and math.isfinite(z[4]) and math.isfinite(z[5])
     for i in range(3):
         P[3 + i, 3 + i] = _START[1] ** 2
         speed = math.nan
@@ -328,7 +330,7 @@ def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> 
         P[6 + i, 6 + i] = _START[2] ** 2
         measured = math.isfinite(z[9 + i])
         x[10 + i] = z[9 + i] - state.bias[i] if measured else 0.0
-        P[9 + i, 9 + i] = _START[3] ** 2
+        P[9 + i, 9 + i] = (_TURNING if turned and not measured else _START[3]) ** 2
     for i in range(6):
         state.force[i] = 0.0
         state.rate[i] = 0.0

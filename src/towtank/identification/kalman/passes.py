@@ -75,8 +75,10 @@ __all__ = [
     "next_recording",
     "one_pass",
     "settings_for",
+    "since_last",
 ]
 
+_SAME_WATER = 600.0  # s after which a stretch of one session may be in another current
 _PACE = 0.5  # s between two poses that give the speed ahead
 _SAME_ROWS = 0.9  # of the rows of two sensors, from which they are one device
 
@@ -108,6 +110,7 @@ class JointProblem:
         samples: of each recording. vehicle: with all that is fixed. prior: of all unknowns.
         settings: of the filter, `settings_for`. own_noise: (18,) that the samples show by themselves.
         delay, lag: of the inputs [s] where they are no unknowns; lag (m,).
+        session: whether the samples are stretches of one session, on its clock: minutes later the water is the same.
     """
 
     samples: Sequence[Samples]
@@ -116,6 +119,7 @@ class JointProblem:
     settings: FilterSettings
     own_noise: Array
     delay: float = 0.0
+    session: bool = False
 
     @property
     def free(self) -> FreeParameters:
@@ -296,10 +300,22 @@ def latencies_of(free: FreeParameters, theta: Array) -> Array:
     return out
 
 
-def next_recording(state: JointState, samples: Samples) -> JointState:
-    """Return the filter, to go on with another recording: its motion begins anew, in other water."""
+def since_last(state: JointState, t: Array) -> float | None:
+    """Return how long [s] after the filter's last row a stretch of times t (n,) begins, where the water is the same."""
+    if not state.clock[0].duration > 0.0:
+        return None
+    elapsed = float(t[0] - state.clock[0].time) if t.size else 0.0
+    return elapsed if 0.0 <= elapsed <= _SAME_WATER else None
+
+
+def next_recording(state: JointState, samples: Samples, elapsed: float | None = None) -> JointState:
+    """Return the filter, to go on with another recording: its motion begins anew, in other water.
+
+    Args:
+        elapsed: since the last row [s], where the water is the same.
+    """
     state.clock["started"] = 0.0
-    forget_surroundings(state)
+    forget_surroundings(state, elapsed)
     return state._replace(B=np.ascontiguousarray(samples.B), mean_force=np.zeros((3, samples.B.shape[1])))
 
 
@@ -333,7 +349,7 @@ def one_pass(
     window, readings = max(_LEAST_WINDOW, total // windows), [prior]
     for recorded in samples:
         each = recorded.shifted(latency)
-        state = next_recording(state, each)
+        state = next_recording(state, each, since_last(state, each.t) if problem.session else None)
         held = inputs_of(each, free, about, problem.delay)
         rows, taken = rows_of(each), 0
         for first in range(0, len(each), window):

@@ -300,23 +300,34 @@ def new_joint_state(
     return state
 
 
-def forget_surroundings(state: JointState) -> None:
-    """Put current, waves and biases back to what is supposed of them: another recording has its own."""
+def forget_surroundings(state: JointState, elapsed: float | None = None) -> None:
+    """Put current, waves and biases back to what is supposed of them: another recording has its own.
+
+    Of the same water, so long after [s], waves alone are forgotten; current and biases have walked on.
+    """
     settings, n, size = state.settings[0], state.theta.size, state.P.shape[0]
+    biases = N_FIXED + n
     variance = np.zeros(size)
     variance[18:21] = _CURRENT_STD**2 * (settings.current_walk > 0.0)
     if settings.biases > 0.0:
-        first = N_FIXED + n
-        variance[first : first + 6] = [_GYRO_BIAS**2] * 3 + [_ACCELEROMETER_BIAS**2] * 3
-        variance[first + 6 : first + N_BIASES] = settings.attitude_bias**2
+        variance[biases : biases + 6] = [_GYRO_BIAS**2] * 3 + [_ACCELEROMETER_BIAS**2] * 3
+        variance[biases + 6 : biases + N_BIASES] = settings.attitude_bias**2
     if settings.waves > 0.0:
         variance[-N_WAVES:] = np.tile(state.wave_level**2, 2)
-    rows = np.r_[18:N_FIXED, N_FIXED + n : size]
+    rows = np.r_[18:N_FIXED, biases:size]
+    if elapsed is not None:
+        rows = np.r_[size - N_WAVES * (settings.waves > 0.0) : size].astype(np.int64)
+        state.P[np.r_[18:21], np.r_[18:21]] += settings.current_walk * elapsed
+        if settings.biases > 0.0:
+            walked = np.r_[biases : biases + 6]
+            state.P[walked, walked] += settings.bias_walk * elapsed
+    else:
+        state.current[:] = state.bias[:] = 0.0
     state.P[rows] = 0.0
     state.P[:, rows] = 0.0
     state.P[rows, rows] = variance[rows]
-    for each in (state.current, state.bias, state.wave, state.water):
-        each[:] = 0.0
+    state.wave[:] = 0.0
+    state.water[:] = state.current
 
 
 def columns_of(codes: Codes, kind: int, count: int) -> NDArray[np.int64]:

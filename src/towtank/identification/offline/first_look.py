@@ -221,14 +221,12 @@ class _Group:
 
 def driven_axes(samples: Sequence[Samples], share: float = 0.02) -> tuple[bool, ...]:
     """Return whether the inputs drive each axis (6,): by a share of the largest force or moment at least."""
-    return driven_by(np.array([_force_size(samples, i) for i in range(6)]), share)
+    forces = [each.input_force @ each.B.T for each in samples if len(each)]
+    sizes = [np.nanstd(each, axis=0) for each in forces if np.isfinite(each).any()]
+    return driven_by(np.max(sizes, axis=0, initial=0.0), share)
 
 
 def driven_by(sizes: Array, share: float = 0.02) -> tuple[bool, ...]:
     """Return whether forces and moments (6,) of these sizes drive each axis: by a share of the largest at least."""
     forces = sizes / np.array([1.0] * 3 + [_LENGTH] * 3)
     return tuple(bool(force > 0.0 and force >= share * forces.max()) for force in forces)
-
-
-def _force_size(samples: Sequence[Samples], axis: int) -> float:
-    return max((float(np.nanstd(each.input_force @ each.B[axis])) for each in samples if len(each)), default=0.0)

@@ -33,6 +33,7 @@ from towtank.identification.kalman.passes import (
     next_recording,
     one_pass,
     settings_for,
+    since_last,
 )
 from towtank.identification.kalman.state import healthy_snapshot
 from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
@@ -193,6 +194,7 @@ class Reestimation:
             settings_for(stretches, filter_settings()),
             noise,
             question.delay or 0.0,
+            session=True,
         )
         return whole, problem
 
@@ -220,9 +222,13 @@ def _first(stretches: Sequence[Samples], rows: int) -> list[Samples]:
     return out
 
 
-def begun_anew(running: Running, empty: Samples, delay: float) -> Running:
-    """Return the filter before a new stretch: its motion and its inputs begin anew."""
-    state = next_recording(running.state, empty)
+def begun_anew(running: Running, empty: Samples, delay: float, elapsed: float | None = None) -> Running:
+    """Return the filter before a new stretch: its motion and its inputs begin anew.
+
+    Args:
+        elapsed: since the last row [s], where the water is the same.
+    """
+    state = next_recording(running.state, empty, elapsed)
     return running._replace(state=state, held=inputs_of(empty, running.free, state.linearised_at, delay))
 
 
@@ -233,7 +239,7 @@ def caught_up(
     latency = latencies_of(running.free, running.state.linearised_at)
     for new, each in buffer.until(*until, since=since):
         if new:
-            running = begun_anew(running, buffer.fresh().whole, delay)
+            running = begun_anew(running, buffer.fresh().whole, delay, since_last(running.state, each.t))
         take_all(running.state, running.held, each.shifted(latency))
     return running
 

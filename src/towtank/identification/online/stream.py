@@ -20,10 +20,11 @@ from towtank.identification.changes.detector import ChangeTracker
 from towtank.identification.changes.events import Change
 from towtank.identification.data.samples import N_MEASURED, Buffer, NoiseLevels
 from towtank.identification.kalman.filter import take_row
-from towtank.identification.kalman.passes import latencies_of
+from towtank.identification.kalman.passes import latencies_of, since_last
 from towtank.identification.kalman.state import (
     FilterSettings,
     HealthySnapshot,
+    forget_surroundings,
     healthy_snapshot,
     recovered,
     restored_state,
@@ -114,6 +115,7 @@ class JointStream:
         self._order = RowsInOrder(np.zeros(N_MEASURED // 3))
         self._heard = np.zeros(N_MEASURED, dtype=bool)  # columns that the last re-estimation knew of
         self._next_check, self._last_t = 0.0, -np.inf
+        self._broken_off = False  # and nothing has come since
         self._healthy: HealthySnapshot | None = None
 
     # -- data in
@@ -140,6 +142,9 @@ class JointStream:
         if not (np.isfinite(t) and t > self._last_t):
             return False
         last, self._last_t = self._last_t, t
+        if self._broken_off and self.running is not None:  # in the water of the last stretch, if that is not long ago
+            forget_surroundings(self.running.state, since_last(self.running.state, np.array([t])))
+        self._broken_off = False
         buffer = self._buffer
         if buffer is None:
             self._early = [*self._early[-_MOST_EARLY:], (t, z)]
@@ -165,7 +170,8 @@ class JointStream:
         if self._buffer is not None:
             self._buffer.break_off()
             if self.running is not None:
-                self._go_on(begun_anew(self.running, self._buffer.fresh().whole, self._delay))
+                self._go_on(begun_anew(self.running, self._buffer.fresh().whole, self._delay, 0.0))
+                self._broken_off = True
         self.changes.restart()
 
     @property

@@ -24,6 +24,7 @@ _LATE, _EARLY = 10.0, 0.25  # s by which a stamp is off that is not believed,
 _CONVINCED = 20  # unless so many follow each other: then the source's clock was set anew;
 _BACK = 0.25  # or so many lie so far [s] before the newest
 _SPAN, _BEHIND = 5.0, 0.25  # s: over two such spans all were so late, and not less and less: it was set back as well
+_SAME = 2.0  # s within which a stamp is of the clock that is known, or out of order behind a link that was held up
 _STEP = 1.0  # s by which the computer's clock moves against ours before it counts as set
 
 
@@ -81,6 +82,10 @@ class SourceClock:
         """Whether the offset is known well enough to be followed slowly from here on, and nothing contradicts it."""
         return self._first is None or (self._last - self._first > _BLOCK and not self._in_a_row)
 
+    def is_of(self, t: float, received: float) -> bool:
+        """Whether a stamp t [s] can be of this clock: as late as usual, or near the newest of what a link held up."""
+        return self._first is not None and min(abs(received - t - self.offset), abs(t - self._last)) <= _SAME
+
     def believes(self, t: float, received: float) -> bool:
         """Take the stamp t [s] of what was received at `received` [s, ours]; return whether it can be believed."""
         if t != t or self._keeps_time:
@@ -110,8 +115,8 @@ class SourceClock:
         return True
 
     def _cannot_be(self, t: float, late: float) -> bool:
-        """Whether a stamp is ahead of its receipt, or far behind and before others; what a link held up goes on."""
-        return late - self.offset < -_EARLY or (late - self.offset > _LATE and t <= self._last)
+        """Whether a stamp is ahead of its receipt, or far behind it and others; what a link held up goes on."""
+        return late - self.offset < -_EARLY or (late - self.offset > _LATE and t < self._last - _SAME)
 
     def _stays_behind(self, lateness: float, received: float) -> bool:
         """Whether everything is late for so long, and by so much, that the source's clock was set back."""

@@ -87,6 +87,13 @@ class Instants:
         pushed = np.isfinite(self._wrench).any() and not self._thrusters_heard
         return {"wrench": self._wrench.copy()} if pushed else {}
 
+    def goes_on(self, sample: Mapping[str, float]) -> bool:
+        """Whether an instant brings inputs, and those that are in force already: what came between has not mattered."""
+        known = dict(zip(self._thrusters, self._commands.tolist(), strict=True))
+        known |= dict(zip(WRENCH, self._wrench.tolist(), strict=True))
+        told = [name for name in sample if name in known]
+        return bool(told) and all(sample[name] == known[name] for name in told)
+
     @property
     def _thrusters_heard(self) -> bool:
         """Whether commands come: then a wrench beside them is their consequence, and not a second input."""

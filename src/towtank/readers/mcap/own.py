@@ -153,7 +153,7 @@ def _channels(path: Path, source: _Source) -> tuple[list[Channel], Repairs, list
         try:
             return [Channel(each.name, t, columns[k], *each[1:]) for k, each in enumerate(quantities)], Repairs(), []
         except InputError as error:
-            raise InputError(f"{path}: {error}") from error
+            raise InputError(f"{place}: {error}") from error
     if len(source.t) < MINIMUM_SAMPLES:
         return [], Repairs(), [f"{source.topic.name}: {len(source.t)} samples, out of order; left out"]
     units = {each.name: (each.unit, each.frame) for each in quantities}

@@ -45,10 +45,10 @@ _FIELDS = {_BOOT: 1e-3, "time_usec": 1e-6, "usec": 1e-6}  # s
 _TURN = 2.0**32  # counts after which a counter of 32 bits begins anew: 71 minutes of microseconds, 50 days of ms
 _STEP = 0.1  # s of messages whose stamps are followed type by type, before the first decision,
 _AT_ONCE = 32  # and messages afterwards; more would stand too far out of order
-_SAME = 2.0  # s within which a stamp is of the clock that is known
 Arrival = tuple[Frame, float]  # a message and when it came [s]
 _Key = tuple[int, Sender]
 _HISTORY = 6.0  # s
+_PAUSE = 1.0  # s without a word of the autopilot; what it said before counts until it has spoken for so long again
 _MOST_ROWS, _MOST_KEYS = 1500, 200
 _RATE_WINDOW = 3.0  # s
 _HEARTBEAT = "HEARTBEAT"
@@ -82,7 +82,7 @@ class MavlinkStamps:
         unit = _FIELDS[field]
         clock = self._clocks.setdefault((sender, _BOOT), SourceClock())
         own = _unwrapped(unit * table[field], received - clock.offset, unit * _TURN)
-        if field != _BOOT and not abs(received[-1] - own[-1] - clock.offset) <= _SAME:
+        if field != _BOOT and not clock.is_of(own[-1], received[-1]):
             clock = self._clocks.setdefault((sender, field), SourceClock())
             own = _unwrapped(unit * table[field], received - clock.offset, unit * _TURN)
         stamps = [self._stamp(clock, *each) for each in zip(own.tolist(), received.tolist(), strict=True)]
@@ -130,6 +130,7 @@ class MavlinkSamples:
         self.autopilot = Autopilot(None, {})
         self._modes = ""
         self._beat: Arrival | None = None  # the latest heartbeat before anything was decided
+        self._heard = self._before = self._again = -math.inf  # s: the autopilot last; before its last pause, after it
         self.decided = False
         self.hurry = False
 
@@ -158,6 +159,10 @@ class MavlinkSamples:
         groups: dict[_Key, list[int]] = {}
         for i, (frame, received) in enumerate(arrivals):
             key = frame.number, frame.sender
+            if frame.sender == self.autopilot.sender:
+                if received - self._heard > _PAUSE:
+                    self._before, self._again = self._heard, received
+                self._heard = received
             if key not in self._history:
                 if len(self._history) >= _MOST_KEYS and frame.sender != self.autopilot.sender:
                     continue
@@ -245,8 +250,9 @@ class MavlinkSamples:
         """
         pieces: list[tuple[Sender, str, Table]] = []
         keys: list[tuple[int, Sender, str]] = []
+        since = self._since(now)
         for (number, sender), rows in list(self._history.items()):
-            while rows and rows[0][0] < now - _HISTORY:
+            while rows and rows[0][0] < (since if sender == self.autopilot.sender else now - _HISTORY):
                 rows.popleft()
             if not rows:
                 del self._history[number, sender]
@@ -274,6 +280,18 @@ class MavlinkSamples:
                 received, payload = self._history[number, sender][-1]
                 self._beat = (Frame(number, sender, payload, 2), received) if undecided else None
         self.decided, self.hurry = True, False
+
+    def _since(self, now: float) -> float:
+        """Return from when on [s] the autopilot's messages count.
+
+        A link that is silent, or has just held up a minute of them, tells nothing of what is sent: what was heard
+        before goes on to count, unless another autopilot speaks.
+        """
+        if math.isinf(self._heard) or ANOTHER in self.autopilot.others.values():
+            return now - _HISTORY
+        if now - self._heard > _PAUSE:
+            return self._heard - _HISTORY
+        return (self._before if now - self._again < _PAUSE else now) - _HISTORY
 
     def _settle_clocks(self, pieces: Sequence[tuple[Sender, str, Table]]) -> None:
         """Follow the clocks through what came before the first decision, in its order."""
