@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +30,7 @@ class Ran:
     session: Session
     course: LearningCurve
     page: Page
+    begin: threading.Event  # what is drawn is what was learned while somebody looked
 
 
 @pytest.fixture(scope="module")
@@ -41,11 +43,13 @@ def ran() -> Iterator[Ran]:
     course = LearningCurve(quantities(session.truth, weight=True))
     feed = DemoFeed(session, learner, course)
     page = Page(feed, Address("127.0.0.1", 0), reports=feed.report)
-    settings: dict[str, Any] = {"paced": False, "show": lambda moment: None, "watch": feed}
-    thread = threading.Thread(target=stream, args=(session, learner, course), kwargs=settings)
+    begin = threading.Event()
+    slowly: dict[str, Any] = {"paced": False, "show": lambda _: begin.wait(60.0) and time.sleep(0.05), "watch": feed}
+    thread = threading.Thread(target=stream, args=(session, learner, course), kwargs=slowly)
     with page:
         thread.start()
-        yield Ran(session, course, page)
+        yield Ran(session, course, page, begin)
+        begin.set()
         thread.join()
 
 
@@ -55,6 +59,7 @@ def test_a_payload_appears_while_it_is_learned(browser: Any, ran: Ran, tmp_path:
     complaints: list[str] = []
     view.on("pageerror", lambda error: complaints.append(str(error)))
     view.goto(ran.page.url)
+    ran.begin.set()
     view.wait_for_selector("#events td:has-text('net weight')", timeout=300_000)
     assert "change: " in view.text_content("#latest-event")
     assert ran.course.events
@@ -81,10 +86,11 @@ def test_a_payload_appears_while_it_is_learned(browser: Any, ran: Ran, tmp_path:
 
 
 def test_the_course_goes_on_through_the_change(browser: Any, ran: Ran) -> None:
-    wait_until(lambda: ran.course.t and ran.course.t[-1] > ran.session.changed + 5.0, 60.0)
     context = browser.new_context(viewport={"width": 1440, "height": 2200})
     view = context.new_page()
     view.goto(ran.page.url)
+    ran.begin.set()
+    wait_until(lambda: ran.course.t and ran.course.t[-1] > ran.session.changed + 5.0, 60.0)
     place = "document.querySelector('#convergence')"  # the last one of the page: drawn where it is seen
     wait_until(lambda: view.evaluate(f"{place}.scrollIntoView() || !!{place}.querySelector('canvas')"), 90.0)
     view.locator("#convergence figure", has_text="W_minus_B").first.scroll_into_view_if_needed(timeout=60_000)
