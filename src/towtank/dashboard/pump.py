@@ -17,6 +17,7 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
 from towtank.dashboard.feed import Feed, Now
@@ -63,6 +64,14 @@ class Thinned:
         self._t[self._count], self._rows[self._count] = t, row
         self._count += 1
         return True
+
+    def of_columns(self, source: NDArray[np.intp]) -> Thinned:
+        """Return the same times with columns put together anew; NaN where `source` (width,) is negative."""
+        out = Thinned(source.size, step=self.step, most=self._t.size)
+        out._t[:], out._count = self._t, self._count
+        old = np.column_stack([self._rows, np.full(len(self._rows), np.nan, dtype=np.float32)])
+        out._rows[:] = old[:, source]
+        return out
 
     @property
     def t(self) -> Array:
@@ -288,10 +297,15 @@ class Pump:
         """Add a point to the convergence; the names are known from the first estimate on, and may grow."""
         estimate: Estimate = now.estimate
         if estimate.names != self._names:
+            known = {name: k for k, name in enumerate(self._names)}
+            source = np.array([known.get(name, -1) for name in estimate.names], dtype=np.intp)
+            second = np.where(source >= 0, source + len(known), -1)  # deviations stand behind values
+            self._history = self._history.of_columns(np.concatenate([source, second]))
             self._names = estimate.names
             self._units = {each.name: each.unit for each in estimate.coefficients}
-            self._history = Thinned(2 * len(self._names), step=_STATE)
             self._place("hello", json.dumps(self._greeting()))
+            if len(self._history):
+                self._send(encode(Kind.COEFFICIENTS, self._history.t, self._history.rows, self._sequence))
         elif self._feed.about is not self._about:
             self._place("hello", json.dumps(self._greeting()))
         self._about = self._feed.about
