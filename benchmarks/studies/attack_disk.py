@@ -1,22 +1,13 @@
-"""Recordings under attack: sessions that are killed, disks that fill, files that are taken away, ends of every kind.
+"""Recordings under attack: disks that fill, files that are taken away, ends of every kind.
 
-    python benchmarks/studies/attack_disk.py [--kills 100] [--each 1] [--seconds 30] [--seed 1] [--workers 3]
-                                             [--only CASE,...] [--output FILE]
+    python benchmarks/studies/attack_disk.py [--only CASE,...] [--workers 3] [--output FILE]
 
-A simulated vehicle sends JSON over UDP at 100 Hz to `towtank live --record`.
-
-Killed: at random moments the process is killed with SIGKILL, started anew with `--resume`, and the vehicle goes on
-from where it stood; `--each` kills a session. After every kill the file is opened with the reader of the package
-`mcap`, which must find every sample, and at most a second of what was sent may be missing. In the end every
-coefficient must be within half a deviation of the median of sessions that nobody interrupted: the filter's re-
-estimations run beside the stream, so that these differ among themselves; how far, is shown beside. What was lost is
-gone for good, and what it told with it: how much that alone may change, as wider deviations say, is shown, too.
-
-Cases: a disk that is full, fills, and gets room again; a folder that cannot be written, a folder that is removed, a
-file that is cut; two sessions on one file; SIGINT, SIGTERM, SIGHUP, and a reader of the output that goes away. Of
-each: no byte that was recorded is lost but by whoever cut it off, the session says it within two seconds, learns on,
-and ends with the exit code that docs/live.md states. The disks are small file systems in memory, which only root may
-mount; without the right those cases are not run, and that is said. The exit code is 1 where a bound is broken.
+A simulated vehicle sends JSON over UDP at 100 Hz to `towtank live --record`. A disk that is full, fills, and gets room
+again; a folder that cannot be written, a folder that is removed, a file that is cut; two sessions on one file; SIGINT,
+SIGTERM, SIGHUP, and a reader of the output that goes away. Of each: no byte that was recorded is lost but by whoever
+cut it off, the session says it within two seconds, learns on, and ends with the exit code that docs/live.md states. The
+disks are small file systems in memory, which only root may mount; without the right those cases are not run, and that
+is said. The exit code is 1 where a bound is broken. Sessions that are killed are in `attack_kills.py`.
 """
 
 from __future__ import annotations
@@ -25,7 +16,6 @@ import argparse
 import contextlib
 import json
 import os
-import random
 import shutil
 import signal
 import socket
@@ -40,7 +30,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
@@ -50,12 +39,10 @@ from rich.table import Table
 from towtank import load_vehicle
 from towtank.live.pipeline.instants import rows_of
 from towtank.outputs import write_text
-from towtank.readers import read
 from towtank.simulation import Mocap, manoeuvre, simulate
 
 VEHICLE, RATE, FREE = "vlbv300", 100.0, "X_udot,X_uu"  # the cases learn little: they are about files
-MISSING, CHANGED, SAID = 1.0, 0.5, 2.0  # s, deviations, s
-_MARGIN = 2.0  # s of the session at both ends in which nothing is killed
+SAID = 2.0  # s
 _FULL = 1 << 20  # bytes of a small disk
 _RAW = "/raw/"
 _TOLD = 4.0  # s that a case goes on before and after its blow
@@ -186,88 +173,6 @@ def opened(target: Path) -> tuple[int, int]:
                 topic = topics[record.channel_id]
                 found[topic.startswith(_RAW)] += topic.startswith((_RAW, "/json/"))
     return found[0], found[1]
-
-
-# Killed
-
-
-@dataclass(frozen=True)
-class Killed:
-    """One session.
-
-    Attributes:
-        kills: moments in the session [s]. missing: most that had been sent and is not recorded after a kill [s].
-        unread: samples that the independent reader does not find. sent, recorded: samples.
-        coefficients: name -> value, std.
-    """
-
-    kills: tuple[float, ...]
-    missing: float
-    unread: int
-    sent: int
-    recorded: int
-    coefficients: dict[str, tuple[float, float]]
-
-
-def killed(feed: Feed, target: Path, kills: Sequence[float]) -> Killed:
-    """Send everything to a session that is killed at moments [s]."""
-    port, before, done, missing, unread = free_port(), 0, 0, 0.0, 0
-    live = Live(port, target).ready()
-    for moment in kills:
-        part = [each for each in feed[done:] if each[0] < moment]
-        send(part, port)
-        live.end(signal.SIGKILL)
-        done += len(part)
-        found = len(read(target)["x"])
-        unread += max(found - opened(target)[0], 0)
-        missing = max(missing, (len(part) - (found - before)) / RATE)
-        before = found
-        live = Live(port, target, "--resume").ready()
-    send(feed[done:], port)
-    time.sleep(0.5)
-    if live.end():
-        raise SystemExit("".join(live.said))
-    known = {
-        name: (each["value"], each["std"])
-        for name, each in live.lines[-1][1]["coefficients"].items()
-        if each["identified"]
-    }
-    unread += max(len(read(target)["x"]) - opened(target)[0], 0)
-    return Killed(tuple(kills), missing, unread, len(feed), len(read(target)["x"]), known)
-
-
-def changes(run: Killed, reference: dict[str, tuple[float, float]]) -> dict[str, float]:
-    """Return how far each coefficient is from the reference, in deviations; infinity where only one knows it."""
-    names = run.coefficients.keys() | reference.keys()
-    return {
-        name: abs(run.coefficients[name][0] - reference[name][0]) / max(reference[name][1], 1e-12)
-        if name in run.coefficients and name in reference
-        else float("inf")
-        for name in sorted(names)
-    }
-
-
-def widening(run: Killed, reference: dict[str, tuple[float, float]]) -> list[float]:
-    """Return by how much each coefficient may change since less is known of it, in deviations.
-
-    An estimate from a part of the data differs from that of all by the difference of both variances.
-    """
-    both = [(run.coefficients[name][1], reference[name][1]) for name in run.coefficients.keys() & reference.keys()]
-    return [float(np.sqrt(max(wide**2 - std**2, 0.0)) / max(std, 1e-12)) for wide, std in both]
-
-
-def median_of(runs: Sequence[Killed]) -> dict[str, tuple[float, float]]:
-    """Return value and deviation of each coefficient that most runs know: medians of both."""
-    names = [name for run in runs for name in run.coefficients]
-    found = {}
-    for name in sorted(set(names)):
-        if 2 * names.count(name) > len(runs):
-            pairs = [run.coefficients[name] for run in runs if name in run.coefficients]
-            found[name] = float(np.median([value for value, _ in pairs])), float(np.median([std for _, std in pairs]))
-    return found
-
-
-# Cases
 
 
 @dataclass
@@ -515,42 +420,9 @@ def show_cases(found: dict[str, Blow | str]) -> bool:
     return good
 
 
-def show_killed(through: Sequence[Killed], runs: Sequence[Killed]) -> bool:
-    """Print sessions that were killed beside those that were not; return whether the bounds hold."""
-    reference = median_of(through)
-    table = Table(title=f"{sum(len(run.kills) for run in runs)} kills in {len(runs)} sessions")
-    for column in ("", "bound", "found", "where"):
-        table.add_column(column, justify="left" if column in ("", "where") else "right")
-    worst = max(runs, key=lambda run: max(changes(run, reference).values()))
-    change = changes(worst, reference)
-    name = max(change, key=lambda each: change[each])
-    late = max(runs, key=lambda run: run.missing)
-    unread = sum(run.unread for run in runs)
-    own = max(max(changes(run, reference).values()) for run in through)
-    every = [x for run in runs for x in changes(run, reference).values()]
-    alone = [x for run in through for x in changes(run, reference).values()]
-    table.add_row("missing after a kill [s]", f"{MISSING}", f"{late.missing:.2f}", _moments(late))
-    table.add_row("samples that the package mcap does not find", "0", f"{unread}", "")
-    table.add_row(
-        "largest change of a coefficient [std]", f"{CHANGED}", f"{change[name]:.2f}", f"{name}, {_moments(worst)}"
-    )
-    beyond = sum(max(changes(run, reference).values()) > CHANGED for run in runs)
-    table.add_row("sessions with a larger one", "", f"{beyond}", f"of {len(runs)}")
-    table.add_row("median change [std]", "", f"{np.median(every):.3f}", f"of {len(reference)} coefficients")
-    explained = f"{np.sqrt(np.mean([x**2 for run in runs for x in widening(run, reference)])):.3f} by wider deviations"
-    finite = [x for x in every if np.isfinite(x)]
-    table.add_row("root mean square of the changes [std]", "", f"{np.sqrt(np.mean(np.square(finite))):.3f}", explained)
-    table.add_row("among sessions that nobody interrupted [std]", "", f"{own:.2f}", f"median {np.median(alone):.3f}")
-    Console(width=120, markup=False).print(table)
-    return late.missing <= MISSING and unread == 0 and change[name] <= CHANGED
-
-
-def _moments(run: Killed) -> str:
-    return f"killed at {', '.join(f'{each:.2f}' for each in run.kills)} s"
-
-
 @contextlib.contextmanager
-def _no_survivors() -> Iterator[None]:
+def no_survivors() -> Iterator[None]:
+    """Kill at the end what was started and still runs."""
     try:
         yield
     finally:
@@ -562,41 +434,19 @@ def _no_survivors() -> Iterator[None]:
 def main() -> int:
     """Run and judge."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--kills", type=int, default=100)
-    parser.add_argument("--each", type=int, default=1, help="kills in one session")
-    parser.add_argument("--seconds", type=float, default=30.0, help="of a session that is killed")
-    parser.add_argument("--through", type=int, default=5, help="sessions that nobody interrupts")
-    parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=3)
-    parser.add_argument("--only", default="", help=f"of the cases {', '.join(CASES)}; none: -")
+    parser.add_argument("--only", default="", help=f"of {', '.join(CASES)}")
     parser.add_argument("--output", type=Path)
     asked = parser.parse_args()
     names = list(CASES) if not asked.only else [name for name in asked.only.split(",") if name in CASES]
-    if hasattr(signal, "SIGHUP"):
-        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # `nohup` would pass on to the sessions that they ignore it
-    feed, short = messages(asked.seconds), messages(20.0)
-    chance = random.Random(asked.seed)
-    plans = [
-        sorted(chance.uniform(_MARGIN, asked.seconds - _MARGIN) for _ in range(min(asked.each, asked.kills - k)))
-        for k in range(0, asked.kills, asked.each)
-    ]
-    with tempfile.TemporaryDirectory() as folder, _no_survivors(), ThreadPoolExecutor(asked.workers) as pool:
-        cases = {name: pool.submit(run_case, name, short) for name in names}
-        every = [*([()] * (asked.through if plans else 0)), *plans]
-        tasks = [pool.submit(killed, feed, Path(folder, f"{k}.mcap"), plan) for k, plan in enumerate(every)]
+    feed = messages(20.0)
+    with no_survivors(), ThreadPoolExecutor(asked.workers) as pool:
+        cases = {name: pool.submit(run_case, name, feed) for name in names}
         found = {name: each.result() for name, each in cases.items()}
-        good = show_cases(found) if found else True
-        done = [each.result() for each in tasks]
-    through, runs = done[: asked.through], done[asked.through :]
-    if runs:
-        good = show_killed(through, runs) and good
+    good = show_cases(found)
     if asked.output:
-        document = {
-            "cases": {name: each if isinstance(each, str) else asdict(each) for name, each in found.items()},
-            "through": [asdict(each) for each in through],
-            "killed": [asdict(each) for each in runs],
-        }
-        write_text(asked.output, json.dumps(document, indent=2))
+        document = {name: each if isinstance(each, str) else asdict(each) for name, each in found.items()}
+        write_text(asked.output, json.dumps({"cases": document}, indent=2))
     print("every bound holds" if good else "A BOUND IS BROKEN")
     return 0 if good else 1
 

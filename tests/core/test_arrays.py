@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numba
+import numpy as np
 import pytest
+from numba.core.runtime import _nrt_python, rtsys
 
 from towtank.core import arrays
 
@@ -105,3 +107,39 @@ def test_what_kernels_call_is_compiled_into_them_and_nowhere_else(
     again = fresh()
     assert again.top(3.0) == 13.0
     assert sum(again.top.stats.cache_hits.values()) == 1
+
+
+def test_what_borrows_its_arrays_counts_nothing_and_what_makes_some_gives_them_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if os.environ.get("NUMBA_DISABLE_JIT") == "1":
+        pytest.skip("there is no machine code")
+    (tmp_path / "borrowed.py").write_text(
+        "import numpy as np\n"
+        "from towtank.core.arrays import kernel\n"
+        "@kernel\ndef borrows(a, out):\n    row = a[1]\n    flat = a.reshape(a.size)\n"
+        "    for j in range(3):\n        out[j] = row[j] + flat[0]\n"
+        "@kernel\ndef copies(a, out):\n    out[:] = a[1]\n"
+        "@kernel\ndef makes(a):\n    return a[0] + a[1]\n"
+        "@kernel\ndef views(a):\n    return a[1]\n"
+        "@kernel\ndef top(a, out):\n    for _ in range(1000):\n        copies(a, out)\n        borrows(a, out)\n"
+        "        out += makes(a)\n        out -= views(a)\n    return makes(a)\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    sys.modules.pop("borrowed", None)
+    borrowed = importlib.import_module("borrowed")
+    a, out = np.arange(6.0).reshape(2, 3), np.zeros(3)
+    borrowed.top(a, out)  # compiled
+    held = sys.getrefcount(a)
+    _nrt_python.memsys_enable_stats()
+    try:
+        before = rtsys.get_allocation_stats()
+        made = borrowed.top(a, out)
+        assert made.tolist() == [3.0, 5.0, 7.0]
+        del made
+        after = rtsys.get_allocation_stats()
+    finally:
+        _nrt_python.memsys_disable_stats()
+    assert out.tolist() == [3.0, 5.0, 7.0]  # a[1] and a[0, 0], then a[0] + a[1], less a[1]
+    assert sys.getrefcount(a) == held
+    assert after.alloc - before.alloc == after.free - before.free >= 1000, "an array that a kernel makes was not freed"

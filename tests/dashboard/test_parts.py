@@ -51,6 +51,21 @@ def test_rows_over_hours_are_kept_in_constant_memory() -> None:
     assert steps.max() <= 2.0 * steps.min()  # evenly, not crowded at one end
 
 
+def test_the_course_goes_on_where_the_unknowns_change() -> None:
+    kept = Thinned(4, step=0.5, most=64)  # values of two, then their deviations
+    for k in range(3):
+        kept.add(float(k), np.array([1.0, 2.0, 0.1, 0.2]) + k)
+    anew = kept.of_columns(np.array([1, -1, 0, 3, -1, 2]))
+    assert anew.t.tolist() == [0.0, 1.0, 2.0]
+    assert anew.step == 0.5
+    expected = [[2.0 + k, np.nan, 1.0 + k, 0.2 + k, np.nan, 0.1 + k] for k in range(3)]
+    np.testing.assert_allclose(anew.rows, expected, rtol=1e-6)
+    assert anew.add(3.0, np.zeros(6))
+    assert not anew.add(3.2, np.zeros(6))
+    assert len(kept) == 3
+    assert len(Thinned(0, step=0.25).of_columns(np.array([-1, -1]))) == 0
+
+
 def test_a_mailbox_is_bounded_and_gives_up_what_is_old() -> None:
     async def look() -> list[str | bytes]:
         box = Mailbox(room=3)

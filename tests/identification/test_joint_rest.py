@@ -9,7 +9,7 @@ from towtank.core.arrays import Array
 from towtank.identification import Learner
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state
-from towtank.identification.kalman.update import look_ahead, update
+from towtank.identification.kalman.update import look_ahead, product_of_rows, update
 from towtank.identification.model.parameters import N_FIXED, free_parameters
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate
 
@@ -80,6 +80,25 @@ def test_three_numbers_at_once_are_three_one_after_the_other() -> None:
         assert one.clock[0].log_likelihood == pytest.approx(other.clock[0].log_likelihood, rel=1e-9)
 
 
+def test_a_motion_that_has_diverged_and_what_is_not_measured_change_nothing() -> None:
+    random = np.random.default_rng(6)
+    size = N_FIXED + len(NAMES)
+    root = random.standard_normal((size, size))
+    for lost in (False, True):
+        state = state_with(root @ root.T / size, ())
+        state.G[:], state.innovation[:], state.variance[:] = np.inf, np.nan, -1.0  # of a row before
+        if lost:
+            state.P[:N_FIXED, :N_FIXED] = np.nan
+        before, rows = state.P.copy(), random.standard_normal((3, size)) * (np.arange(size) < N_FIXED)
+        z = np.array([1.0, 2.0, 3.0]) if lost else np.full(3, np.nan)
+        state.H[:] = rows if lost else 0.0
+        for k in range(3 if lost else 0):
+            look_ahead(state, k, 0.1)
+        update(state, z, 0)
+        assert (state.dx == 0.0).all()
+        np.testing.assert_array_equal(state.P, before)
+
+
 def test_what_was_gained_is_the_fall_of_the_logarithm_of_the_variance() -> None:
     random = np.random.default_rng(5)
     size = N_FIXED + len(NAMES)
@@ -119,3 +138,12 @@ def test_a_vehicle_that_is_held_in_place_learns_nothing_wrong_and_goes_on_when_i
     assert np.all(least < 1.1 * still)
     assert np.median(least / still) < 0.95
     assert np.all(np.abs(last - truth) < 4.0 * least)
+
+
+def test_sums_in_any_order_are_the_sums() -> None:
+    random = np.random.default_rng(1)
+    A, B = random.standard_normal((2, 5, 77))
+    for size in (0, 1, 3, 64, 77):
+        assert product_of_rows(A, 2, B, 4, size) == pytest.approx(A[2, :size] @ B[4, :size], rel=1e-12, abs=1e-15)
+    A[2, 1] = np.nan
+    assert np.isnan(product_of_rows(A, 2, B, 4, 77))

@@ -32,6 +32,8 @@ from towtank.recording.mcap.log import McapLog
 from towtank.simulation import Mocap, manoeuvre, simulate
 from towtank.vehicle import Vehicle
 
+from .learners import Counting
+
 EPOCH = 1.7e9
 FREE = ("X_udot", "X_uu")
 ATTRIBUTES = dict([DEPTH_BELOW_SURFACE]) | {"modes": "9 SURFACE, 19 MANUAL"}
@@ -270,34 +272,12 @@ def test_a_learner_takes_of_a_recording_what_counts(vehicle: Vehicle, dive: Reco
         Learner(vehicle, method).run(never)
 
 
-class Counts(Learner):
-    """A learner that keeps the times that it is taught."""
-
-    def __init__(self) -> None:
-        self.seen: list[float] = []
-        self.restarts: list[int] = []
-
-    def update(self, t: float, **arguments: Any) -> bool:
-        self.seen.append(t)
-        return True
-
-    def settle(self) -> None:
-        pass
-
-    def restart(self) -> None:
-        self.restarts.append(len(self.seen))
-
-    @property
-    def estimate(self) -> None:  # type: ignore[override]
-        return None
-
-
 def rows_at(times: Sequence[float]) -> list[tuple[float, tuple[str, ...], tuple[float, ...]]]:
     return [(t, ("u", "r"), (0.1 * t, 0.2)) for t in times]
 
 
 def test_what_was_recorded_before_is_learned_from_in_stretches(vehicle: Vehicle) -> None:
-    learner, events = Counts(), EventLog()
+    learner, events = Counting(), EventLog()
     learning = Learning(vehicle, learner, Lane(100), Sorter(0.1, 1), events=events, keep_all=True)
     times = [0.1 * k for k in range(20)] + [5.0 + 0.1 * k for k in range(20)] + [6.9 + 1.9, 6.9 + 1.9 + 2.1]
     learning.catch_up(rows_at(times))
@@ -312,7 +292,7 @@ def test_what_was_recorded_before_is_learned_from_in_stretches(vehicle: Vehicle)
 
 def test_where_nothing_was_recorded_nothing_is_resumed(vehicle: Vehicle) -> None:
     events = EventLog()
-    learning = Learning(vehicle, Counts(), Lane(100), Sorter(0.1, 1), events=events)
+    learning = Learning(vehicle, Counting(), Lane(100), Sorter(0.1, 1), events=events)
     learning.catch_up([])
     assert events.all == ()
     assert learning.now.t == -math.inf
@@ -321,7 +301,7 @@ def test_where_nothing_was_recorded_nothing_is_resumed(vehicle: Vehicle) -> None
 
 
 def test_learning_that_is_paused_takes_nothing_and_begins_a_new_stretch(vehicle: Vehicle) -> None:
-    learner, events = Counts(), EventLog()
+    learner, events = Counting(), EventLog()
     learning = Learning(vehicle, learner, Lane(100), Sorter(0.1, 1), events=events, keep_all=True)
     taps: list[float] = []
     learning.tap = lambda t, arguments: taps.append(t)

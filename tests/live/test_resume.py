@@ -27,6 +27,8 @@ from towtank.recording.mcap.log import McapLog
 from towtank.simulation import Mocap, manoeuvre, simulate
 from towtank.vehicle import Vehicle
 
+from .learners import Counting
+
 FREE = ("X_udot", "X_uu")
 EPOCH = 1.7e9
 
@@ -106,27 +108,14 @@ def test_a_session_gone_on_with_ends_where_an_uninterrupted_one_does(
     assert again.estimate.samples > 1500
 
 
-class Kept(Learner):
+class Kept(Counting):
     """What `Learner.save` and `load` are expected to do, with a learner whose memory is a list."""
 
     keeps_checkpoints = True
 
     def __init__(self, seen: list[float] | None = None) -> None:
-        self.seen, self.restarts = seen or [], 0
-
-    def settle(self) -> None:
-        pass
-
-    def update(self, t: float, **arguments: Any) -> bool:
-        self.seen.append(t)
-        return True
-
-    def restart(self) -> None:
-        self.restarts += 1
-
-    @property
-    def estimate(self) -> None:  # type: ignore[override]
-        return None
+        super().__init__()
+        self.seen = seen or []
 
     def save(self, path: Path) -> None:
         Path(path).write_text(" ".join(map(repr, self.seen)))

@@ -32,6 +32,8 @@ from towtank.recording.mcap.log import McapLog
 from towtank.simulation import Mocap, manoeuvre, simulate
 from towtank.vehicle import Vehicle
 
+from .learners import Counting
+
 FREE = ("X_udot", "X_uu")
 EPOCH = 1.7e9
 
@@ -356,27 +358,6 @@ def test_a_log_is_replayed_at_the_pace_asked_for(vehicle: Vehicle, run: Recordin
     assert [each.values for each in found] == [values for _, _, values in rows_of(run)]
 
 
-class Still(Learner):
-    """A learner that only counts."""
-
-    def __init__(self) -> None:
-        self.seen: list[float] = []
-
-    def update(self, t: float, **arguments: Any) -> bool:
-        self.seen.append(t)
-        return True
-
-    def settle(self) -> None:
-        pass
-
-    def restart(self) -> None:
-        pass
-
-    @property
-    def estimate(self) -> None:  # type: ignore[override]
-        return None
-
-
 class Told(Link):
     """A link that says how it fares."""
 
@@ -392,8 +373,8 @@ def of_pose(t: float, x: float, received: float | None = None) -> Sample:
     return Sample("test", "pose", EPOCH + t, EPOCH + t if received is None else received, ("x", "y"), (x, 0.0))
 
 
-def session_of(*links: Any, vehicle: Vehicle, **settings: Any) -> tuple[Session, Still]:
-    learner = Still()
+def session_of(*links: Any, vehicle: Vehicle, **settings: Any) -> tuple[Session, Counting]:
+    learner = Counting()
     named = [(f"link {k}", each) for k, each in enumerate(links)]
     made = Session(named, vehicle, learner, epoch=EPOCH, keep_all=True, **settings)  # type: ignore[arg-type]
     made.open()

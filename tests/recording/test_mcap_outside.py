@@ -102,24 +102,30 @@ def test_a_second_writer_is_refused_and_the_first_one_unharmed(tmp_path: Path) -
     McapLog.resume(tmp_path / "a.mcap").close()
 
 
+class FullDisk:
+    """A disk that takes nothing while it is `full`."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.full, self._write = True, os.write
+        monkeypatch.setattr("towtank.recording.mcap.log.os.write", self.write)
+
+    def write(self, descriptor: int, data: bytes) -> int:
+        if self.full:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return self._write(descriptor, data)
+
+
 def test_what_waits_for_a_full_disk_is_written_once_there_is_room(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log = begun(tmp_path / "a.mcap")
-    honest, full = os.write, True
-
-    def no_room(descriptor: int, data: bytes) -> int:
-        if full:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return honest(descriptor, data)
-
-    monkeypatch.setattr("towtank.recording.mcap.log.os.write", no_room)
+    disk = FullDisk(monkeypatch)
     write(log, 300, 600)
     assert not log.flush()
     assert "No space left" in log.trouble
     with pytest.raises(OSError, match="No space left"):
         log.source("depth", [Quantity("z", "m", "NED")])
-    full = False
+    disk.full = False
     assert log.flush()
     assert log.trouble == ""
     log.close()
@@ -132,11 +138,7 @@ def test_a_disk_that_stays_full_leaves_what_was_recorded_and_says_so(
 ) -> None:
     log = begun(tmp_path / "a.mcap")
     before = (tmp_path / "a.mcap").read_bytes()
-
-    def no_room(descriptor: int, data: bytes) -> int:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr("towtank.recording.mcap.log.os.write", no_room)
+    FullDisk(monkeypatch)
     write(log, 300, 600)
     log.close()
     assert (log.lost, log.complete) == (300, False)
@@ -181,20 +183,13 @@ def test_of_a_file_without_its_beginning_nothing_is_left_and_it_begins_anew(tmp_
 
 def test_events_wait_for_a_disk_that_does_not_take_their_topic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     log = begun(tmp_path / "a.mcap")
-    honest, full = os.write, True
-
-    def no_room(descriptor: int, data: bytes) -> int:
-        if full:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return honest(descriptor, data)
-
-    monkeypatch.setattr("towtank.recording.mcap.log.os.write", no_room)
+    disk = FullDisk(monkeypatch)
     for k in range(3):
         log.write_event(Event(float(k), "mark", f"event {k}"))
     log.write_raw("other", 1.0, b"packet")  # nor that of other bytes
     log.describe({"room": "tank 2"})
     assert (log.lost, "No space left" in log.trouble) == (1, True)
-    full = False
+    disk.full = False
     log.close()
     with (tmp_path / "a.mcap").open("rb") as stream:
         found = [(each.log_time, each.data) for _, _, each in make_reader(stream).iter_messages(topics=[EVENT_TOPIC])]

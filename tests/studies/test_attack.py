@@ -10,6 +10,7 @@ import pytest
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
 
 import attack_disk
+import attack_kills
 import attack_links
 
 
@@ -53,7 +54,7 @@ def test_a_recording_outlives(name: str) -> None:
 
 
 def test_a_session_that_is_killed_loses_less_than_a_second(tmp_path: Path) -> None:
-    run = attack_disk.killed(attack_disk.messages(8.0), tmp_path / "a.mcap", [4.0])
-    assert run.missing <= attack_disk.MISSING
+    run = attack_kills.killed(attack_disk.messages(8.0), tmp_path / "a.mcap", [4.0])
+    assert run.missing <= attack_kills.MISSING
     assert run.unread == 0
     assert run.recorded >= 0.8 * run.sent

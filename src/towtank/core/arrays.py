@@ -123,7 +123,10 @@ _VIEWS = ("getitem", "static_getitem", "cast", "build_tuple", "exhaust_iter")
 
 @register_pass(mutates_CFG=False, analysis_only=True)
 class _Borrow(LoweringPass):  # type: ignore[misc]
-    """Leave references uncounted in a function in which every array is an argument, or a view of one."""
+    """Leave references uncounted in a function in which every array is an argument, or a view of one.
+
+    What this does not know, a call that returns an array or an iteration, is taken to make one: it costs time alone.
+    """
 
     _name = "towtank_borrow"
 
@@ -135,6 +138,8 @@ class _Borrow(LoweringPass):  # type: ignore[misc]
             return bool(state.targetctx.data_model_manager[each].contains_nrt_meminfo())
 
         def makes(expression: Any, signature: Any) -> bool:
+            if isinstance(expression, ir.SetItem | ir.StaticSetItem):  # what overlaps is copied first
+                return isinstance(signature.args[-1], types.Array)
             if signature is None or not isinstance(expression, ir.Expr) or not counted(signature.return_type):
                 return False
             if expression.op == "call":
