@@ -6,11 +6,17 @@ import gc
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 import pytest
+import typer.main
+import typer.testing
 
 REPOSITORY = Path(__file__).resolve().parent.parent
+
+# The commands are made from their functions once, not for every call: that takes as long as many a command does.
+typer.main.get_command = typer.testing._get_command = cache(typer.main.get_command)  # type: ignore[attr-defined]
 
 
 @pytest.hookimpl(wrapper=True)

@@ -87,6 +87,7 @@ _PASSES = 16
 _ROUGH = 20.0  # times the usual disturbance, in the first pass
 _LONGEST_STEP = 1.5  # deviations of the prior
 _PATIENCE = 4  # passes after the likeliest one
+_SOONEST = 0.2  # of the delay and the lag that are supposed, in a second beginning
 _DAMPED = 0.5  # share of a step that goes back on the last one
 _STILL = 0.05  # deviations of the posterior that a coefficient may still move
 _MUCH_WORSE = 100.0  # of the log likelihood, that a pass may lose on the best one
@@ -410,16 +411,17 @@ def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem
 def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress: Progress) -> JointFit:
     """Return what passes from theta (n,) `about` come to.
 
-    Where the first one rejects much of a sensor, they begin a second time, with the disturbance as large as it may be,
-    and the likelier of the two speaks.
+    Where the first one rejects much of a sensor, they begin a second time, with inputs that act a deviation sooner than
+    is supposed, and the likelier of the two speaks.
     """
     most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
     levels = replace(levels, disturbance=np.minimum(levels.disturbance, most))
     fit, lost = _passes(problem, about, levels, most, progress)
-    if not lost:
+    late = np.isin(problem.free.codes[:, 0], (IN_DELAY, IN_LAG))
+    if not (lost and late.any()):
         return fit
-    largest = np.where(np.isfinite(most), most, levels.disturbance)
-    other, _ = _passes(problem, about, replace(levels, disturbance=largest), most, progress)
+    sooner = np.where(late, np.maximum(about - problem.prior.std, _SOONEST * about), about)
+    other, _ = _passes(problem, sooner, levels, most, progress)
     return other if other.likelihood > fit.likelihood else fit
 
 

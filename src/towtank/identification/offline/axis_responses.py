@@ -169,22 +169,19 @@ def _fitted(series: _Series, axis: int, *, held: bool) -> AxisResponse:
     bank = [(time, 0.0) for time in _TIMES]
     if axis in (3, 4):
         bank += [(time, swing) for time in _DAMPED for swing in _SWINGS]
-    late = {delay: force[:, _LATEST - delay : _LATEST - delay + m] for delay, _ in _DELAYS}
-    spectra = {delay: np.fft.rfft(each, 2 * m + 2, axis=1) for delay, each in late.items()}
-    made, free = [], []
+    spectra = np.fft.rfft([force[:, _LATEST - delay :][:, :m] for delay, _ in _DELAYS], 2 * m + 2, axis=2)
+    made, free = [], []  # of each time constant, for all delays at once
     for time, swing in bank:
         pushed, starts = _response(time, swing, m)
-        basis = np.concatenate([starts[:m], np.ones((m, 1))], axis=1)
-        for delay, lag in _DELAYS:
-            lagged = np.fft.rfft(_lagged(pushed, lag), 2 * m + 2)[None, :, None]
-            made.append(np.fft.irfft(spectra[delay] * lagged, 2 * m + 2, axis=1)[:, :m])
-            free.append(basis)
+        lagged = np.fft.rfft([_lagged(pushed, lag) for _, lag in _DELAYS], 2 * m + 2)[:, None, :, None]
+        made.append(np.fft.irfft(spectra * lagged, 2 * m + 2, axis=2)[:, :, :m])
+        free.append(np.concatenate([starts[:m], np.ones((m, 1))], axis=1))
     fits = [_least_squares(motion, y, basis, np.zeros(0)) for y, basis in zip(made, free, strict=True)]
-    best = min(range(len(fits)), key=lambda k: fits[k].share)
-    memory = _autoregression(_without(motion - made[best] @ fits[best].gains, np.linalg.qr(free[best])[0]))
+    i, j = min(np.ndindex(len(fits), len(_DELAYS)), key=lambda at: fits[at[0]][at[1]].share)
+    memory = _autoregression(_without(motion - made[i][j] @ fits[i][j].gains, np.linalg.qr(free[i])[0]))
     fits = [_least_squares(motion, y, basis, memory) for y, basis in zip(made, free, strict=True)]
-    kept = sorted(fits, key=lambda fit: fit.share)[:_KEPT]
-    used = (made[0].shape[2] + motion.shape[0] * free[0].shape[1]) / motion.size
+    kept = sorted((fit for each in fits for fit in each), key=lambda fit: fit.share)[:_KEPT]
+    used = (force.shape[2] + motion.shape[0] * free[0].shape[1]) / motion.size
     samples = motion.shape[0] * _independent(kept[0].left) * max(1.0 - used, 0.1)
     explained = float(kept[0].gains @ kept[0].products @ kept[0].gains)
     noise = max(kept[0].square + _ROUGH**2 * explained, 1e-300) / samples
@@ -219,16 +216,19 @@ class _Fit(NamedTuple):
     share: float
 
 
-def _least_squares(motion: Array, y: Array, free: Array, memory: Array) -> _Fit:
-    """Return what makes motion (w, m) of y (w, m, n) and of what a start and a mean do (m, k)."""
+def _least_squares(motion: Array, y: Array, free: Array, memory: Array) -> list[_Fit]:
+    """Return what makes motion (w, m) of each of y (d, w, m, n) and of what a start and a mean do (m, k)."""
+    d, w, m, n = y.shape
     basis = np.linalg.qr(_white(free[None], memory)[0])[0]
-    v, white = _without(_white(motion, memory), basis), _white(y, memory)
-    white = white - basis @ (basis.T @ white)
-    S = np.einsum("wmi,wmj->ij", white, white)
-    gains = np.linalg.lstsq(S, np.einsum("wmi,wm->i", white, v), rcond=_ALONE)[0]
-    left = v - white @ gains
-    square = float((left**2).sum())
-    return _Fit(gains, S, left, square, square / max(float((v**2).sum()), 1e-300))
+    v, white = _without(_white(motion, memory), basis), _white(y.reshape(d * w, m, n), memory)
+    white = (white - basis @ (basis.T @ white)).reshape(d, v.size, n)
+    turned = white.transpose(0, 2, 1)
+    S = turned @ white
+    gains = (np.linalg.pinv(S, rcond=_ALONE, hermitian=True) @ (turned @ v.ravel())[:, :, None])[:, :, 0]
+    left = v - (white @ gains[:, :, None]).reshape(d, *v.shape)
+    squares, whole = (left**2).sum(axis=(1, 2)), max(float((v**2).sum()), 1e-300)
+    found = zip(gains, S, left, squares.tolist(), (squares / whole).tolist(), strict=True)
+    return [_Fit(*each) for each in found]
 
 
 def _without(x: Array, basis: Array) -> Array:
