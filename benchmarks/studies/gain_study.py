@@ -11,7 +11,7 @@ often gains are said to differ, how well those that do are known, and the error 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from report import checks_table, show
@@ -23,6 +23,7 @@ from tumbling import INERTIAS, named, true_vehicle, tumble
 from towtank.identification import learn_recordings
 
 WEAK = {"f3": 0.6, "f4": 0.6}
+BESIDE = ("f1", "f2")
 CASES = {"weak": (WEAK, 0.0), "right": ({}, 0.0), "lagging": ({}, 0.08)}
 Found = tuple[dict[str, tuple[float, float]], list[float]]
 
@@ -46,7 +47,15 @@ def checks(case: str, found: Sequence[Found]) -> list[Check]:
     named_so = [gains for gains, _ in found if set(weak) <= set(gains)]
     others = [abs(gain - 1.0) for gains, _ in found for name, (gain, _) in gains.items() if name not in weak]
     out = [Check(f"{case}: largest error of a gain that is 1", max(others, default=0.0), high=0.1)]
+    sure = [abs(x - 1.0) < 1.96 * std for gains, _ in found for name, (x, std) in gains.items() if name not in weak]
+    out.append(Check(f"{case}: 95 % intervals of the others that hold 1", float(np.mean(sure)), low=0.8))
     if weak:
+        # Gyros tell how much thrusters give beside each other; what all give together goes with what is supposed.
+        beside = [_mean(gains, weak) / _mean(gains, BESIDE) for gains in named_so]
+        out += [
+            Check(f"{case}: least of the weak, beside those that turn it in roll", min(beside), low=0.54),
+            Check(f"{case}: most of it", max(beside), high=0.66),
+        ]
         off = [(gains[name][0] - true) / gains[name][1] for gains in named_so for name, true in weak.items()]
         out += [
             Check(f"{case}: runs in which both are found", len(named_so) / len(found), low=0.9),
@@ -54,6 +63,10 @@ def checks(case: str, found: Sequence[Found]) -> list[Check]:
         ]
     inertia = float(np.sqrt(np.mean([np.square(errors) for _, errors in found])))
     return [*out, Check(f"{case}: RMSE of the total inertias", inertia, high=0.1 if weak else 0.05)]
+
+
+def _mean(gains: dict[str, tuple[float, float]], names: Iterable[str]) -> float:
+    return float(np.mean([gains[name][0] for name in names]))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

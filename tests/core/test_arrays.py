@@ -16,6 +16,8 @@ from numba.core.runtime import _nrt_python, rtsys
 
 from towtank.core import arrays
 
+compiled = pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="there is no machine code")
+
 
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -65,29 +67,27 @@ def test_the_filter_answers_to_the_dynamics() -> None:
     assert {"rk4.py", "linearisation.py", "zero_order_hold.py", "update.py"} <= {path.name for path in files}
 
 
+@compiled
 def test_an_index_of_machine_code_that_cannot_be_read_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    if os.environ.get("NUMBA_DISABLE_JIT") == "1":
-        pytest.skip("there is no machine code")
     (tmp_path / "small.py").write_text("def double(x):\n    return 2.0 * x\n")
     monkeypatch.syspath_prepend(str(tmp_path))
 
-    def compiled() -> Any:
+    def fresh() -> Any:
         sys.modules.pop("small", None)
         return arrays.kernel(importlib.import_module("small").double)
 
-    assert compiled()(2.0) == 4.0
+    assert fresh()(2.0) == 4.0
     [index] = tmp_path.rglob("*.nbi")
     version = index.read_bytes()[: len(pickle.dumps(numba.__version__))]
     assert pickle.loads(version) == numba.__version__
     index.write_bytes(version + b"cgone_module\nGone\n.")
-    assert compiled()(3.0) == 6.0
+    assert fresh()(3.0) == 6.0
 
 
+@compiled
 def test_what_kernels_call_is_compiled_into_them_and_nowhere_else(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if os.environ.get("NUMBA_DISABLE_JIT") == "1":
-        pytest.skip("there is no machine code")
     (tmp_path / "nested.py").write_text(
         "from towtank.core.arrays import inlined_kernel, kernel\n"
         "@inlined_kernel\ndef below(x):\n    return 2.0 * x\n"
@@ -109,11 +109,10 @@ def test_what_kernels_call_is_compiled_into_them_and_nowhere_else(
     assert sum(again.top.stats.cache_hits.values()) == 1
 
 
+@compiled
 def test_what_borrows_its_arrays_counts_nothing_and_what_makes_some_gives_them_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if os.environ.get("NUMBA_DISABLE_JIT") == "1":
-        pytest.skip("there is no machine code")
     (tmp_path / "borrowed.py").write_text(
         "import numpy as np\n"
         "from towtank.core.arrays import kernel\n"
