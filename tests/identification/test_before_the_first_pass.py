@@ -25,10 +25,11 @@ from towtank.simulation.tank import DISTURBANCE as TANK
 from towtank.simulation.tank import tank_session
 from towtank.vehicle import load_vehicle
 
-from .runs import box, waves
+from .runs import box, unknown, waves
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
 
+from smooth_study import flight, true_box
 from tumbling import INERTIAS, named, true_vehicle, tumble
 
 U, R, PSI, VELOCITY = 6, 11, 5, 6
@@ -122,6 +123,23 @@ def test_noise_that_was_smoothed_on_board_is_that_of_a_usual_sensor() -> None:
     np.testing.assert_allclose(noise[6:9], TYPICAL_NOISE[6:9])
     np.testing.assert_allclose(noise[3:6], 0.004, rtol=0.15)
     np.testing.assert_allclose(noise[9:12], TYPICAL_NOISE[9:12])  # a last digit is no noise
+
+
+@pytest.mark.parametrize("case", ["smooth 1.2", "heading wanders"])
+def test_rates_that_were_smoothed_count_as_noisy_as_their_attitude_says(case: str) -> None:
+    """Believed, they make of a yaw inertia of 2.3 one of 11 or 12 at a deviation of 0.8; a gyro beside a heading that
+    wanders is believed."""
+    truth = true_box()
+    learning = learn_recordings(unknown(truth), [flight(case, 1)], free_runs=False)
+    for name in ("N_rdot", "N_rr"):
+        found = learning.estimate[name]
+        assert found.identified
+        assert abs(found.value - truth.coefficient(name)) < 3.0 * found.std, name
+    assert learning.estimate["N_rdot"].value == pytest.approx(truth.coefficient("N_rdot"), rel=0.05)
+    assert learning.levels is not None
+    said = any(text.startswith("samples of p q r show no noise of their own") for text in learning.remarks)
+    assert said == (case == "smooth 1.2")
+    assert (learning.levels.noise[R] > 0.05) == said
 
 
 @pytest.mark.parametrize("seed", range(3))

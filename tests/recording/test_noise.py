@@ -12,12 +12,12 @@ from towtank.recording.noise import (
     _noise_told_by,
     _outliers,
     _resolution,
-    _robust_size,
     _runs,
     fresh_samples,
     noise_level,
     noise_of_rows,
     quantum_of,
+    robust_size,
 )
 
 Rng = np.random.Generator
@@ -92,10 +92,10 @@ def test_differences_do_not_cross_a_gap() -> None:
 
 def test_the_size_of_the_bulk_knows_nothing_of_outliers(rng: Rng) -> None:
     d = rng.normal(size=50_000)
-    assert _robust_size(3.0 * d) == pytest.approx(3.0, rel=0.01)
+    assert robust_size(3.0 * d) == pytest.approx(3.0, rel=0.01)
     d[:2000] = 100.0
-    assert _robust_size(3.0 * d) == pytest.approx(3.0, rel=0.1)
-    assert _robust_size(np.zeros(50)) == 0.0
+    assert robust_size(3.0 * d) == pytest.approx(3.0, rel=0.1)
+    assert robust_size(np.zeros(50)) == 0.0
 
 
 def test_runs_of_flags_are_told_by_their_ends() -> None:

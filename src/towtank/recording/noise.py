@@ -28,7 +28,15 @@ from towtank.recording import Recording
 from towtank.recording.grids.timing import gap_limit, median_step, quaternion_samples, sampling_rate
 from towtank.recording.standard import EULER, MEASURED, QUATERNION
 
-__all__ = ["NoiseLevel", "fresh_samples", "noise_level", "noise_levels", "noise_of_rows", "quantum_of"]
+__all__ = [
+    "NoiseLevel",
+    "fresh_samples",
+    "noise_level",
+    "noise_levels",
+    "noise_of_rows",
+    "quantum_of",
+    "robust_size",
+]
 
 _FEWEST = 12  # samples
 _REPEATED = 0.2  # share of repeats from which samples may be repeated
@@ -264,7 +272,7 @@ def _by_order(t: Array, values: Array, gap: float) -> tuple[list[float], bool]:
         d = _differences(t, values, order, gap)
         if d.size < _FEWEST:
             break
-        size = _robust_size(d)
+        size = robust_size(d)
         if not sizes or size < sizes[-1] * (1.0 - 2.0 / np.sqrt(d.size)):
             sizes.append(size)
             agree = False
@@ -316,7 +324,7 @@ def _binomial(n: int, k: int) -> float:
     return out
 
 
-def _robust_size(d: Array) -> float:
+def robust_size(d: Array) -> float:
     """Return the deviation of the bulk of `d`: a quantile of its size, then the mean square within three of these."""
     size = np.abs(d)
     std = float(np.quantile(size, _BULK)) / _BULK_SIZE

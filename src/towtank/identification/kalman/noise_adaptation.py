@@ -46,7 +46,13 @@ _PUSHED_FOR = 0.3  # s between two poses or speeds whose difference shows an acc
 
 
 def adapt_noise(
-    state: JointState, levels: NoiseLevels, settings: FilterSettings, own_noise: Array, *, neighbours: bool = False
+    state: JointState,
+    levels: NoiseLevels,
+    settings: FilterSettings,
+    own_noise: Array,
+    *,
+    neighbours: bool = False,
+    doubts: bool = True,
 ) -> NoiseLevels:
     """Return the levels that the pass's own innovations and disturbances speak for.
 
@@ -54,6 +60,7 @@ def adapt_noise(
         own_noise: (18,) that samples show by themselves. Innovations beyond it are the model's, not the sensors'.
         neighbours: of speeds, part noise and velocity walk by neighbouring innovations. That takes several passes to
             settle, more than a stream has time for.
+        doubts: a pose that much is rejected of beside its own speed is taken for far noisier.
     """
     noise = levels.noise.copy()
     measured = state.statistics["accepted"] > 0.0
@@ -66,7 +73,7 @@ def adapt_noise(
     rejected = rejected_share(state) * (state.clock[0].duration > _LONG_RUN)
     for j in range(N_MEASURED):
         if j < 6 and measured[6 + j]:  # a pose beside its speed: forces cannot part the two, clocks can
-            noise[j] *= _SWING if rejected[j] > _CONTRADICTED else 1.0
+            noise[j] *= _SWING if doubts and rejected[j] > _CONTRADICTED else 1.0
         else:
             noise[j] = min(noise[j], _NOISE_AT_MOST * own_noise[j])
         noise[j] = max(noise[j], _NOISE_AT_LEAST * own_noise[j])

@@ -438,7 +438,13 @@ def _passes(
     most_worth, last = -math.inf, np.zeros(len(problem.free))
     region = Region(problem.vehicle, problem.free)
     at_best, about = about, region.nearest(about, _movable(problem.prior.covariance, problem.learned))
-    lost = False
+    lost, doubts = False, True
+
+    def adapted_to(state: JointState, levels: NoiseLevels, *, doubts: bool) -> NoiseLevels:
+        own = problem.own_noise
+        adapted = adapt_noise(state, levels, problem.settings, own, neighbours=True, doubts=doubts)
+        return replace(adapted, disturbance=np.minimum(adapted.disturbance, most))
+
     for k in range(_PASSES):
         state, _, readings = one_pass(problem, about, levels, partial(_share_of_all, progress, k))
         lost = lost or (k == 0 and diverged(state))
@@ -451,9 +457,11 @@ def _passes(
             continue
         if best is not None and not (finite and fit.likelihood > best.likelihood - _MUCH_WORSE):
             about, levels = 0.5 * (about + at_best), _midpoint(levels, best.levels)
+            trusting = adapted_to(best.state, best.levels, doubts=False)
+            if doubts and (trusting.noise < adapted_to(best.state, best.levels, doubts=True).noise).any():
+                doubts, levels = False, trusting
             continue
-        adapted = adapt_noise(state, levels, problem.settings, problem.own_noise, neighbours=True)
-        adapted = replace(adapted, disturbance=np.minimum(adapted.disturbance, most))
+        adapted = adapted_to(state, levels, doubts=doubts)
         moved = np.abs(fit.theta - about) / (fit.std + 1e-9)
         best, at_best = fit, about
         if k > 0 and bool((moved <= _STILL).all()) and converged(adapted, levels):

@@ -37,7 +37,9 @@ from towtank.identification.posterior.assembly import Current, LogLearning, Mode
 from towtank.identification.posterior.result import estimate_of, model_of, with_posterior
 from towtank.identification.posterior.thrusters import learned_gains, scale_remarks
 from towtank.recording import Grid, Recording, align
+from towtank.recording.consistency.wander import noise_of_smooth_speeds, smooth_speeds
 from towtank.recording.noise import noise_of_rows
+from towtank.recording.standard import STANDARD
 from towtank.vehicle import Vehicle
 
 __all__ = ["LearningRequest", "joint_problem", "learn_joint"]
@@ -101,7 +103,8 @@ def joint_problem(request: LearningRequest) -> JointProblem:
     base = vehicle.with_coefficients(whole.vehicle_values)
     settings = settings_for(samples, filter_settings())
     noise = np.median([noise_of_rows(each.t, each.values, TYPICAL_NOISE, LEAST_NOISE) for each in samples], axis=0)
-    return JointProblem(samples, base, prior, settings, np.asarray(noise), request.delay or 0.0)
+    noise = np.maximum(noise, noise_of_smooth_speeds(request.recordings))
+    return JointProblem(samples, base, prior, settings, noise, request.delay or 0.0)
 
 
 def _learned(
@@ -182,6 +185,12 @@ def _remarks(
     if fit.disagreement > 1.2:
         times = f"{fit.disagreement:.1f} times"
         out.append(f"windows of the data differ {times} as much as they should: deviations are widened by that")
+    for each in smooth_speeds(request.recordings):
+        off = f"{each.noise:.2g} {STANDARD[each.names[0]].unit}"
+        out.append(
+            f"samples of {' '.join(each.names)} show no noise of their own, and differ from {each.source} as by noise "
+            f"of {off}: smoothed before they were recorded? They count as so noisy"
+        )
     if current is not None and current.speed > max(_WORTH_SAYING, 3.0 * float(current.std[:2].max())):
         out.append(f"the water flows: {current.said}")
     if fit.levels.waves.any():

@@ -36,6 +36,7 @@ __all__ = ["Region"]
 
 _INSIDE = 1e-7  # of the scaled matrix, that bounds on couplings stay inside
 _OUTSIDE = 1e-10  # of the scaled matrix, that counts as a violation
+_NOTHING = 1e-9  # deviations
 _LEAST_INERTIA = 1e-3  # of the rigid body's own
 _DIRECTIONS = 2048
 _ANGLES = 64
@@ -197,6 +198,7 @@ class Region:
             x = _projected(x, C, [family for family in self.families if family.kind in ("added", "inertia")])
             C = conditional_covariance(C, gains[None, :] / gains.sum())
         x = _projected(x, C, self.families)
+        x[np.abs(x) < _NOTHING * np.sqrt(np.diag(C))] = 0.0  # on a bound, but for rounding
         return np.asarray(np.where(self.inertia, free.thetas(x), x))
 
 
