@@ -30,6 +30,7 @@ __all__ = ["CASES", "flight", "mean_over", "true_box"]
 
 STEP, ROWS, HELD = 0.05, 1600, 24  # s; rows; of them a wrench is held
 NOISE = {"x": 5e-3, "y": 5e-3, "z": 5e-3, "phi": 2e-3, "theta": 2e-3, "psi": 2e-3, "p": 1e-3, "q": 1e-3, "r": 1e-3}
+SPEED_NOISE = {"u": 1e-2, "v": 1e-2, "w": 1e-2}
 STIRRED = OrnsteinUhlenbeck(std=(0.3, 0.3, 0.3, 0.01, 0.01, 0.02))
 WALK = 0.03  # rad in a second
 CASES = {"raw": (0.0, 0.0), "smooth 0.3": (0.3, 0.0), "smooth 1.2": (1.2, 0.0), "heading wanders": (0.0, WALK)}
@@ -59,16 +60,17 @@ def mean_over(x: Array, seconds: float) -> Array:
     return np.convolve(np.pad(x, n // 2, mode="edge"), np.ones(n) / n, mode="valid")
 
 
-def flight(case: str, seed: int) -> Recording:
-    """Return a run as it was recorded: wrench, pose, rates."""
+def flight(case: str, seed: int, *, speeds: bool = False) -> Recording:
+    """Return a run as it was recorded: wrench, pose, rates, and the speeds."""
     smoothed, walk = CASES[case]
+    noise = {**NOISE, **(SPEED_NOISE if speeds else {})}
     rng = np.random.default_rng(seed)
     wrench = np.zeros((ROWS, 6))
     for first in range(0, ROWS, HELD):
         wrench[first : first + HELD, 5] = rng.choice([-3.0, 3.0])
         wrench[first : first + HELD, 0] = rng.choice([-15.0, 0.0, 15.0])
     run = simulate(true_box(), wrench=wrench, dt=STEP, disturbance=STIRRED, seed=seed)
-    columns = {name: run[name].values + std * rng.normal(size=len(run[name])) for name, std in NOISE.items()}
+    columns = {name: run[name].values + std * rng.normal(size=len(run[name])) for name, std in noise.items()}
     columns["psi"] += np.cumsum(walk * np.sqrt(STEP) * rng.normal(size=len(run["psi"])))
     if smoothed:
         columns |= {name: mean_over(columns[name], smoothed) for name in "pqr"}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from towtank.core.attitude import quaternions_from_eulers
 from towtank.recording import Recording
 from towtank.recording.consistency.accounts import of_heading, of_rates, of_velocity
 from towtank.recording.consistency.wander import noise_of_smooth_speeds, smooth_speeds, wander_of
@@ -117,6 +118,19 @@ def test_numbers_of_one_sensor_count_alike() -> None:
     assert noise_of_smooth_speeds([recording])[U] == noise_of_smooth_speeds([recording])[V] == 2.0 * found.noise
 
 
+def test_an_attitude_of_quaternions_that_shows_no_noise_has_that_of_a_usual_sensor_too() -> None:
+    t = np.arange(0.0, SECONDS, 1.0 / RATE)
+    rng = np.random.default_rng(5)
+    angles = np.column_stack([0.1 * np.sin(2.0 * t), 0.1 * np.cos(1.7 * t), 0.3 * np.sin(1.1 * t)])
+    q = quaternions_from_eulers(angles + 1e-5 * rng.normal(size=angles.shape))
+    rates = np.gradient(angles, t, axis=0)
+    columns = dict(zip(("qw", "qx", "qy", "qz"), q.T, strict=True))
+    columns |= {name: mean_over(x, 1.2) for name, x in zip("pqr", rates.T, strict=True)}
+    noise = noise_of_smooth_speeds([recorded(t, columns)])
+    np.testing.assert_array_equal(noise[3:6], 2e-3)
+    assert (noise[9:12] > 0.01).all()
+
+
 def test_what_the_pose_hides_counts_as_much_as_it_could_be_where_another_sensor_was_smoothed() -> None:
     t, columns = boat(place=0.02)
     columns = {**columns, "u": mean_over(columns["u"], 0.3), "v": mean_over(columns["v"], 0.3)}
@@ -140,11 +154,20 @@ def test_a_pose_that_shows_no_noise_beside_smoothed_speeds_has_that_of_a_usual_s
 
 def test_the_largest_of_all_recordings_counts() -> None:
     t, columns = boat()
-    right, wrong = recorded(t, columns), recorded(t, {**columns, "r": mean_over(columns["r"], 1.2)})
-    alone = noise_of_smooth_speeds([wrong])[R]
-    assert alone > 0.0
-    assert noise_of_smooth_speeds([right, wrong, right])[R] == alone
+    right, little, much = (recorded(t, {**columns, "r": mean_over(columns["r"], each)}) for each in (0.0, 0.6, 1.2))
+    less, most = (noise_of_smooth_speeds([each])[R] for each in (little, much))
+    assert most > less > 0.0
     assert noise_of_smooth_speeds([right])[R] == 0.0
+    for order in ([right, little, much], [much, right, little]):
+        assert noise_of_smooth_speeds(order)[R] == most
+
+
+def test_what_one_recording_tells_of_a_column_is_not_lost_to_another_that_tells_of_fewer() -> None:
+    t, columns = boat()
+    both = recorded(t, {**columns, "u": mean_over(columns["u"], 0.6), "v": mean_over(columns["v"], 0.6)})
+    one = recorded(t, {**columns, "u": mean_over(columns["u"], 2.4)}, without="v")
+    noise = noise_of_smooth_speeds([both, one])
+    assert noise[U] == noise[V] == noise_of_smooth_speeds([one])[U] > noise_of_smooth_speeds([both])[U]
 
 
 def test_a_gyro_that_shows_noise_of_its_own_is_believed_beside_a_heading_that_wanders() -> None:
@@ -164,7 +187,6 @@ def test_where_the_pose_hides_it_or_is_not_there_nothing_is_said() -> None:
     assert np.isnan(wander_of_speeds(recorded(t, columns, without="psi"))).all()
     short = slice(0, round(3.0 * RATE))
     assert np.isnan(wander_of_speeds(recorded(t[short], {name: x[short] for name, x in columns.items()}))).all()
-    assert not noise_of_smooth_speeds([recorded(t, columns, without="psi")]).any()
 
 
 def test_gaps_and_a_pose_at_times_of_its_own_change_little() -> None:

@@ -189,7 +189,7 @@ def _remarks(
         off = f"{each.noise:.2g} {STANDARD[each.names[0]].unit}"
         out.append(
             f"samples of {' '.join(each.names)} show no noise of their own, and differ from {each.source} as by noise "
-            f"of {off}: smoothed before they were recorded? They count as so noisy"
+            f"of {off}: were they smoothed, or does that wander? They count as so noisy at least"
         )
     if current is not None and current.speed > max(_WORTH_SAYING, 3.0 * float(current.std[:2].max())):
         out.append(f"the water flows: {current.said}")

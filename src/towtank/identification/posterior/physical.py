@@ -198,7 +198,7 @@ class Region:
             x = _projected(x, C, [family for family in self.families if family.kind in ("added", "inertia")])
             C = conditional_covariance(C, gains[None, :] / gains.sum())
         x = _projected(x, C, self.families)
-        x[np.abs(x) < _NOTHING * np.sqrt(np.diag(C))] = 0.0  # on a bound, but for rounding
+        x[np.abs(x) < _NOTHING * np.sqrt(np.maximum(np.diag(C), 0.0))] = 0.0  # on a bound, but for rounding
         return np.asarray(np.where(self.inertia, free.thetas(x), x))
 
 

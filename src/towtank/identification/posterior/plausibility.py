@@ -15,6 +15,7 @@ import numpy as np
 
 from towtank.digits import estimate_text, short
 from towtank.identification.model.parameters import DELAY, GAIN_PREFIX, LAG, LATENCIES, PLACES
+from towtank.identification.model.prior import Prior
 from towtank.identification.model.terms import AXES, Body, term_of
 from towtank.identification.posterior.assembly import LogLearning
 from towtank.recording.consistency import Finding
@@ -197,19 +198,22 @@ _OF_KIND: dict[Kind, Callable[[_Words, _Doubt, int, int], tuple[str, str]]] = {
 
 
 def _total(learning: LogLearning, axis: int) -> tuple[float, float]:
-    """Return the total inertia of an axis, as the data have it where that is not physical; NaN where it is unknown."""
+    """Return the total inertia of an axis as the data have it, before it was made physical; NaN where unknown."""
     name = AXES[axis].added_mass
     prior, posterior = learning.prior, learning.model.posterior
     known = {each.name: each for each in learning.estimate.sums}
     if AXES[axis].sum_name not in known:
         return math.nan, math.nan
-    if prior is not None and posterior is not None and name in prior.names:
-        k = prior.names.index(name)
-        total = math.exp(posterior.mean[k])
-        if total < float(learning.vehicle.rigid_body_matrix[axis, axis]):
-            return total, total * posterior.std[k]
-    each = known[AXES[axis].sum_name]
-    return each.value, each.std
+    if prior is None or posterior is None or name not in prior.names:
+        each = known[AXES[axis].sum_name]
+        return each.value, each.std
+    return _of_logarithm(prior, posterior.mean, posterior.std, name)
+
+
+def _of_logarithm(prior: Prior, mean: tuple[float, ...], std: tuple[float, ...], name: str) -> tuple[float, float]:
+    k = prior.names.index(name)
+    total = math.exp(mean[k])
+    return total, total * std[k]
 
 
 def _with_unit(doubt: _Doubt) -> str:

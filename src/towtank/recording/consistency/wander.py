@@ -1,15 +1,16 @@
-"""How far speeds wander off the pose beside them: their noise where samples are too smooth to show any.
+"""Speeds that show no noise and contradict their pose, as those do that were smoothed: their noise, as the pose has it.
 
-A sensor's noise is that which its samples show. A speed that was smoothed afterwards, or by a filter on board, shows
-next to none: it is late and early at once, its errors go together, and forces that are fitted to it need inertias ten
-times too large. But it can be summed over a time T and compared with the way between two poses. What differs, V(T), is
-twice the square of the poses' noise and what the speed errs by: as white noise it grows with T (a random walk, as in
-the Allan variance of a gyro), as errors that go together with T^2 for as long as they last. So the largest
+A sensor's noise is that which its samples show. A speed that is a mean over a second about each sample shows next to
+none: it is late and early at once, its errors go together, and forces that are fitted to it need inertias many times
+too large. But it can be summed over a time T and compared with the way between two poses. What differs, V(T), is twice
+the square of the poses' noise and what the speed errs by: as white noise it grows with T (a random walk, as in the
+Allan variance of a gyro), as errors that go together with T^2 for as long as they last. So the largest
 (V(T) - V(T_0)) / (T - T_0), T_0 being a step of the slower of both, is the white noise that makes as much of it. Bias,
-scale and lag are taken out before.
+scale and lag are taken out before; with the lag a filter of first order, which is late and nothing else.
 
-What differs does not say which of both is wrong: a heading may wander, too. So a speed that shows noise of its own is
-believed.
+What differs does not say which of both is wrong: a heading may wander, a sensor may be turned or off the origin. A
+speed that shows noise of its own is believed; one that shows none is doubted, which costs accuracy where it is right,
+and truth where it is not.
 """
 
 from __future__ import annotations
@@ -23,16 +24,16 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.recording.consistency.accounts import Pair, of_heading, of_rates, of_velocity
 from towtank.recording.grids.timing import sampling_rate
-from towtank.recording.noise import noise_level, robust_size
+from towtank.recording.noise import NoiseLevel, noise_level, noise_levels, robust_size
 from towtank.recording.recording import Recording
-from towtank.recording.standard import EULER, MEASURED, POSE, QUANTITIES
+from towtank.recording.standard import MEASURED, POSE, QUANTITIES
 
 __all__ = ["SmoothSpeeds", "noise_of_smooth_speeds", "smooth_speeds", "wander_of"]
 
 _LONGEST = 2.0  # s: longer than filters remember, shorter than currents and magnets change
 _BEYOND_POSES = 3.0  # times what the noise of the poses makes
 _FEWEST = 50  # sums
-_SMOOTH = 0.1  # of a usual sensor's noise: no sensor shows less
+_SMOOTH = 0.1  # of a usual sensor's noise: few sensors show less
 _USUAL = {name: each.noise for each in QUANTITIES for name in each.channels}
 
 
@@ -55,15 +56,10 @@ def noise_of_smooth_speeds(recordings: Sequence[Recording]) -> Array:
     found = smooth_speeds(recordings)
     for each in found:
         out[[MEASURED.index(name) for name in each.names]] = 2.0 * each.noise
-    for name in POSE if found else ():
-        if any(_shows_none(recording, name) for recording in recordings if name in recording):
+    for levels in (noise_levels(recording) for recording in recordings if found):
+        for name in (name for name in POSE if name in levels and _shows_none(name, levels[name])):
             out[MEASURED.index(name)] = _USUAL[name]
     return out
-
-
-def _shows_none(recording: Recording, name: str) -> bool:
-    channel = recording[name].measured
-    return noise_level(channel.t, channel.values, "angle" if name in EULER else "linear").std < _SMOOTH * _USUAL[name]
 
 
 def smooth_speeds(recordings: Sequence[Recording]) -> list[SmoothSpeeds]:
@@ -75,21 +71,30 @@ def smooth_speeds(recordings: Sequence[Recording]) -> list[SmoothSpeeds]:
     found: dict[str, SmoothSpeeds] = {}
     for recording in recordings:
         pairs = [pair for make in (of_velocity, of_rates, of_heading) if (pair := make(recording)) is not None]
-        shown = {pair.source: _smooth(pair, recording, wander_of(pair, recording)) for pair in pairs}
+        shown = {pair.source: _smooth(pair, recording) for pair in pairs}
         if any(shown.values()):
-            hidden = {pair.source: _smooth(pair, recording, wander_of(pair, recording, most=True)) for pair in pairs}
+            hidden = {pair.source: _smooth(pair, recording, most=True) for pair in pairs}
             for each in (shown[source] or hidden[source] for source in shown):
-                if each is not None and (each.source not in found or each.noise > found[each.source].noise):
-                    found[each.source] = each
+                if each is not None:
+                    before = found.get(each.source, each)
+                    names = tuple(name for name in MEASURED if name in (*before.names, *each.names))
+                    found[each.source] = SmoothSpeeds(names, each.source, max(before.noise, each.noise))
     return list(found.values())
 
 
-def _smooth(pair: Pair, recording: Recording, wander: dict[str, float]) -> SmoothSpeeds | None:
-    if not any(noise > _USUAL[name] for name, noise in wander.items()):
+def _smooth(pair: Pair, recording: Recording, *, most: bool = False) -> SmoothSpeeds | None:
+    wander = wander_of(pair, recording, most=most)
+    off = [name for name, noise in wander.items() if noise > _USUAL[name]]
+    if not off:
         return None
-    smooth = [name for name in pair.names if _shows_none(recording, name)]
-    noise = max((wander[name] for name in smooth if wander[name] > _USUAL[name]), default=0.0)
-    return SmoothSpeeds(tuple(smooth), pair.source, noise) if noise > 0.0 else None
+    channels = {name: recording[name].measured for name in pair.names}
+    smooth = [name for name, x in channels.items() if _shows_none(name, noise_level(x.t, x.values))]
+    told = [name for name in off if name in smooth]
+    return SmoothSpeeds(tuple(smooth), pair.source, max(wander[name] for name in told)) if told else None
+
+
+def _shows_none(name: str, level: NoiseLevel) -> bool:
+    return level.std < _SMOOTH * _USUAL[name]
 
 
 def wander_of(pair: Pair, recording: Recording, *, most: bool = False) -> dict[str, float]:
@@ -101,30 +106,31 @@ def wander_of(pair: Pair, recording: Recording, *, most: bool = False) -> dict[s
 
 def _growth(pair: Pair, column: int, *, most: bool) -> float:
     """Return how fast the square grows that sums of a speed differ by from the way between poses; NaN where unknown."""
-    shortest = max(1, round(pair.cells.step / pair.cells.dt))
-    doublings = int(math.log2(max(_LONGEST / pair.cells.dt / shortest, 1.0)))
-    cells = [shortest << k for k in range(doublings + 1)]
-    first, *more = [_left_over(pair, column, n) for n in cells]
-    if not (more and math.isfinite(first)):
+    dt, shortest = pair.cells.dt, max(1, round(pair.cells.step / pair.cells.dt))
+    doublings = int(math.log2(max(_LONGEST / dt / shortest, 1.0)))
+    longer = [shortest << k for k in range(1, doublings + 1)]
+    first = _left_over(pair, column, shortest)
+    if not (longer and math.isfinite(first)):
         return math.nan
     if most:
-        return (_BEYOND_POSES - 1.0) * first / (pair.cells.dt * (cells[-1] - shortest))
-    growth = [
-        (square - first) / (pair.cells.dt * (n - shortest)) if square > _BEYOND_POSES * first else 0.0
-        for n, square in zip(cells[1:], more, strict=True)
-    ]
-    return max(growth)
+        return (_BEYOND_POSES - 1.0) * first / (dt * (longer[-1] - shortest))
+    squares = [_left_over(pair, column, n) for n in longer]
+    return max(
+        (square - first) / (dt * (n - shortest)) if square > _BEYOND_POSES * first else 0.0
+        for n, square in zip(longer, squares, strict=True)
+    )
 
 
 def _left_over(pair: Pair, column: int, n: int) -> float:
     """Return the mean square that sums of a speed over n cells differ by from the way between the poses, beside a bias,
     a scale and a lag; NaN where too few are known."""
-    measured, moved = pair.measured[..., column], pair.derived[..., column]
+    measured, moved, dt = pair.measured[..., column], pair.derived[..., column], pair.cells.dt
     if measured.shape[1] <= n + 1:
         return math.nan
-    sums = [np.cumsum(np.pad(pair.cells.dt * each, ((0, 0), (1, 0))), axis=1) for each in (moved - measured, measured)]
+    sums = [np.cumsum(np.pad(dt * each, ((0, 0), (1, 0))), axis=1) for each in (moved - measured, measured)]
     off, way = ((each[:, n:] - each[:, :-n])[:, 1:-1] for each in sums)
-    faster = (measured[:, n:] - measured[:, :-n])[:, :-1]
+    middle = 0.5 * (measured[:, 1:] + measured[:, :-1])  # at the edges of cells
+    faster = middle[:, n:] - middle[:, :-n]
     known = np.isfinite(off) & np.isfinite(way) & np.isfinite(faster)
     if known.sum() < _FEWEST:
         return math.nan
