@@ -46,6 +46,13 @@ def pairs(data: Path) -> list[Pair]:
     return out
 
 
+def straight_logs(data: Path) -> list[float]:
+    """Return by how many common deviations every two of the boat's straight logs differ in each coefficient."""
+    boats = boat(data)
+    learned = [boats.learn(name) for half in BOAT_HALVES for name in half if name not in SPINS]
+    return [z for one, other in itertools.combinations(learned, 2) for z in apart(one, other).values()]
+
+
 def apart(one: LogLearning, other: LogLearning) -> dict[str, float]:
     """Return by how many common deviations two learnings differ, by the name of what both have identified."""
     out = {}
@@ -91,7 +98,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         far = ", ".join(f"{key} {value:+.1f}" for key, value in z.items() if abs(value) > _WITHIN) or "none"
         inside = sum(abs(value) <= _WITHIN for value in z.values())
         show(f"{name} ({one.method}, {other.method}): {inside} of {len(z)} agree; apart: {far}")
-    size = np.abs(np.array(all_z))
+    size, every = np.abs(np.array(all_z)), np.abs(np.array(straight_logs(data)))
+    show(
+        f"boat, every pair of its straight logs: {np.mean(every <= _WITHIN):.0%} of {every.size} within {_WITHIN}, "
+        f"the furthest {every.max():.1f}"
+    )
     at_sea = [each.estimate["BG_z"] for name, *both in found if name.startswith("sea") for each in both]
     odd = implausible([each for _, one, other in found for each in (one, other)])
     checks = [

@@ -14,9 +14,7 @@ import sys
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from report import checks_table, show
-from rich.table import Table
-from runner import arguments, over, write_json
+from by_case import by_case
 from summary import Check
 from tumbling import INERTIAS, named, true_vehicle, tumble
 
@@ -69,28 +67,14 @@ def _mean(gains: dict[str, tuple[float, float]], names: Iterable[str]) -> float:
     return float(np.mean([gains[name][0] for name in names]))
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the study; 0 where everything that must hold holds."""
-    options = arguments(__doc__ or "", 20, argv)
-    cases = [name for name in CASES if not options.only or any(each in name for each in options.only.split(","))]
-    seeds = range(options.seed, options.seed + options.runs)
-    held: list[Check] = []
-    documents = {}
-    for case in cases:
-        found = over(f"gains, {case}", learned, [(case, seed) for seed in seeds], options.workers)
-        table = Table(title=f"{case}, {len(seeds)} runs", title_justify="left")
-        for name in ("seed", "gains", "errors of the total inertias %"):
-            table.add_column(name)
-        for seed, (gains, errors) in zip(seeds, found, strict=True):
-            words = ", ".join(f"{name} {gain:.2f} ± {std:.2f}" for name, (gain, std) in gains.items())
-            table.add_row(str(seed), words, ", ".join(f"{100.0 * each:+.1f}" for each in errors))
-        show(table)
-        held += checks(case, found)
-        documents[case] = found
-    show(checks_table("must hold", held))
-    write_json(options.output, {"study": "gains", "cases": documents, "checks": [each.document() for each in held]})
-    return 0 if all(check.met for check in held) else 1
+def row(found: Found) -> dict[str, str]:
+    """Return a run as its table shows it."""
+    gains, errors = found
+    return {
+        "gains": ", ".join(f"{name} {gain:.2f} ± {std:.2f}" for name, (gain, std) in gains.items()),
+        "errors of the total inertias %": ", ".join(f"{100.0 * each:+.1f}" for each in errors),
+    }
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(by_case("gains", __doc__ or "", CASES, learned, row, checks))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,23 +14,18 @@ from towtank.recording import Recording
 from towtank.simulation import simulate
 from towtank.vehicle import Vehicle
 
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
+
+from pushed_box import BOX
+
 POSE = ("x", "y", "z", "phi", "theta", "psi")
 VELOCITY = ("u", "v", "w", "p", "q", "r")
-TRUTH = {
-    "X_udot": -10.0, "Y_vdot": -20.0, "Z_wdot": -25.0, "K_pdot": -0.5, "M_qdot": -0.6, "N_rdot": -0.8,
-    "X_uu": -30.0, "Y_vv": -60.0, "Z_ww": -70.0, "K_pp": -1.0, "M_qq": -1.5, "N_rr": -2.0,
-}  # fmt: skip
+TRUTH: dict[str, float] = BOX["hydrodynamics"]
 
 
 def box(**more: Any) -> Vehicle:
     """A neutral vehicle of 20 kg without thrusters, quadratic drag, its centre of buoyancy 2 cm above its origin."""
-    fields: dict[str, Any] = {
-        "name": "box",
-        "rigid_body": {"mass": 20.0, "inertia": (1.0, 1.2, 1.5)},
-        "buoyancy": {"centre": (0.0, 0.0, -0.02)},
-        "hydrodynamics": TRUTH,
-    }
-    return Vehicle(**{**fields, **more})
+    return Vehicle(**{**BOX, **more})
 
 
 def unknown(vehicle: Vehicle, **hydrodynamics: float) -> Vehicle:

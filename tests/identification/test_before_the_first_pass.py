@@ -29,7 +29,7 @@ from .runs import box, unknown, waves
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
 
-from smooth_study import flight, true_box
+from pushed_box import flight, true_box
 from tumbling import INERTIAS, named, true_vehicle, tumble
 
 U, R, PSI, VELOCITY = 6, 11, 5, 6

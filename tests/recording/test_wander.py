@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from towtank.core.attitude import quaternions_from_eulers
 from towtank.recording import Recording
@@ -11,7 +15,11 @@ from towtank.recording.consistency.accounts import of_heading, of_rates, of_velo
 from towtank.recording.consistency.wander import noise_of_smooth_speeds, smooth_speeds, wander_of
 from towtank.recording.standard import MEASURED
 
-RATE, SECONDS = 20.0, 200.0
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
+
+from pushed_box import STEP, mean_over
+
+RATE, SECONDS = 1.0 / STEP, 200.0
 U, V, P, Q, R = (MEASURED.index(name) for name in "uvpqr")
 Columns = dict[str, np.ndarray]
 
@@ -49,12 +57,6 @@ def wander_of_speeds(recording: Recording) -> np.ndarray:
     return out
 
 
-def mean_over(x: np.ndarray, seconds: float) -> np.ndarray:
-    """The mean over a time about each sample, as it is taken afterwards."""
-    n = round(seconds * RATE) | 1
-    return np.convolve(np.pad(x, n // 2, mode="edge"), np.ones(n) / n, mode="valid")
-
-
 @pytest.mark.parametrize(("column", "noise"), [("u", 0.03), ("v", 0.03), ("r", 0.02)])
 def test_white_noise_of_a_speed_comes_back(column: str, noise: float) -> None:
     found = []
@@ -86,11 +88,22 @@ def test_of_three_rates_each_has_its_own() -> None:
 
 def test_a_bias_a_scale_and_a_lag_are_no_noise() -> None:
     t, columns = boat()
-    columns["r"] = np.interp(t - 0.12, t, 0.03 + 1.05 * columns["r"])
-    columns["u"] = np.interp(t - 0.12, t, 0.05 + 0.95 * columns["u"])
-    found = wander_of_speeds(recorded(t, columns))
+    late = {"r": 0.03 + 1.05 * columns["r"], "u": 0.05 + 0.95 * columns["u"], "v": columns["v"]}
+    pose = recorded(t, columns, without="u v r")
+    found = wander_of_speeds(pose.replace(recorded(t + 0.12, late).channels))
     for column, name in ((R, "r"), (U, "u")):
         assert found[column] < 0.1 * np.std(columns[name])
+
+
+def test_a_lag_in_the_rows_of_the_pose_is_noise_for_nothing_else_allows_for_it() -> None:
+    """As a low-pass filter of first order leaves it; of one device learning finds no latency."""
+    t, columns = boat()
+    kept = np.exp(-STEP / 0.3)
+    columns["r"] = lfilter([1.0 - kept], [1.0, -kept], columns["r"])
+    columns["v"] = np.interp(t - 0.12, t, columns["v"])
+    found = wander_of_speeds(recorded(t, columns))
+    for column, name in ((R, "r"), (V, "v")):
+        assert found[column] > 0.5 * np.std(columns[name])
 
 
 @pytest.mark.parametrize("seconds", [0.6, 1.2])

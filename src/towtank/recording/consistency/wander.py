@@ -5,8 +5,9 @@ none: it is late and early at once, its errors go together, and forces that are 
 too large. But it can be summed over a time T and compared with the way between two poses. What differs, V(T), is twice
 the square of the poses' noise and what the speed errs by: as white noise it grows with T (a random walk, as in the
 Allan variance of a gyro), as errors that go together with T^2 for as long as they last. So the largest
-(V(T) - V(T_0)) / (T - T_0), T_0 being a step of the slower of both, is the white noise that makes as much of it. Bias,
-scale and lag are taken out before; with the lag a filter of first order, which is late and nothing else.
+(V(T) - V(T_0)) / (T - T_0), T_0 being a step of the slower of both, is the white noise that makes as much of it. Bias
+and scale are taken out before, and the lag (with a filter of first order, which is late and nothing else) where both
+have stamps of their own: learning finds that. In the same rows both count as one device, and a lag is an error.
 
 What differs does not say which of both is wrong: a heading may wander, a sensor may be turned or off the origin. A
 speed that shows noise of its own is believed; one that shows none is doubted, which costs accuracy where it is right,
@@ -38,7 +39,8 @@ _USUAL = {name: each.noise for each in QUANTITIES for name in each.channels}
 
 
 class SmoothSpeeds(NamedTuple):
-    """Columns of one sensor that show no noise of their own, what contradicts them, and the noise it speaks for."""
+    """Columns of one sensor that show no noise of their own, what contradicts them, and the noise of a sample that it
+    speaks for [m/s or rad/s]."""
 
     names: tuple[str, ...]
     source: str
@@ -47,6 +49,7 @@ class SmoothSpeeds(NamedTuple):
 
 def noise_of_smooth_speeds(recordings: Sequence[Recording]) -> Array:
     """Return the noise (18,) of each sample of speeds that show none of their own, as their pose has it; 0 of others.
+    In the order and the units of `standard.MEASURED`.
 
     It is given twice: innovations of errors that go together look small, and levels that follow them fall to half of
     what they began at. Who smoothed speeds may have smoothed the pose: where it shows no noise either, it has that of a
@@ -98,14 +101,15 @@ def _shows_none(name: str, level: NoiseLevel) -> bool:
 
 
 def wander_of(pair: Pair, recording: Recording, *, most: bool = False) -> dict[str, float]:
-    """Return the noise of each sample of a pair's speeds that their pose speaks for: 0 where the pose's own hides it,
-    or the most that it can hide; NaN where there is too little of both."""
+    """Return the noise of each sample of a pair's speeds [m/s or rad/s] that their pose speaks for: 0 where the pose's
+    own hides it, or the most that it can hide; NaN where there is too little of both."""
     rates = {name: sampling_rate(recording[name].measured.t) for name in pair.names}
     return {name: math.sqrt(_growth(pair, k, most=most) * rates[name]) for k, name in enumerate(pair.names)}
 
 
 def _growth(pair: Pair, column: int, *, most: bool) -> float:
-    """Return how fast the square grows that sums of a speed differ by from the way between poses; NaN where unknown."""
+    """Return how fast the square [m^2 or rad^2 in a second] grows that sums of a speed differ by from the way between
+    poses; NaN where unknown."""
     dt, shortest = pair.cells.dt, max(1, round(pair.cells.step / pair.cells.dt))
     doublings = int(math.log2(max(_LONGEST / dt / shortest, 1.0)))
     longer = [shortest << k for k in range(1, doublings + 1)]
@@ -122,8 +126,8 @@ def _growth(pair: Pair, column: int, *, most: bool) -> float:
 
 
 def _left_over(pair: Pair, column: int, n: int) -> float:
-    """Return the mean square that sums of a speed over n cells differ by from the way between the poses, beside a bias,
-    a scale and a lag; NaN where too few are known."""
+    """Return the mean square [m^2 or rad^2] that sums of a speed over n cells differ by from the way between the poses,
+    beside a bias, a scale and, with stamps of its own, a lag; NaN where too few are known."""
     measured, moved, dt = pair.measured[..., column], pair.derived[..., column], pair.cells.dt
     if measured.shape[1] <= n + 1:
         return math.nan
@@ -134,6 +138,7 @@ def _left_over(pair: Pair, column: int, n: int) -> float:
     known = np.isfinite(off) & np.isfinite(way) & np.isfinite(faster)
     if known.sum() < _FEWEST:
         return math.nan
-    columns = np.column_stack([way[known], faster[known], np.ones(int(known.sum()))])
+    late = faster[known] if pair.own_clock else np.zeros(int(known.sum()))
+    columns = np.column_stack([way[known], late, np.ones(int(known.sum()))])
     fit, *_ = np.linalg.lstsq(columns, off[known], rcond=None)
     return robust_size(off[known] - columns @ fit) ** 2
