@@ -35,6 +35,7 @@ CASES = {
     "smooth 0.3": Case(mean=0.3),
     "smooth 1.2": Case(mean=1.2),
     "filtered 0.3": Case(filtered=0.3),
+    "filtered 0.05": Case(filtered=0.05),
     "heading wanders": Case(walk=WALK),
     "so beside a quiet gyro": Case(walk=WALK, noise=0.1),
 }

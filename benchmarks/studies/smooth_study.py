@@ -4,10 +4,11 @@
 
 A box is pushed in surge and turned in yaw at random for 80 s, a new wrench every 1.2 s, in water that stirs it. Pose
 and rates are measured at 20 Hz, by sensors with white noise. `raw`: as they are. `smooth 0.3`, `smooth 1.2`: rates are
-means over so many seconds about each sample, as a tool makes them afterwards. `filtered 0.3`: they have gone through a
-low-pass filter of first order. `heading wanders`: raw rates beside a heading that walks at random, as of a compass near
-thrusters; `so beside a quiet gyro`: with a tenth of the noise. How many 95 % intervals of yaw's coefficients and of all
-hold the truth, the error of the total yaw inertia, and the deviation that is stated of N_rdot.
+means over so many seconds about each sample, as a tool makes them afterwards. `filtered 0.3`, `filtered 0.05`: they
+have gone through a low-pass filter of first order, the latter of one sample. `heading wanders`: raw rates beside a
+heading that walks at random, as of a compass near thrusters; `so beside a quiet gyro`: with a tenth of the noise. How
+many 95 % intervals of yaw's coefficients and of all hold the truth, the error of the total yaw inertia, and the
+deviation that is stated of N_rdot.
 """
 
 from __future__ import annotations
