@@ -38,9 +38,9 @@ from towtank.identification.simulation_error.segments import CandidateModel
 from towtank.recording import Grid
 from towtank.vehicle import Vehicle
 
-__all__ = ["FreeRunVerdict", "contradiction", "free_run_verdict", "worth_less"]
+__all__ = ["CONTRADICTED", "FreeRunVerdict", "contradiction", "free_run_verdict", "worth_less"]
 
-_CONTRADICT = 1.3  # factor by which windows differ more than they state: the filter is doubted
+CONTRADICTED = 1.3  # factor by which windows differ more than they state, from which the filter is doubted
 _SURE = 1.0  # deviations by which a doubted filter must predict better, to speak all the same
 _FLOWS, _COUNTS = 0.01, 0.1  # m/s; of the speeds over ground: a current that is less does not count
 _WEIGHINGS = 2  # fits that show what the data are worth
@@ -70,7 +70,7 @@ def free_run_verdict(
     Args:
         always: they have the last word in any case.
     """
-    if not always and (fit.disagreement < _CONTRADICT or _water_moves(fit, problem.samples)):
+    if not always and (fit.disagreement < CONTRADICTED or _water_moves(fit, problem.samples)):
         return None
     names = [name for name in fit.prior.names if name not in (*LATENCIES, *PLACES)]
     prior = fit.prior.only(names)

@@ -3,6 +3,7 @@
 LearningRequest -> JointProblem   samples, prior, noise (`joint_problem`)
                 -> JointFit       the joint filter, pass after pass (`kalman.passes`)
                 -> JointFit       free runs with the same prior, where they predict better (`offline.free_runs`)
+                -> JointFit       less sure, where another picture is likelier and contradicts it (`offline.rivals`)
                 -> LogLearning    estimate, model with its posterior, what is to be said of both
 
 Nothing is chosen. Where somebody names what to learn, everything else stays at the prior's mean.
@@ -32,7 +33,8 @@ from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
 from towtank.identification.model.parameters import DELAY, LATENCIES
 from towtank.identification.model.prior import prior_of
 from towtank.identification.model.terms import AHEAD, AXES
-from towtank.identification.offline.free_runs import FreeRunVerdict, free_run_verdict
+from towtank.identification.offline.free_runs import free_run_verdict
+from towtank.identification.offline.rivals import less_sure, likeliest_rival
 from towtank.identification.posterior.assembly import Current, LogLearning, Mode
 from towtank.identification.posterior.result import estimate_of, model_of, with_posterior
 from towtank.identification.posterior.thrusters import learned_gains, scale_remarks
@@ -77,12 +79,19 @@ def learn_joint(request: LearningRequest, progress: Progress | None = None) -> L
     problem = joint_problem(request)
     by_filter = joint_fit(problem, lambda share: report("joint filter", 0.05 + 0.6 * share))
     report("free runs", 0.65)
-    verdict = None
+    verdict, said = None, list[str]()
     if request.free_runs is not False:
         verdict = free_run_verdict(problem, by_filter, grids, request.vehicle, always=bool(request.free_runs))
-    report("what is known", 0.95)
     fit = by_filter if verdict is None else verdict.fit
-    return _learned(request, problem, fit, grids, verdict)
+    if verdict is not None:
+        said.append(verdict.text)
+    report("other pictures of the data", 0.85)
+    rival = likeliest_rival(problem, by_filter)
+    if rival is not None:
+        fit, text = less_sure(problem, fit, rival)
+        said.append(text)
+    report("what is known", 0.95)
+    return _learned(request, problem, fit, grids, said, free_runs=verdict is not None and verdict.better)
 
 
 def joint_problem(request: LearningRequest) -> JointProblem:
@@ -112,15 +121,17 @@ def _learned(
     problem: JointProblem,
     fit: JointFit,
     grids: tuple[Grid, ...],
-    verdict: FreeRunVerdict | None,
+    said: Sequence[str],
+    *,
+    free_runs: bool,
 ) -> LogLearning:
-    """Return the posterior as a model, with what was learned of inputs, sensors and water."""
+    """Return the posterior as a model, with what was learned of inputs, sensors and water, and what was said of it."""
     vehicle, free = request.vehicle, fit.free
     duration = sum(each.duration for each in problem.samples)
     base = vehicle.with_coefficients(problem_base(request, problem))
     estimate, messages = estimate_of(base, fit.prior, fit.theta, fit.covariance, duration, fit.rows, problem.learned)
     theta, std = dict(zip(free.names, fit.theta, strict=True)), dict(zip(free.names, fit.std, strict=True))
-    method = "joint" if verdict is None or not verdict.better else "output-error"
+    method = "output-error" if free_runs else "joint"
     delay = max(0.0, float(theta[DELAY])) if DELAY in theta else problem.delay
     lag = float(theta["lag"]) if "lag" in theta else math.nan
     gains = learned_gains(vehicle, free, fit.theta, fit.std)
@@ -150,7 +161,7 @@ def _learned(
         mode=Mode(fit.prior, fit.theta, fit.levels),
         wave_period=fit.wave_period if fit.levels.waves.any() else math.nan,
         narrowed=dict(zip(free.names, (fit.std / fit.prior.reference).tolist(), strict=True)),
-        remarks=(*_remarks(request, problem, fit, current), *(() if verdict is None else (verdict.text,))),
+        remarks=(*_remarks(request, problem, fit, current), *said),
     )
 
 

@@ -1,0 +1,162 @@
+"""Other pictures of the same data: when they are asked, and what they say of the posterior that speaks."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from towtank.core.arrays import Array
+from towtank.identification import learn_recordings
+from towtank.identification.data.samples import prepared, samples_of
+from towtank.identification.kalman.passes import JointFit, JointProblem, joint_fit
+from towtank.identification.offline import joint, rivals
+from towtank.identification.offline.joint import LearningRequest, joint_problem
+from towtank.identification.offline.rivals import Rival, late_rival, less_sure, likeliest_rival, quick_rival
+from towtank.recording.grids.grid import held_at
+
+from .runs import unknown
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
+
+from pushed_box import flight, true_box
+
+LACKS = "the model lacks something"
+
+
+def asked(case: str, seed: int = 1) -> tuple[JointProblem, JointFit]:
+    """The question of a run, and the filter's answer with a slow disturbance."""
+    vehicle = unknown(true_box())
+    recording = prepared(flight(case, seed), vehicle)
+    problem = joint_problem(LearningRequest(vehicle, [recording], [samples_of(recording, vehicle)]))
+    return problem, joint_fit(problem)
+
+
+@pytest.fixture(scope="module")
+def slow() -> tuple[JointProblem, JointFit]:
+    return asked("as recorded")
+
+
+@pytest.fixture(scope="module")
+def stirred() -> tuple[JointProblem, JointFit]:
+    return asked("quick water")
+
+
+def test_where_windows_agree_nobody_asks(slow: tuple[JointProblem, JointFit], monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, fit = slow
+    assert fit.disagreement < rivals.CONTRADICTED
+    monkeypatch.setattr(rivals, "joint_fit", None)  # asked, it would fail
+    assert quick_rival(problem, fit) is None
+
+
+def test_slow_water_is_likelier_with_a_slow_disturbance(slow: tuple[JointProblem, JointFit]) -> None:
+    problem, fit = slow
+    assert quick_rival(problem, replace(fit, disagreement=2.0)) is None
+
+
+def test_quick_water_is_likelier_with_a_quick_disturbance(stirred: tuple[JointProblem, JointFit]) -> None:
+    problem, fit = stirred
+    rival = quick_rival(problem, replace(fit, disagreement=2.0))
+    assert rival is not None
+    assert rival.fit.likelihood > fit.likelihood + 100.0
+    assert rival.fit.free.names == fit.free.names
+    assert rival.fit.disagreement < 1.2  # its picture of what is random is right: windows agree
+
+
+def test_nothing_is_late_where_forces_act_as_recorded(slow: tuple[JointProblem, JointFit]) -> None:
+    assert late_rival(*slow) is None
+
+
+def test_the_likeliest_of_several_pictures_counts(
+    slow: tuple[JointProblem, JointFit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, fit = slow
+    one = Rival(replace(fit, likelihood=fit.likelihood + 30.0), fit.theta, fit.std, "one")
+    other = Rival(replace(fit, likelihood=fit.likelihood + 40.0), fit.theta, fit.std, "other")
+    for quick, late, chosen in ((one, other, other), (other, one, other), (None, one, one), (None, None, None)):
+        monkeypatch.setattr(rivals, "quick_rival", lambda problem, fit, it=quick: it)
+        monkeypatch.setattr(rivals, "late_rival", lambda problem, fit, it=late: it)
+        assert likeliest_rival(problem, fit) is chosen
+
+
+def off(problem: JointProblem, fit: JointFit, theta: Array) -> float:
+    """The error of the total yaw inertia."""
+    truth = true_box()
+    total = truth.rigid_body.inertia[2] - truth.coefficient("N_rdot")
+    return float(np.exp(theta[fit.free.names.index("N_rdot")])) / total - 1.0
+
+
+@pytest.mark.parametrize(
+    ("case", "said"), [("a third late", "of it 0.25 s late"), ("overshoots", "more for the first")]
+)
+def test_forces_that_act_otherwise_are_found_and_make_it_less_sure(case: str, said: str) -> None:
+    problem, fit = asked(case, 2)
+    k = fit.free.names.index("N_rdot")
+    assert abs(off(problem, fit, fit.theta)) > 10.0 * fit.std[k]  # confidently wrong
+    rival = late_rival(problem, fit)
+    assert rival is not None
+    assert said in rival.picture
+    assert abs(off(problem, fit, rival.theta)) < 0.5 * abs(off(problem, fit, fit.theta))
+    wider, _ = less_sure(problem, fit, rival)
+    assert abs(off(problem, fit, wider.theta)) < 2.0 * wider.std[k]
+
+
+def test_a_late_force_of_no_share_is_none(slow: tuple[JointProblem, JointFit]) -> None:
+    problem, _ = slow
+    samples = problem.samples[0]
+    late = rivals._with_late_forces(samples, [0, 5])
+    assert set(samples.input_t) <= set(late.input_t)
+    acts = late.input_force @ late.B.T
+    np.testing.assert_allclose(
+        acts, held_at(samples.input_t, samples.input_force, late.input_t) @ samples.B.T, atol=1e-9
+    )
+    gains = np.ones(late.B.shape[1])
+    m, share = samples.B.shape[1], 0.4
+    gains[m + 4 : m + 6] = 1.0 + share  # the second lateness: 0.25 s
+    acts = (late.input_force * gains) @ late.B.T
+    t = late.input_t[late.input_t >= samples.input_t[0] + 0.25]
+    now, before = (held_at(samples.input_t, samples.input_force, t - d) @ samples.B.T for d in (0.0, 0.25))
+    expected = now.copy()
+    expected[:, [0, 5]] = ((1.0 - share) * now + share * before)[:, [0, 5]]
+    np.testing.assert_allclose(acts[-len(t) :], expected, atol=1e-9)
+
+
+def test_a_rival_widens_by_how_far_it_lies_off_and_nothing_else(slow: tuple[JointProblem, JointFit]) -> None:
+    problem, fit = slow
+    d = np.zeros(len(fit.free))
+    one, two = fit.free.names.index("N_rdot"), fit.free.names.index("X_uu")
+    d[one], d[two] = 0.4 * fit.prior.std[one], -0.2 * fit.prior.std[two]
+    found, text = less_sure(problem, fit, Rival(fit, fit.theta - d, fit.std, ""))
+    np.testing.assert_array_equal(found.theta, fit.theta)
+    np.testing.assert_allclose(found.covariance - fit.covariance, 0.5 * np.outer(d, d), atol=1e-12)
+    assert np.linalg.eigvalsh(found.covariance).min() > 0.0
+    assert "N_rdot most" in text
+    agreeing, _ = less_sure(problem, fit, Rival(fit, fit.theta, fit.std, ""))
+    np.testing.assert_array_equal(agreeing.covariance, fit.covariance)
+
+
+def test_no_rival_lies_further_off_than_the_deviation_of_the_prior(
+    slow: tuple[JointProblem, JointFit],
+) -> None:
+    problem, fit = slow
+    found, _ = less_sure(problem, fit, Rival(fit, fit.theta + 50.0 * fit.prior.std, fit.std, ""))
+    learned = problem.learned
+    grown = np.diag(found.covariance - fit.covariance)
+    np.testing.assert_allclose(grown[learned], 0.5 * fit.prior.std[learned] ** 2)
+    assert (grown[~learned] == 0.0).all()
+
+
+def test_learning_says_so_and_is_less_sure(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording, vehicle = flight("quick water", 1), unknown(true_box())
+    monkeypatch.setattr(rivals, "CONTRADICTED", 1.0)
+    with_it = learn_recordings(vehicle, [recording], free_runs=False)
+    assert any(LACKS in remark for remark in with_it.remarks)
+    monkeypatch.setattr(joint, "likeliest_rival", lambda problem, fit: None)
+    without = learn_recordings(vehicle, [recording], free_runs=False)
+    assert not any(LACKS in remark for remark in without.remarks)
+    stds = np.array([[each.estimate[name].std for name in without.estimate.names] for each in (with_it, without)])
+    assert (stds[0] >= stds[1] * (1.0 - 1e-9)).all()
+    assert (stds[0] > 1.05 * stds[1]).sum() > 5
