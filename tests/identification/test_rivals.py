@@ -157,6 +157,11 @@ def test_learning_says_so_and_is_less_sure(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(joint, "likeliest_rival", lambda problem, fit: None)
     without = learn_recordings(vehicle, [recording], free_runs=False)
     assert not any(LACKS in remark for remark in without.remarks)
+    lost = [name for name in without.estimate.names if without.estimate[name].identified]
+    lost = [name for name in lost if not with_it.estimate[name].identified]
+    reasons = {name for name, reason in zip(with_it.estimate.names, with_it.estimate.reasons, strict=True) if reason}
+    told = {name for name in reasons if "read in another way" in str(with_it.estimate[name].reason)}
+    assert told == set(lost)
     stds = np.array([[each.estimate[name].std for name in without.estimate.names] for each in (with_it, without)])
     assert (stds[0] >= stds[1] * (1.0 - 1e-9)).all()
     assert (stds[0] > 1.05 * stds[1]).sum() > 5

@@ -87,11 +87,13 @@ def learn_joint(request: LearningRequest, progress: Progress | None = None) -> L
         said.append(verdict.text)
     report("other pictures of the data", 0.85)
     rival = likeliest_rival(problem, by_filter)
+    undoubted = fit.covariance
     if rival is not None:
         fit, text = less_sure(problem, fit, rival)
         said.append(text)
     report("what is known", 0.95)
-    return _learned(request, problem, fit, grids, said, free_runs=verdict is not None and verdict.better)
+    better = verdict is not None and verdict.better
+    return _learned(request, problem, fit, undoubted, grids, said, free_runs=better)
 
 
 def joint_problem(request: LearningRequest) -> JointProblem:
@@ -120,16 +122,22 @@ def _learned(
     request: LearningRequest,
     problem: JointProblem,
     fit: JointFit,
+    undoubted: NDArray[np.float64],
     grids: tuple[Grid, ...],
     said: Sequence[str],
     *,
     free_runs: bool,
 ) -> LogLearning:
-    """Return the posterior as a model, with what was learned of inputs, sensors and water, and what was said of it."""
+    """Return the posterior as a model, with what was learned of inputs, sensors and water, and what was said of it.
+
+    undoubted: covariance (n, n) without what another picture of the data contradicts.
+    """
     vehicle, free = request.vehicle, fit.free
     duration = sum(each.duration for each in problem.samples)
     base = vehicle.with_coefficients(problem_base(request, problem))
-    estimate, messages = estimate_of(base, fit.prior, fit.theta, fit.covariance, duration, fit.rows, problem.learned)
+    estimate, messages = estimate_of(
+        base, fit.prior, fit.theta, fit.covariance, duration, fit.rows, problem.learned, undoubted
+    )
     theta, std = dict(zip(free.names, fit.theta, strict=True)), dict(zip(free.names, fit.std, strict=True))
     method = "output-error" if free_runs else "joint"
     delay = max(0.0, float(theta[DELAY])) if DELAY in theta else problem.delay

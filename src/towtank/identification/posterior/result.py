@@ -14,7 +14,7 @@ from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.estimate import Estimate, SumOfInertias
 from towtank.identification.posterior.physical import consistent
 from towtank.identification.posterior.thrusters import with_thrusters
-from towtank.identification.posterior.wording import not_narrowed, not_shown
+from towtank.identification.posterior.wording import contradicted, not_narrowed, not_shown
 from towtank.vehicle import COEFFICIENTS, Coefficient, Provenance, Vehicle
 from towtank.vehicle.posterior import Posterior
 
@@ -31,6 +31,7 @@ def estimate_of(
     duration: float,
     samples: int,
     learned: NDArray[np.bool_] | None = None,
+    undoubted: Array | None = None,
 ) -> tuple[Estimate, tuple[str, ...]]:
     """Return the coefficients of a posterior, and what had to be moved for them to be physical.
 
@@ -40,6 +41,7 @@ def estimate_of(
     Args:
         vehicle: what is not free. theta, covariance: (n,), (n, n) in the coordinates of the prior's `free`.
         learned: which of them were (n,), by default all; of the others nothing shows or drives the motion.
+        undoubted: covariance (n, n) before another picture of the data widened it, where one did.
     """
     free = prior.free
     rows = [k for k, name in enumerate(free.names) if name in COEFFICIENTS]
@@ -48,7 +50,10 @@ def estimate_of(
     block = covariance[np.ix_(rows, rows)] * np.outer(slopes, slopes)
     physical = consistent(vehicle, names, values, block)
     std = np.sqrt(np.maximum(np.diag(block), 0.0))
-    share = np.sqrt(np.maximum(np.diag(covariance), 0.0))[rows] / prior.reference[rows]
+    share, before = (
+        np.sqrt(np.maximum(np.diag(each), 0.0))[rows] / prior.reference[rows]
+        for each in (covariance, covariance if undoubted is None else undoubted)
+    )
     identified = tuple(bool(each <= NARROWED) for each in share)
     sums = []
     for axis in AXES:
@@ -58,11 +63,17 @@ def estimate_of(
             sums.append(SumOfInertias(axis.sum_name, total, float(std[i]), axis.unit))
     taken = np.ones(len(rows), dtype=np.bool_) if learned is None else learned[rows]
     reasons = tuple(
-        None if ok else not_narrowed(name, float(left)) if shown else not_shown(name)
-        for name, ok, left, shown in zip(names, identified, share, taken, strict=True)
+        None if ok else _reason(name, float(left), narrow=bool(alone <= NARROWED), shown=bool(shown))
+        for name, ok, left, alone, shown in zip(names, identified, share, before, taken, strict=True)
     )
     estimate = Estimate(names, physical.values, std, block, identified, reasons, tuple(sums), (), duration, samples)
     return estimate, physical.messages
+
+
+def _reason(name: str, left: float, *, narrow: bool, shown: bool) -> str:
+    if narrow:
+        return contradicted()
+    return not_narrowed(name, left) if shown else not_shown(name)
 
 
 def model_of(

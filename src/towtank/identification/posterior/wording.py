@@ -12,6 +12,7 @@ from towtank.identification.model.terms import AXES, term_of
 from towtank.vehicle.names import COEFFICIENTS, COLUMNS, ROWS, index, unit
 
 __all__ = [
+    "contradicted",
     "not_narrowed",
     "phrase",
     "reversed_force",
@@ -63,6 +64,11 @@ def not_narrowed(name: str, share: float) -> str:
         return f"{left}; {'larger angles' if name.startswith('BG') else 'driving heave'} would narrow it"
     how = "faster and slower" if part.kind in ("linear", "quadratic") else "harder, to and fro"
     return f"{left}; driving {axis} {how} would narrow it"
+
+
+def contradicted() -> str:
+    """Return why a coefficient is not identified that one reading of the data narrows, and another puts elsewhere."""
+    return "the data narrow it, but read in another way give another value: see how it was learned"
 
 
 def not_shown(name: str) -> str:
