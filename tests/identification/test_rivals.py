@@ -124,6 +124,19 @@ def test_a_late_force_of_no_share_is_none(slow: tuple[JointProblem, JointFit]) -
     np.testing.assert_allclose(acts[-len(t) :], expected, atol=1e-9)
 
 
+def test_late_shares_say_nothing_of_the_scale_of_force(slow: tuple[JointProblem, JointFit]) -> None:
+    problem, fit = slow
+    own, n = problem.prior, len(problem.prior.mean)
+    late = rivals._LatePrior.of(own, problem.samples[0].B.shape[1], [0, 5])
+    away = np.concatenate([fit.theta, [0.3, -0.2, 0.1, 0.4]])
+    mean, covariance = late.seen_from(away)
+    own_mean, own_covariance = own.seen_from(fit.theta)
+    np.testing.assert_array_equal(mean, [*own_mean, 0.0, 0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(covariance[:n, :n], own_covariance)
+    np.testing.assert_array_equal(covariance[n:, n:], 0.3**2 * np.eye(4))
+    assert not covariance[:n, n:].any()
+
+
 def test_a_rival_widens_by_how_far_it_lies_off_and_nothing_else(slow: tuple[JointProblem, JointFit]) -> None:
     problem, fit = slow
     d = np.zeros(len(fit.free))
