@@ -109,9 +109,10 @@ def less_sure(problem: JointProblem, fit: JointFit, rival: Rival) -> tuple[Joint
     apart = np.abs(away) / np.sqrt(np.diag(fit.covariance) + rival.std**2)
     d = np.clip(away, -fit.prior.std, fit.prior.std)
     most = int(apart.argmax())
+    name = fit.prior.names[most]
     text = (
-        f"{rival.picture}, so the model lacks something: deviations are widened by how far coefficients lie off then, "
-        f"{fit.prior.names[most]} most, by {apart[most]:.1f} of the common deviations"
+        f"{rival.picture}, so the model lacks something: {name} would come out {apart[most]:.1f} common deviations "
+        "away, others less, and deviations are widened by such differences"
     )
     return replace(fit, covariance=fit.covariance + _EITHER * np.outer(d, d)), text
 
