@@ -86,12 +86,11 @@ def task(vehicle: Vehicle, names: tuple[str, ...], motion: str, columns: int) ->
 
 
 class Plain:
-    """What one writes with scipy: residuals of a free run of surge in (x, u at the start, ln inertia, ln drag)."""
-
-    scale = np.array([1e-3, 1e-3, 0.1, 0.1])
+    """What one writes with scipy: residuals of a free run of surge in (x, u at the start, ln inertia, X_uu)."""
 
     def __init__(self, run: Callable[[Array], Array], samples: Samples, start: Array) -> None:
         self.run, self.x, self.start = run, samples.values[:, 0], np.concatenate([[samples.values[0, 0], 0.0], start])
+        self.scale = np.array([1e-3, 1e-3, 0.1, 0.1 * abs(start[1])])
 
     def unknowns(self, steps: Array) -> Array:
         return np.asarray(self.start + self.scale * (steps - 1.0))
@@ -122,7 +121,7 @@ def integrator(samples: Samples) -> Callable[[Array], Array]:
     edges = np.concatenate([[0], np.flatnonzero(np.diff(force)) + 1, [len(samples) - 1]])
 
     def run(unknowns: Array) -> Array:
-        inertia, drag = np.exp(unknowns[2:])
+        inertia, drag = np.exp(unknowns[2]), -unknowns[3]
         state, x = np.array(unknowns[:2]), np.empty(len(samples))
         for a, b in itertools.pairwise(edges):
             push = force[a]

@@ -47,11 +47,10 @@ def checks(found: Part) -> list[Check]:
         )
         for s in found.batch
     ]
-    if family == "s2":
-        out += [
-            Check(f"{found.name} {s.name} {s.t:g} s: coverage of 95 %", s.coverage, *COVERAGE, note=f"{s.runs} runs")
-            for s in found.batch
-        ]
+    out += [
+        Check(f"{found.name} {s.name} {s.t:g} s: coverage of 95 %", s.coverage, *COVERAGE, note=f"{s.runs} runs")
+        for s in found.batch
+    ]
     q, limit = SETTLED[found.name]
     _, *times = found.times_row
     which = 0 if q == 50.0 else 1

@@ -56,6 +56,15 @@ def test_a_late_sensor_s_numbers_move_to_when_they_were_true_and_all_others_stay
     assert len(moved) == 200 + 20
 
 
+def test_a_quick_sensor_is_thinned_and_a_slow_one_keeps_its_rows() -> None:
+    t = 0.01 * np.arange(200)
+    fewer = rows(t, (RATES, np.arange(200)), (VELOCITY, np.arange(3, 200, 10))).thinned(0.04)
+    quick, slow = (np.isfinite(fewer.values[:, 3 * each]) for each in (RATES, VELOCITY))
+    np.testing.assert_allclose(fewer.t[quick], t[::4])
+    np.testing.assert_allclose(fewer.t[slow], t[3::10])
+    np.testing.assert_array_equal(fewer.values[quick, 3 * RATES], 3 * RATES + np.arange(0, 200, 4) / 1000.0)
+
+
 def test_instants_that_meet_become_one_row() -> None:
     t = 0.01 * np.arange(100)
     everywhere = np.arange(100)

@@ -270,3 +270,16 @@ def test_a_prior_is_information() -> None:
     assert held.theta[0] == pytest.approx(truth[0] + 0.3, abs=1e-3)
     assert held.covariance[0, 0] < 1e-2 * plain.covariance[0, 0]
     np.testing.assert_allclose(held.information - [[1e12, 0.0], [0.0, 0.0]], held.information - strong[1])
+
+
+def test_a_start_near_the_data_is_not_led_off_by_the_prior() -> None:
+    vehicle = box()
+    samples = only(recorded(vehicle, push(4000, *range(6))), POSE)
+    free = free_parameters(vehicle, ALL)
+    truth = free.theta(vehicle, delay=0.0, lag=0.0)
+    std = np.where(free.codes[:, 3] != 0, 0.4, 0.5 * np.abs(truth) + 0.1)
+    away = 2.0 * std * np.where(np.arange(len(free)) % 2 == 0, 1.0, -1.0)
+    prior = (truth + away, np.diag(std**-2.0))
+    fit = fit_output_error([samples], CandidateModel(vehicle, free, truth), NOISE, prior=prior)
+    assert_found(fit, truth)
+    assert fit.iterations <= 10

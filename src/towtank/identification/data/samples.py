@@ -105,6 +105,16 @@ class Samples:
             values[rows[place], column] = numbers[known]
         return replace(self, t=t, values=values)
 
+    def thinned(self, apart: float) -> Samples:
+        """Return the rows with no more of each sensor than one in every `apart` seconds."""
+        values = self.values.copy()
+        for k in range(0, N_MEASURED, 3):
+            rows = np.flatnonzero(np.isfinite(values[:, k : k + 3]).any(axis=1))
+            slots = np.floor((self.t[rows] - self.t[0]) / apart + 1e-6)
+            values[rows[1:][np.diff(slots) == 0.0], k : k + 3] = np.nan
+        kept = np.isfinite(values).any(axis=1)
+        return replace(self, t=self.t[kept], values=values[kept])
+
     def only(self, rows: NDArray[np.intp], columns: Sequence[int]) -> Samples:
         """Return these rows (k,), with nothing in other columns than these, and all inputs."""
         values = np.full((rows.size, self.values.shape[1]), np.nan)

@@ -43,7 +43,7 @@ __all__ = ["CONTRADICTED", "FreeRunVerdict", "contradiction", "free_run_verdict"
 CONTRADICTED = 1.3  # factor by which windows differ more than they state, from which the filter is doubted
 _SURE = 1.0  # deviations by which a doubted filter must predict better, to speak all the same
 _FLOWS, _COUNTS = 0.01, 0.1  # m/s; of the speeds over ground: a current that is less does not count
-_WEIGHINGS = 2  # fits that show what the data are worth
+_APART = 0.02  # s: the rows of a sensor that is quicker tell the same, since what runs leave lasts for seconds
 _HELD = 1e-3  # of the deviation of what is not learned
 _CLAIMED = 1e-12  # of the prior's variance, which no recording can promise
 _WORTHLESS = 100.0  # times the variance, at most
@@ -79,6 +79,8 @@ def free_run_verdict(
     model = CandidateModel(base, prior.free, fit.theta[rows], problem.delay)
     latency = latencies_of(fit.free, fit.theta)
     samples = [each.shifted(latency) for each in problem.samples]
+    if not always:
+        samples = [each.thinned(_APART) for each in samples]
     sources = [Sources.of(grid.pose, grid.velocity, grid.acceleration) for grid in grids]
     attitude = [drifting_attitude(g, s, each.t) for g, s, each in zip(grids, sources, samples, strict=True)]
     runs = FreeRuns.over(vehicle, samples, problem.own_noise, prior.names, (prior.mean, prior.covariance), attitude)
@@ -251,11 +253,12 @@ def _weighed(runs: FreeRuns, model: CandidateModel) -> tuple[FreeRuns, Candidate
 
     What free runs leave is larger than the sensors' noise and goes on for seconds. Taken for so many independent
     samples of noise it would outweigh any prior; so each column counts with the size of what is left, and with one
-    sample for each time over which that is correlated.
+    sample for each time over which that is correlated: first by what the model leaves as it is, then by what a fit
+    leaves.
     """
     noise = runs.noise
-    for _ in range(_WEIGHINGS):
-        fitted = runs.fit(model)
+    for made in (FreeRuns.held, FreeRuns.fit):
+        fitted = made(runs, model)
         if fitted is None:
             return None
         shown = fitted.autocorrelation

@@ -113,21 +113,10 @@ def _price(ways: Sequence[Wiring], used: Sequence[int], seen: Sequence[int]) -> 
 
 def _pieces(samples: Sequence[Samples], inertia: Array) -> list[Samples]:
     """Return the stretches to look at: those whose inputs would change the motion most, most first."""
-    found = [_thinned(each.stretch(a, b)) for each in samples for a, b in cuts(each.t, _PIECE)]
+    found = [each.stretch(a, b).thinned(_APART) for each in samples for a, b in cuts(each.t, _PIECE)]
     pushed = [np.std(each.input_force @ each.B.T / inertia, axis=0) if each.input_t.size else 0.0 for each in found]
     change = np.array([float(np.sum(each)) for each in pushed])
     return [found[k] for k in np.argsort(-change, kind="stable")[:_PIECES] if change[k] > 0.0]
-
-
-def _thinned(samples: Samples) -> Samples:
-    """Return no more of each sensor than a filter needs."""
-    values = samples.values.copy()
-    for k in range(0, values.shape[1], 3):
-        rows = np.flatnonzero(np.isfinite(values[:, k : k + 3]).any(axis=1))
-        slots = np.floor((samples.t[rows] - samples.t[0]) / _APART + 1e-6)
-        values[rows[1:][np.diff(slots) == 0.0], k : k + 3] = np.nan
-    kept = np.isfinite(values).any(axis=1)
-    return replace(samples, t=samples.t[kept], values=values[kept])
 
 
 class _Look:

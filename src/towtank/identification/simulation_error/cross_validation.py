@@ -196,6 +196,11 @@ class FreeRuns:
         possible = _CLAIMED**2 / np.diag(self.prior[1])
         return fit if (np.diag(fit.covariance) > possible).all() else None
 
+    def held(self, model: CandidateModel) -> OutputErrorFit | None:
+        """Return runs over everything by the model as it is, from initial states of their own; None where they fail."""
+        exactly = (np.array(model.theta), _SURE * np.eye(len(model.free)))
+        return self._fitted(self._rest(()), model, exactly, _STATES)
+
     def errors(self, model: CandidateModel, windows: Sequence[int] | None = None) -> Array:
         """Return the mean squares (w, 18) of what free runs over each window miss [of the noise]; inf where one fails.
 

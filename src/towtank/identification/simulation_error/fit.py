@@ -2,9 +2,10 @@
 
 Gauss and Newton's steps, damped after Levenberg and Marquardt where one does not help, over the coefficients and the
 initial state of every segment at once (`simulation_error.trajectory`). First over short segments, in which not much can
-go wrong whatever the coefficients: an unstable vehicle's free run is soon anywhere. From there the whole runs. At first
-all columns are weighed alike; then each by its noise, or by the robust size of its own residuals where that is larger,
-with Huber's weights at 2 of these; once the run is near the data, what is beyond 4.5 is left out.
+go wrong whatever the coefficients: an unstable vehicle's free run is soon anywhere. From there the whole runs. Each
+column is weighed by its noise, or by the robust size of its own residuals where that is larger, from the first step on:
+were the data worth less at first, the prior alone would lead the coefficients off. Huber's weights begin at 2 of these;
+once the run is near the data, what is beyond 4.5 is left out.
 
 It is the best judge where nothing but the sensors' noise parts the model from the data; a random force, which a free
 run cannot follow, spoils it: `OutputErrorFit.autocorrelation` says so.
@@ -25,7 +26,7 @@ can tell. Residuals correlated over more than about a twentieth of the run mean 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,12 +79,11 @@ _LAG_SHARE, _LAG_STEP = 0.5, 0.02  # that a lag may lose in one step; s, that it
 _SHORTEST = 0.002  # s, below which a lag no longer matters
 _ROWS_FOR_SCALE = 2000  # residuals that a scale is taken from
 _NOTHING = 1e-12  # information on an initial state, and size of a sensitivity, that is rounding
-_FAR = 1e3  # standard deviations of the noise: scale of residuals of which nothing is known yet
 _NEAR = 1.0  # decrease of the cost from which the gate is in force
 _NEAR_SCALE, _NEAR_SHARE = 1.5, 0.05  # or the size of the residuals, and a decrease of this share of the cost
 _FIXED = 2  # steps within the gate after which the scales stay as they are
 _SETTLED = 0.03  # decrease of the cost, half of a squared deviation, whose step is taken without another run
-_UNSURE = 0.5  # decrease within the coefficients' deviations: not borne out by a run, it is the derivatives' own error
+_UNSURE = 1.0  # decrease within the coefficients' deviations: not borne out by a run, it is the derivatives' own error
 _TOLERATED = 1e-3  # increase of the cost that a step may cause: the derivatives are of second order in the step
 _MOST_DAMPED = 1e6
 _WARM, _WARM_RUNS = 0.3, 12  # share of the cost that a step still lowers, and runs, after which the warm-up ends
@@ -144,27 +144,25 @@ class FreeRunProblem:
         self.spare = self._new_sums()
         return Point(theta, states, sums)
 
-    def narrow(self, point: Point) -> Point:
-        """From here on estimate only the initial states that the data show, and move only what answers.
+    def weighed(self, theta: Array, states: list[Array]) -> tuple[Point, Array] | None:
+        """Return the runs from here, weighed by the size (18,) of what they miss, and it; None where they fail.
 
-        Returns:
-            The point with what is left of its sums.
+        From here on only the initial states that the data show are estimated, and only what answers moves.
         """
-        information = np.sum([np.einsum("scc->c", each.normal) for each in point.sums], axis=0)
+        start = self.evaluate(theta, states, np.ones(N_MEASURED), False)
+        if start is None:
+            return None
         k = self.estimated.size
+        information = np.sum([np.einsum("scc->c", each.normal) for each in start.sums], axis=0)
         keep = np.flatnonzero(information[:k] > _NOTHING)
-        columns = np.concatenate([keep, k + np.arange(len(self.free))])
-        reach = np.sum([each.reach for each in point.sums], axis=0)
-        self.moving = np.flatnonzero((reach[:, columns] > _NOTHING).any(axis=1)).astype(np.int64)
+        reach = np.sum([each.reach for each in start.sums], axis=0)
+        reach = reach[:, np.concatenate([keep, k + np.arange(len(self.free))])]
+        self.moving = np.flatnonzero((reach > _NOTHING).any(axis=1)).astype(np.int64)
         self.estimated = self.estimated[keep]
         self._allocate()
-        narrowed, self.spare = replace(point, sums=self.spare), self._new_sums()
-        c = columns.size
-        for before, after in zip(point.sums, narrowed.sums, strict=True):
-            after.normal[:, :c, :c] = before.normal[:, columns[:, None], columns]
-            after.scores[:, :c] = before.scores[:, columns]
-            after.residuals[:] = before.residuals
-        return narrowed
+        scale = residual_scale(start)
+        point = self.evaluate(theta, states, scale, False)
+        return None if point is None else (point, scale)
 
     def leave_out_jumps(self, point: Point, scale: Array) -> None:
         """From here on leave out the samples that are off together."""
@@ -279,17 +277,16 @@ class Descent:
     converged: bool
 
 
-def warm_up(problem: FreeRunProblem, theta: Array, states: list[Array]) -> tuple[Array, list[Array], int]:
-    """Return coefficients (n,) and initial states after some steps over short segments, and the runs made.
+def warm_up(problem: FreeRunProblem, theta: Array, states: list[Array]) -> tuple[Array, list[Array]]:
+    """Return coefficients (n,) and initial states after some steps over short segments.
 
     The lag is held: while nothing else is right it would run away, and the delay does for it.
     """
-    scale = np.full(N_MEASURED, _FAR)
-    point = problem.evaluate(theta, states, scale, False)
-    runs, damping = 1, 0.0
-    if point is None:
-        return theta, states, runs
-    point = problem.narrow(point)
+    weighed = problem.weighed(theta, states)
+    if weighed is None:
+        return theta, states
+    point, scale = weighed
+    runs, damping = 0, 0.0
     while True:
         arrowhead, cost = problem.arrowhead(point), problem.cost(point, scale, False)
         step = arrowhead.step(damping, *problem.bounds(point.theta, lag=False), problem.within(point.theta))
@@ -301,17 +298,17 @@ def warm_up(problem: FreeRunProblem, theta: Array, states: list[Array]) -> tuple
             point, damping = trial, 0.1 * damping
         else:
             damping = max(1e-3, 100.0 * damping)
-    return *problem.moved(point, step), runs
+    return problem.moved(point, step)
 
 
 def descend(problem: FreeRunProblem, theta: Array, states: list[Array], most: int) -> Descent | None:
     """Return the best fit within `most` runs; None where already the first run is impossible."""
-    scale, gated, fixed = np.full(N_MEASURED, _FAR), False, 0
-    point = problem.evaluate(theta, states, scale, gated)
-    if point is None:
+    weighed = problem.weighed(theta, states)
+    if weighed is None:
         return None
-    point = problem.narrow(point)
-    damping, runs = 0.0, 1
+    point, scale = weighed
+    gated, fixed = False, 0
+    damping, runs = 0.0, 2
     while True:
         arrowhead = problem.arrowhead(point)
         step = arrowhead.step(damping, *problem.bounds(point.theta), problem.within(point.theta))
@@ -326,8 +323,6 @@ def descend(problem: FreeRunProblem, theta: Array, states: list[Array], most: in
             scale = residual_scale(point)
             if gated:
                 problem.leave_out_jumps(point, scale)
-            elif runs == 1:
-                scale = np.full(N_MEASURED, scale.max())
             decrease = step.decrease * float(np.min(old_scale / scale)) ** 2
             near = scale.max() < _NEAR_SCALE and decrease < _NEAR_SHARE * problem.cost(point, scale, gated)
             gated = gated or near or decrease < _NEAR
@@ -335,12 +330,13 @@ def descend(problem: FreeRunProblem, theta: Array, states: list[Array], most: in
         while True:
             trial = problem.evaluate(*problem.moved(point, step), scale, gated)
             runs += 1
-            if trial is not None and problem.cost(trial, old_scale, old_gated) <= cost + _TOLERATED:
-                point, damping = trial, (0.0 if damping < 1e-6 else 0.1 * damping)
-                break
-            if old_gated and step.decrease < _UNSURE:
+            gained = -np.inf if trial is None else cost - problem.cost(trial, old_scale, old_gated)
+            if old_gated and step.decrease < _UNSURE and gained <= _TOLERATED:
                 nowhere = Step(np.zeros_like(step.theta), np.zeros_like(step.states), 0.0)
                 return Descent(point, nowhere, old_scale, runs, True)
+            if trial is not None and gained >= -_TOLERATED:
+                point, damping = trial, (0.0 if damping < 1e-6 else 0.1 * damping)
+                break
             damping = max(1e-3, 10.0 * damping)
             if runs >= most or damping > _MOST_DAMPED:
                 return Descent(point, step, old_scale, runs, False)
@@ -455,17 +451,16 @@ def fit_output_error(
     runs = [run for run in runs if run.first.size]
     if not runs:
         raise InputError("output error: found no three measured rows without a gap between them")
-    states, made = [starting_states(run) for run in runs], 0
+    states = [starting_states(run) for run in runs]
     short = [warm_up_of(each, run, segment, gap) for each, run in zip(kept, runs, strict=True)]
     if any(part is not run for part, run in zip(short, runs, strict=True)):
-        begin = [starting_states(run) for run in short]
-        theta, begin, made = warm_up(FreeRunProblem(short, model, known), theta, begin)
+        theta, begin = warm_up(FreeRunProblem(short, model, known), theta, [starting_states(run) for run in short])
         for run, start, other, fitted in zip(runs, states, short, begin, strict=True):
             _, here, there = np.intersect1d(run.first, other.first, return_indices=True)
             start[here] = fitted[there]
     problem = FreeRunProblem(runs, model, known)
-    descent = descend(problem, theta, states, max(iterations, 1))
-    return _failed(theta, states, made + 1) if descent is None else _result(problem, descent, made)
+    descent = descend(problem, theta, states, iterations)
+    return _failed(theta, states) if descent is None else _result(problem, descent)
 
 
 def _check(samples: Sequence[Samples], model: CandidateModel, noise: Array, prior: Knowledge) -> None:
@@ -487,7 +482,7 @@ def _check(samples: Sequence[Samples], model: CandidateModel, noise: Array, prio
         raise InputError("output error: every measured column needs a positive noise deviation")
 
 
-def _result(problem: FreeRunProblem, descent: Descent, made: int) -> OutputErrorFit:
+def _result(problem: FreeRunProblem, descent: Descent) -> OutputErrorFit:
     point, scale = descent.point, descent.scale
     k, n = problem.estimated.size, len(problem.free)
     information, eliminated = problem.arrowhead(point).information()
@@ -517,13 +512,13 @@ def _result(problem: FreeRunProblem, descent: Descent, made: int) -> OutputError
         cost=problem.cost(point, scale, True),
         residual_std=correlation.std * problem.runs[0].noise,
         autocorrelation=correlation,
-        iterations=made + descent.runs,
+        iterations=descent.runs,
         converged=descent.converged,
         rejected=float((moments.beyond + problem.left_out) / max(moments.number + problem.left_out, 1.0)),
     )
 
 
-def _failed(theta: Array, states: list[Array], made: int) -> OutputErrorFit:
+def _failed(theta: Array, states: list[Array]) -> OutputErrorFit:
     """Return the start, of which nothing is known: already its free run is impossible."""
     n, unknown = len(theta), np.full(N_MEASURED, np.nan)
     return OutputErrorFit(
@@ -533,8 +528,8 @@ def _failed(theta: Array, states: list[Array], made: int) -> OutputErrorFit:
         states=np.concatenate(states),
         cost=np.inf,
         residual_std=unknown,
-        autocorrelation=Autocorrelation(unknown, unknown, unknown, unknown, unknown, unknown),
-        iterations=made,
+        autocorrelation=Autocorrelation(unknown, unknown, unknown, unknown),
+        iterations=1,
         converged=False,
         rejected=0.0,
     )
