@@ -9,7 +9,6 @@ both have in common. Nothing is tuned; recordings from `$TOWTANK_DATA`, else `sh
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import math
 import sys
@@ -17,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from real_cases import BOAT_HALVES, SPINS, boat, data_folder, pool, sea
+from real_cases import BOAT_HALVES, SPINS, asked, boat, pool, sea
 from report import checks_table, show
 from runner import write_json
 from summary import Check
@@ -81,12 +80,8 @@ def implausible(learnings: Sequence[LogLearning]) -> list[str]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Show the agreement of every pair and of all together; 1 where a limit does not hold."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", type=Path)
-    chosen = parser.parse_args(arguments)
-    data = data_folder()
+    output, data = asked(__doc__, arguments)
     if data is None:
-        show("no recordings: set TOWTANK_DATA")
         return 0
     found = pairs(data)
     all_z: list[float] = []
@@ -116,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ),
     ]
     show(checks_table("must hold", checks))
-    write_json(chosen.output, {"study": "agreement", "pairs": table, "checks": [check.document() for check in checks]})
+    write_json(output, {"study": "agreement", "pairs": table, "checks": [check.document() for check in checks]})
     return 0 if all(check.met for check in checks) else 1
 
 

@@ -11,13 +11,11 @@ after it, and of the next push, with their sizes as shares of the first. Recordi
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
-from real_cases import POOL_RUNS, data_folder, pool
+from real_cases import POOL_RUNS, asked, pool
 from report import show
 from rich.table import Table
 from runner import write_json
@@ -60,12 +58,8 @@ def pushes(times: Array, push: Array) -> list[tuple[float, float]]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Show how each run answers."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", type=Path)
-    chosen = parser.parse_args(arguments)
-    data = data_folder()
+    output, data = asked(__doc__, arguments)
     if data is None:
-        show("no recordings: set TOWTANK_DATA")
         return 0
     runs, document = pool(data), {}
     table = Table(
@@ -78,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             document[f"{name}, {_AXIS[axis]}"] = found
             table.add_row(name, _AXIS[axis], *(f"{size:+.2f} at {t:.2f} s" for t, size in found))
     show(table)
-    write_json(chosen.output, {"study": "answer", "pushes": document})
+    write_json(output, {"study": "answer", "pushes": document})
     return 0
 
 

@@ -5,6 +5,7 @@ A model never sees the runs that it is judged by. What must hold of each figure 
 
 from __future__ import annotations
 
+import argparse
 import os
 import tomllib
 from collections.abc import Sequence
@@ -13,6 +14,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from report import show
 
 from towtank.identification import Learner, LogLearning, learn_recordings
 from towtank.recording import ColumnMapping, Recording, read_csv
@@ -28,6 +30,7 @@ __all__ = [
     "SPINS",
     "Case",
     "Learned",
+    "asked",
     "boat",
     "data_folder",
     "model_fit",
@@ -93,6 +96,17 @@ def data_folder() -> Path | None:
     named = os.environ.get("TOWTANK_DATA")
     folder = Path(named) if named else Path(__file__).resolve().parents[3] / "shared" / "data"
     return folder if folder.is_dir() else None
+
+
+def asked(text: str | None, arguments: Sequence[str] | None) -> tuple[Path | None, Path | None]:
+    """Read the one option of a study of real recordings: return where to write, and the recordings, None if absent."""
+    parser = argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--output", type=Path)
+    output: Path | None = parser.parse_args(arguments).output
+    data = data_folder()
+    if data is None:
+        show("no recordings: set TOWTANK_DATA")
+    return output, data
 
 
 def real_fit(learning: LogLearning, judged: Recording, horizon: float | None = None) -> dict[str, float]:

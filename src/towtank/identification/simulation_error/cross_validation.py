@@ -198,8 +198,7 @@ class FreeRuns:
 
     def held(self, model: CandidateModel) -> OutputErrorFit | None:
         """Return runs over everything by the model as it is, from initial states of their own; None where they fail."""
-        exactly = (np.array(model.theta), _SURE * np.eye(len(model.free)))
-        return self._fitted(self._rest(()), model, exactly, _STATES)
+        return self._as_it_is(self._rest(()), model)
 
     def errors(self, model: CandidateModel, windows: Sequence[int] | None = None) -> Array:
         """Return the mean squares (w, 18) of what free runs over each window miss [of the noise]; inf where one fails.
@@ -208,9 +207,8 @@ class FreeRuns:
         """
         chosen = range(len(self.windows)) if windows is None else windows
         out = np.full((len(chosen), N_MEASURED), np.inf)
-        exactly = (np.array(model.theta), _SURE * np.eye(len(model.free)))
         for row, w in enumerate(chosen):
-            fit = self._fitted([self._piece(self.windows[w])], model, exactly, _STATES)
+            fit = self._as_it_is([self._piece(self.windows[w])], model)
             if fit is not None and np.isfinite(fit.cost):
                 out[row] = (fit.residual_std / self.noise) ** 2
         return out
@@ -252,6 +250,11 @@ class FreeRuns:
         values = np.array(piece.values)
         values[: len(angles), 3:5] = angles
         return replace(piece, values=values)
+
+    def _as_it_is(self, samples: Sequence[Samples], model: CandidateModel) -> OutputErrorFit | None:
+        """Return runs by the model's coefficients, of which nothing but the initial states is fitted."""
+        exactly = (np.array(model.theta), _SURE * np.eye(len(model.free)))
+        return self._fitted(samples, model, exactly, _STATES)
 
     def _fitted(
         self, samples: Sequence[Samples], model: CandidateModel, prior: Knowledge, iterations: int

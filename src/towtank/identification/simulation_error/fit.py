@@ -399,7 +399,7 @@ class OutputErrorFit:
         cost: sum of the robust squares, halved.
         residual_std: (18,) in the columns' units, outliers left out; NaN for columns that are not measured.
         autocorrelation: of the residuals.
-        iterations: free runs made. converged: whether nothing was left to gain.
+        iterations: free runs made, but for those over short segments. converged: whether nothing was left to gain.
         rejected: share of the measured numbers beyond the gate.
     """
 
