@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -87,6 +88,60 @@ def test_a_stretch_may_begin_in_full_motion(vehicle: Vehicle, columns: Sequence[
     row[list(columns)] = 0.1
     begin_motion(state, held, 0.0, row)
     np.testing.assert_allclose(np.sqrt(np.diag(state.P)[6:12]), expected)
+
+
+def sensed(t: Array, dvl: Array) -> Samples:
+    """Rows of a gyro and an accelerometer, at the times `dvl` of a DVL, too, and of an attitude in the row before."""
+    values = np.full((t.size, N_MEASURED), np.nan)
+    values[:, 9:12], values[:, 12:15] = 0.02, (0.0, 0.0, -9.81)
+    for k in np.searchsorted(t, dvl):
+        values[k - 1, 3:6] = 0.1, 0.0, 2.0
+        values[k, 6:9] = 0.4, -0.1, 0.05
+    vehicle = load_vehicle("vlbv300")
+    B = configuration_matrix(vehicle)
+    m = B.shape[1]
+    return Samples(t, values, np.zeros(1), np.zeros((1, m)), B, np.zeros(m), True)
+
+
+@pytest.mark.parametrize(
+    ("dvl", "speeds", "begins"),
+    [
+        ((0.4, 0.52), True, 0.4),  # at the first speed, for it is known that there are some
+        ((0.4, 0.52), False, 0.0),  # at once, for nobody has seen any
+        ((1.5,), True, 1.0),  # no longer than that
+        ((), False, 0.0),
+    ],
+)
+def test_a_motion_begins_at_a_speed_that_is_measured(
+    vehicle: Vehicle, dvl: tuple[float, ...], speeds: bool, begins: float
+) -> None:
+    """With an accelerometer and a speed that nobody knows, drag and inertia would be read off at the wrong speed."""
+    samples = sensed(0.01 * np.arange(200), np.array(dvl))
+    state = filter_for(vehicle, B=samples.B)
+    state.clock["speeds"] = speeds
+    held = new_zero_order_hold(samples.B.shape[1], samples.lag, 0.0)
+    taken, k = 0, 0
+    while not state.clock[0].started > 0.0:
+        taken = joint_events(state, held, rows_of(samples), k, k + 1, taken)
+        k += 1
+    assert samples.t[k - 1] == pytest.approx(begins)
+    if begins in dvl:
+        np.testing.assert_allclose(state.x[7:10], (0.4, -0.1, 0.05), atol=1e-3)
+        np.testing.assert_allclose(np.sqrt(np.diag(state.P)[6:9]), NOISE[6:9], rtol=0.01)
+        psi = math.atan2(2.0 * (state.x[3] * state.x[6] + state.x[4] * state.x[5]), 1.0 - 2.0 * (state.x[6] ** 2))
+        assert psi == pytest.approx(2.0, abs=0.05)  # shown a row before
+
+
+def test_what_was_shown_long_before_the_inputs_were_known_does_not_begin_a_motion(vehicle: Vehicle) -> None:
+    samples = sensed(0.01 * np.arange(400), np.array([0.5, 3.0]))
+    samples.values[:60, 3:6] = 0.5, 0.0, -2.0
+    late = replace(samples, input_t=np.array([2.6]))
+    state = filter_for(vehicle, B=samples.B)
+    state.clock["speeds"] = 1.0
+    run_through(state, late, 301)
+    assert state.clock[0].started > 0.0
+    assert state.clock[0].time == pytest.approx(3.0)
+    assert np.abs(state.shown[3:6] - (0.1, 0.0, 2.0)).max() < 1e-12
 
 
 class Reference:

@@ -74,7 +74,7 @@ def test_speeds_of_two_recordings_are_no_neighbours() -> None:
     logs = [samples_of(simulate(box(), wrench=wrench, sensors=Ins(), seed=seed), box()) for seed in range(2)]
     prior = prior_of(box(), commands=False).only(("X_uu",))
     problem = JointProblem(logs, box(), prior, FilterSettings(), LEVELS.noise)
-    state, _, _ = one_pass(problem, prior.mean, LEVELS)
+    state, *_ = one_pass(problem, prior.mean, LEVELS)
     accepted, pairs = state.statistics[6].accepted, state.statistics[6].neighbours
     assert accepted > 20.0
     assert pairs == accepted - 2.0

@@ -156,10 +156,10 @@ def test_what_is_left_of_a_latency_is_found_in_one_pass(late: float, seed: int) 
     k = problem.free.names.index("latency_velocity")
     about = problem.prior.mean.copy()
     about[k] = late - 0.02
-    state, _, _ = one_pass(problem, about, levels)
+    state, *_ = one_pass(problem, about, levels)
     found, std = state.theta[k], coefficient_std(state)[k]
     assert std < 0.004
     assert abs(found - late) < 3.5 * std + 0.001  # 0.02 s away, to first order
-    again, _, _ = one_pass(problem, state.theta.copy(), levels)
+    again, *_ = one_pass(problem, state.theta.copy(), levels)
     assert abs(again.theta[k] - late) < 3.5 * coefficient_std(again)[k]
     assert abs(again.theta[k] - found) < 2.0 * std

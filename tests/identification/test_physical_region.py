@@ -19,7 +19,7 @@ from towtank.identification.offline.joint import LearningRequest, joint_problem
 from towtank.identification.posterior.physical import Region
 from towtank.recording import Recording
 from towtank.recording.standard import MEASURED
-from towtank.simulation import Ins, Mocap, manoeuvre, simulate
+from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle
 from towtank.vehicle.matrices import added_mass_matrix, damping_matrices
 
@@ -140,9 +140,10 @@ def slow(vehicle: Vehicle) -> Vehicle:
 
 
 def run(kind: str, seed: int, sensors: object, vehicle: Vehicle) -> Recording:
-    """Half a minute of a vehicle."""
+    """Half a minute of a vehicle, in water that pushes it a little."""
     commands = manoeuvre(kind, vehicle, duration=30.0, dt=0.01, seed=seed).commands
-    return simulate(vehicle, commands=commands, dt=0.01, sensors=sensors, seed=seed)  # type: ignore[arg-type]
+    push = OrnsteinUhlenbeck(std=(0.3, 0.3, 0.3, 0.03, 0.03, 0.1))
+    return simulate(vehicle, commands=commands, dt=0.01, sensors=sensors, disturbance=push, seed=seed)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("seed", range(2))

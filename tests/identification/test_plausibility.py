@@ -53,6 +53,14 @@ def learning(known: float = 0.05, vehicle: Vehicle = VEHICLE, **moved: float) ->
     )
 
 
+@pytest.mark.parametrize(("drag", "identified"), [(-10.0, False), (-60.0, True)])
+def test_asymmetric_drag_is_not_learned_from_its_bound(drag: float, identified: bool) -> None:
+    """|X_u2| <= -X_uu alone leaves it a deviation of |X_uu| / sqrt(3), however much was supposed of it."""
+    found = learning(0.3, X_uu=drag).estimate["X_u2"]
+    assert found.std == pytest.approx(5.1, abs=0.1)
+    assert found.identified == identified
+
+
 def test_the_mean_of_the_prior_is_not_doubted() -> None:
     assert implausible(learning()) == ()
 

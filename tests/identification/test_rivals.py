@@ -13,9 +13,17 @@ from towtank.core.arrays import Array
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import prepared, samples_of
 from towtank.identification.kalman.passes import JointFit, JointProblem, joint_fit
+from towtank.identification.kalman.state import coefficient_block
 from towtank.identification.offline import joint, rivals
 from towtank.identification.offline.joint import LearningRequest, joint_problem
-from towtank.identification.offline.rivals import Rival, late_rival, less_sure, likeliest_rival, quick_rival
+from towtank.identification.offline.rivals import (
+    Rival,
+    forbidden_rival,
+    late_rival,
+    less_sure,
+    likeliest_rival,
+    quick_rival,
+)
 from towtank.recording.grids.grid import held_at
 
 from .runs import unknown
@@ -76,10 +84,34 @@ def test_the_likeliest_of_several_pictures_counts(
     problem, fit = slow
     one = Rival(replace(fit, likelihood=fit.likelihood + 30.0), fit.theta, fit.std, "one")
     other = Rival(replace(fit, likelihood=fit.likelihood + 40.0), fit.theta, fit.std, "other")
-    for quick, late, chosen in ((one, other, other), (other, one, other), (None, one, one), (None, None, None)):
-        monkeypatch.setattr(rivals, "quick_rival", lambda problem, fit, it=quick: it)
-        monkeypatch.setattr(rivals, "late_rival", lambda problem, fit, it=late: it)
+    cases = ((one, other, None, other), (other, one, None, other), (None, one, other, other), (None, None, None, None))
+    for *each, chosen in cases:
+        for kind, it in zip(("quick", "late", "forbidden"), each, strict=True):
+            monkeypatch.setattr(rivals, f"{kind}_rival", lambda problem, fit, it=it: it)
         assert likeliest_rival(problem, fit) is chosen
+
+
+@pytest.mark.parametrize(("deviations", "asked_for"), [(0.0, False), (5.0, False), (8.0, True)])
+def test_data_that_ask_for_what_physics_forbids_are_another_picture(
+    slow: tuple[JointProblem, JointFit], deviations: float, asked_for: bool
+) -> None:
+    """At a bound the likelihood is lower by half the square of how many deviations the data lie beyond it."""
+    problem, fit = slow
+    k = fit.free.names.index("X_uu")
+    known = coefficient_block(fit.state)
+    beyond = fit.theta + deviations * known[:, k] / np.sqrt(known[k, k])
+    rival = forbidden_rival(problem, replace(fit, mean=beyond))
+    assert (rival is not None) == asked_for
+    if rival is not None:
+        np.testing.assert_array_equal(rival.theta, beyond)
+        assert rival.fit.likelihood == pytest.approx(fit.likelihood + 0.5 * deviations**2)
+        wider, text = less_sure(problem, fit, rival)
+        assert "physics forbids" in text
+        assert wider.std[k] > 3.0 * np.sqrt(known[k, k])
+
+
+def test_a_model_that_is_right_asks_for_nothing_that_physics_forbids(slow: tuple[JointProblem, JointFit]) -> None:
+    assert forbidden_rival(*slow) is None
 
 
 def off(problem: JointProblem, fit: JointFit, theta: Array) -> float:

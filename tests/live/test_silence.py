@@ -129,7 +129,10 @@ def test_a_session_says_so_and_learns_on_when_they_are_back(vehicle: Vehicle, ru
         found = status.learnt.estimate
         return max(abs(found[name].value / vehicle.coefficient(name) - 1.0) for name in ("X_udot", "X_uu"))
 
-    assert wrong(status) < 0.05
+    found = status.learnt.estimate
+    for name in ("X_udot", "X_uu"):  # commands are missed after a second of forces that were not
+        assert abs(found[name].value - vehicle.coefficient(name)) < 2.0 * found[name].std
+    assert wrong(status) < 0.10
     assert wrong(status) < wrong(learned(vehicle, run, (10.0, 15.0), heed=False))
 
 

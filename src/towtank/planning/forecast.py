@@ -238,7 +238,7 @@ def forecast(outlook: Outlook, truth: Vehicle, commands: Array, *, start: Array 
     supposed = replace(known, mean=theta)
     problem = JointProblem((samples,), truth, supposed, settings, instruments.noise)
     levels = NoiseLevels(instruments.noise, np.array(outlook.disturbance))
-    state, _, _ = one_pass(problem, theta, levels, windows=1)
+    state, *_ = one_pass(problem, theta, levels, windows=1)
     covariance = coefficient_block(state).copy()
     quantities = {name: quantity_of(truth, name) for name in known.names}
     return Forecast(run["x"].t, motion[:, :6], motion[:, 6:], known.names, theta, covariance, quantities)

@@ -107,7 +107,7 @@ def validate(
       towtank validate learned.toml surge.csv --horizon 10
       towtank validate learned.toml surge.csv --against vlbv300
       towtank validate learned.toml surge.csv --folds 5
-      towtank validate learned.toml surge.csv --require 40
+      towtank validate learned.toml surge.csv --require 30
     """
     positive_option("--horizon", horizon)
     positive_option("--delay", delay, zero=True)

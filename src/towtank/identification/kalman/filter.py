@@ -2,8 +2,9 @@
 
 Between measurements the motion goes on under the inputs, and its covariance, P <- F P F^T + Q.
 
-The motion is linearised about fixed coefficients, and the filter is linear in their distance from them, so that a wide
-prior cannot lead it off: early and wild estimates act to first order only.
+The motion is linearised about fixed coefficients and a fixed current, and the filter is linear in their distance from
+them, so that a wide prior cannot lead it off: early and wild estimates act to first order only, and what the filter
+takes the current for on its way does not change what it takes the coefficients to do.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from towtank.core.layout import I_INFLOW, I_LINEAR
 from towtank.core.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
 from towtank.identification.data.samples import Samples
 from towtank.identification.kalman.state import INFORMATION_MEMORY, JointState
-from towtank.identification.kalman.update import product_of_rows, update_row
+from towtank.identification.kalman.update import product_of_rows, to_linearised_current, update_row
 from towtank.identification.model.linearisation import step_and_linearise, turn_by
 from towtank.identification.model.measurements import ATTITUDE, N_SENSORS, NEVER, SPEEDS
 from towtank.identification.model.parameters import IN_GAIN, N_FIXED, N_MOVING
@@ -35,6 +36,7 @@ _START = (0.3, 0.2, 0.3, 0.2)  # m, rad, m/s, rad/s: deviations at the start whe
 _TURNING = 1.0  # rad/s: of rates that the next attitudes tell: a stretch may begin in full motion
 _UNKNOWN_POSITION = 100.0  # m^2: variance of it
 _ANSWERED = 0.5  # s after which thrusters have forgotten what they did before the first command
+_SHOWN = 1.0  # s for which a start waits for a speed that is measured: drag at another tells wrongly of all else
 
 
 class Rows(NamedTuple):
@@ -87,6 +89,24 @@ def _off_linearisation(state: JointState) -> None:
             for i in range(6):
                 x[7 + i] += F[6 + i, column] * away
     turn_by(x, ex, ey, ez)
+
+
+@kernel
+def _from_linearised_current(state: JointState) -> None:
+    """Go back, after a step, to the current that is estimated: to first order, as coefficients count."""
+    x, F, away, moved = state.x, state.F, state.away, state.dx
+    if away[3] == 0.0 and away[4] == 0.0 and away[5] == 0.0:
+        return
+    for i in range(N_MOVING):
+        for k in range(3):
+            moved[i] += F[i, 18 + k] * away[3 + k] - F[i, 6 + k] * away[k]
+    for i in range(3):
+        x[i] += moved[i]
+        state.water[i] += away[3 + i]
+    for i in range(6):
+        x[7 + i] += moved[6 + i]
+    turn_by(x, moved[3], moved[4], moved[5])
+    moved[:] = 0.0
 
 
 @kernel
@@ -268,6 +288,7 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
         for i in range(6):
             total[i] = mean * state.force[i]
         _with_inflow(state)
+        to_linearised_current(state)
         step_and_linearise(
             state.p,
             state.x,
@@ -287,6 +308,7 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
         )
         for i in range(6):
             state.rate[i] = state.work[4, 7 + i, 0] + total[i]
+        _from_linearised_current(state)
         _off_linearisation(state)
         _covariance(state, h)
         for i in range(6):
@@ -301,7 +323,7 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
 
 @kernel
 def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> None:
-    """Begin the motion at the row z (18,) of time t [s]; coefficients, biases and current stay as they are."""
+    """Begin the motion at the time t [s] with z (18,) as shown last; coefficients, biases, current stay as they are."""
     x, P = state.x, state.P
     size = P.shape[0]
     for i in range(18):
@@ -367,6 +389,14 @@ def _inputs_known(held: ZeroOrderHold, t: float) -> bool:
 
 
 @kernel
+def _shows_speed(z: Array) -> bool:
+    shown = False
+    for sensor in SPEEDS:
+        shown = shown or (math.isfinite(z[3 * sensor]) and math.isfinite(z[3 * sensor + 1]))
+    return shown
+
+
+@kernel
 def joint_step(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> bool:
     """Take the row z (18,) of time t [s]; return whether it was of use: in order, and the inputs known."""
     clock = state.clock[0]
@@ -375,10 +405,18 @@ def joint_step(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> bo
     if started and not t > now:
         return False
     if not started or t - now > state.settings[0].gap:
-        clock.started = 0.0
-        if _inputs_known(held, t):
-            begin_motion(state, held, t, z)
-            update_row(state, z)
+        if clock.started >= 0.0 or t < clock.waits_from:
+            clock.started, clock.waits_from, state.shown[:] = -1.0, t, math.nan
+        for k in range(z.shape[0]):
+            state.shown[k] = z[k] if math.isfinite(z[k]) else state.shown[k]
+        shows_speed = _shows_speed(z)
+        clock.speeds = 1.0 if shows_speed else clock.speeds
+        if shows_speed or clock.speeds == 0.0 or not t - clock.waits_from < _SHOWN:
+            if _inputs_known(held, t):
+                begin_motion(state, held, t, state.shown)
+                update_row(state, z)
+            else:
+                clock.waits_from, state.shown[:] = t, z
         return False
     if not predict(state, held, t):
         _without_inflow(state)

@@ -94,7 +94,8 @@ def adapt_noise(
             disturbance[i] = disturbance[i] ** weight * usual[i] ** (1.0 - weight)
         if smoother[i]:
             disturbance[i] = max(disturbance[i], levels.disturbance[i])
-    return NoiseLevels(noise, np.maximum(disturbance, floors), velocity_walk, _wave_level(state, levels))
+    disturbance = np.maximum(disturbance, floors)
+    return NoiseLevels(noise, disturbance, velocity_walk, _wave_level(state, levels), levels.currents)
 
 
 def _wave_level(state: JointState, levels: NoiseLevels) -> Array:

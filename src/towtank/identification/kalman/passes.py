@@ -9,6 +9,9 @@ back by what their latency is found to be, and no step is longer than the prior 
 to the likeliest point that physics allows (`posterior.physical`): a delay of -0.2 s undoes a lag of 0.2 s to first
 order, and only so.
 
+Drag is far from linear in a current. So the motion is linearised about the current of each recording, too, as far as
+the last pass has found that it surely flows.
+
 Where a sensor sees the ground, waves are among the unknowns, water that goes to and fro with a period of seconds. They
 stay where the likelihood gains by far more than chance.
 """
@@ -46,7 +49,7 @@ from towtank.identification.kalman.state import (
     forget_surroundings,
     new_joint_state,
 )
-from towtank.identification.model.measurements import SENSORS, shown_axes
+from towtank.identification.model.measurements import SENSORS, SPEEDS, shown_axes
 from towtank.identification.model.parameters import (
     DELAY,
     IN_DELAY,
@@ -76,6 +79,7 @@ __all__ = [
     "one_pass",
     "settings_for",
     "since_last",
+    "surely_flows",
 ]
 
 _SAME_WATER = 600.0  # s after which a stretch of one session may be in another current
@@ -83,6 +87,7 @@ _PACE = 0.5  # s between two poses that give the speed ahead
 _SAME_ROWS = 0.9  # of the rows of two sensors, from which they are one device
 
 _WINDOWS, _LEAST_WINDOW = 16, 25  # of a pass, that must agree; rows
+_NO_CHANCE = 3.0  # deviations of a current
 _PASSES = 16
 _ROUGH = 20.0  # times the usual disturbance, in the first pass
 _LONGEST_STEP = 1.5  # deviations of the prior
@@ -309,14 +314,17 @@ def since_last(state: JointState, t: Array) -> float | None:
     return elapsed if 0.0 <= elapsed <= _SAME_WATER else None
 
 
-def next_recording(state: JointState, samples: Samples, elapsed: float | None = None) -> JointState:
+def next_recording(
+    state: JointState, samples: Samples, elapsed: float | None = None, current: Array | None = None
+) -> JointState:
     """Return the filter, to go on with another recording: its motion begins anew, in other water.
 
     Args:
         elapsed: since the last row [s], where the water is the same.
+        current: (3,) that a pass has found in it.
     """
     state.clock["started"] = 0.0
-    forget_surroundings(state, elapsed)
+    forget_surroundings(state, elapsed, current)
     return state._replace(B=np.ascontiguousarray(samples.B), mean_force=np.zeros((3, samples.B.shape[1])))
 
 
@@ -327,10 +335,11 @@ def one_pass(
     progress: Progress | None = None,
     *,
     windows: int = _WINDOWS,
-) -> tuple[JointState, ZeroOrderHold, list[Reading]]:
+) -> tuple[JointState, ZeroOrderHold, list[Reading], Array]:
     """Run the filter once over all recordings, linearised about theta (n,) `about`.
 
-    Returns its state and the inputs' at the end, the prior, and what was known at the ends of so many windows.
+    Returns its state and the inputs' at the end; the prior, and what was known at the ends of so many windows; and the
+    `currents` of `NoiseLevels`.
     """
     free, samples = problem.free, problem.samples
     prior = Reading(0.0, *problem.prior.seen_from(about))
@@ -347,10 +356,12 @@ def one_pass(
     )
     latency = latencies_of(free, about)
     total, done, passed = max(sum(len(each) for each in samples), 1), 0, 0.0
-    window, readings = max(_LEAST_WINDOW, total // windows), [prior]
-    for recorded in samples:
+    window, readings, currents = max(_LEAST_WINDOW, total // windows), [prior], np.zeros((len(samples), 3))
+    found = levels.currents if len(levels.currents) == len(samples) else [None] * len(samples)
+    for recorded, current, now in zip(samples, found, currents, strict=True):
         each = recorded.shifted(latency)
-        state = next_recording(state, each, since_last(state, each.t) if problem.session else None)
+        state = next_recording(state, each, since_last(state, each.t) if problem.session else None, current)
+        state.clock["speeds"] = np.isfinite(each.values[:, [3 * sensor for sensor in SPEEDS]]).any()
         held = inputs_of(each, free, about, problem.delay)
         rows, taken = rows_of(each), 0
         for first in range(0, len(each), window):
@@ -362,7 +373,14 @@ def one_pass(
             readings.append(Reading(t, state.theta.copy(), coefficient_block(state).copy()))
         done += len(each)
         passed += each.duration
-    return state, held, readings
+        now[:] = surely_flows(state)
+    return state, held, readings, currents
+
+
+def surely_flows(state: JointState) -> Array:
+    """Return the part of the current (3,) that is no chance: none up to `_NO_CHANCE` deviations, nearly all beyond."""
+    chance = _NO_CHANCE**2 * np.diag(state.P)[18:21]
+    return np.asarray(state.current * np.maximum(1.0 - chance / np.maximum(state.current**2, chance + 1e-300), 0.0))
 
 
 def joint_fit(
@@ -446,7 +464,7 @@ def _passes(
         return replace(adapted, disturbance=np.minimum(adapted.disturbance, most))
 
     for k in range(_PASSES):
-        state, _, readings = one_pass(problem, about, levels, partial(_share_of_all, progress, k))
+        state, _, readings, currents = one_pass(problem, about, levels, partial(_share_of_all, progress, k))
         lost = lost or (k == 0 and diverged(state))
         fit = _fit_of(problem, region, state, levels, k + 1, readings)
         finite = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.std).all() and np.isfinite(fit.likelihood))
@@ -479,7 +497,7 @@ def _passes(
         share = min(_DAMPED if turned else 1.0, _LONGEST_STEP / max(longest, 1e-9))
         last = step
         about = about + share * step
-        levels = adapted
+        levels = replace(adapted, currents=currents)
     if likeliest is None:
         prior = problem.prior
         return replace(fit, mean=prior.mean, theta=prior.mean, covariance=prior.covariance), lost
@@ -502,6 +520,7 @@ def _midpoint(one: NoiseLevels, other: NoiseLevels) -> NoiseLevels:
         np.sqrt(one.disturbance * other.disturbance),
         np.sqrt(one.velocity_walk * other.velocity_walk),
         np.sqrt(one.waves * other.waves),
+        other.currents,
     )
 
 

@@ -70,7 +70,9 @@ def _fields(*names: str, **shapes: tuple[int, ...]) -> np.dtype[Any]:
     return np.dtype((np.record, fields))
 
 
-CLOCK = _fields("time", "started", "log_likelihood", "rows", "duration", "resets", "since_accepted")
+CLOCK = _fields(
+    *("time", "started", "waits_from", "speeds", "log_likelihood", "rows", "duration", "resets", "since_accepted")
+)
 SETTINGS = _fields(
     *("time_constant", "gate", "huber", "reacquire", "gap", "step", "adapt", "floor_force", "floor_moment"),
     *(
@@ -146,7 +148,8 @@ class JointState(NamedTuple):
     Fields of the records:
         settings (1,): those of `FilterSettings`; considered_share: of a steady information rate, below which a
             coefficient is considered but not updated.
-        clock (1,): time [s]; started: 1 once the motion has begun; log_likelihood: of the innovations; rows: taken;
+        clock (1,): time [s]; started: 1 once the motion has begun, -1 while that waits, from `waits_from` [s] on, for
+            inputs and a speed; speeds: 1 where speeds are measured; log_likelihood: of the innovations; rows: taken;
             duration: learned from [s]; resets: of a sensor's states; since_accepted: time since the last accepted
             sample of the sensor at hand [s].
         statistics (18,), per column: noise_sum: of innovation^2 - H P H^T over noise_samples; nis_sum: of
@@ -172,6 +175,8 @@ class JointState(NamedTuple):
     p: Array  # (170,) kernel parameters at the linearisation point
     linear: Array  # (37,) whether `p` has losses by inflow now, and its linear damping without them
     codes: Codes  # (n, 4)
+    current_at: Array  # (3,) current [m/s] NED that the motion is linearised about
+    away: Array  # (6,) how far the current lies from there [m/s], in the body and NED
     linearised_at: Array  # (n,) theta that the motion is linearised about; `p` and the inputs have these values
     learns: Array  # (n,) 1, and 0 for one of motion that nothing shows or drives: considered, never updated
     information_time: Array  # (n,) time over which theta has learned [s]
@@ -184,6 +189,7 @@ class JointState(NamedTuple):
     velocity_walk: Array  # (6,) random walk of the speeds [m/s^2 sqrt(s), rad/s^2 sqrt(s)]
     settings: Record
     clock: Record
+    shown: Array  # (18,) what sensors have shown last while the motion waits to begin
     last_accepted: Array  # (6,) time of the last accepted sample of each sensor [s]; the attitude's may be NEVER
     outages: Record
     statistics: Record
@@ -264,6 +270,8 @@ def new_joint_state(
         p=kernel,
         linear=np.zeros(37),
         codes=np.ascontiguousarray(free.codes),
+        current_at=np.zeros(3),
+        away=np.zeros(6),
         linearised_at=about,
         learns=np.ones(n) if learns is None else learns.astype(np.float64),
         information_time=np.zeros(n),
@@ -276,6 +284,7 @@ def new_joint_state(
         velocity_walk=np.fmax(levels.velocity_walk, _LEAST_VELOCITY_WALK),
         settings=record,
         clock=np.zeros(1, dtype=CLOCK),
+        shown=np.full(N_MEASURED, np.nan),
         last_accepted=np.zeros(N_SENSORS),
         outages=np.zeros(N_SENSORS, dtype=OUTAGE),
         statistics=np.zeros(N_MEASURED, dtype=STATISTICS),
@@ -300,10 +309,11 @@ def new_joint_state(
     return state
 
 
-def forget_surroundings(state: JointState, elapsed: float | None = None) -> None:
+def forget_surroundings(state: JointState, elapsed: float | None = None, current: Array | None = None) -> None:
     """Put current, waves and biases back to what is supposed of them: another recording has its own.
 
-    Of the same water, so long after [s], waves alone are forgotten; current and biases have walked on.
+    Of the same water, so long after [s], waves alone are forgotten; current and biases have walked on. Where a pass has
+    found the `current` (3,) of this recording, the motion is linearised about that.
     """
     settings, n, size = state.settings[0], state.theta.size, state.P.shape[0]
     biases = N_FIXED + n
@@ -323,6 +333,7 @@ def forget_surroundings(state: JointState, elapsed: float | None = None) -> None
             state.P[walked, walked] += settings.bias_walk * elapsed
     else:
         state.current[:] = state.bias[:] = 0.0
+        state.current_at[:] = 0.0 if current is None else current
     state.P[rows] = 0.0
     state.P[:, rows] = 0.0
     state.P[rows, rows] = variance[rows]

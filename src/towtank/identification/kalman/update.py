@@ -39,6 +39,7 @@ from towtank.identification.model.measurements import (
     residual_of,
     specific_force,
     specific_force_row_into,
+    to_body,
     unit_error,
 )
 from towtank.identification.model.terms import N_FIXED
@@ -229,10 +230,23 @@ def expect(state: JointState, z: Array, sensor: int, whole: bool) -> None:
 
 
 @kernel
+def to_linearised_current(state: JointState) -> None:
+    """Go over to the current that the motion is linearised about, as fast over ground, by `state.away`."""
+    away = state.away
+    for k in range(3):
+        away[3 + k] = state.current[k] - state.current_at[k]
+        state.water[k] -= away[3 + k]
+    away[0], away[1], away[2] = to_body(state.x, away[3:6])
+    for i in range(3):
+        state.x[7 + i] += away[i]
+
+
+@kernel
 def update_specific_force(state: JointState, z: Array) -> None:
     """Update by the accelerometer: nu_dot + omega x v - g k + bias, all in the body."""
     inject(state)
-    x, A = state.x, state.A
+    to_linearised_current(state)
+    x, A, away = state.x, state.A, state.away
     lane = state.x.reshape(13, 1)
     rate = state.work[4]
     change = rate.reshape(N_STATES)
@@ -255,6 +269,8 @@ def update_specific_force(state: JointState, z: Array) -> None:
             continue
         specific_force_row_into(x, A, k, h)
         f = specific_force(x, change, k)
+        for j in range(3):
+            f += h[18 + j] * away[3 + j] - h[6 + j] * away[j]
         for c in range(n):
             f += A[6 + k, N_FIXED + c] * (state.theta[c] - state.linearised_at[c])
         if state.settings[0].biases > 0.0:
@@ -265,6 +281,9 @@ def update_specific_force(state: JointState, z: Array) -> None:
         look_ahead(state, column, z[column] - f)
         within = within and state.innovation[k] ** 2 <= gate * gate * state.variance[k]
         cost += math.log(state.variance[k]) + cap * (2.0 * gate - cap)
+    for k in range(3):
+        x[7 + k] -= away[k]
+        state.water[k] += away[3 + k]
     if within:
         update(state, z, SPECIFIC_FORCE)
         state.last_accepted[SPECIFIC_FORCE] = state.clock[0].time

@@ -52,6 +52,7 @@ __all__ = [
     "shown_axes",
     "specific_force",
     "specific_force_row_into",
+    "to_body",
     "unit_error",
 ]
 
@@ -147,7 +148,7 @@ def residual_of(z: Array, x: Array, current: Array, bias: Array, sensor: int, k:
             return float(value - math.atan2(2.0 * (qw * qy - qx * qz), math.hypot(ky, kz)))
         return _wrapped(value - math.atan2(2.0 * (qx * qy + qw * qz), 1.0 - 2.0 * (qy * qy + qz * qz)))
     if sensor == VELOCITY:
-        c0, c1, c2 = _current_in_body(x, current)
+        c0, c1, c2 = to_body(x, current)
         return float(value - x[7 + k] - (c0 if k == 0 else (c1 if k == 1 else c2)))
     if sensor == RATES:
         return float(value - x[10 + k] - bias[k])
@@ -173,7 +174,7 @@ def measurement_row_into(x: Array, current: Array, flows: bool, sensor: int, k: 
         else:
             h[4], h[5] = s1 / c2, c1 / c2
     elif sensor == VELOCITY and flows:
-        a, b, c = _current_in_body(x, current)  # R^T v_c turns with the attitude: [c]x e
+        a, b, c = to_body(x, current)  # R^T v_c turns with the attitude: [c]x e
         if k == 0:
             h[18], h[19], h[20] = 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy + qw * qz), 2.0 * (qx * qz - qw * qy)
             h[4], h[5] = -c, b
@@ -207,7 +208,7 @@ def pace_of(x: Array, current: Array, rate: Array, sensor: int, k: int) -> float
     if sensor == RATES:
         return float(rate[3 + k])
     if sensor == VELOCITY:  # R^T v_c turns with the body
-        a, b, c = _current_in_body(x, current)
+        a, b, c = to_body(x, current)
         p, q, r = x[10], x[11], x[12]
         turning = q * c - r * b if k == 0 else (r * a - p * c if k == 1 else p * b - q * a)
         return float(rate[k] - turning)
@@ -293,7 +294,8 @@ def rotation_between(q: Array, w: float, x: float, y: float, z: float) -> tuple[
 
 
 @kernel
-def _current_in_body(x: Array, current: Array) -> tuple[float, float, float]:
+def to_body(x: Array, current: Array) -> tuple[float, float, float]:
+    """Return R^T v of a vector v (3,) in NED, at the state x (13,)."""
     qw, qx, qy, qz = x[3], x[4], x[5], x[6]
     a, b, c = current[0], current[1], current[2]
     return (

@@ -69,7 +69,7 @@ def _by_filter(
         settings = replace(settings, wave_period=learning.wave_period)
     free = mode.prior.free
     problem = JointProblem(samples, learning.model, mode.prior, settings, mode.levels.noise, learning.delay)
-    _, _, readings = one_pass(problem, mode.theta, mode.levels, windows=_READINGS)
+    _, _, readings, _ = one_pass(problem, mode.theta, mode.levels, windows=_READINGS)
     kept = [free.names.index(name) for name in names]
     rows = []
     for each in readings[1:]:

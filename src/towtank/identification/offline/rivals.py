@@ -3,12 +3,13 @@
 The filter's disturbance stands for a slow random force of the water, and forces follow commands through one delay and
 one lag. What a model lacks may be otherwise. Then inertias and lags stand for it, wrong by more than they state, and
 differently in each recording. Windows of the data need not contradict each other: what all of them share shows in none.
-So the question is asked once more in two other ways, each where the data may speak for it:
+So the question is asked once more in other ways, each where the data may speak for it:
 
 quick   a disturbance that changes within a fifth of a second, where windows contradict each other: motors that reverse
         in two steps, drag of another shape, a frame that gives.
 late    a share of each axis' force that acts later than the rest, or too soon where it is negative; asked by one pass,
         and by as many as it takes where that one speaks for it.
+beyond  what the data alone come to, where physics allows only another answer.
 
 A rival that is likelier is no better for that: likelihood looks at the next sample, and what predicts that best is not
 what runs on freely best. But the same data have come to two answers with the same prior, which must agree within what
@@ -26,6 +27,7 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import Samples
 from towtank.identification.kalman.passes import JointFit, JointProblem, joint_fit, one_pass
+from towtank.identification.kalman.state import coefficient_block
 from towtank.identification.model.parameters import IN_GAIN, FreeParameters
 from towtank.identification.model.prior import Prior
 from towtank.identification.model.terms import AXES, LOG
@@ -54,8 +56,21 @@ class Rival(NamedTuple):
 
 def likeliest_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
     """Return the likeliest of all rivals; None where none is likelier than what was found."""
-    found = [each for each in (quick_rival(problem, fit), late_rival(problem, fit)) if each is not None]
+    asked = (quick_rival(problem, fit), late_rival(problem, fit), forbidden_rival(problem, fit))
+    found = [each for each in asked if each is not None]
     return max(found, key=lambda each: each.fit.likelihood, default=None)
+
+
+def forbidden_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
+    """Return what the data alone come to, where that is likelier by far than the nearest point that physics allows."""
+    learned = np.flatnonzero(problem.learned)
+    away = (fit.mean - fit.theta)[learned]
+    gain = 0.5 * float(away @ np.linalg.solve(coefficient_block(fit.state)[np.ix_(learned, learned)], away))
+    if not gain > _MORE:
+        return None
+    _, known = _few(problem, fit)
+    found = replace(fit, likelihood=known + gain)
+    return Rival(found, fit.mean, fit.std, "the data are likelier with what physics forbids")
 
 
 def quick_rival(problem: JointProblem, fit: JointFit) -> Rival | None:

@@ -163,7 +163,7 @@ class _Look:
         problem = self.problem
         levels, most = problem.rough, most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
         for _ in range(_LEVELS):
-            state, _, _ = one_pass(problem, problem.prior.mean, levels)
+            state, *_ = one_pass(problem, problem.prior.mean, levels)
             levels = adapt_noise(state, levels, problem.settings, problem.own_noise, neighbours=True)
             levels = replace(levels, disturbance=np.minimum(levels.disturbance, most))
         return levels

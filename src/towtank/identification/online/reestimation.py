@@ -157,7 +157,7 @@ class Reestimation:
             else:
                 gone = 0
         problem = replace(problem, settings=replace(problem.settings, wave_period=fit.wave_period))
-        state, held, _ = one_pass(problem, fit.theta, fit.levels)
+        state, held, *_ = one_pass(problem, fit.theta, fit.levels)
         if healthy_snapshot(state) is None:
             return None
         wider = fit.wider
@@ -168,7 +168,7 @@ class Reestimation:
         if self.rows - gone > _MOST_ROWS:
             oldest = self.rows - gone - _MOST_ROWS // 2
             gone += oldest
-            old, _, _ = one_pass(problem.over(_first(stretches, oldest)), fit.theta, fit.levels)
+            old, *_ = one_pass(problem.over(_first(stretches, oldest)), fit.theta, fit.levels)
             known = healthy_snapshot(old)
             if known is None:
                 return None

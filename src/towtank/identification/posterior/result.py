@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -16,10 +17,12 @@ from towtank.identification.posterior.physical import consistent
 from towtank.identification.posterior.thrusters import with_thrusters
 from towtank.identification.posterior.wording import contradicted, not_narrowed, not_shown
 from towtank.vehicle import COEFFICIENTS, Coefficient, Provenance, Vehicle
+from towtank.vehicle.names import COLUMNS, ROWS, index
 from towtank.vehicle.posterior import Posterior
 
 __all__ = ["NARROWED", "estimate_of", "model_of", "with_posterior"]
 
+_TINY = 1e-12
 NARROWED = 0.5  # share of the prior's deviation up to which a coefficient counts as identified
 
 
@@ -35,8 +38,9 @@ def estimate_of(
 ) -> tuple[Estimate, tuple[str, ...]]:
     """Return the coefficients of a posterior, and what had to be moved for them to be physical.
 
-    A coefficient is identified where its deviation is at most half of what it was before any data. Values are the
-    likeliest physical ones; deviations stay those of the posterior, so that none claims more for having met a bound.
+    A coefficient is identified where its deviation is at most half of what it was before any data, or would be by its
+    bounds alone. Values are the likeliest physical ones; deviations stay those of the posterior, so that none claims
+    more for having met a bound.
 
     Args:
         vehicle: what is not free. theta, covariance: (n,), (n, n) in the coordinates of the prior's `free`.
@@ -50,8 +54,9 @@ def estimate_of(
     block = covariance[np.ix_(rows, rows)] * np.outer(slopes, slopes)
     physical = consistent(vehicle, names, values, block)
     std = np.sqrt(np.maximum(np.diag(block), 0.0))
+    supposed = _without_data(prior, free.values(theta))[rows]
     share, before = (
-        np.sqrt(np.maximum(np.diag(each), 0.0))[rows] / prior.reference[rows]
+        np.sqrt(np.maximum(np.diag(each), 0.0))[rows] / supposed
         for each in (covariance, covariance if undoubted is None else undoubted)
     )
     identified = tuple(bool(each <= NARROWED) for each in share)
@@ -68,6 +73,17 @@ def estimate_of(
     )
     estimate = Estimate(names, physical.values, std, block, identified, reasons, tuple(sums), (), duration, samples)
     return estimate, physical.messages
+
+
+def _without_data(prior: Prior, values: Array) -> Array:
+    """Return the deviations (n,) of `reference`; of asymmetric drag at most what its bound leaves, |X_u2| <= -X_uu."""
+    out = prior.reference.copy()
+    for k, name in enumerate(prior.names):
+        kind, i, j = index(name) if name in COEFFICIENTS else ("", 0, 0)
+        quadratic = f"{ROWS[i]}_{2 * COLUMNS[j]}"
+        if kind == "asymmetric" and quadratic in prior.names:
+            out[k] = min(out[k], max(abs(values[prior.names.index(quadratic)]) / math.sqrt(3.0), _TINY))
+    return out
 
 
 def _reason(name: str, left: float, *, narrow: bool, shown: bool) -> str:
