@@ -59,7 +59,7 @@ def learned(case: str, seed: int) -> Found:
         problem.rough,
         noise=NOISE,
         disturbance=FORCE / np.diag(TRUTH.mass_matrix),
-        currents=np.array([CASES[case]]),
+        currents=np.array([[0.0, 30.0, *CASES[case]]]),
     )
     state, *_ = one_pass(problem, truth, levels)
     off = (state.theta - truth) / coefficient_std(state)

@@ -18,7 +18,7 @@ from towtank.identification.kalman.filter import begin_motion, joint_events, row
 from towtank.identification.kalman.passes import inputs_of
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state, transition_scratch
 from towtank.identification.model.linearisation import step_and_linearise
-from towtank.identification.model.measurements import attitude_error
+from towtank.identification.model.measurements import ATTITUDE, NEVER, attitude_error
 from towtank.identification.model.parameters import LATENCIES, N_FIXED, free_parameters
 from towtank.identification.model.prior import prior_of
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
@@ -142,6 +142,19 @@ def test_what_was_shown_long_before_the_inputs_were_known_does_not_begin_a_motio
     assert state.clock[0].started > 0.0
     assert state.clock[0].time == pytest.approx(3.0)
     assert np.abs(state.shown[3:6] - (0.1, 0.0, 2.0)).max() < 1e-12
+
+
+def test_a_heading_of_before_a_pause_does_not_begin_a_motion(vehicle: Vehicle) -> None:
+    """While the motion waits for a speed, too: after a pause nothing is known of what was shown before."""
+    samples = sensed(np.array([0.0, 30.0, 30.5, 31.0]), np.array([]))
+    samples.values[0, 3:6] = 0.0, 0.0, 2.0
+    state = filter_for(vehicle, B=samples.B)
+    state.clock["speeds"] = 1.0
+    run_through(state, samples)
+    assert state.clock[0].started > 0.0
+    assert state.clock[0].time == 31.0
+    assert np.isnan(state.shown[3:6]).all()
+    assert state.last_accepted[ATTITUDE] == NEVER
 
 
 class Reference:

@@ -140,14 +140,15 @@ class NoiseLevels:
     velocity_walk: random walk (6,) of each speed [m/s^2 sqrt(s), rad/s^2 sqrt(s)] that no force of the model accounts
         for, NaN where nothing is known of it.
     waves: deviations (3,) [m/s] of the water's velocity in waves, north, east and down.
-    currents: current (r, 3) [m/s] NED in each of r recordings, as the last pass has found it.
+    currents: of each of r recordings (r, 5): when it begins and ends [s], and the current [m/s] NED that surely flows
+        in it, as the last pass has found.
     """
 
     noise: Array
     disturbance: Array
     velocity_walk: Array = field(default_factory=lambda: np.zeros(6))
     waves: Array = field(default_factory=lambda: np.zeros(3))
-    currents: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    currents: Array = field(default_factory=lambda: np.zeros((0, 5)))
 
 
 def with_absent_zero(wrench: Array) -> Array:

@@ -105,6 +105,8 @@ def _from_linearised_current(state: JointState) -> None:
         state.water[i] += away[3 + i]
     for i in range(6):
         x[7 + i] += moved[6 + i]
+        for k in range(3):
+            state.rate[i] += state.A[6 + i, 18 + k] * away[3 + k] - state.A[6 + i, 6 + k] * away[k]
     turn_by(x, moved[3], moved[4], moved[5])
     moved[:] = 0.0
 
@@ -405,8 +407,9 @@ def joint_step(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> bo
     if started and not t > now:
         return False
     if not started or t - now > state.settings[0].gap:
-        if clock.started >= 0.0 or t < clock.waits_from:
+        if clock.started >= 0.0 or not 0.0 <= t - clock.waited <= state.settings[0].gap:
             clock.started, clock.waits_from, state.shown[:] = -1.0, t, math.nan
+        clock.waited = t
         for k in range(z.shape[0]):
             state.shown[k] = z[k] if math.isfinite(z[k]) else state.shown[k]
         shows_speed = _shows_speed(z)

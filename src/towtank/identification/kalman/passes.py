@@ -356,12 +356,15 @@ def one_pass(
     )
     latency = latencies_of(free, about)
     total, done, passed = max(sum(len(each) for each in samples), 1), 0, 0.0
-    window, readings, currents = max(_LEAST_WINDOW, total // windows), [prior], np.zeros((len(samples), 3))
-    found = levels.currents if len(levels.currents) == len(samples) else [None] * len(samples)
-    for recorded, current, now in zip(samples, found, currents, strict=True):
+    window, readings, currents = max(_LEAST_WINDOW, total // windows), [prior], np.zeros((len(samples), 5))
+    of_this_water = 0
+    for k, recorded in enumerate(samples):
         each = recorded.shifted(latency)
-        state = next_recording(state, each, since_last(state, each.t) if problem.session else None, current)
-        state.clock["speeds"] = np.isfinite(each.values[:, [3 * sensor for sensor in SPEEDS]]).any()
+        elapsed = since_last(state, each.t) if problem.session else None
+        of_this_water = k if elapsed is None else of_this_water
+        state = next_recording(state, each, elapsed, _current_in(recorded, k, len(samples), levels))
+        speeds = (each.values[:, 3 * sensor : 3 * sensor + 2] for sensor in SPEEDS)
+        state.clock["speeds"] = any(np.isfinite(u_and_v).all(axis=1).any() for u_and_v in speeds)
         held = inputs_of(each, free, about, problem.delay)
         rows, taken = rows_of(each), 0
         for first in range(0, len(each), window):
@@ -373,8 +376,23 @@ def one_pass(
             readings.append(Reading(t, state.theta.copy(), coefficient_block(state).copy()))
         done += len(each)
         passed += each.duration
-        now[:] = surely_flows(state)
+        currents[k, :2] = recorded.t[[0, -1]] if len(recorded) else 0.0
+        currents[of_this_water : k + 1, 2:] = surely_flows(state)
     return state, held, readings, currents
+
+
+def _current_in(samples: Samples, k: int, of: int, levels: NoiseLevels) -> Array | None:
+    """Return the current (3,) in recording k of so many, as far as one is known at its times.
+
+    Recordings may each begin at 0: then it is that of the same number, if there are as many.
+    """
+    if not len(samples):
+        return None
+    begin, end = levels.currents[:, 0], levels.currents[:, 1]
+    there = np.flatnonzero((begin <= samples.t[-1]) & (samples.t[0] <= end))
+    if there.size > 1:
+        there = there[(there == k) & (len(begin) == of)]
+    return np.array(levels.currents[there[0], 2:]) if there.size else None
 
 
 def surely_flows(state: JointState) -> Array:

@@ -71,7 +71,8 @@ def _fields(*names: str, **shapes: tuple[int, ...]) -> np.dtype[Any]:
 
 
 CLOCK = _fields(
-    *("time", "started", "waits_from", "speeds", "log_likelihood", "rows", "duration", "resets", "since_accepted")
+    *("time", "started", "waits_from", "waited", "speeds", "log_likelihood"),
+    *("rows", "duration", "resets", "since_accepted"),
 )
 SETTINGS = _fields(
     *("time_constant", "gate", "huber", "reacquire", "gap", "step", "adapt", "floor_force", "floor_moment"),
@@ -148,10 +149,10 @@ class JointState(NamedTuple):
     Fields of the records:
         settings (1,): those of `FilterSettings`; considered_share: of a steady information rate, below which a
             coefficient is considered but not updated.
-        clock (1,): time [s]; started: 1 once the motion has begun, -1 while that waits, from `waits_from` [s] on, for
-            inputs and a speed; speeds: 1 where speeds are measured; log_likelihood: of the innovations; rows: taken;
-            duration: learned from [s]; resets: of a sensor's states; since_accepted: time since the last accepted
-            sample of the sensor at hand [s].
+        clock (1,): time [s]; started: 1 once the motion has begun, -1 while that waits, from `waits_from` [s] to
+            `waited`, for inputs and a speed; speeds: 1 where they are measured; log_likelihood: of the innovations;
+            rows: taken; duration: learned from [s]; resets: of a sensor's states; since_accepted: time since the last
+            accepted sample of the sensor at hand [s].
         statistics (18,), per column: noise_sum: of innovation^2 - H P H^T over noise_samples; nis_sum: of
             innovation^2 / S; rejected, accepted: samples; walk_score, walk_information: of a random walk of the column.
             Of speeds: neighbour_sum: what pairs of neighbours show of the noise's variance; steady_score,
@@ -332,8 +333,9 @@ def forget_surroundings(state: JointState, elapsed: float | None = None, current
             walked = np.r_[biases : biases + 6]
             state.P[walked, walked] += settings.bias_walk * elapsed
     else:
-        state.current[:] = state.bias[:] = 0.0
-        state.current_at[:] = 0.0 if current is None else current
+        state.current[:] = state.bias[:] = state.current_at[:] = 0.0
+    if current is not None:
+        state.current_at[:] = current
     state.P[rows] = 0.0
     state.P[:, rows] = 0.0
     state.P[rows, rows] = variance[rows]
@@ -406,7 +408,7 @@ def recovered(
     )
     for name in ("adapt", "considered_share"):
         fresh.settings[name] = state.settings[name]
-    for name in ("rows", "duration"):
+    for name in ("rows", "duration", "speeds"):
         fresh.clock[name] = state.clock[name]
     fresh.information_time[:] = state.information_time
     return fresh

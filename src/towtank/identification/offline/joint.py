@@ -36,7 +36,7 @@ from towtank.identification.model.terms import AHEAD, AXES
 from towtank.identification.offline.free_runs import free_run_verdict
 from towtank.identification.offline.rivals import less_sure, likeliest_rival
 from towtank.identification.posterior.assembly import Current, LogLearning, Mode
-from towtank.identification.posterior.result import estimate_of, model_of, with_posterior
+from towtank.identification.posterior.result import estimate_of, model_of, with_posterior, without_data
 from towtank.identification.posterior.thrusters import learned_gains, scale_remarks
 from towtank.recording import Grid, Recording, align
 from towtank.recording.consistency.wander import noise_of_smooth_speeds, smooth_speeds
@@ -168,7 +168,7 @@ def _learned(
         latency=latency,
         mode=Mode(fit.prior, fit.theta, fit.levels),
         wave_period=fit.wave_period if fit.levels.waves.any() else math.nan,
-        narrowed=dict(zip(free.names, (fit.std / fit.prior.reference).tolist(), strict=True)),
+        narrowed=dict(zip(free.names, (fit.std / without_data(fit.prior, fit.theta)).tolist(), strict=True)),
         remarks=(*_remarks(request, problem, fit, current), *said),
     )
 

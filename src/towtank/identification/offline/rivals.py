@@ -35,7 +35,7 @@ from towtank.identification.offline.free_runs import CONTRADICTED
 from towtank.recording.grids.grid import held_at
 from towtank.recording.grids.stretches import spread
 
-__all__ = ["Rival", "late_rival", "less_sure", "likeliest_rival", "quick_rival"]
+__all__ = ["Rival", "forbidden_rival", "late_rival", "less_sure", "likeliest_rival", "quick_rival"]
 
 _QUICK = 0.2  # s: time constant of a quick disturbance
 _LATER, _SHARE = (0.1, 0.25), 0.3  # s by which a share of the force is late; deviation of the share, before any data

@@ -338,7 +338,9 @@ class JointStream:
     def _recover(self, buffer: Buffer, running: Running, healthy: HealthySnapshot) -> None:
         self.recoveries += 1
         state = recovered(running.state, healthy, running.free, running.settings)
-        self._go_on(begun_anew(running._replace(state=state), buffer.fresh().whole, self._delay))
+        anew = begun_anew(running._replace(state=state), buffer.fresh().whole, self._delay)
+        anew.state.current_at[:] = running.state.current_at
+        self._go_on(anew)
         self.changes.recovered(self._last_t)
 
     def _detect_change(self, buffer: Buffer, running: Running, t: float, z: Array) -> None:

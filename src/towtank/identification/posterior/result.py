@@ -20,7 +20,7 @@ from towtank.vehicle import COEFFICIENTS, Coefficient, Provenance, Vehicle
 from towtank.vehicle.names import COLUMNS, ROWS, index
 from towtank.vehicle.posterior import Posterior
 
-__all__ = ["NARROWED", "estimate_of", "model_of", "with_posterior"]
+__all__ = ["NARROWED", "estimate_of", "model_of", "with_posterior", "without_data"]
 
 _TINY = 1e-12
 NARROWED = 0.5  # share of the prior's deviation up to which a coefficient counts as identified
@@ -54,7 +54,7 @@ def estimate_of(
     block = covariance[np.ix_(rows, rows)] * np.outer(slopes, slopes)
     physical = consistent(vehicle, names, values, block)
     std = np.sqrt(np.maximum(np.diag(block), 0.0))
-    supposed = _without_data(prior, free.values(theta))[rows]
+    supposed = without_data(prior, theta)[rows]
     share, before = (
         np.sqrt(np.maximum(np.diag(each), 0.0))[rows] / supposed
         for each in (covariance, covariance if undoubted is None else undoubted)
@@ -75,9 +75,9 @@ def estimate_of(
     return estimate, physical.messages
 
 
-def _without_data(prior: Prior, values: Array) -> Array:
-    """Return the deviations (n,) of `reference`; of asymmetric drag at most what its bound leaves, |X_u2| <= -X_uu."""
-    out = prior.reference.copy()
+def without_data(prior: Prior, theta: Array) -> Array:
+    """Return the prior's `reference` (n,); of asymmetric drag at most what its bound leaves, |X_u2| <= -X_uu."""
+    out, values = prior.reference.copy(), prior.free.values(theta)
     for k, name in enumerate(prior.names):
         kind, i, j = index(name) if name in COEFFICIENTS else ("", 0, 0)
         quadratic = f"{ROWS[i]}_{2 * COLUMNS[j]}"
@@ -121,5 +121,6 @@ def with_posterior(model: Vehicle, prior: Prior, theta: Array, covariance: Array
     for k, name in enumerate(prior.names):
         if name.startswith(GAIN_PREFIX):
             at[k] = 0.0  # the model's thrusters have the gains that were found
-    posterior = Posterior.from_covariance(prior.names, at, covariance * np.outer(signs, signs), prior.reference)
+    covariance = covariance * np.outer(signs, signs)
+    posterior = Posterior.from_covariance(prior.names, at, covariance, without_data(prior, theta))
     return model.model_copy(update={"posterior": posterior})
