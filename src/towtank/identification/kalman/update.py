@@ -246,7 +246,7 @@ def update_specific_force(state: JointState, z: Array) -> None:
     """Update by the accelerometer: nu_dot + omega x v - g k + bias, all in the body."""
     inject(state)
     to_linearised_current(state)
-    x, A, away, place = state.x, state.A, state.away, state.place
+    x, A, away = state.x, state.A, state.away
     lane = state.x.reshape(13, 1)
     rate = state.work[4]
     change = rate.reshape(N_STATES)
@@ -272,13 +272,12 @@ def update_specific_force(state: JointState, z: Array) -> None:
         if state.settings[0].biases > 0.0:
             h[N_FIXED + n + 3 + k] = 1.0
             f += state.bias[3 + k]
-        if place[0] >= 0:
+        if state.place[0] >= 0:
             f += _off_origin(state, change[10:13], k)
         for j in range(3):
             f += h[18 + j] * away[3 + j] - h[6 + j] * away[j]
         for c in range(n):
-            if c != place[0] and c != place[1] and c != place[2]:  # which count as they are estimated
-                f += h[N_FIXED + c] * (state.theta[c] - state.linearised_at[c])
+            f += A[6 + k, N_FIXED + c] * (state.theta[c] - state.linearised_at[c])
         look_ahead(state, column, z[column] - f)
         within = within and state.innovation[k] ** 2 <= gate * gate * state.variance[k]
         cost += math.log(state.variance[k]) + cap * (2.0 * gate - cap)
