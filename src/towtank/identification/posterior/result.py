@@ -121,6 +121,5 @@ def with_posterior(model: Vehicle, prior: Prior, theta: Array, covariance: Array
     for k, name in enumerate(prior.names):
         if name.startswith(GAIN_PREFIX):
             at[k] = 0.0  # the model's thrusters have the gains that were found
-    covariance = covariance * np.outer(signs, signs)
-    posterior = Posterior.from_covariance(prior.names, at, covariance, without_data(prior, theta))
+    posterior = Posterior.from_covariance(prior.names, at, covariance * np.outer(signs, signs), prior.reference)
     return model.model_copy(update={"posterior": posterior})
