@@ -16,13 +16,14 @@ from towtank.core.zero_order_hold import hold_force, mean_forces_into, new_zero_
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, prepared
 from towtank.identification.kalman.filter import predict
-from towtank.identification.kalman.passes import JointProblem, one_pass, surely_flows
+from towtank.identification.kalman.passes import JointProblem, one_pass
 from towtank.identification.kalman.state import (
     FilterSettings,
     JointState,
     coefficient_block,
     forget_surroundings,
     new_joint_state,
+    surely_flows,
 )
 from towtank.identification.kalman.update import update_specific_force
 from towtank.identification.model.measurements import VELOCITY, pace_of

@@ -135,8 +135,9 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class NoiseLevels:
-    """Noise of the measured columns (18,), levels of the disturbance (6,) [N, N m], and the velocity walk.
+    """What passes carry from one to the next of all that is random, and of the water.
 
+    noise: of the measured columns (18,). disturbance: levels (6,) [m/s^2, rad/s^2]; in what is learned [N, N m].
     velocity_walk: random walk (6,) of each speed [m/s^2 sqrt(s), rad/s^2 sqrt(s)] that no force of the model accounts
         for, NaN where nothing is known of it.
     waves: deviations (3,) [m/s] of the water's velocity in waves, north, east and down.
@@ -149,6 +150,29 @@ class NoiseLevels:
     velocity_walk: Array = field(default_factory=lambda: np.zeros(6))
     waves: Array = field(default_factory=lambda: np.zeros(3))
     currents: Array = field(default_factory=lambda: np.zeros((0, 5)))
+
+    def midway_to(self, other: NoiseLevels) -> NoiseLevels:
+        """Return the geometric mean of both levels, in the currents of the other."""
+        return NoiseLevels(
+            np.sqrt(self.noise * other.noise),
+            np.sqrt(self.disturbance * other.disturbance),
+            np.sqrt(self.velocity_walk * other.velocity_walk),
+            np.sqrt(self.waves * other.waves),
+            other.currents,
+        )
+
+    def current_in(self, samples: Samples, k: int, of: int) -> Array | None:
+        """Return the current (3,) [m/s] NED in recording k of so many, as far as one is known at its times.
+
+        Recordings may each begin at 0: then it is that of the same number, if there are as many.
+        """
+        if not len(samples):
+            return None
+        begin, end = self.currents[:, 0], self.currents[:, 1]
+        there = np.flatnonzero((begin <= samples.t[-1]) & (samples.t[0] <= end))
+        if there.size > 1:
+            there = there[(there == k) & (len(begin) == of)]
+        return np.array(self.currents[there[0], 2:]) if there.size else None
 
 
 def with_absent_zero(wrench: Array) -> Array:

@@ -48,6 +48,7 @@ from towtank.identification.kalman.state import (
     coefficient_std,
     forget_surroundings,
     new_joint_state,
+    surely_flows,
 )
 from towtank.identification.model.measurements import SENSORS, SPEEDS, shown_axes
 from towtank.identification.model.parameters import (
@@ -79,7 +80,6 @@ __all__ = [
     "one_pass",
     "settings_for",
     "since_last",
-    "surely_flows",
 ]
 
 _SAME_WATER = 600.0  # s after which a stretch of one session may be in another current
@@ -87,7 +87,6 @@ _PACE = 0.5  # s between two poses that give the speed ahead
 _SAME_ROWS = 0.9  # of the rows of two sensors, from which they are one device
 
 _WINDOWS, _LEAST_WINDOW = 16, 25  # of a pass, that must agree; rows
-_NO_CHANCE = 3.0  # deviations of a current
 _PASSES = 16
 _ROUGH = 20.0  # times the usual disturbance, in the first pass
 _LONGEST_STEP = 1.5  # deviations of the prior
@@ -362,7 +361,7 @@ def one_pass(
         each = recorded.shifted(latency)
         elapsed = since_last(state, each.t) if problem.session else None
         of_this_water = k if elapsed is None else of_this_water
-        state = next_recording(state, each, elapsed, _current_in(recorded, k, len(samples), levels))
+        state = next_recording(state, each, elapsed, levels.current_in(recorded, k, len(samples)))
         speeds = (each.values[:, 3 * sensor : 3 * sensor + 2] for sensor in SPEEDS)
         state.clock["speeds"] = any(np.isfinite(u_and_v).all(axis=1).any() for u_and_v in speeds)
         held = inputs_of(each, free, about, problem.delay)
@@ -379,26 +378,6 @@ def one_pass(
         currents[k, :2] = recorded.t[[0, -1]] if len(recorded) else 0.0
         currents[of_this_water : k + 1, 2:] = surely_flows(state)
     return state, held, readings, currents
-
-
-def _current_in(samples: Samples, k: int, of: int, levels: NoiseLevels) -> Array | None:
-    """Return the current (3,) in recording k of so many, as far as one is known at its times.
-
-    Recordings may each begin at 0: then it is that of the same number, if there are as many.
-    """
-    if not len(samples):
-        return None
-    begin, end = levels.currents[:, 0], levels.currents[:, 1]
-    there = np.flatnonzero((begin <= samples.t[-1]) & (samples.t[0] <= end))
-    if there.size > 1:
-        there = there[(there == k) & (len(begin) == of)]
-    return np.array(levels.currents[there[0], 2:]) if there.size else None
-
-
-def surely_flows(state: JointState) -> Array:
-    """Return the part of the current (3,) that is no chance: none up to `_NO_CHANCE` deviations, nearly all beyond."""
-    chance = _NO_CHANCE**2 * np.diag(state.P)[18:21]
-    return np.asarray(state.current * np.maximum(1.0 - chance / np.maximum(state.current**2, chance + 1e-300), 0.0))
 
 
 def joint_fit(
@@ -492,7 +471,7 @@ def _passes(
             about = 0.5 * (about + problem.prior.mean) if k < _PASSES // 2 else problem.prior.mean
             continue
         if best is not None and not (finite and fit.likelihood > best.likelihood - _MUCH_WORSE):
-            about, levels = 0.5 * (about + at_best), _midpoint(levels, best.levels)
+            about, levels = 0.5 * (about + at_best), levels.midway_to(best.levels)
             trusting = adapted_to(best.state, best.levels, doubts=False)
             if doubts and (trusting.noise < adapted_to(best.state, best.levels, doubts=True).noise).any():
                 doubts, levels = False, trusting
@@ -529,17 +508,6 @@ def _share_of_all(progress: Progress, k: int, share: float) -> None:
 def _movable(covariance: Array, learned: NDArray[np.bool_]) -> Array:
     """Return the covariance (n, n) without that of what is not learned: it stays where it is."""
     return np.asarray(covariance * np.outer(learned, learned), dtype=np.float64)
-
-
-def _midpoint(one: NoiseLevels, other: NoiseLevels) -> NoiseLevels:
-    """Return the geometric mean of two levels."""
-    return NoiseLevels(
-        np.sqrt(one.noise * other.noise),
-        np.sqrt(one.disturbance * other.disturbance),
-        np.sqrt(one.velocity_walk * other.velocity_walk),
-        np.sqrt(one.waves * other.waves),
-        other.currents,
-    )
 
 
 def _fit_of(

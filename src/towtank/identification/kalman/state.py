@@ -50,6 +50,7 @@ __all__ = [
     "new_joint_state",
     "recovered",
     "restored_state",
+    "surely_flows",
     "transition_scratch",
 ]
 
@@ -58,6 +59,7 @@ _LEAST_VELOCITY_WALK = 1e-4  # m/s^2 sqrt(s), rad/s^2 sqrt(s): what no model of 
 _RECOVERY_INFLATION = 4.0  # factor to the variances of a filter that had to recover
 _GYRO_BIAS, _ACCELEROMETER_BIAS = 0.02, 0.3  # rad/s, m/s^2: deviations at the start
 _CURRENT_STD = 0.15  # m/s, at the start
+_NO_CHANCE = 3.0  # deviations of a current, up to which it may be chance
 _ATTITUDE_BIAS = (0.009, 0.009, 0.03)  # rad: half a degree of tilt, a compass worse
 N_BIASES, N_WAVES = 9, 6  # errors
 
@@ -367,6 +369,13 @@ class HealthySnapshot:
     theta: Array
     covariance: Array
     levels: NoiseLevels
+
+
+def surely_flows(state: JointState) -> Array:
+    """Return the part of the current (3,) [m/s] NED that is no chance: none up to 3 deviations, nearly all beyond."""
+    current, chance = state.current, _NO_CHANCE**2 * np.diag(state.P)[18:21]
+    sure = current**2 > chance
+    return np.where(sure, current - chance / np.where(sure, current, 1.0), 0.0)
 
 
 def healthy_snapshot(state: JointState) -> HealthySnapshot | None:

@@ -231,7 +231,7 @@ def expect(state: JointState, z: Array, sensor: int, whole: bool) -> None:
 
 @kernel
 def to_linearised_current(state: JointState) -> None:
-    """Go over to the current that the motion is linearised about, as fast over ground, by `state.away`."""
+    """Go over to the current that the motion is linearised about, as fast over ground: by `state.away` [m/s]."""
     away = state.away
     for k in range(3):
         away[3 + k] = state.current[k] - state.current_at[k]

@@ -294,10 +294,10 @@ def rotation_between(q: Array, w: float, x: float, y: float, z: float) -> tuple[
 
 
 @kernel
-def to_body(x: Array, current: Array) -> tuple[float, float, float]:
-    """Return R^T v of a vector v (3,) in NED, at the state x (13,)."""
+def to_body(x: Array, v: Array) -> tuple[float, float, float]:
+    """Return R^T v, in the body (FRD), of a vector v (3,) in NED, at the state x (13,)."""
     qw, qx, qy, qz = x[3], x[4], x[5], x[6]
-    a, b, c = current[0], current[1], current[2]
+    a, b, c = v[0], v[1], v[2]
     return (
         (1.0 - 2.0 * (qy * qy + qz * qz)) * a + 2.0 * (qx * qy + qw * qz) * b + 2.0 * (qx * qz - qw * qy) * c,
         2.0 * (qx * qy - qw * qz) * a + (1.0 - 2.0 * (qx * qx + qz * qz)) * b + 2.0 * (qy * qz + qw * qx) * c,

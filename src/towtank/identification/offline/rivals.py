@@ -9,7 +9,8 @@ quick   a disturbance that changes within a fifth of a second, where windows con
         in two steps, drag of another shape, a frame that gives.
 late    a share of each axis' force that acts later than the rest, or too soon where it is negative; asked by one pass,
         and by as many as it takes where that one speaks for it.
-beyond  what the data alone come to, where physics allows only another answer.
+forbidden
+        what data and prior come to, where physics allows only another answer.
 
 A rival that is likelier is no better for that: likelihood looks at the next sample, and what predicts that best is not
 what runs on freely best. But the same data have come to two answers with the same prior, which must agree within what
@@ -62,7 +63,10 @@ def likeliest_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
 
 
 def forbidden_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
-    """Return what the data alone come to, where that is likelier by far than the nearest point that physics allows."""
+    """Return what data and prior come to, where that is likelier by far than the likeliest point that physics allows.
+
+    By d^T P^-1 d / 2, with d from that point to it and P its covariance.
+    """
     learned = np.flatnonzero(problem.learned)
     away = (fit.mean - fit.theta)[learned]
     gain = 0.5 * float(away @ np.linalg.solve(coefficient_block(fit.state)[np.ix_(learned, learned)], away))
