@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from towtank.recording import Recording
+from towtank.recording.standard import ACCELERATIONS, RATES
 from towtank.simulation import Ins, OrnsteinUhlenbeck, simulate
 from towtank.vehicle import Vehicle, load_vehicle
 
@@ -34,8 +35,14 @@ def true_vehicle(*, lag: float = 0.0, **gains: float) -> Vehicle:
     return vehicle.model_copy(update={"thrusters": thrusters})
 
 
-def tumble(vehicle: Vehicle, *, seed: int, seconds: float = 60.0) -> Recording:
-    """All thrusters switched at random every 0.2 s or later, in stirred water; p, q, r at 100 Hz and the commands."""
+def tumble(
+    vehicle: Vehicle, *, seed: int, seconds: float = 60.0, place: tuple[float, float, float] | None = None
+) -> Recording:
+    """All thrusters switched at random every 0.2 s or later, in stirred water; p, q, r at 100 Hz and the commands.
+
+    Args:
+        place: of an accelerometer in the body [m], which measures too.
+    """
     random = np.random.default_rng(seed)
     steps = round(seconds / 0.2)
     levels = random.choice(_LEVELS, size=(steps, len(vehicle.thrusters)))
@@ -43,5 +50,6 @@ def tumble(vehicle: Vehicle, *, seed: int, seconds: float = 60.0) -> Recording:
     for k in range(1, steps):
         levels[k] = np.where(kept[k], levels[k - 1], levels[k])
     commands = np.repeat(levels, 20, axis=0)
-    run = simulate(vehicle, commands=commands, dt=0.01, sensors=Ins(), disturbance=WATER, seed=seed)
-    return run.without(*(name for name in run if name not in ("p", "q", "r") and not name.startswith("cmd_")))
+    sensors, kept_channels = (Ins(), RATES) if place is None else (Ins(imu_place=place), (*RATES, *ACCELERATIONS))
+    run = simulate(vehicle, commands=commands, dt=0.01, sensors=sensors, disturbance=WATER, seed=seed)
+    return run.without(*(name for name in run if name not in kept_channels and not name.startswith("cmd_")))

@@ -141,18 +141,31 @@ def test_specific_force_in_free_fall_is_zero() -> None:
     np.testing.assert_allclose(table(run, ("ax", "ay", "az")), 0.0, atol=1e-10)
 
 
-def test_specific_force_is_the_inertial_acceleration_less_gravity() -> None:
+def _imu_at(place: tuple[float, float, float]) -> Ins:
+    quiet = dict.fromkeys(("gyro_noise", "gyro_bias", "accelerometer_noise", "accelerometer_bias"), 0.0)
+    return Ins(imu_rate=1000.0, imu_place=place, **quiet)
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (0.4, -0.3, 0.2)])
+def test_specific_force_is_the_inertial_acceleration_of_the_place_less_gravity(
+    place: tuple[float, float, float],
+) -> None:
     def wrench(t: np.ndarray) -> np.ndarray:
         return np.stack([8 * np.sin(t), 5 * np.cos(2 * t), 4 * np.sin(3 * t), 0.3 * np.sin(t), 0 * t, np.cos(t)], -1)
 
-    run = simulate(vessel(), wrench=wrench, duration=3.0, dt=0.001, current=(0.3, 0.2, -0.1), eta0=np.full(6, 0.3),
-                   nu0=(0.5, 0.2, 0.1, 0.1, 0.2, 0.3), sensors=Perfect(accelerometer=True))  # fmt: skip
-    position = table(run, "xyz")
+    run, imu = (
+        simulate(vessel(), wrench=wrench, duration=3.0, dt=0.001, current=(0.3, 0.2, -0.1), eta0=np.full(6, 0.3),
+                 nu0=(0.5, 0.2, 0.1, 0.1, 0.2, 0.3), sensors=sensors)
+        for sensors in (Perfect(accelerometer=True), _imu_at(place))
+    )  # fmt: skip
+    angles, felt = table(run, ("phi", "theta", "psi")), table(imu, ("ax", "ay", "az"))
+    position = np.stack([x + rotation_from_euler(*q) @ place for x, q in zip(table(run, "xyz"), angles, strict=True)])
     acceleration = np.diff(position, n=2, axis=0) / 0.001**2
-    angles, felt = table(run, ("phi", "theta", "psi"))[1:-1], table(run, ("ax", "ay", "az"))[1:-1]
-    for k in range(0, len(felt), 100):
-        expected = rotation_from_euler(*angles[k]).T @ (acceleration[k] - [0.0, 0.0, 9.81])
-        np.testing.assert_allclose(felt[k], expected, atol=2e-5)
+    for k in range(0, len(acceleration), 100):
+        expected = rotation_from_euler(*angles[k + 1]).T @ (acceleration[k] - [0.0, 0.0, 9.81])
+        np.testing.assert_allclose(felt[k + 1], expected, atol=2e-5)
+    if place == (0.0, 0.0, 0.0):
+        np.testing.assert_array_equal(felt, table(run, ("ax", "ay", "az")))
 
 
 def test_ornstein_uhlenbeck_statistics() -> None:
@@ -178,6 +191,7 @@ def test_ornstein_uhlenbeck_statistics() -> None:
         (lambda: Mocap(jump_s=(0.5, 0.1)), "jump_s"),
         (lambda: Ins(dvl_rate=float("nan")), "dvl_rate"),
         (lambda: Ins(gyro_noise=-0.1), "gyro_noise"),
+        (lambda: Ins(imu_place=(0.1, float("nan"), 0.0)), "imu_place"),
         (lambda: WaterTrack(rate=0.0), "WaterTrack: rate"),
         (lambda: WaterTrack(noise=-0.1), "noise"),
         (lambda: WaterTrack(axes=()), "axes: found"),

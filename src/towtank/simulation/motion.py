@@ -53,16 +53,24 @@ class Motion:
     later: tuple[tuple[int, Array], ...] = ()
 
     @cached_property
-    def specific_force(self) -> Array:
-        """What an accelerometer at the body origin feels (n + 1, 3) [m/s^2]: v_dot + omega x v - R^T g.
+    def nu_r_dot(self) -> Array:
+        """Rate of the velocity relative to the water (n + 1, 6) [m/s^2, rad/s^2], from the equations of motion."""
+        out: Array = forward_dynamics(self.parameters[None, :], self.q, self.nu_r, self.tau)
+        for first, p in self.later:
+            out[first:] = forward_dynamics(p[None, :], self.q[first:], self.nu_r[first:], self.tau[first:])
+        return out
+
+    def specific_force(self, place: Array | tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:
+        """What an accelerometer at a place of the body (3,) [m] feels (n + 1, 3) [m/s^2]: v_dot + omega x v - R^T g.
 
         v_dot + omega x v is the inertial acceleration in the body frame. A constant current adds nothing to it, so that
-        it is taken in the velocity relative to the water, from the equations of motion themselves.
+        it is taken in the velocity relative to the water. v is that of the place r, v + omega x r: its acceleration
+        has omega_dot x r + omega x (omega x r) more.
         """
-        nu_r_dot = forward_dynamics(self.parameters[None, :], self.q, self.nu_r, self.tau)
-        for first, p in self.later:
-            nu_r_dot[first:] = forward_dynamics(p[None, :], self.q[first:], self.nu_r[first:], self.tau[first:])
         w, x, y, z = self.q.T
         down = np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], axis=-1)
-        force: Array = nu_r_dot[:, :3] + np.cross(self.nu_r[:, 3:], self.nu_r[:, :3]) - GRAVITY * down
+        omega = self.nu_r[:, 3:]
+        v = self.nu_r[:, :3] + np.cross(omega, place)
+        v_dot = self.nu_r_dot[:, :3] + np.cross(self.nu_r_dot[:, 3:], place)
+        force: Array = v_dot + np.cross(omega, v) - GRAVITY * down
         return force

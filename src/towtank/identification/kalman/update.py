@@ -277,7 +277,7 @@ def update_specific_force(state: JointState, z: Array) -> None:
         for j in range(3):
             f += h[18 + j] * away[3 + j] - h[6 + j] * away[j]
         for c in range(n):
-            f += A[6 + k, N_FIXED + c] * (state.theta[c] - state.linearised_at[c])
+            f += h[N_FIXED + c] * (state.theta[c] - state.linearised_at[c])
         look_ahead(state, column, z[column] - f)
         within = within and state.innovation[k] ** 2 <= gate * gate * state.variance[k]
         cost += math.log(state.variance[k]) + cap * (2.0 * gate - cap)
@@ -297,13 +297,13 @@ def update_specific_force(state: JointState, z: Array) -> None:
 def _off_origin(state: JointState, turning: Array, k: int) -> float:
     """Return what number k of an accelerometer away from the origin shows more, and add that to its row of H.
 
-    omega_dot x r + omega x (omega x r), with r its place and `turning` omega_dot (3,).
+    omega_dot x r + omega x (omega x r), with r the place and `turning` the omega_dot (3,) that it is linearised at.
     """
-    A, h, place = state.A, state.H[k], state.place
+    A, h, place, at = state.A, state.H[k], state.place, state.linearised_at
     p, q, r = state.x[10], state.x[11], state.x[12]
     a, b = (k + 1) % 3, (k + 2) % 3
     omega = (p, q, r)
-    where = (state.theta[place[0]], state.theta[place[1]], state.theta[place[2]])
+    where = (at[place[0]], at[place[1]], at[place[2]])
     along = p * where[0] + q * where[1] + r * where[2]
     h[N_FIXED + place[k]] += omega[k] * omega[k] - (p * p + q * q + r * r)
     h[N_FIXED + place[a]] += omega[k] * omega[a] - turning[b]

@@ -9,7 +9,7 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.recording.channel import Channel, read_only
 from towtank.recording.standard import ACCELERATIONS, EULER
-from towtank.simulation.inputs import stream
+from towtank.simulation.inputs import finite_array, stream
 from towtank.simulation.motion import Motion
 from towtank.simulation.sensors.sensor import channels, require_non_negative, require_positive, sampled
 
@@ -18,7 +18,7 @@ __all__ = ["Ins"]
 
 @dataclass(frozen=True)
 class Ins:
-    """IMU (p q r, ax ay az), DVL (u v w over ground), depth (z), attitude (phi theta psi), all at the body origin.
+    """IMU (p q r, ax ay az), DVL (u v w over ground), depth (z), attitude (phi theta psi), at the body origin.
 
     Attributes:
         imu_rate, dvl_rate, depth_rate, attitude_rate: [Hz], at most once a step.
@@ -26,6 +26,7 @@ class Ins:
         accelerometer_noise, accelerometer_bias: the same [m/s^2].
         dvl_noise, depth_noise: white noise [m/s], [m].
         attitude_noise_mrad, heading_noise_mrad: white noise on roll and pitch, and on yaw [mrad].
+        imu_place: where the accelerometer is (3,) [m], body FRD.
 
     A bias is drawn once per run, from the seed.
 
@@ -45,11 +46,13 @@ class Ins:
     attitude_rate: float = 50.0
     attitude_noise_mrad: float = 2.0
     heading_noise_mrad: float = 5.0
+    imu_place: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         rates = ("imu_rate", "dvl_rate", "depth_rate", "attitude_rate")
         require_positive(self, *rates)
-        require_non_negative(self, *(name for name in self.__dataclass_fields__ if name not in rates))
+        require_non_negative(self, *(name for name in self.__dataclass_fields__ if name not in (*rates, "imu_place")))
+        finite_array("imu_place", self.imu_place, (3,))
 
     def observe(self, motion: Motion, seed: int) -> list[Channel]:
         """Return phi theta psi, z, u v w, p q r, ax ay az."""
@@ -62,7 +65,7 @@ class Ins:
         z = _noisy(motion.eta[depth, 2:3], self.depth_noise, 0.0, seed, "depth")
         v = _noisy(motion.nu[dvl, :3], self.dvl_noise, 0.0, seed, "dvl")
         omega = _noisy(motion.nu[imu, 3:], self.gyro_noise, self.gyro_bias, seed, "gyro")
-        force = motion.specific_force[imu]
+        force = motion.specific_force(self.imu_place)[imu]
         force = _noisy(force, self.accelerometer_noise, self.accelerometer_bias, seed, "accelerometer")
         t_imu = read_only(motion.t[imu])
         return [

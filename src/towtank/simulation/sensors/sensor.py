@@ -41,7 +41,7 @@ class Perfect:
         """Return x y z phi theta psi u v w p q r, and ax ay az where asked for."""
         t = read_only(motion.t)
         exact = channels(POSE, t, motion.eta) + channels(VELOCITIES, t, motion.nu)
-        return exact + (channels(ACCELERATIONS, t, motion.specific_force) if self.accelerometer else [])
+        return exact + (channels(ACCELERATIONS, t, motion.specific_force()) if self.accelerometer else [])
 
 
 @dataclass(frozen=True)
