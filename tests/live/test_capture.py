@@ -141,6 +141,16 @@ def test_optitrack_y_up_by_the_library() -> None:
     np.testing.assert_allclose([each.t for each in samples], 0.01 * np.array(rows), atol=1e-9)
 
 
+def test_of_several_bodies_the_one_that_is_named_is_followed() -> None:
+    still: Pose = ([9.0, 9.0, 9.0], np.eye(3), True)
+    frames: list[dict[int, Pose]] = [{11: still, 4: pose, 2: still} for pose in as_seen(turned=True)[:5]]
+    with natnet_server({"wand": 11, "auv": 4, "rod": 2}, frames) as port:
+        source = NatnetSource(f"natnet:127.0.0.1:{port}/auv")
+        samples, _ = taken(source, 5)
+        source.close()
+    judge(samples, range(5))
+
+
 def test_mapping_states_the_frames_and_the_marker() -> None:
     mapping = ColumnMapping.model_validate({"world": "NED", "body": "FRD", "marker": {"position": [0.1, 0.0, -0.2]}})
     body = TrackedBody(mapping)

@@ -71,6 +71,16 @@ def test_a_vehicle_that_is_none_of_ardusubs_frames_is_refused_in_a_line(name: st
         sticks_of(name)
 
 
+def test_thrusters_that_do_not_rest_at_neutral_are_refused_in_a_line() -> None:
+    moved = HEAVY.model_dump()
+    first = moved["thrusters"][0]
+    first["curve"] |= {"neutral": 1600.0}
+    vehicle = HEAVY.__class__.model_validate(moved)
+    guard = Guard.of(vehicle, Space.from_text("9x9x5"), drawn_around(HEAVY, 1, 0.3))
+    with pytest.raises(InputError, match=f"thruster {first['name']} rests at 1600, expected pulses about 1500 us"):
+        Sticks(guard)
+
+
 def test_manual_control_says_what_ardusub_reads() -> None:
     found = message(Encoder(Way.MANUAL, 255, Sender(7, 1)).sticks(np.array([0.5, -0.25, 0.2, 0.1, -0.1, 1.0])))
     assert found.get_type() == "MANUAL_CONTROL"
@@ -159,6 +169,14 @@ def test_only_ardusub_in_manual_mode_gives_sticks_to_the_thrusters() -> None:
         assert autopilot.manual is manual
     assert autopilot.armed
     assert (autopilot.link, autopilot.beat) == (5.0, 5.0)
+
+
+def test_an_autopilot_that_has_said_nothing_is_neither_armed_nor_in_a_mode() -> None:
+    silent = Autopilot(100.0)
+    assert (silent.armed, silent.manual, silent.submarine) == (False, False, False)
+    silent.hear("ATTITUDE", lambda: {}, 101.0)
+    assert not silent.armed
+    assert (silent.link, silent.beat) == (1.0, -math.inf)
 
 
 def test_a_place_goes_with_the_attitude_of_its_own_source() -> None:

@@ -226,6 +226,25 @@ def test_a_segment_that_has_ended_waits_for_the_next(guard: Guard) -> None:
     assert len(rig.sent) == count
 
 
+def test_the_source_of_the_pose_is_held_on_to_until_it_is_switched_off(guard: Guard) -> None:
+    rig = Rig(guard)
+
+    def tracked(x: float) -> float:
+        pose = {"x": x, "y": 0.0, "z": 0.0, "phi": 0.0, "theta": 0.0, "psi": 0.0}
+        sample = Sample("test", "mocap", rig.t, rig.t, tuple(pose), tuple(pose.values()))
+        rig.measured.take([Arrival(rig.t, rig.t, 0, sample)])
+        return float(rig.measured.pose[0])
+
+    assert rig.driver.switch(True) == ""
+    rig.steps(3)
+    rig.t += 0.01
+    assert tracked(7.0) != 7.0
+    assert rig.driver.switch(False) == ""
+    assert rig.driver.interlock.stage is Stage.OFF
+    rig.t += 0.01
+    assert tracked(7.5) == 7.5
+
+
 def test_an_error_of_the_program_itself_is_a_stop(guard: Guard) -> None:
     rig = Rig(guard)
     rig.task = task()

@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import math
 import socket
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from towtank.errors import InputError
 from towtank.live import Raw, Sample
-from towtank.live.links.datagrams import Allowance
+from towtank.live.links.datagrams import Allowance, Datagrams
 from towtank.live.links.json import JsonMessages, JsonSource
 from towtank.recording import Column, ColumnMapping, Marker, Recording, marker_to_origin, to_ned_frd
 from towtank.recording.channel import standard_channel
@@ -199,3 +201,33 @@ def test_a_port_is_a_number_that_can_be_one(text: str) -> None:
         JsonSource(text, load_vehicle("vlbv300"))
     for port in (1, 65535):
         assert JsonSource(f"json:[::1]:{port}", load_vehicle("vlbv300"))._address == ("::1", port)
+
+
+def test_a_peer_that_does_not_listen_yet_is_heard_once_it_does() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
+        own.bind(("127.0.0.1", 0))
+        there = ("127.0.0.1", free_port())
+        own.connect(there)
+        link = Datagrams(own)
+        own.send(b"anybody?")
+        assert link.receive(0.2) == []
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+            peer.bind(there)
+            peer.sendto(b"here", own.getsockname())
+            assert [data for data, _, _ in link.receive(0.5)] == [b"here"]
+
+
+def test_standard_input_is_read_no_more_once_it_is_closed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "said.json"
+    path.write_text('{"t": 0.0, "x": 1.0}\n')
+    with path.open() as stream:
+        monkeypatch.setattr(sys, "stdin", stream)
+        source = JsonSource("-", load_vehicle("vlbv300"))
+        source.open()
+        found = [each for each in source.read(0.1) if isinstance(each, Sample)]
+        source.close()
+        assert [each.values for each in found] == [(1.0,)]
+        assert source.read(0.0) == []
+        assert not source.state().ended  # it was left, not read to its end

@@ -40,6 +40,13 @@ def test_what_pymavlink_packs_is_found(version: int) -> None:
     assert (framer.bad, framer.unknown) == (0, 0)
 
 
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_companion_is_told_from_the_autopilot_beside_it(version: int) -> None:
+    framer = Framer(layouts(), stream=False)
+    sent = [Autopilot(7, component, version=version).heartbeat() for component in (1, 194)]
+    assert [frame.sender for data in sent for frame in framer.feed(data)] == [(7, 1), (7, 194)]
+
+
 @pytest.mark.parametrize("step", [1, 7, 100])
 def test_a_stream_in_pieces_gives_the_same(step: int) -> None:
     data = b"".join(messages())

@@ -201,6 +201,23 @@ def test_thrusters_without_parameters_are_the_first_outputs() -> None:
     assert any("no SERVOn_FUNCTION" in line for line in heard.samples.said())
 
 
+@pytest.mark.parametrize(("thrusters", "which"), [(1, "output 1 is"), (2, "outputs 1 to 2 are")])
+def test_which_outputs_are_taken_without_parameters_is_said(thrusters: int, which: str) -> None:
+    heard = Heard({}, thrusters=thrusters)
+    turning(heard=heard)
+    expected = f"no SERVOn_FUNCTION among the parameters: {which} taken for the thrusters in order, none mirrored"
+    assert any(expected in line for line in heard.samples.said())
+
+
+def test_what_came_late_before_the_first_decision_tells_how_late_later_messages_are() -> None:
+    autopilot, heard = Autopilot(), Heard()
+    heard.take(second(autopilot, 0.0), late=0.3)
+    heard.take(second(autopilot, 1.0), late=0.01)
+    heard.decide(2.0)
+    found = [sample for sample in heard.take(second(autopilot, 2.0), late=0.3) if sample.topic == "ATTITUDE"]
+    np.testing.assert_allclose([sample.t - EPOCH for sample in found], 2.01 + np.arange(20) / 20, atol=2e-3, rtol=0)
+
+
 def test_until_the_parameters_are_settled_there_are_no_commands() -> None:
     autopilot, heard = Autopilot(), Heard()
     heard.take(second(autopilot, 0.0))

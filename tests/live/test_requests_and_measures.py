@@ -66,6 +66,19 @@ def test_a_heartbeat_goes_out_once_a_second_where_we_speak_first_or_nothing_has_
     assert beat.get_srcSystem() == 254
 
 
+def test_a_heartbeat_tells_which_mavlink_it_speaks() -> None:
+    (beat,) = decoded(Requests(speaks_first=True).due(0.0, 0.0))
+    assert beat.mavlink_version == 3
+
+
+def test_a_rate_is_asked_for_with_no_more_than_a_message_and_its_interval() -> None:
+    requests = Requests(speaks_first=False)
+    requests.aim(Sender(1, 1), 2)
+    (asked,) = (each for each in decoded(requests.due(0.0, 0.0)) if each.get_type() == "COMMAND_LONG")
+    rest = [getattr(asked, f"param{k}") for k in range(3, 8)]
+    assert (asked.confirmation, rest) == (0, [0.0] * 5)  # param7 = 0: to whoever asks
+
+
 def test_answers_are_said_in_words():
     requests = Requests(speaks_first=False)
     requests.aim(Sender(1, 1), 2)
@@ -167,8 +180,13 @@ def test_a_tracked_body_with_its_y_up_is_turned_and_one_that_is_not_seen_is_coun
         ("force_x_kgf", "X", 9.80665),
         ("torque_z_nm", "N", 1.0),
         ("battery_mv", "voltage", 1e-3),
+        ("time_s", "t", 1.0),
+        ("time_sec", "t", 1.0),
+        ("time_secs", "t", 1.0),
         ("time_ms", "t", 1e-3),
         ("time_us", "t", 1e-6),
+        ("stamp_usec", "t", 1e-6),
+        ("stamp_ns", "t", 1e-9),
         ("stamp_nsec", "t", 1e-9),
     ],
 )

@@ -14,7 +14,7 @@ from towtank.errors import InputError
 from towtank.live import Raw, Sample
 from towtank.live.links.ros2.samples import Ros2Samples
 from towtank.live.links.ros2.source import Ros2Source
-from towtank.live.links.ros2.transports import Message, link_of, topic_of_key, topic_of_token
+from towtank.live.links.ros2.transports import Message, domain_of, link_of, topic_of_key, topic_of_token
 from towtank.recording.mapping import ColumnMapping
 
 from .mavlink_peer import free_port
@@ -191,6 +191,31 @@ def test_zenoh_with_keys_as_rmw_zenoh_makes_them() -> None:
 def test_what_is_no_domain_is_one_line() -> None:
     with pytest.raises(InputError, match=r"expected ros2:\[DOMAIN\]"):
         link_of("ros2:mine")
+
+
+@pytest.mark.parametrize(
+    ("told", "environment", "domain"), [(None, "42", 42), (None, "", 0), (None, "mine", 0), (7, "42", 7), (0, "42", 0)]
+)
+def test_a_domain_that_is_not_told_is_that_of_the_environment(
+    monkeypatch: pytest.MonkeyPatch, told: int | None, environment: str, domain: int
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", environment)
+    assert domain_of(told) == domain
+    monkeypatch.delenv("ROS_DOMAIN_ID")
+    assert domain_of(told) == (told or 0)
+
+
+def test_a_topic_that_has_fallen_slow_gives_way_to_one_that_goes_on() -> None:
+    samples = Ros2Samples(None)
+
+    def odometries(topic: str, times: NDArray[np.float64]) -> list[Message]:
+        told = [(t, odometry(EPOCH + t, (t, 2.0 - t, 3.0 + t), 0.1 * t, (0.4 + t, t, t, t, t, t))) for t in times]
+        return [Message(topic, ODOMETRY, EPOCH + t, data) for t, data in told]
+
+    fast, slow = np.arange(0.0, 2.0, 0.01), np.arange(2.0, 16.0, 0.5)
+    heard(samples, [*odometries("/first", np.append(fast, slow)), *odometries("/second", np.arange(0.0, 16.0, 0.1))])
+    samples.decide(EPOCH + 16.0)
+    assert samples.quantities.used["position"] == "/second"
 
 
 def test_a_router_that_is_not_there_is_one_line() -> None:

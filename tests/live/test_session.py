@@ -20,6 +20,7 @@ import pytest
 from towtank import Learner, load_vehicle
 from towtank.errors import InputError
 from towtank.live import Raw, Sample, SourceState, open_source
+from towtank.live.pipeline.clock import steady_time
 from towtank.live.pipeline.instants import rows_of
 from towtank.live.pipeline.lane import GAP, Lane
 from towtank.live.pipeline.sorter import Arrival
@@ -28,6 +29,7 @@ from towtank.live.status import Status
 from towtank.live.warm_up import new_learner
 from towtank.readers import read
 from towtank.recording import Recording
+from towtank.recording.grids.free_motion import DEPTH_BELOW_SURFACE
 from towtank.recording.mcap.log import McapLog
 from towtank.simulation import Mocap, manoeuvre, simulate
 from towtank.vehicle import Vehicle
@@ -439,6 +441,46 @@ def test_a_clock_that_was_set_anew_is_an_event_and_a_new_stretch(vehicle: Vehicl
     made, _ = session_of(link, vehicle=vehicle)
     status = made.run(threading.Event())
     assert [each.text for each in status.events if each.kind == "clock"] == ["link 0: its clock was set anew"]
+
+
+def test_a_clock_that_was_set_anew_before_any_sample_is_an_event_of_the_beginning(vehicle: Vehicle) -> None:
+    made, _ = session_of(Told([[of_pose(2.5, 1.0)]], restarts=1), vehicle=vehicle)
+    made.run(threading.Event())
+    assert [each.t for each in made.status().events if each.kind == "clock"] == [0.0]
+
+
+def test_only_a_link_that_may_fall_silent_is_said_to_be(vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch) -> None:
+    live, replayed, over = Told([], patient=False), Told([], patient=True), Told([], patient=False)
+    over._ended = True
+    made, _ = session_of(live, replayed, over, vehicle=vehicle)
+    now = time.monotonic()
+    monkeypatch.setattr("towtank.live.pipeline.hearing.time.monotonic", lambda: now + 30.0)
+    silent = [each.silent for each in made.status().sources]
+    assert silent == [pytest.approx(30.0, abs=1.0), None, None]
+
+
+def test_a_sample_came_when_it_was_received_however_late_it_is_read(vehicle: Vehicle) -> None:
+    now = steady_time()
+    sent = [Sample("test", "pose", now - 0.5 + 0.01 * k, now - 0.4, ("x", "y"), (1.0 * k, 0.0)) for k in range(5)]
+    made, _ = session_of(Told([sent]), vehicle=vehicle)
+    late: list[float] = []
+    made.taps += (lambda arrivals: late.extend(time.monotonic() - each.came for each in arrivals),)
+    made.run(threading.Event())
+    assert len(late) == 5
+    assert min(late) >= 0.39
+
+
+@pytest.mark.parametrize(("name", "said", "below"), [("z", True, True), ("z", False, False), ("psi", True, False)])
+def test_a_depth_is_below_the_surface_where_the_link_that_tells_it_says_so(
+    vehicle: Vehicle, tmp_path: Path, name: str, said: bool, below: bool
+) -> None:
+    key, value = DEPTH_BELOW_SURFACE
+    times = [EPOCH + 0.1 * k for k in range(9)]
+    batches = [[Sample("test", "pose", t, t, (name,), (0.1 * k,))] for k, t in enumerate(times)]
+    link = Told(batches, attributes={key: value} if said else {})
+    made, _ = session_of(link, vehicle=vehicle, log=McapLog.open(tmp_path / "a.mcap"))
+    made.run(threading.Event())
+    assert read(tmp_path / "a.mcap").attributes.get(key) == (value if below else None)
 
 
 def test_what_somebody_says_of_the_session_is_an_event(vehicle: Vehicle) -> None:

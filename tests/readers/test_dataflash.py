@@ -113,6 +113,30 @@ def test_dvl_is_moved_to_the_origin_where_its_place_is_known(tmp_path: Path) -> 
     assert any("VISO_POS_X" in note for note in moved.notes)
 
 
+@pytest.mark.parametrize(
+    "parameters",
+    [{}, {"VISO_POS_X": 0.0, "VISO_POS_Y": 0.0, "VISO_POS_Z": 0.0}, {"VISO_POS_X": 0.5, "VISO_POS_Y": np.nan}],
+    ids=["untold", "at the origin", "damaged"],
+)
+def test_dvl_stays_where_nothing_says_that_it_sits_elsewhere(tmp_path: Path, parameters: dict[str, float]) -> None:
+    run = read(written(tmp_path, dive_bin(parameters=parameters).data))
+    np.testing.assert_allclose(run["v"].values, -0.1, atol=1e-6)
+    assert not any("the DVL sits" in note for note in run.notes)
+
+
+@pytest.mark.parametrize(("field", "value"), [("Alt", -2.0), ("Press", 120_000.0)])
+def test_a_barometer_that_tells_only_half_of_it_tells_no_depth(tmp_path: Path, field: str, value: float) -> None:
+    log = DataFlashWriter()
+    log.define("IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
+    log.define("BARO", "QBff", f"TimeUS,I,{field},Temp")
+    for k in range(100):
+        log.add("IMU", 20_000 * k, 0, 0.01 * k, 0.0, 0.0, 0.1 * k, 0.0, -9.8)
+        log.add("BARO", 20_000 * k, 0, value + 0.01 * k, 20.0)
+    run = read(written(tmp_path, log.data))
+    assert "p" in run
+    assert "z" not in run
+
+
 def test_outputs_without_parameters_are_said(tmp_path: Path) -> None:
     run = read(written(tmp_path, dive_bin().data))
     assert [name for name in run if name.startswith("cmd_")] == [f"cmd_{n}" for n in range(1, 7)]  # 7 has no pulse

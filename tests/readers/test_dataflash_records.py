@@ -53,6 +53,13 @@ def test_bytes_between_records_are_one_damage_with_their_number(rubbish: bytes) 
     assert found.skipped == len(rubbish) + 15 * lost
 
 
+@pytest.mark.parametrize("start", [b"\0\0", b"\xa3\0", b"\0\x95"])
+def test_a_file_whose_first_bytes_are_damaged_is_read_from_the_next_record_on(start: bytes) -> None:
+    data = start + stated(11, "OTH", "Qf", "TimeUS,B")[2:] + FORMAT + b"".join(ROWS)
+    assert values(data) == [0.5, 1.5, 2.5, 3.5]
+    assert (scan(data).damaged, scan(data).skipped) == (1, 89)
+
+
 def test_what_fills_the_end_is_no_damage_and_what_is_cut_off_is() -> None:
     whole = FORMAT + b"".join(ROWS)
     for end, damaged in ((b"\0" * 99, 0), (b"\xff" * 99, 0), (b"\0\xff", 0), (b"abc", 1)):

@@ -115,6 +115,7 @@ def test_what_is_not_known_is_left_out_and_what_stands_behind_it_is_read() -> No
     [
         LITTLE.array("x", (2, 2), LITTLE.element(9, LITTLE.pack("3d", 1, 2, 3))),  # fewer than its shape says
         LITTLE.array("x", (3,), LITTLE.element(9, LITTLE.pack("3d", 1, 2, 3))),
+        LITTLE.array("x", (-1, 1), b"", CELL),
         LITTLE.array("x", (-1, -3), LITTLE.element(9, LITTLE.pack("3d", 1, 2, 3))),
         LITTLE.array("x", (1, 3), LITTLE.element(8, LITTLE.pack("3d", 1, 2, 3))),  # of no type
         LITTLE.array("x", (1, 3), LITTLE.element(9, b"abc"), CHAR),  # a text of numbers

@@ -174,6 +174,21 @@ def test_a_record_before_bytes_with_which_none_begins_is_not_believed(rubbish: b
     assert [each[3] for each in found] == [0, 0, len(DATA) - PLACES[2] + len(rubbish), 0, 0, 0, 0, 0]
 
 
+@pytest.mark.parametrize(
+    ("opcode", "size"),
+    [
+        (2, 8 + 8 + 4),  # footer: where the summary and its offsets begin, its checksum
+        (3, 2 + 4 + 4 + 4),  # schema: number, and name, encoding and data of no length
+        (4, 2 + 2 + 4 + 4 + 4),  # channel: number, schema, and topic, encoding and metadata of no length
+        (5, 2 + 4 + 8 + 8),  # message: channel, sequence, two times
+    ],
+)
+def test_a_record_of_nothing_but_fixed_fields_is_one_and_a_shorter_one_is_none(opcode: int, size: int) -> None:
+    assert [each[1] for each in read(MAGIC + record(opcode, bytes(size)) + DATA + MAGIC)] == [opcode, 5, 5, 5]
+    shorter = read(MAGIC + record(opcode, bytes(size - 1)) + DATA + MAGIC)
+    assert [(each[1], each[3]) for each in shorter] == [(5, 9 + size - 1), (5, 0), (5, 0)]
+
+
 def test_what_the_end_cuts_off_is_told() -> None:
     cut = read(MAGIC + DATA + message(1, 40, b"abc")[:-1])
     assert [each[1] for each in cut] == [5, 5, 5, 0]

@@ -93,6 +93,7 @@ def test_a_few_messages_keep_their_times() -> None:
         (-0.2, "0.200 s ahead of"),
         (172_799.0, "172799.000 s behind"),
         (172_801.0, "2.00 days (172801.000 s) behind"),
+        (1_728_000_000.0, "20000.00 days (1728000000.000 s) behind"),  # since 1970 against since it was switched on
         (-864_000.0, "10.00 days (864000.000 s) ahead of"),
     ],
 )

@@ -156,6 +156,17 @@ def test_long_arrays_are_cut_and_of_covariances_the_diagonal_is_taken() -> None:
     assert found.columns["covar[0]"][0] == 9.0
 
 
+def test_a_covariance_that_is_no_square_is_taken_whole() -> None:
+    out = Cdr("<", False)
+    out.put("d", 0.1, 0.2, 0.3)
+    found = decoded([out.data], definition="float64[3] velocity_covariance\n")
+    assert {name: float(values[0]) for name, values in found.columns.items()} == {
+        "velocity_covariance[0]": 0.1,
+        "velocity_covariance[1]": 0.2,
+        "velocity_covariance[2]": 0.3,
+    }
+
+
 def test_arrays_longer_than_the_message_and_endless_types_are_refused() -> None:
     out = Cdr("<", False)
     out.put("I", 2**31)

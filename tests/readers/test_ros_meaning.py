@@ -199,6 +199,24 @@ def test_poses_and_twists(tmp_path: Path, covariance: bool) -> None:
     assert line(run, "/dvl/twist").reason == "rates: it never changes: the field is filled in, not measured"
 
 
+@pytest.mark.parametrize("covariance", [False, True])
+def test_a_pose_that_was_estimated_stands_behind_one_that_was_tracked(tmp_path: Path, covariance: bool) -> None:
+    kind = f"geometry_msgs/msg/Pose{'WithCovarianceStamped' if covariance else 'Stamped'}"
+    place, q = enu(POSITION), attitude("ENU", "FLU")
+
+    def pose(k: int, off: float) -> dict[str, Any]:
+        told = {"position": xyz(place[k] + off), "orientation": xyzw(q[k])}
+        return {
+            "header": header(T[k], "world"),
+            "pose": {"pose": told, "covariance": np.zeros(36)} if covariance else told,
+        }
+
+    tracked = [Said("/mocap/rov", float(T[k]) + 0.001, kind, pose(k, 0.0)) for k in range(N)]
+    run = log(tmp_path, "/slam/pose", kind, lambda k: pose(k, 5.0), *tracked)
+    assert np.allclose(vectors(run, "x", "y", "z"), POSITION)
+    assert line(run, "/slam/pose").reason == "position, depth, attitude: /mocap/rov is nearer the sensor"
+
+
 def test_a_twist_in_the_world_is_a_velocity_north_east_and_down(tmp_path: Path) -> None:
     told = enu(WORLD)
     run = log(

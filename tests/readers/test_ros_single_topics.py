@@ -106,6 +106,27 @@ def test_a_frame_that_nothing_leads_from_is_said(tmp_path: Path) -> None:
     np.testing.assert_array_equal(run["x"].values, plain["x"].values)
 
 
+@pytest.mark.parametrize(
+    ("parent", "place", "turn"),
+    [
+        ("base_link", ARM, np.zeros(4)),  # no attitude
+        ("base_link", ARM, 1.2 * MAST),
+        ("base_link", np.array([np.nan, 0.0, 0.0]), MAST),
+        ("", ARM, MAST),
+    ],
+)
+def test_a_fixed_transform_that_is_none_moves_nothing(
+    tmp_path: Path, parent: str, place: np.ndarray, turn: np.ndarray
+) -> None:
+    tree = {"transforms": [transform(parent, "camera_link", place, turn)]}
+    run = read(bag(tmp_path, [Said("/tf_static", 0.0, "tf2_msgs/msg/TFMessage", tree), *seen_by_camera()]))
+    (tmp_path / "plain").mkdir()
+    plain = read(bag(tmp_path / "plain", seen_by_camera()))
+    for name in ("x", "z", "u", "p", "qw"):
+        np.testing.assert_array_equal(run[name].values, plain[name].values)
+    assert any('no fixed transform leads from "camera_link"' in note for note in run.notes)
+
+
 def test_odometry_of_base_link_stays(tmp_path: Path) -> None:
     static = Said(
         "/tf_static", 0.0, "tf2_msgs/msg/TFMessage", {"transforms": [transform("odom", "base_link", ARM, MAST)]}

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pymavlink.mavutil import mode_mapping_rover, mode_mapping_sub
 
 from towtank.readers import read
 from towtank.readers.ardupilot.states import (
@@ -155,6 +156,20 @@ def test_mavros(tmp_path: Path) -> None:
     assert found[0] == "0 to 5 s: disarmed"
     assert found[1].startswith("15 to 19.9 s: autopilot in mode SURFACE")
     assert {each.name: each.used for each in run.contents}["/mavros/state"] == ("armed", "mode")
+
+
+@pytest.mark.parametrize(
+    ("kind", "number", "name"),
+    [
+        *((12.0, *each) for each in mode_mapping_sub.items()),
+        *((11.0, *each) for each in mode_mapping_rover.items() if each[1] != "LEARNING"),  # which ArduPilot gave up
+    ],
+)
+def test_modes_have_the_names_that_ardupilot_gives_them(kind: float, number: int, name: str) -> None:
+    t = np.arange(4.0)
+    run = Recording.from_table(t, {"r": np.sin(t)})
+    table = Table("HEARTBEAT", t, {"base_mode": 0.0 * t, "custom_mode": number + 0.0 * t, "type": kind + 0.0 * t})
+    assert mode_names(with_states(run, *heartbeat_states(table))) == {number: name}
 
 
 @pytest.mark.parametrize(

@@ -97,6 +97,17 @@ def test_stamps_drift(tmp_path: Path) -> None:
     np.testing.assert_allclose(run["p"].t - run["p"].t[0], 0.1 * np.arange(6000), atol=6e-3)
 
 
+def test_stamps_of_an_autopilot_that_has_run_for_hours_are_its_own(tmp_path: Path) -> None:
+    """Its clock is 300 ppm slow: after ten hours that is eleven seconds."""
+    log, late = TlogWriter(), np.random.default_rng(5).exponential(0.2, 2000)
+    for k in range(2000):
+        t = 0.1 * k
+        boot = round(1e3 * (36_000.0 + t) * (1.0 - 3e-4))
+        log.add(t + float(late[k]), mavlink.MAVLink_attitude_message(boot, *[0.01 * k] * 6))
+    run = read(written(tmp_path, log.data))
+    np.testing.assert_allclose(run["p"].t - run["p"].t[0], run["p"].values * 10.0, atol=0.05)
+
+
 def test_a_restart_of_the_autopilot_leaves_times_of_receipt(tmp_path: Path) -> None:
     log = dive_tlog(20.0, parameters=SIX, boot=500.0)
     for k in range(50):

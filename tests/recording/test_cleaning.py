@@ -66,7 +66,14 @@ def triangle_after_rest() -> np.ndarray:
     return x
 
 
+def shaking_after_rest() -> np.ndarray:
+    x = NOISE.copy()
+    x[1000:1006] += 0.5 * np.array([1, -1, 1, -1, 1, -1])
+    return x
+
+
 LEGITIMATE = {
+    "shaking for 0.06 s": shaking_after_rest(),
     "constant": np.full(N, 3.7),
     "zero": np.zeros(N),
     "steps": telegraph(100),

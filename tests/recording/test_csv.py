@@ -93,6 +93,8 @@ BAD = {
     "no times": ("t,u,v\n" + ",1,2\n" * 9, "{p}: found 0 samples, expected at least 4"),
     "utf-16": ("t,u,v\n".encode("utf-16"), "{p}: not a text file in UTF-8"),
     "damaged": (b"t,u,v\n" + rows().encode() + b"0.5,\0\0,1\n", "{p}:7: found a NUL character"),
+    "one long line": ("x" * 200_000 + "\n" + rows(), "{p}:1: found a line of 200000 characters that names no columns"),
+    "lines ended by CR": ("t,u,v\r0,1,2\r1,2,3\r", "{p}:1: found a line of 17 characters that names no columns, expected names with commas between them, the line ended by LF or CR LF"),
     "open quote": ('t,u,v\n0,1,2\n1,"2,3\n' + rows(), "{p}:3: found "),
 }  # fmt: skip
 # ruff: enable[E501]

@@ -13,7 +13,7 @@ from towtank.core.attitude import quaternions_from_eulers
 from towtank.errors import InputError
 from towtank.readers import read
 from towtank.recording import Channel, Recording, load_mapping
-from towtank.recording.grids.free_motion import DEPTH_BELOW_SURFACE, FreeMotion, free_motion, mode_names
+from towtank.recording.grids.free_motion import DEPTH_BELOW_SURFACE, FreeMotion, free_motion, free_parts, mode_names
 from towtank.simulation import MANOEUVRES, manoeuvre, simulate
 from towtank.vehicle import load_vehicle
 
@@ -193,6 +193,14 @@ def test_all_of_it_together_is_the_recording() -> None:
     assert pieces[0][0] == run.start
     assert pieces[-1][1] == run.end
     assert all(b == pytest.approx(c) for (_, b), (c, _) in pairwise(pieces))
+
+
+@pytest.mark.parametrize(("source", "named"), [("dive 7.BIN", "dive 7.BIN"), ("", "recording")])
+def test_a_recording_of_which_nothing_counts_is_refused_by_its_name_and_why(source: str, named: str) -> None:
+    run = dive({"armed": ([0.0], [0.0])})
+    with pytest.raises(InputError) as error:
+        free_parts(Recording(run.channels, source), ROV)
+    assert str(error.value) == f"{named}: nothing of it counts (0 to 100 s: disarmed); keep_all=True takes it"
 
 
 @pytest.mark.parametrize("name", ["vlbv300", "bluerov2_heavy", "blueboat"])

@@ -61,6 +61,13 @@ def test_two_surfacings_less_than_a_second_apart_are_one():
     assert cuts(dive(z=far)) != [("surface", 20.0, 50.0)]
 
 
+@pytest.mark.parametrize(("first", "start"), [(1.9, 0.0), (6.0, 6.0), (15.0, 15.0)])
+def test_a_first_depth_tells_of_no_more_than_two_seconds_before_it(first: float, start: float) -> None:
+    z = while_between(0.0, 20.0, 0.05, 3.0)
+    z[first - 1e-9 > T] = np.nan
+    assert cuts(dive(z=z)) == [("surface", start, 20.0)]
+
+
 @pytest.mark.parametrize("seconds", [1.9, 2.1])
 def test_a_depth_holds_for_two_seconds(seconds):
     z = while_between(20.0, 30.0, 0.05, 3.0)

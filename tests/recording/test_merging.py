@@ -159,6 +159,16 @@ def test_other_motion_is_refused() -> None:
         assert "in common" in text or "ambiguous" in text
 
 
+def test_motion_that_is_common_in_a_small_part_is_refused_however_long_it_lasts() -> None:
+    own, common = course(3), course(4)
+
+    def partly(t: np.ndarray) -> np.ndarray:
+        return own(t) + 0.5 * common(t)
+
+    text = refusal(dive(common, 300.0), mocap(partly, 3.0, end=300.0))
+    assert re.search(r"no motion in common \(correlation at most 0\.[34]\d\)", text), text
+
+
 def test_rest_and_nothing_in_common_are_refused() -> None:
     def rest(t: np.ndarray) -> np.ndarray:
         return np.zeros((4, t.size))

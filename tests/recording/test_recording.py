@@ -40,6 +40,12 @@ def test_arrays_are_read_only_and_do_not_alias_the_callers() -> None:
     assert standard_channel("u", T, view).values is not view
 
 
+def test_a_part_of_what_nobody_can_write_to_is_not_copied() -> None:
+    whole = np.arange(20.0)
+    whole.flags.writeable = False
+    assert np.shares_memory(standard_channel("u", T, whole[5:15]).values, whole)
+
+
 @pytest.mark.parametrize(
     ("t", "values", "found"),
     [
