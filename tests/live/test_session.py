@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -481,6 +482,24 @@ def test_a_depth_is_below_the_surface_where_the_link_that_tells_it_says_so(
     made, _ = session_of(link, vehicle=vehicle, log=McapLog.open(tmp_path / "a.mcap"))
     made.run(threading.Event())
     assert read(tmp_path / "a.mcap").attributes.get(key) == (value if below else None)
+
+
+def test_a_recording_no_longer_says_what_a_further_link_contradicts(vehicle: Vehicle, tmp_path: Path) -> None:
+    """A depth by pressure is below the surface; not where another depth comes, too, of which nobody says so."""
+    key, value = DEPTH_BELOW_SURFACE
+    made, _ = session_of(
+        Told([[Sample("test", "pose", EPOCH, EPOCH, ("z",), (0.5,))]], attributes={key: value, "modes": "ArduSub"}),
+        Told([[]]),
+        vehicle=vehicle,
+        log=McapLog.open(tmp_path / "a.mcap"),
+    )
+    made.run(threading.Event())
+    told: list[dict[str, str | None]] = []
+    made._recorder = SimpleNamespace(put_attributes=told.append)  # type: ignore[assignment]
+    made._describe()
+    made._deep[1] = True
+    made._describe()
+    assert told == [{key: None, "modes": "ArduSub"}]
 
 
 def test_what_somebody_says_of_the_session_is_an_event(vehicle: Vehicle) -> None:

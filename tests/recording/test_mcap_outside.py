@@ -181,6 +181,15 @@ def test_of_a_file_without_its_beginning_nothing_is_left_and_it_begins_anew(tmp_
     assert "301 samples could not be written" in " ".join(run.notes)
 
 
+def test_what_is_said_of_a_recording_may_be_taken_back(tmp_path: Path) -> None:
+    log = begun(tmp_path / "a.mcap")
+    log.describe({"room": "tank 2", "water": "fresh"})
+    log.describe({"room": None, "water": "salt"})
+    log.close()
+    found = read(tmp_path / "a.mcap").attributes
+    assert ("room" in found, found["water"]) == (False, "salt")
+
+
 def test_events_wait_for_a_disk_that_does_not_take_their_topic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     log = begun(tmp_path / "a.mcap")
     disk = FullDisk(monkeypatch)

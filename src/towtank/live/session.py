@@ -292,8 +292,9 @@ class Session:
         if of_depth and all(each == value for each in of_depth):
             found[key] = value
         if self._recorder is not None and found != self._described:
+            no_longer = dict.fromkeys(self._described.keys() - found.keys())
             self._described = found
-            self._recorder.put_attributes(found)
+            self._recorder.put_attributes({**no_longer, **found})
 
     def _warnings(self, recording: RecordingState | None, sources: Sequence[SourceStatus]) -> tuple[str, ...]:
         found = [text for text in (self.learning.now.trouble, *self._faults.values()) if text]

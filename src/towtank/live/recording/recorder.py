@@ -67,7 +67,7 @@ class Recorder:
 
     def __init__(self, log: McapLog) -> None:
         self._log = log
-        self._queue: deque[Arrival | Event | Message | dict[str, str] | tuple[float, Raw]] = deque()
+        self._queue: deque[Arrival | Event | Message | dict[str, str | None] | tuple[float, Raw]] = deque()
         self._waiting = self._lost = self._count = 0  # bytes, items, items
         self._changed = threading.Condition()
         self._closing = False
@@ -111,8 +111,8 @@ class Recorder:
             self._queue.append(event)
             self._changed.notify()
 
-    def put_attributes(self, attributes: Mapping[str, str]) -> None:
-        """Take what is known of the recording by now."""
+    def put_attributes(self, attributes: Mapping[str, str | None]) -> None:
+        """Take what is known of the recording by now; None: no longer."""
         with self._changed:
             self._queue.append(dict(attributes))
             self._changed.notify()
@@ -156,7 +156,7 @@ class Recorder:
                     self._fault = f"{type(error).__name__}: {' '.join(str(error).split())}"
             self._log.flush_if_due()
 
-    def _write(self, item: Arrival | Event | Message | dict[str, str] | tuple[float, Raw]) -> None:
+    def _write(self, item: Arrival | Event | Message | dict[str, str | None] | tuple[float, Raw]) -> None:
         if isinstance(item, Arrival):
             self._sample(item)
         elif isinstance(item, Event):

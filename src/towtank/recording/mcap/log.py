@@ -212,9 +212,10 @@ class McapLog:
         """The sources announced, each with the names of its columns."""
         return dict(self._columns)
 
-    def describe(self, attributes: Mapping[str, str]) -> None:
-        """Say more of the recording, or anew: attributes that are known only while it is made."""
-        self._about = replace(self._about, attributes={**(self._about.attributes or {}), **attributes})
+    def describe(self, attributes: Mapping[str, str | None]) -> None:
+        """Say more of the recording, or anew: attributes that are known only while it is made; None takes one back."""
+        said = {**(self._about.attributes or {}), **attributes}
+        self._about = replace(self._about, attributes={key: text for key, text in said.items() if text is not None})
         try:
             self._file.metadata(ABOUT, self._about.metadata())
         except OSError as error:
