@@ -1,6 +1,6 @@
 # towtank: `make demo` shows it at work, `make test` runs every check. Both set up .venv by themselves.
 PYTHON  ?= python3
-WORKERS ?= 2
+WORKERS ?= 3
 DEMO    ?=
 PEERS   ?=
 KERNEL_TESTS := $(addprefix tests/identification/test_, axis_rows.py held_input.py measurements.py motion_state.py transition.py output_error_kernel.py)
@@ -9,6 +9,7 @@ BIN   := .venv/bin
 READY := .venv/.ready
 COMPILED := .venv/.compiled
 PAGE  := src/towtank/dashboard/static/index.html
+# One worker more than two processors have: tests of live sessions wait for most of their time.
 # Each worker begins with files of its own, so that what the tests of a file share is mostly made once; who is done first
 # takes of what the other has left. Linear algebra in one thread of each: those of more wait for each other by spinning.
 PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal

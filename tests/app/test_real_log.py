@@ -66,20 +66,13 @@ def test_yaw(pool: Pool) -> None:
     found, model = pool.learn("yaw_1")
     assert 0.0 <= found["delay_s"] <= 0.06
     assert found["coefficients"]["N_rdot"]["identified"] is True
-    reached(pool.fit(model, "yaw_2")["r"], asked=76.0, at_least=64.0)
+    reached(pool.fit(model, "yaw_2")["r"], asked=76.0, at_least=66.0)
 
 
 def test_yaw_of_two_runs(pool: Pool) -> None:
     found, model = pool.learn("yaw_1", "yaw_2")
     assert 0.0 <= found["delay_s"] <= 0.06
-    reached(pool.fit(model, "yaw_3")["r"], asked=57.0, at_least=50.0)
-
-
-def test_pitch_and_roll_with_restarts(pool: Pool) -> None:
-    found, model = pool.learn("pitch_roll_1")
-    assert 0.0 <= found["delay_s"] <= 0.06
-    fit = pool.fit(model, "pitch_roll_2", "--horizon", 5)
-    reached(min(fit["p"], fit["q"]), asked=55.0, at_least=45.0)
+    reached(pool.fit(model, "yaw_3")["r"], asked=57.0, at_least=54.0)
 
 
 def test_what_was_not_measured_is_said(pool: Pool) -> None:

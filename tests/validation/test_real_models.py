@@ -35,12 +35,15 @@ def _there(runs: Learned) -> Learned:
 
 
 SHORT = {  # what is reached where it falls short of what is asked
-    "yaw_1 -> yaw_2: r": 65.0,
-    "yaw_1 + yaw_2 -> yaw_3: r": 54.0,
     "pitch_roll_1 + all_2 -> pitch_roll_2: p": 60.0,
     "pitch_roll_1 + all_2 -> all_3 by 3 s: p": 54.0,
 }
-FIGURES = [pytest.param(case, name, least, id=f"{case.name}: {name}") for case in POOL for name, least in case.least]
+FIGURES = [  # of yaw `learn` itself is asked: app/test_real_log.py
+    pytest.param(case, name, least, id=f"{case.name}: {name}")
+    for case in POOL
+    for name, least in case.least
+    if "yaw" not in case.name
+]
 
 
 @pytest.mark.parametrize("case, name, least", FIGURES)
@@ -80,7 +83,7 @@ def test_sea_surge_of_the_second_half(data: Path) -> None:
 
 
 def test_boat_is_learned_in_the_plane(boat_logs: Learned) -> None:
-    learning = boat_logs.learn(*BOAT_HALVES[0])
+    learning = boat_logs.learn(*BOAT_HALVES[0][:2])
     assert not any(each.what == "thrusters" for each in learning.findings)
     out_of_plane = [c for c in learning.estimate.coefficients if c.name[0] in "ZKM" or c.name == "W_minus_B"]
     claimed = [c.name for c in out_of_plane if c.identified]

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -61,7 +61,7 @@ class Family:
     base: Array
     basis: Array
 
-    @property
+    @cached_property
     def coupled(self) -> bool:
         """Whether anything stands off the diagonal."""
         off = ~np.eye(len(self.rows), dtype=np.bool_)
