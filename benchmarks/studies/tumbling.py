@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from towtank.recording import Recording
-from towtank.recording.standard import ACCELERATIONS, RATES
+from towtank.recording.standard import RATES
 from towtank.simulation import Ins, OrnsteinUhlenbeck, simulate
+from towtank.simulation.sensors.sensor import Sensors
 from towtank.vehicle import Vehicle, load_vehicle
 
 __all__ = ["INERTIAS", "TURNING", "named", "true_vehicle", "tumble"]
@@ -18,6 +21,7 @@ TURNING = {
 }  # fmt: skip
 INERTIAS = ("K_pdot", "M_qdot", "N_rdot")
 _LEVELS = (1260.0, 1500.0, 1740.0)
+_GYROS = Ins()
 _KEPT = 0.6  # probability that a thruster stays as it is for another 0.2 s
 
 
@@ -36,12 +40,11 @@ def true_vehicle(*, lag: float = 0.0, **gains: float) -> Vehicle:
 
 
 def tumble(
-    vehicle: Vehicle, *, seed: int, seconds: float = 60.0, place: tuple[float, float, float] | None = None
+    vehicle: Vehicle, *, seed: int, seconds: float = 60.0, sensors: Sensors = _GYROS, measured: Sequence[str] = RATES
 ) -> Recording:
-    """All thrusters switched at random every 0.2 s or later, in stirred water; p, q, r at 100 Hz and the commands.
+    """All thrusters switched at random every 0.2 s or later, in stirred water; the commands, and what is measured.
 
-    Args:
-        place: of an accelerometer in the body [m], which measures too.
+    That is p, q, r at 100 Hz unless others are named.
     """
     random = np.random.default_rng(seed)
     steps = round(seconds / 0.2)
@@ -50,6 +53,5 @@ def tumble(
     for k in range(1, steps):
         levels[k] = np.where(kept[k], levels[k - 1], levels[k])
     commands = np.repeat(levels, 20, axis=0)
-    sensors, kept_channels = (Ins(), RATES) if place is None else (Ins(imu_place=place), (*RATES, *ACCELERATIONS))
     run = simulate(vehicle, commands=commands, dt=0.01, sensors=sensors, disturbance=WATER, seed=seed)
-    return run.without(*(name for name in run if name not in kept_channels and not name.startswith("cmd_")))
+    return run.without(*(name for name in run if name not in measured and not name.startswith("cmd_")))

@@ -27,7 +27,7 @@ from towtank.identification.kalman.state import (
 )
 from towtank.identification.kalman.update import update_specific_force
 from towtank.identification.model.measurements import VELOCITY, pace_of
-from towtank.identification.model.parameters import PLACES
+from towtank.identification.model.parameters import IMU_PLACE
 from towtank.identification.model.prior import prior_of
 from towtank.identification.offline.joint import LearningRequest, joint_problem
 from towtank.vehicle import configuration_matrix, load_vehicle
@@ -111,8 +111,8 @@ def test_of_recordings_that_begin_at_the_same_time_each_has_its_own_current() ->
 def _moving(place: tuple[float, float, float], current: Array, at: Array) -> JointState:
     """A filter in full motion that takes the water to flow so, and is linearised about another current."""
     vehicle = load_vehicle("vlbv300")
-    prior = prior_of(vehicle, more=PLACES).only(("X_udot", "Y_vdot", "N_rdot", "X_uu", "Y_vv", *PLACES))
-    theta = np.where(np.isin(prior.names, PLACES), 0.0, prior.mean)
+    prior = prior_of(vehicle, more=IMU_PLACE).only(("X_udot", "Y_vdot", "N_rdot", "X_uu", "Y_vv", *IMU_PLACE))
+    theta = np.where(np.isin(prior.names, IMU_PLACE), 0.0, prior.mean)
     theta[-3:] = place
     levels = NoiseLevels(np.full(N_MEASURED, 0.01), np.full(6, 0.01))
     B = configuration_matrix(vehicle)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from towtank.identification.data.samples import N_MEASURED, NoiseLevels, Samples
 from towtank.identification.kalman.passes import JointProblem, further_unknowns, one_pass, settings_for
 from towtank.identification.kalman.state import FilterSettings, coefficient_std
 from towtank.identification.model.measurements import ATTITUDE, POSITION, RATES, VELOCITY, WATER_VELOCITY
-from towtank.identification.model.parameters import LATENCIES
+from towtank.identification.model.parameters import DVL_PLACE, IMU_PLACE, LATENCIES, MARKER_PLACE, PLACES
 from towtank.identification.model.prior import prior_of
 from towtank.recording import Recording
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, Together, manoeuvre, simulate
@@ -106,27 +107,36 @@ def dive(sensors: Mocap | Ins | Together, seconds: float = 40.0, seed: int = 3) 
     return simulate(vehicle, commands=commands, dt=0.01, sensors=sensors, disturbance=water, seed=seed)
 
 
+def late_of(samples: Sequence[Samples]) -> tuple[str, ...]:
+    """Which sensors may be late."""
+    return tuple(name for name in further_unknowns(samples) if name not in PLACES)
+
+
 def test_the_time_of_the_gyro_is_taken_as_it_is_else_that_of_the_attitude_else_that_of_the_position() -> None:
     vehicle, t, n = load_vehicle("vlbv300"), 0.01 * np.arange(300), np.arange(300)
     inertial, camera = (samples_of(dive(each, 2.0), vehicle) for each in (Ins(), Mocap()))
-    assert further_unknowns([inertial]) == (
-        "latency_velocity",
-        "imu_x",
-        "imu_y",
-        "imu_z",
-    )  # depth comes in rows of the attitude
-    assert further_unknowns([camera]) == ()  # one device, one time
+    assert late_of([inertial]) == ("latency_velocity",)  # depth comes in rows of the attitude
+    assert late_of([camera]) == ()  # one device, one time
     gyro, attitude = (RATES, n[::3]), (ATTITUDE, n[1::3])
     position, velocity, through_water = (POSITION, n[2::3]), (VELOCITY, n[::30]), (WATER_VELOCITY, n[::15])
     others = ("latency_position", "latency_velocity")
     apart = rows(t, gyro, attitude, position, velocity)
-    assert further_unknowns([apart]) == ("latency_position", "latency_attitude", "latency_velocity")
-    assert further_unknowns([rows(t, attitude, position, velocity)]) == others
-    assert further_unknowns([rows(t, position, velocity)]) == others[1:]
-    assert further_unknowns([rows(t, position, through_water)]) == ("latency_velocity_through_the_water",)
+    assert late_of([apart]) == ("latency_position", "latency_attitude", "latency_velocity")
+    assert late_of([rows(t, attitude, position, velocity)]) == others
+    assert late_of([rows(t, position, velocity)]) == others[1:]
+    assert late_of([rows(t, position, through_water)]) == ("latency_velocity_through_the_water",)
     both = rows(t, gyro, (ATTITUDE, n[::6]), (POSITION, n[::60]))
-    assert further_unknowns([both]) == ()
-    assert further_unknowns([both, apart]) == ("latency_position", "latency_attitude", "latency_velocity")
+    assert late_of([both]) == ()
+    assert late_of([both, apart]) == ("latency_position", "latency_attitude", "latency_velocity")
+
+
+def test_where_sensors_are_is_unknown_where_something_shows_the_turning() -> None:
+    vehicle, t, n = load_vehicle("vlbv300"), 0.01 * np.arange(300), np.arange(300)
+    inertial, camera = (samples_of(dive(each, 2.0), vehicle) for each in (Ins(), Mocap()))
+    assert further_unknowns([inertial])[1:] == (*IMU_PLACE, *DVL_PLACE, *MARKER_PLACE)
+    assert further_unknowns([camera]) == MARKER_PLACE
+    assert further_unknowns([rows(t, (VELOCITY, n[::30]), (RATES, n))])[1:] == DVL_PLACE
+    assert not {*PLACES} & {*further_unknowns([rows(t, (POSITION, n[2::3]), (VELOCITY, n[::30]))])}
 
 
 # -- the filter finds what is left

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from towtank.errors import InputError
-from towtank.identification.model.parameters import LATENCIES, PLACES
+from towtank.identification.model.parameters import DVL_PLACE, IMU_PLACE, LATENCIES, MARKER_PLACE, PLACES
 from towtank.identification.model.prior import Prior, prior_of
 from towtank.identification.model.terms import Body
 from towtank.identification.posterior.result import with_posterior
@@ -111,7 +111,9 @@ def test_inputs_are_those_of_autopilots_and_thrusters() -> None:
     for k in range(4):
         assert of(supposed, f"gain_t{k}") == pytest.approx((0.0, 0.08))
     assert all(of(supposed, name) == (0.05, 0.1) for name in LATENCIES)
-    assert all(of(supposed, name) == (0.0, 0.1) for name in PLACES)
+    assert all(of(supposed, name) == (0.0, 0.1) for name in IMU_PLACE)
+    gyradius = float(np.sqrt(max(driven().rigid_body.inertia) / driven().rigid_body.mass))
+    assert all(of(supposed, name) == pytest.approx((0.0, gyradius)) for name in (*DVL_PLACE, *MARKER_PLACE))
 
 
 def test_a_wrench_has_a_delay_and_no_thrusters() -> None:

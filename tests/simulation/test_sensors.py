@@ -141,6 +141,23 @@ def test_specific_force_in_free_fall_is_zero() -> None:
     np.testing.assert_allclose(table(run, ("ax", "ay", "az")), 0.0, atol=1e-10)
 
 
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (0.4, -0.3, 0.2)])
+def test_a_dvl_shows_how_fast_its_place_goes_that_a_camera_tracks(place: tuple[float, float, float]) -> None:
+    settings: dict[str, Any] = {"wrench": np.tile([5.0, 2.0, 1.0, 0.3, 0.2, 1.0], (3000, 1)), "dt": 0.001}
+    dvl = Ins(dvl_rate=1000.0, attitude_rate=1000.0, dvl_noise=0.0, attitude_noise_mrad=0.0, heading_noise_mrad=0.0,
+              dvl_place=place)  # fmt: skip
+    camera = Mocap(rate=1000.0, noise_mm=0.0, noise_mrad=0.0, jump_fraction=0.0, place=place)
+    seen, tracked = (
+        simulate(vessel(), sensors=each, nu0=(0.5, 0.2, 0.1, 0.1, 0.2, 0.3), **settings) for each in (dvl, camera)
+    )
+    speed = np.gradient(table(tracked, "xyz"), 0.001, axis=0)
+    angles, shown = table(seen, ("phi", "theta", "psi")), table(seen, "uvw")
+    for k in range(10, 3000, 150):
+        np.testing.assert_allclose(rotation_from_euler(*angles[k]) @ shown[k], speed[k], atol=1e-5)
+    origin = simulate(vessel(), sensors=Perfect(), nu0=(0.5, 0.2, 0.1, 0.1, 0.2, 0.3), **settings)
+    assert np.linalg.norm(table(tracked, "xyz") - table(origin, "xyz"), axis=1) == pytest.approx(np.linalg.norm(place))
+
+
 def _imu_at(place: tuple[float, float, float]) -> Ins:
     quiet = dict.fromkeys(("gyro_noise", "gyro_bias", "accelerometer_noise", "accelerometer_bias"), 0.0)
     return Ins(imu_rate=1000.0, imu_place=place, **quiet)
@@ -192,6 +209,8 @@ def test_ornstein_uhlenbeck_statistics() -> None:
         (lambda: Ins(dvl_rate=float("nan")), "dvl_rate"),
         (lambda: Ins(gyro_noise=-0.1), "gyro_noise"),
         (lambda: Ins(imu_place=(0.1, float("nan"), 0.0)), "imu_place"),
+        (lambda: Ins(dvl_place=(0.1, 0.0)), "Ins: dvl_place: found .*, expected three numbers"),  # type: ignore[arg-type]
+        (lambda: Mocap(place=(float("inf"), 0.0, 0.0)), "place"),
         (lambda: WaterTrack(rate=0.0), "WaterTrack: rate"),
         (lambda: WaterTrack(noise=-0.1), "noise"),
         (lambda: WaterTrack(axes=()), "axes: found"),

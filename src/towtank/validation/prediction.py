@@ -12,7 +12,7 @@ The wrench that a model's thrusters gave over every step of a grid: held command
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +31,7 @@ from towtank.identification.data.samples import Sources, with_absent_zero
 from towtank.identification.least_squares.chain import uses_commands
 from towtank.identification.least_squares.velocity import gravity_directions
 from towtank.recording import Grid
+from towtank.recording.frames.lever_arm import origin_motion
 from towtank.recording.standard import POSE, VELOCITIES
 from towtank.simulation.integration import simulate_thrusters
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
@@ -43,6 +44,7 @@ _FORGOTTEN = 3.0  # time constants, after which 5 % of a force is left
 _LONGEST = 0.1  # of a recording, that is spent on that
 CHANNELS = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
 _LONGEST_STEP = 0.02  # s
+_AWAY = 0.02  # m
 _BLOCK = 20_000  # steps simulated at once
 _STILL = np.zeros(3)
 _ANGLES = ("phi", "theta", "psi")
@@ -269,6 +271,7 @@ def predict(vehicle: Vehicle, grid: Grid, *, horizon: float | None = None, delay
         raise InputError(f"horizon: found {horizon}, expected a number of seconds above 0")
     if horizon == np.inf:
         horizon = None
+    grid = _of_origin(vehicle, grid)
     starts = Starts.of(grid)
     over = acted(vehicle, grid, delay)
     n = len(grid)
@@ -299,6 +302,22 @@ def predict(vehicle: Vehicle, grid: Grid, *, horizon: float | None = None, delay
     wrench = np.vstack([over.wrench[:1], over.wrench])
     del starts, over  # room for what follows
     return Prediction(grid.t, _channels(grid, states), tuple(restarts), grid.source, wrench, states)
+
+
+def _of_origin(vehicle: Vehicle, grid: Grid) -> Grid:
+    """Return a recording with position and velocity of the body origin, where a learned vehicle knows whose they are.
+
+    Only what is surely elsewhere counts: three deviations and `_AWAY`.
+    """
+    learned = vehicle.posterior
+    found = () if learned is None else zip(learned.names, learned.mean, learned.std, strict=True)
+    sure = {name: mean for name, mean, std in found if abs(mean) > max(_AWAY, 3.0 * std)}
+    dvl, marker = (np.array([sure.get(f"{sensor}_{axis}", 0.0) for axis in "xyz"]) for sensor in ("dvl", "marker"))
+    if not (dvl.any() or marker.any()):
+        return grid
+    position, eulers, v, omega = grid.pose[:, :3], grid.pose[:, 3:], grid.velocity[:, :3], grid.velocity[:, 3:]
+    position, v = origin_motion(position, v, eulers, omega, marker, dvl)
+    return replace(grid, pose=np.column_stack([position, eulers]), velocity=np.column_stack([v, omega]))
 
 
 def _next_start(grid: Grid, starts: Starts, origin: int, row: int, horizon: float | None) -> int:

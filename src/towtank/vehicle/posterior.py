@@ -3,7 +3,8 @@
 And what a person knows of single unknowns before any data, the table [prior], each in its own unit.
 
 Unknowns are coefficients by their SNAME names, the `delay` [s] of the commands, the `lag` [s] of the thrusters,
-`gain_<thruster>`, `latency_<sensor>` [s] and the place of the accelerometer, `imu_x`, `imu_y` and `imu_z` [m]. Each
+`gain_<thruster>`, `latency_<sensor>` [s] and the places [m] of the accelerometer, `imu_x`, `imu_y` and
+`imu_z`, of the DVL, `dvl_x` ..., and of what gives the position, `marker_x` .... Each
 has a coordinate in which it is Gaussian: the natural logarithm of the total inertia M_ii (rigid body and added mass,
 kg or kg m^2) for the six added masses on the diagonal, and of a gain as a multiple of the gain that the file gives
 the thruster; the quantity itself, in SI, for all others.
@@ -55,8 +56,14 @@ __all__ = [
     "with_coordinates",
 ]
 
-DELAY, LAG, GAIN_PREFIX, LATENCY_PREFIX, PLACE_PREFIX = "delay", "lag", "gain_", "latency_", "imu_"
-_NAMED = re.compile(rf"{GAIN_PREFIX}[A-Za-z0-9_.-]+|{LATENCY_PREFIX}[A-Za-z0-9_]+|{PLACE_PREFIX}[xyz]")
+DELAY, LAG, GAIN_PREFIX, LATENCY_PREFIX, PLACE_PREFIXES = (
+    "delay",
+    "lag",
+    "gain_",
+    "latency_",
+    ("imu_", "dvl_", "marker_"),
+)
+_NAMED = re.compile(rf"{GAIN_PREFIX}[A-Za-z0-9_.-]+|{LATENCY_PREFIX}[A-Za-z0-9_]+|({'|'.join(PLACE_PREFIXES)})[xyz]")
 _DIGITS = range(4, 16)  # of the length of a row; a double has no more than 15
 _KEPT = 1e-3  # relative error of the deviation of any direction; with 1000 samples it is itself known to 2e-2
 _TRIES = 100  # draws in a row; one in twenty that can move fails to be found once in 170 times
@@ -73,8 +80,8 @@ def _unknown(value: Any) -> str:
         return str(value)
     hint = nearest(value, (*COEFFICIENTS, DELAY, LAG)) if isinstance(value, str) else ""
     raise ValueError(
-        f"found {described(value)}, expected a coefficient, {DELAY}, {LAG}, {GAIN_PREFIX}<thruster>"
-        f" or {LATENCY_PREFIX}<sensor>{hint}"
+        f"found {described(value)}, expected a coefficient, {DELAY}, {LAG}, {GAIN_PREFIX}<thruster>,"
+        f" {LATENCY_PREFIX}<sensor> or a place as imu_x, dvl_x, marker_x{hint}"
     )
 
 
@@ -174,7 +181,7 @@ def unit_of_unknown(name: str) -> str:
     """Return the unit of an unknown: of inputs and latencies seconds, of places metres, of gains none."""
     if name in COEFFICIENTS:
         return unit(name)
-    return "" if name.startswith(GAIN_PREFIX) else "m" if name.startswith(PLACE_PREFIX) else "s"
+    return "" if name.startswith(GAIN_PREFIX) else "m" if name.startswith(PLACE_PREFIXES) else "s"
 
 
 def stated_before(name: str, line: Coefficient) -> Coefficient:

@@ -317,6 +317,7 @@ def learn_document(
         if learning.current is None
         else {"velocity_ned": list(learning.current.velocity), "std": list(learning.current.std)},
         "latency_s": {name: {"value": value, "std": std} for name, (value, std) in learning.latency.items()},
+        "places_m": {name: {"value": value, "std": std} for name, (value, std) in learning.places.items()},
         "waves": _waves(learning),
         "scale_std": learning.vehicle.scale_std,
         **_narrowed(estimate_document(estimate), learning),

@@ -50,15 +50,26 @@ from towtank.identification.kalman.state import (
     new_joint_state,
     surely_flows,
 )
-from towtank.identification.model.measurements import SENSORS, SPEEDS, shown_axes
+from towtank.identification.model.measurements import (
+    ATTITUDE,
+    POSITION,
+    RATES,
+    SENSORS,
+    SPECIFIC_FORCE,
+    SPEEDS,
+    VELOCITY,
+    shown_axes,
+)
 from towtank.identification.model.parameters import (
     DELAY,
+    DVL_PLACE,
+    IMU_PLACE,
     IN_DELAY,
     IN_LAG,
     IN_LATENCY,
     LAG,
     LATENCIES,
-    PLACES,
+    MARKER_PLACE,
     FreeParameters,
 )
 from towtank.identification.model.prior import Prior
@@ -240,13 +251,29 @@ def narrowed_to(whole: Prior, free: Collection[str] | None, *, delay_given: bool
     for name in free or ():
         if name not in whole.names:
             raise InputError(f'free: "{name}" is not a coefficient of the prior{nearest(name, whole.names)}')
-    names = whole.names if free is None else [*free, DELAY, LAG]
+    names = (
+        whole.names
+        if free is None
+        else [*free, DELAY, LAG, *(name for name in _placed(whole, free) if name not in free)]
+    )
     return whole.only([name for name in names if not (delay_given and name == DELAY)])
+
+
+def _placed(whole: Prior, free: Collection[str]) -> list[str]:
+    """Return the places, whole ones, of sensors of which somebody named a part, or knows that they are elsewhere."""
+    mean = dict(zip(whole.names, whole.mean, strict=True))
+    places = (IMU_PLACE, DVL_PLACE, MARKER_PLACE)
+    return [
+        name
+        for place in places
+        if set(place) <= mean.keys() and any(each in free or mean[each] != 0.0 for each in place)
+        for name in place
+    ]
 
 
 def further_unknowns(samples: Sequence[Samples]) -> tuple[str, ...]:
     """Return what may be unknown beside any vehicle's coefficients: `latency_<sensor>` of the sensors that may be late,
-    the place of the accelerometer where there is one, forward-speed terms of a vehicle that goes ahead.
+    the places of accelerometer, DVL and marker where there are any, forward-speed terms of a vehicle that goes ahead.
 
     Late beside the one whose time is taken as it is: the gyro, else the attitude, else the position; and what comes in
     the same rows from the same device: the attitude beside the gyro, the pose of a camera.
@@ -260,7 +287,11 @@ def further_unknowns(samples: Sequence[Samples]) -> tuple[str, ...]:
         if any((r, s) in pairs and _same_rows(samples, r, s) for r in device):
             device.add(s)
     late = [LATENCIES[s] for s, each in enumerate(SENSORS) if there[s] and s not in device and each.late]
-    return (*late, *(PLACES if there[4] else ()), *(AHEAD if _goes_ahead(samples) else ()))
+    placed = [(SPECIFIC_FORCE, IMU_PLACE)]
+    if there[ATTITUDE] or there[RATES]:  # what shows the turning
+        placed += [(VELOCITY, DVL_PLACE), (POSITION, MARKER_PLACE)]
+    places = [name for sensor, place in placed if there[sensor] for name in place]
+    return (*late, *places, *(AHEAD if _goes_ahead(samples) else ()))
 
 
 def _goes_ahead(samples: Sequence[Samples]) -> bool:

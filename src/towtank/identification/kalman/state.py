@@ -33,6 +33,7 @@ from towtank.identification.model.parameters import (
     IN_PLACE,
     N_FIXED,
     N_MOVING,
+    PLACES,
     Codes,
     FreeParameters,
     put_parameters,
@@ -173,7 +174,7 @@ class JointState(NamedTuple):
     water: Array  # (3,) [m/s] NED: current and waves
     rate: Array  # (6,) acceleration over the last step [m/s^2, rad/s^2]
     latency: NDArray[np.int64]  # (6,) which coefficient is the latency of each sensor, -1 where it is known
-    place: NDArray[np.int64]  # (3,) which are the place of the accelerometer, -1 where it is the origin
+    place: NDArray[np.int64]  # (9,) which are the places of accelerometer, DVL, marker, -1 where it is the origin
     P: Array  # (N, N)
     p: Array  # (170,) kernel parameters at the linearisation point
     linear: Array  # (37,) whether `p` has losses by inflow now, and its linear damping without them
@@ -268,7 +269,7 @@ def new_joint_state(
         water=np.zeros(3),
         rate=np.zeros(6),
         latency=columns_of(free.codes, IN_LATENCY, N_SENSORS),
-        place=columns_of(free.codes, IN_PLACE, 3),
+        place=columns_of(free.codes, IN_PLACE, len(PLACES)),
         P=P,
         p=kernel,
         linear=np.zeros(37),

@@ -28,6 +28,7 @@ from towtank.identification.model.measurements import (
     N_SENSORS,
     NEVER,
     OFFSET_STAYS,
+    POSITION,
     RATES,
     REACQUIRE,
     SPECIFIC_FORCE,
@@ -37,6 +38,7 @@ from towtank.identification.model.measurements import (
     measurement_row_into,
     pace_of,
     residual_of,
+    row_of_rotation,
     specific_force,
     specific_force_row_into,
     to_body,
@@ -221,9 +223,16 @@ def expect(state: JointState, z: Array, sensor: int, whole: bool) -> None:
             for j in range(3):
                 h[size - 6 + j] = h[18 + j]
         residual = residual_of(z, state.x, water, state.bias, sensor, k, whole)
+        pace = 0.0
+        if sensor == VELOCITY and state.place[3] >= 0:
+            residual -= _speed_off_origin(state, k)
+            pace = _across(state, state.rate[3:6], 3, k)
+        elif sensor == POSITION and state.place[6] >= 0:
+            residual -= _position_off_origin(state, k)
+            pace = _turned_with(state, k)
         column = state.latency[sensor]
         if column >= 0 and (whole or sensor != ATTITUDE):
-            slope = pace_of(state.x, water, state.rate, sensor, k)
+            slope = pace + pace_of(state.x, water, state.rate, sensor, k)
             h[N_FIXED + column] = -slope
             residual += slope * (state.theta[column] - state.linearised_at[column])
         look_ahead(state, 3 * sensor + k, residual)
@@ -294,6 +303,53 @@ def update_specific_force(state: JointState, z: Array) -> None:
 
 
 @kernel
+def _across(state: JointState, turning: Array, first: int, k: int) -> float:
+    """Return number k of `turning` (3,) x r, with r the place that a sensor is linearised at, `first` its own first."""
+    at, place = state.linearised_at, state.place
+    a, b = (k + 1) % 3, (k + 2) % 3
+    return float(turning[a] * at[place[first + b]] - turning[b] * at[place[first + a]])
+
+
+@kernel
+def _speed_off_origin(state: JointState, k: int) -> float:
+    """Return number k of omega x r, what a DVL away from the origin shows more, and add that to its row of H.
+
+    In r to first order about where it is linearised, as all coefficients are.
+    """
+    h, at, place, theta = state.H[k], state.linearised_at, state.place, state.theta
+    a, b = (k + 1) % 3, (k + 2) % 3
+    ca, cb = place[3 + a], place[3 + b]
+    h[9 + a] += at[cb]
+    h[9 + b] -= at[ca]
+    h[N_FIXED + cb] += state.x[10 + a]
+    h[N_FIXED + ca] -= state.x[10 + b]
+    return float(state.x[10 + a] * theta[cb] - state.x[10 + b] * theta[ca])
+
+
+@kernel
+def _position_off_origin(state: JointState, k: int) -> float:
+    """Return number k of R r, by which a marker away from the origin stands elsewhere, and add that to its row of H."""
+    h, at, place, theta = state.H[k], state.linearised_at, state.place[6:9], state.theta
+    a, b, c = row_of_rotation(state.x, k)
+    x, y, z = at[place[0]], at[place[1]], at[place[2]]
+    h[3] += y * c - z * b
+    h[4] += z * a - x * c
+    h[5] += x * b - y * a
+    h[N_FIXED + place[0]] += a
+    h[N_FIXED + place[1]] += b
+    h[N_FIXED + place[2]] += c
+    return float(a * theta[place[0]] + b * theta[place[1]] + c * theta[place[2]])
+
+
+@kernel
+def _turned_with(state: JointState, k: int) -> float:
+    """Return number k of R (omega x r), how fast a marker away from the origin goes with the turning."""
+    a, b, c = row_of_rotation(state.x, k)
+    omega = state.x[10:13]
+    return float(a * _across(state, omega, 6, 0) + b * _across(state, omega, 6, 1) + c * _across(state, omega, 6, 2))
+
+
+@kernel
 def _off_origin(state: JointState, turning: Array, k: int) -> float:
     """Return what number k of an accelerometer away from the origin shows more, and add that to its row of H.
 
@@ -311,8 +367,7 @@ def _off_origin(state: JointState, turning: Array, k: int) -> float:
     for j in range(A.shape[1]):
         if j < N_FIXED + state.theta.shape[0]:
             h[j] += A[9 + a, j] * where[b] - A[9 + b, j] * where[a]
-    turned = turning[a] * where[b] - turning[b] * where[a]
-    return float(turned + omega[k] * along - (p * p + q * q + r * r) * where[k])
+    return float(_across(state, turning, 0, k) + omega[k] * along - (p * p + q * q + r * r) * where[k])
 
 
 @kernel

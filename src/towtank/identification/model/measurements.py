@@ -49,6 +49,7 @@ __all__ = [
     "pace_of",
     "residual_of",
     "rotation_between",
+    "row_of_rotation",
     "shown_axes",
     "specific_force",
     "specific_force_row_into",
@@ -187,6 +188,17 @@ def measurement_row_into(x: Array, current: Array, flows: bool, sensor: int, k: 
 
 
 @kernel
+def row_of_rotation(x: Array, k: int) -> tuple[float, float, float]:
+    """Return row k of R, which turns vectors from the body to NED, at the state x (13,)."""
+    qw, qx, qy, qz = x[3], x[4], x[5], x[6]
+    if k == 0:
+        return 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy - qw * qz), 2.0 * (qx * qz + qw * qy)
+    if k == 1:
+        return 2.0 * (qx * qy + qw * qz), 1.0 - 2.0 * (qx * qx + qz * qz), 2.0 * (qy * qz - qw * qx)
+    return 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
+
+
+@kernel
 def pace_of(x: Array, current: Array, rate: Array, sensor: int, k: int) -> float:
     """Return the derivative by time of number k of a sensor (not specific force; an attitude in the body): what it
     shows late.
@@ -195,14 +207,8 @@ def pace_of(x: Array, current: Array, rate: Array, sensor: int, k: int) -> float
         x: state (13,). current: (3,) [m/s], NED. rate: acceleration (6,) [m/s^2, rad/s^2].
     """
     if sensor == POSITION:
-        qw, qx, qy, qz, u, v, w = x[3], x[4], x[5], x[6], x[7], x[8], x[9]
-        if k == 0:
-            a, b, c = 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy - qw * qz), 2.0 * (qx * qz + qw * qy)
-        elif k == 1:
-            a, b, c = 2.0 * (qx * qy + qw * qz), 1.0 - 2.0 * (qx * qx + qz * qz), 2.0 * (qy * qz - qw * qx)
-        else:
-            a, b, c = 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
-        return float(a * u + b * v + c * w + current[k])
+        a, b, c = row_of_rotation(x, k)
+        return float(a * x[7] + b * x[8] + c * x[9] + current[k])
     if sensor == ATTITUDE:
         return float(x[10 + k])
     if sensor == RATES:

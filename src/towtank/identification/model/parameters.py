@@ -37,8 +37,10 @@ from towtank.vehicle.names import KINDS
 
 __all__ = [
     "DELAY",
+    "DVL_PLACE",
     "FURTHER",
     "GAIN_PREFIX",
+    "IMU_PLACE",
     "IN_DELAY",
     "IN_GAIN",
     "IN_LAG",
@@ -46,6 +48,7 @@ __all__ = [
     "IN_PLACE",
     "LAG",
     "LATENCIES",
+    "MARKER_PLACE",
     "N_FIXED",
     "N_MOVING",
     "PLACES",
@@ -58,7 +61,11 @@ __all__ = [
 ]
 
 DELAY, LAG, GAIN_PREFIX = "delay", "lag", "gain_"
-PLACES = ("imu_x", "imu_y", "imu_z")  # m: where the accelerometer is, in the body
+# where accelerometer, DVL, and what gives the position are in the body [m]
+IMU_PLACE, DVL_PLACE, MARKER_PLACE = (
+    tuple(f"{sensor}_{axis}" for axis in "xyz") for sensor in ("imu", "dvl", "marker")
+)
+PLACES = (*IMU_PLACE, *DVL_PLACE, *MARKER_PLACE)
 _LAGS = (1e-3, 2.0)  # s: least and largest time constant of the thrusters
 LATENCIES = tuple(f"latency_{sensor.name.replace(' ', '_')}" for sensor in SENSORS)  # [s], of each sensor
 FURTHER = (*LATENCIES, *PLACES, *AHEAD)  # unknown only where data show them

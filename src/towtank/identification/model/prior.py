@@ -16,7 +16,7 @@ L = (m/rho)^(1/3) the edge of a cube of water of its mass, a_i = 1.7 sqrt(I_i/m)
     forward-speed terms  0 +- rho L^2 times the arms, of a vehicle that goes ahead
     net weight, BG       0 +- 0.01 W; BG_z 0.02 W L +- 0.1 W L, BG_x and BG_y 0 +- 0.02 W L
     constant wrench      0 +- 0.005 m/s^2 m, 0.01 rad/s^2 I_i
-    sensors              latency 0.05 +- 0.1 s, place of the accelerometer 0 +- 0.1 m
+    sensors              latency 0.05 +- 0.1 s, place 0 +- 0.1 m (accelerometer), else the largest gyradius
     inputs               delay 0.08 +- 0.06 s, lag 0.1 s and a factor of exp(0.8), gains 1 +- 8 %
 
 Inertias, lag and gains are positive and are supposed log-normal; all else is normal. Damping is a plain number: as a
@@ -37,6 +37,7 @@ from towtank.identification.model.measurements import SENSORS
 from towtank.identification.model.parameters import (
     DELAY,
     GAIN_PREFIX,
+    IMU_PLACE,
     IN_GAIN,
     LAG,
     LATENCIES,
@@ -157,7 +158,7 @@ def prior_of(
         commands: it is driven by thruster commands, so that delay, lag and gains are unknown; by a wrench that was
             measured or computed, only a delay is.
         more: what these data make unknown besides: `latency_<sensor>` of sensors whose clock is not that of the
-            others, the place of an accelerometer, forward-speed terms.
+            others, the places of sensors, forward-speed terms.
         beside: another vehicle, which counts where it says something: one whose coefficients bear deviations, or that
             was learned, or that has a table [prior].
 
@@ -230,8 +231,10 @@ def _physics(body: Body, name: str) -> Line:
 def _further(vehicle: Vehicle, name: str) -> Line:
     if name in COEFFICIENTS:
         return _physics(Body(vehicle), name)
-    if name in PLACES:
+    if name in IMU_PLACE:
         return Line(0.0, _PLACE, "electronics near the body origin")
+    if name in PLACES:  # a hull reaches sqrt(3) of its largest radius of gyration
+        return Line(0.0, float(Body(vehicle).gyradii.max()), "anywhere at the hull")
     return Line(*SENSORS[LATENCIES.index(name)].latency, "what sensors need to compute and send")
 
 

@@ -16,7 +16,7 @@ what the filter has learned of it: from the prior alone they would make of hidde
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,7 @@ from towtank.core.arrays import Array
 from towtank.identification.data.samples import Samples, Sources
 from towtank.identification.kalman.passes import JointFit, JointProblem, latencies_of
 from towtank.identification.least_squares.velocity import drifting_attitude
-from towtank.identification.model.parameters import LATENCIES, PLACES
+from towtank.identification.model.parameters import DVL_PLACE, LATENCIES, MARKER_PLACE, PLACES
 from towtank.identification.model.prior import Prior
 from towtank.identification.simulation_error.cross_validation import (
     FreeRuns,
@@ -36,6 +36,7 @@ from towtank.identification.simulation_error.cross_validation import (
 )
 from towtank.identification.simulation_error.segments import CandidateModel
 from towtank.recording import Grid
+from towtank.recording.frames.lever_arm import origin_motion
 from towtank.vehicle import Vehicle
 
 __all__ = ["CONTRADICTED", "FreeRunVerdict", "contradiction", "free_run_verdict", "worth_less"]
@@ -43,6 +44,7 @@ __all__ = ["CONTRADICTED", "FreeRunVerdict", "contradiction", "free_run_verdict"
 CONTRADICTED = 1.3  # factor by which windows differ more than they state, from which the filter is doubted
 _SURE = 1.0  # deviations by which a doubted filter must predict better, to speak all the same
 _FLOWS, _COUNTS = 0.01, 0.1  # m/s; of the speeds over ground: a current that is less does not count
+_NEAR = 0.2  # s from a sample of rates and attitude, within which they count
 _APART = 0.02  # s: the rows of a sensor that is quicker tell the same, since what runs leave lasts for seconds
 _HELD = 1e-3  # of the deviation of what is not learned
 _CLAIMED = 1e-12  # of the prior's variance, which no recording can promise
@@ -78,7 +80,9 @@ def free_run_verdict(
     base = vehicle.with_coefficients(fit.prior.vehicle_values)
     model = CandidateModel(base, prior.free, fit.theta[rows], problem.delay)
     latency = latencies_of(fit.free, fit.theta)
-    samples = [each.shifted(latency) for each in problem.samples]
+    known = dict(zip(fit.prior.names, fit.theta, strict=True))
+    dvl, marker = (np.array([known.get(name, 0.0) for name in place]) for place in (DVL_PLACE, MARKER_PLACE))
+    samples = [_at_origin(each.shifted(latency), dvl, marker) for each in problem.samples]
     if not always:
         samples = [each.thinned(_APART) for each in samples]
     sources = [Sources.of(grid.pose, grid.velocity, grid.acceleration) for grid in grids]
@@ -110,6 +114,28 @@ def free_run_verdict(
         text = _said((fit_percent(found.unseen, spread, columns), fit_percent(before, spread, columns)), kept=kept)
     speaks = fit if kept else found.instead_of(fit, rows)
     return FreeRunVerdict(not kept, _weaker(speaks, problem.learned, apart), text)
+
+
+def _at_origin(samples: Samples, dvl: Array, marker: Array) -> Samples:
+    """Return samples with velocity and position of the body origin in place of those of a DVL and a marker (3,).
+
+    By the rates and the attitude that are measured about then; where none are, they stay.
+    """
+    values = samples.values.copy()
+    eulers = np.column_stack([_about(samples.t, each, np.unwrap) for each in values[:, 3:6].T])
+    omega = np.column_stack([_about(samples.t, each) for each in values[:, 9:12].T])
+    values[:, :3], values[:, 6:9] = origin_motion(values[:, :3], values[:, 6:9], eulers, omega, marker, dvl)
+    return replace(samples, values=values)
+
+
+def _about(t: Array, values: Array, whole: Callable[[Array], Array] = np.asarray) -> Array:
+    """Return a number (n,) at every instant, NaN further than `_NEAR` from a sample of it."""
+    shown = np.flatnonzero(np.isfinite(values))
+    if not shown.size:
+        return np.full(t.size, np.nan)
+    after = np.searchsorted(t[shown], t).clip(1, max(shown.size - 1, 1))
+    near = np.minimum(np.abs(t - t[shown[after - 1]]), np.abs(t - t[shown[after.clip(max=shown.size - 1)]]))
+    return np.where(near <= _NEAR, np.interp(t, t[shown], whole(values[shown])), np.nan)
 
 
 def _beforehand(prior: Prior, fit: JointFit, rows: Sequence[int], hidden: NDArray[np.bool_]) -> tuple[Array, Array]:

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from towtank.digits import estimate_text
 from towtank.errors import InputError
 from towtank.identification.data.samples import NoiseLevels, Samples, Sources, samples_of
 from towtank.identification.kalman.noise_adaptation import filter_settings
@@ -30,12 +31,13 @@ from towtank.identification.kalman.passes import (
     settings_for,
 )
 from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
-from towtank.identification.model.parameters import DELAY, LATENCIES
+from towtank.identification.model.parameters import DELAY, LATENCIES, PLACES
 from towtank.identification.model.prior import prior_of
 from towtank.identification.model.terms import AHEAD, AXES
 from towtank.identification.offline.free_runs import free_run_verdict
 from towtank.identification.offline.rivals import less_sure, likeliest_rival
 from towtank.identification.posterior.assembly import Current, LogLearning, Mode
+from towtank.identification.posterior.plausibility import PLACED
 from towtank.identification.posterior.result import estimate_of, model_of, with_posterior, without_data
 from towtank.identification.posterior.thrusters import learned_gains, scale_remarks
 from towtank.recording import Grid, Recording, align
@@ -48,6 +50,7 @@ __all__ = ["LearningRequest", "joint_problem", "learn_joint"]
 
 _CURRENT = slice(18, 21)  # of the filter's errors
 _WORTH_SAYING = 0.02  # m/s, and so many deviations of a current
+_WORTH_A_PLACE = 0.02  # m
 Progress = Callable[[str, float], None]
 
 
@@ -148,6 +151,7 @@ def _learned(
     latency = {
         name.removeprefix("latency_"): (float(theta[name]), float(std[name])) for name in LATENCIES if name in theta
     }
+    places = {name: (float(theta[name]), float(std[name])) for name in PLACES if name in theta}
     return LogLearning(
         vehicle=vehicle,
         estimate=estimate,
@@ -166,6 +170,7 @@ def _learned(
         current=current,
         gains=gains,
         latency=latency,
+        places=places,
         mode=Mode(fit.prior, fit.theta, fit.levels),
         wave_period=fit.wave_period if fit.levels.waves.any() else math.nan,
         narrowed=dict(zip(free.names, (fit.std / without_data(fit.prior, fit.theta)).tolist(), strict=True)),
@@ -215,7 +220,17 @@ def _remarks(
     if fit.levels.waves.any():
         size = ", ".join(f"{level:.2g}" for level in fit.levels.waves)
         out.append(f"waves of about {fit.wave_period:.2g} s: the water goes to and fro with {size} m/s (N, E, D)")
-    return tuple(out)
+    return (*out, *_placed(fit))
+
+
+def _placed(fit: JointFit) -> list[str]:
+    """Return a sentence for each sensor that is surely not at the body's origin."""
+    off: dict[str, list[str]] = {}
+    for name, value, std in zip(fit.free.names, fit.theta, fit.std, strict=True):
+        if name in PLACES and abs(value) > max(_WORTH_A_PLACE, 3.0 * std):
+            said = f"{estimate_text(100.0 * value, 100.0 * std)} cm along {name[-1]}"
+            off.setdefault(PLACED[name.partition("_")[0]], []).append(said)
+    return [f"{sensor} away from the body's origin: {', '.join(said)}" for sensor, said in off.items()]
 
 
 def _of_grids(grids: Sequence[Grid]) -> list[str]:

@@ -57,7 +57,8 @@ class LogLearning:
             thrusters, NaN where it was not free. current: of the water, where it was estimated.
         gains: of thrusters where they were free, value and deviation.
         remarks: how it was learned, in plain words. delay_given: whether somebody gave it.
-        latency: of sensors, value and deviation [s]. mode: of the posterior, None of the paper's method.
+        latency: of sensors, value and deviation [s]. places: of sensors in the body likewise, by unknown [m].
+        mode: of the posterior, None of the paper's method.
         narrowed: deviation of each unknown as a share of what it was before any data. wave_period: of the water [s],
             NaN where it has no waves.
         findings: what cannot be right, gravest first. driven: axes (6,) that the inputs drove; () where not looked at.
@@ -81,6 +82,7 @@ class LogLearning:
     remarks: tuple[str, ...] = ()
     delay_given: bool = False
     latency: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    places: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     mode: Mode | None = None
     narrowed: Mapping[str, float] = field(default_factory=dict)
     wave_period: float = math.nan

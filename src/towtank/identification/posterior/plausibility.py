@@ -22,12 +22,13 @@ from towtank.recording.consistency import Finding
 from towtank.vehicle import COEFFICIENTS, index, unit
 from towtank.vehicle.names import Kind
 
-__all__ = ["implausible"]
+__all__ = ["PLACED", "implausible"]
 
 _BEYOND = 3.0  # deviations: of the prior, and of the posterior beyond these
 _INERTIA = (1.0, 5.0)  # times the rigid body's
 _CURRENT = 1.0  # m/s
 _SIGNS = "check units, signs and the model"
+PLACED = {"imu": "accelerometer", "dvl": "DVL", "marker": "what gives the position"}  # by the unknown's first word
 
 
 class _Doubt(NamedTuple):
@@ -105,9 +106,9 @@ class _Words(Body):
                 "check its stamps and filters",
             )
         if name in PLACES:
-            place = estimate_text(100.0 * value, 100.0 * std)
+            place, sensor = estimate_text(100.0 * value, 100.0 * std), PLACED[name.partition("_")[0]]
             return (
-                f"the accelerometer sits {place} cm from the origin along {name[-1]}",
+                f"{sensor} {place} cm from the origin along {name[-1]}",
                 "check units, frame and gravity",
             )
         return f"{name} is {estimate_text(value, std)}", _SIGNS

@@ -15,7 +15,7 @@ from towtank.recording.grids.timing import common_samples, interpolation_weights
 from towtank.recording.recording import Recording
 from towtank.recording.standard import EULER, POSITION, QUANTITIES, QUATERNION, RATES
 
-__all__ = ["marker_to_origin", "origin_position", "origin_velocity"]
+__all__ = ["marker_to_origin", "origin_motion", "origin_position", "origin_velocity"]
 
 _AXIS = {name: k for each in QUANTITIES if each.swept for k, name in enumerate(each.channels)}
 
@@ -41,6 +41,22 @@ def origin_velocity(velocity: Array, omega: Array, marker: Array) -> Array:
     """
     result: Array = velocity - np.cross(omega, np.asarray(marker, dtype=np.float64))
     return result
+
+
+def origin_motion(
+    position: Array, velocity: Array, eulers: Array, omega: Array, marker: Array, dvl: Array
+) -> tuple[Array, Array]:
+    """Position (n, 3) and velocity (n, 3) of the body origin; rows stay where what moves them is unknown.
+
+    Args:
+        position, velocity: of marker and DVL. eulers, omega: attitude and rates then (n, 3), NaN where unknown; depth
+            does not depend on yaw.
+        marker, dvl: their places in the body (3,) [m], FRD.
+    """
+    turned = rotate(quaternions_from_eulers(np.column_stack([eulers[:, :2], np.nan_to_num(eulers[:, 2])])), marker)
+    turned[:, :2][np.isnan(eulers[:, 2])] = np.nan
+    swept = np.cross(omega, dvl)
+    return position - np.nan_to_num(turned), velocity - np.nan_to_num(swept)
 
 
 def marker_to_origin(

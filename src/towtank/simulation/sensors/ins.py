@@ -9,9 +9,16 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.recording.channel import Channel, read_only
 from towtank.recording.standard import ACCELERATIONS, EULER
-from towtank.simulation.inputs import finite_array, stream
+from towtank.simulation.inputs import stream
 from towtank.simulation.motion import Motion
-from towtank.simulation.sensors.sensor import channels, require_non_negative, require_positive, sampled
+from towtank.simulation.sensors.sensor import (
+    Place,
+    channels,
+    require_non_negative,
+    require_places,
+    require_positive,
+    sampled,
+)
 
 __all__ = ["Ins"]
 
@@ -26,7 +33,7 @@ class Ins:
         accelerometer_noise, accelerometer_bias: the same [m/s^2].
         dvl_noise, depth_noise: white noise [m/s], [m].
         attitude_noise_mrad, heading_noise_mrad: white noise on roll and pitch, and on yaw [mrad].
-        imu_place: where the accelerometer is (3,) [m], body FRD.
+        imu_place, dvl_place: where the accelerometer and the DVL are (3,) [m], body FRD.
 
     A bias is drawn once per run, from the seed.
 
@@ -46,13 +53,15 @@ class Ins:
     attitude_rate: float = 50.0
     attitude_noise_mrad: float = 2.0
     heading_noise_mrad: float = 5.0
-    imu_place: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    imu_place: Place = (0.0, 0.0, 0.0)
+    dvl_place: Place = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         rates = ("imu_rate", "dvl_rate", "depth_rate", "attitude_rate")
         require_positive(self, *rates)
-        require_non_negative(self, *(name for name in self.__dataclass_fields__ if name not in (*rates, "imu_place")))
-        finite_array("imu_place", self.imu_place, (3,))
+        places = ("imu_place", "dvl_place")
+        require_non_negative(self, *(name for name in self.__dataclass_fields__ if name not in (*rates, *places)))
+        require_places(self, *places)
 
     def observe(self, motion: Motion, seed: int) -> list[Channel]:
         """Return phi theta psi, z, u v w, p q r, ax ay az."""
@@ -63,7 +72,8 @@ class Ins:
         tilt, heading = 1e-3 * self.attitude_noise_mrad, 1e-3 * self.heading_noise_mrad
         angles = _noisy(motion.eta[attitude, 3:], np.array([tilt, tilt, heading]), 0.0, seed, "attitude")
         z = _noisy(motion.eta[depth, 2:3], self.depth_noise, 0.0, seed, "depth")
-        v = _noisy(motion.nu[dvl, :3], self.dvl_noise, 0.0, seed, "dvl")
+        v = motion.nu[dvl, :3] + np.cross(motion.nu[dvl, 3:], self.dvl_place)
+        v = _noisy(v, self.dvl_noise, 0.0, seed, "dvl")
         omega = _noisy(motion.nu[imu, 3:], self.gyro_noise, self.gyro_bias, seed, "gyro")
         force = motion.specific_force(self.imu_place)[imu]
         force = _noisy(force, self.accelerometer_noise, self.accelerometer_bias, seed, "accelerometer")

@@ -14,17 +14,25 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array
 from towtank.errors import InputError
 from towtank.recording.channel import Channel, read_only
+from towtank.recording.frames.rotations import rotate
 from towtank.recording.standard import POSE
 from towtank.simulation.inputs import stream
 from towtank.simulation.motion import Motion
-from towtank.simulation.sensors.sensor import channels, require_non_negative, require_positive, sampled
+from towtank.simulation.sensors.sensor import (
+    Place,
+    channels,
+    require_non_negative,
+    require_places,
+    require_positive,
+    sampled,
+)
 
 __all__ = ["Mocap", "intervals"]
 
 
 @dataclass(frozen=True)
 class Mocap:
-    """Pose x y z phi theta psi of the body origin. Angles go on beyond a full turn.
+    """Position x y z of a place of the body, and attitude phi theta psi. Angles go on beyond a full turn.
 
     Attributes:
         rate: [Hz], at most once a step.
@@ -32,6 +40,7 @@ class Mocap:
         jump_fraction: expected part of the time with an offset of the position.
         jump_mm, jump_s: smallest and largest offset [mm] and its duration [s], uniform between them.
         dropout_fraction, dropout_s: expected part of the time without a pose (NaN), and the durations [s].
+        place: whose position it is (3,) [m], body FRD.
 
     Raises:
         InputError: a number is out of range.
@@ -45,9 +54,11 @@ class Mocap:
     jump_s: tuple[float, float] = (0.1, 0.5)
     dropout_fraction: float = 0.0
     dropout_s: tuple[float, float] = (0.1, 0.5)
+    place: Place = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         require_positive(self, "rate")
+        require_places(self, "place")
         require_non_negative(self, "noise_mm", "noise_mrad", "jump_fraction", "dropout_fraction")
         for name in ("jump_fraction", "dropout_fraction"):
             if getattr(self, name) >= 1.0:
@@ -61,6 +72,7 @@ class Mocap:
         """Return the six pose channels, at common times."""
         steps = sampled(motion, self.rate)
         t, pose = read_only(motion.t[steps]), motion.eta[steps]
+        pose[:, :3] += rotate(motion.q[steps], np.array(self.place))
         pose[:, :3] += 1e-3 * self.noise_mm * stream(seed, "mocap", "position").standard_normal((steps.size, 3))
         pose[:, 3:] += 1e-3 * self.noise_mrad * stream(seed, "mocap", "attitude").standard_normal((steps.size, 3))
         pose[:, :3] += self._jumps(t, stream(seed, "mocap", "jumps"))

@@ -21,7 +21,19 @@ from towtank.recording.channel import Channel, read_only, standard_channel
 from towtank.recording.standard import ACCELERATIONS, POSE, VELOCITIES
 from towtank.simulation.motion import Motion
 
-__all__ = ["Perfect", "Sensors", "Together", "channels", "require_non_negative", "require_positive", "sampled"]
+__all__ = [
+    "Perfect",
+    "Place",
+    "Sensors",
+    "Together",
+    "channels",
+    "require_non_negative",
+    "require_places",
+    "require_positive",
+    "sampled",
+]
+
+Place = tuple[float, float, float]  # in the body, FRD [m]
 
 
 class Sensors(Protocol):
@@ -84,6 +96,15 @@ def require_positive(record: object, *names: str) -> None:
         value = getattr(record, name)
         if not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{type(record).__name__}: {name}: found {value}, expected a number above 0")
+
+
+def require_places(record: object, *names: str) -> None:
+    """Raise InputError unless these attributes of a sensor are three finite numbers each."""
+    for name in names:
+        value = getattr(record, name)
+        if np.shape(value) != (3,) or not np.isfinite(value).all():
+            what = f"{type(record).__name__}: {name}"
+            raise InputError(f"{what}: found {value}, expected three numbers [m], as (0.1, 0.0, 0.0)")
 
 
 def require_non_negative(record: object, *names: str) -> None:

@@ -1,12 +1,12 @@
-"""An accelerometer away from the body's origin, which nobody told the learner: are coefficients right all the same?
+"""Sensors away from the body's origin, which nobody told the learner: are coefficients right all the same?
 
-    python benchmarks/studies/accelerometer_study.py [--runs 40] [--only off] [--output accelerometer.json]
+    python benchmarks/studies/place_study.py [--runs 40] [--only dvl] [--output place.json]
 
-A vehicle tumbles for 30 s under all its thrusters in water that stirs it; gyros and an accelerometer measure, as in a
-log of a camera or of an autopilot without a DVL. `origin`: the accelerometer is at the body's origin. `off`: 0.12 m
-ahead of it, 0.06 m to starboard, 0.08 m up, so that it feels how fast the vehicle turns, too. Two thrusters give less
-or more than their curves say (8 %), and all lag by 0.05 s. Of every coefficient that is called identified: how far from
-the truth, in deviations that are stated.
+A vehicle tumbles for 30 s under all its thrusters in water that stirs it. `imu`: gyros and an accelerometer measure;
+`dvl`: gyros, a DVL, depth and attitude; `camera`: motion capture, the pose alone. Each `here`, at the body's origin,
+and `off`: the accelerometer, the DVL, or what the camera tracks 0.12 m ahead of it, 0.06 m to starboard, 0.08 m up, so
+that it feels or shows the turning, too. Two thrusters give less or more than their curves say (8 %), and all lag by
+0.05 s. Of every coefficient that is called identified: how far from the truth, in deviations that are stated.
 """
 
 from __future__ import annotations
@@ -20,8 +20,21 @@ from summary import Check
 from tumbling import named, true_vehicle, tumble
 
 from towtank.identification import learn_recordings
+from towtank.recording.standard import ACCELERATIONS, EULER, LINEAR_VELOCITY, POSE, RATES
+from towtank.simulation import Ins, Mocap
+from towtank.simulation.sensors.sensor import Sensors
 
-CASES = {"origin": (0.0, 0.0, 0.0), "off": (0.12, 0.06, -0.08)}
+_OFF = (0.12, 0.06, -0.08)
+_INERTIAL = (*RATES, *ACCELERATIONS)
+_DVL = (*LINEAR_VELOCITY, *RATES, *EULER, "z")
+CASES: dict[str, tuple[Sensors, Sequence[str]]] = {
+    "imu here": (Ins(), _INERTIAL),
+    "imu off": (Ins(imu_place=_OFF), _INERTIAL),
+    "dvl here": (Ins(), _DVL),
+    "dvl off": (Ins(dvl_place=_OFF), _DVL),
+    "camera here": (Mocap(), POSE),
+    "camera off": (Mocap(place=_OFF), POSE),
+}
 ALONG = {"X_udot": -8.0, "Y_vdot": -12.0, "Z_wdot": -15.0}
 Found = dict[str, tuple[float, float]]
 
@@ -30,7 +43,9 @@ def learned(case: str, seed: int) -> Found:
     """Return of every coefficient identified: relative error, and error in deviations."""
     gains = 1.0 + 0.08 * np.random.default_rng([seed, 1]).standard_normal(2)
     truth = true_vehicle(lag=0.05, f1=float(gains[0]), f3=float(gains[1])).with_coefficients(ALONG)
-    learning = learn_recordings(named(), [tumble(truth, seed=seed, seconds=30.0, place=CASES[case])])
+    sensors, measured = CASES[case]
+    run = tumble(truth, seed=seed, seconds=30.0, sensors=sensors, measured=measured)
+    learning = learn_recordings(named(), [run])
     out = {}
     for each in learning.estimate.coefficients:
         if each.identified:
@@ -66,4 +81,4 @@ def row(found: Found) -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    sys.exit(by_case("accelerometer", __doc__ or "", CASES, learned, row, checks))
+    sys.exit(by_case("place", __doc__ or "", CASES, learned, row, checks))
