@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from towtank.core.arrays import Array
+from towtank.identification import learn_recordings
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, prepared, samples_of
 from towtank.identification.kalman.passes import narrowed_to
 from towtank.identification.kalman.state import N_FIXED, FilterSettings, JointState, new_joint_state
@@ -163,6 +164,18 @@ def test_a_place_is_learned_whole_or_not_at_all_and_what_is_known_of_it_counts()
     known = narrowed_to(prior_of(stated, more=PLACES), ("X_udot",), delay_given=True)
     assert set(PLACES) & set(known.names) == set(MARKER_PLACE)
     assert known.mean[known.names.index("marker_z")] == 0.2
+
+
+def test_learning_says_which_sensor_is_surely_elsewhere() -> None:
+    camera = Mocap(rate=50.0, place=(0.3, 0.0, 0.0))
+    run = tumble(named(), seed=1, seconds=20.0, sensors=camera, measured=POSE)
+    learning = learn_recordings(named(), [run], free_runs=False)
+    assert learning.places.keys() == set(MARKER_PLACE)
+    value, std = learning.places["marker_x"]
+    assert abs(value - 0.3) < 4.0 * std
+    [said] = [each for each in learning.remarks if "origin" in each]
+    assert said.startswith("the point whose position is measured is not at the body's origin: ")
+    assert said.endswith(" cm along x")
 
 
 @pytest.mark.parametrize("std, moved", [(0.01, True), (0.2, False)])

@@ -230,7 +230,7 @@ def _placed(fit: JointFit) -> list[str]:
         if name in PLACES and abs(value) > max(_WORTH_A_PLACE, 3.0 * std):
             said = f"{estimate_text(100.0 * value, 100.0 * std)} cm along {name[-1]}"
             off.setdefault(PLACED[name.partition("_")[0]], []).append(said)
-    return [f"{sensor} away from the body's origin: {', '.join(said)}" for sensor, said in off.items()]
+    return [f"{sensor} is not at the body's origin: {', '.join(said)}" for sensor, said in off.items()]
 
 
 def _of_grids(grids: Sequence[Grid]) -> list[str]:

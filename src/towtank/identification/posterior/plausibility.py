@@ -28,7 +28,7 @@ _BEYOND = 3.0  # deviations: of the prior, and of the posterior beyond these
 _INERTIA = (1.0, 5.0)  # times the rigid body's
 _CURRENT = 1.0  # m/s
 _SIGNS = "check units, signs and the model"
-PLACED = {"imu": "accelerometer", "dvl": "DVL", "marker": "what gives the position"}  # by the unknown's first word
+PLACED = {"imu": "the accelerometer", "dvl": "the DVL", "marker": "the point whose position is measured"}
 
 
 class _Doubt(NamedTuple):
@@ -108,7 +108,7 @@ class _Words(Body):
         if name in PLACES:
             place, sensor = estimate_text(100.0 * value, 100.0 * std), PLACED[name.partition("_")[0]]
             return (
-                f"{sensor} {place} cm from the origin along {name[-1]}",
+                f"{sensor} is {place} cm from the origin along {name[-1]}",
                 "check units, frame and gravity",
             )
         return f"{name} is {estimate_text(value, std)}", _SIGNS
