@@ -70,6 +70,7 @@ def test_what_was_supposed_is_told_beside_what_is_left_of_it(learned: dict) -> N
     assert plain["narrowed"] == pytest.approx(plain["std"] / plain["prior"]["std"])
     assert learned["latency_s"].keys() <= {"position", "attitude", "velocity", "rates", "velocity_through_the_water"}
     assert "velocity" in learned["latency_s"]
+    assert {"imu_x", "dvl_y", "marker_z"} <= learned["places_m"].keys()
     assert all(each["std"] > 0.0 for each in learned["latency_s"].values())
     assert learned["waves"] is None
 

@@ -10,11 +10,11 @@ import pytest
 
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, Samples, samples_of
-from towtank.identification.kalman.passes import JointProblem, further_unknowns, one_pass, settings_for
+from towtank.identification.kalman.passes import JointProblem, one_pass, settings_for
 from towtank.identification.kalman.state import FilterSettings, coefficient_std
 from towtank.identification.model.measurements import ATTITUDE, POSITION, RATES, VELOCITY, WATER_VELOCITY
 from towtank.identification.model.parameters import DVL_PLACE, IMU_PLACE, LATENCIES, MARKER_PLACE, PLACES
-from towtank.identification.model.prior import prior_of
+from towtank.identification.model.prior import further_unknowns, prior_of
 from towtank.recording import Recording
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, Together, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from towtank.core.arrays import Array
+from towtank.core.attitude import rotation_from_quaternion
+from towtank.core.dynamics import forward_dynamics
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, prepared, samples_of
-from towtank.identification.kalman.passes import narrowed_to
 from towtank.identification.kalman.state import N_FIXED, FilterSettings, JointState, new_joint_state
 from towtank.identification.kalman.update import expect, inject, update_specific_force
 from towtank.identification.model.measurements import POSITION, SPECIFIC_FORCE, VELOCITY, row_of_rotation
@@ -67,6 +68,24 @@ def _expected(sensor: int, state: JointState) -> tuple[Array, Array]:
     else:
         expect(state, far, sensor, True)
     return far[columns] - state.innovation, state.H[:3].copy()
+
+
+@pytest.mark.parametrize("sensor", SHOWN)
+def test_what_a_sensor_away_from_the_origin_shows_is_the_motion_of_its_place(sensor: int) -> None:
+    """p + R r, v + omega x r, and omega_dot x r + omega x (omega x r) more, of rigid bodies."""
+    here = AT.copy()
+    here[-9:] = 0.0
+    r = dict(zip((SPECIFIC_FORCE, VELOCITY, POSITION), AT[-9:].reshape(3, 3), strict=True))[sensor]
+    state = _moving(AT, AT)
+    omega, R = state.x[10:13].copy(), rotation_from_quaternion(state.x[3:7])
+    away, origin = (_expected(sensor, _moving(each, each))[0] for each in (AT, here))
+    omega_dot = forward_dynamics(state.p[None, :], state.x[None, 3:7], state.x[None, 7:], state.tau[None, :])[0, 3:]
+    more = {
+        POSITION: R @ r,
+        VELOCITY: np.cross(omega, r),
+        SPECIFIC_FORCE: np.cross(omega_dot, r) + np.cross(omega, np.cross(omega, r)),
+    }
+    np.testing.assert_allclose(away - origin, more[sensor], atol=1e-10)
 
 
 @pytest.mark.parametrize("sensor", SHOWN)
@@ -157,11 +176,11 @@ def test_free_runs_see_the_motion_of_the_origin() -> None:
 
 def test_a_place_is_learned_whole_or_not_at_all_and_what_is_known_of_it_counts() -> None:
     whole = prior_of(VEHICLE, more=PLACES)
-    assert set(PLACES) & set(narrowed_to(whole, ("X_udot",), delay_given=True).names) == set()
+    assert set(PLACES) & set(whole.narrowed_to(("X_udot",), delay_given=True).names) == set()
     for free in (("X_udot", "dvl_y"), ("dvl_x", "dvl_y", "dvl_z")):
-        assert set(PLACES) & set(narrowed_to(whole, free, delay_given=True).names) == set(DVL_PLACE)
+        assert set(PLACES) & set(whole.narrowed_to(free, delay_given=True).names) == set(DVL_PLACE)
     stated = VEHICLE.model_copy(update={"prior": {"marker_z": Coefficient(value=0.2, std=0.01)}})
-    known = narrowed_to(prior_of(stated, more=PLACES), ("X_udot",), delay_given=True)
+    known = prior_of(stated, more=PLACES).narrowed_to(("X_udot",), delay_given=True)
     assert set(PLACES) & set(known.names) == set(MARKER_PLACE)
     assert known.mean[known.names.index("marker_z")] == 0.2
 

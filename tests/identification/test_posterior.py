@@ -292,6 +292,8 @@ def test_two_logs_in_turn_are_both_at_once_at_the_same_levels(
 
 
 def test_two_logs_in_turn_are_both_at_once_but_for_what_each_finds_of_its_noise(tmp_path: Path) -> None:
-    off = np.abs(list(differences(0, tmp_path).values()))
-    assert np.median(off) < 0.16  # from pair to pair 0.12 to 0.18
-    assert off.max() < 1.0
+    off = [np.abs(list(differences(pair, tmp_path).values())) for pair in range(3)]
+    assert off[0].max() < 1.0
+    every = np.concatenate(off)
+    assert np.median(every) < 0.15  # from pair to pair 0.12 to 0.18
+    assert np.quantile(every, 0.95) < 0.8

@@ -148,6 +148,7 @@ def test_of_several_bodies_the_one_that_is_named_is_followed() -> None:
         source = NatnetSource(f"natnet:127.0.0.1:{port}/auv")
         samples, _ = taken(source, 5)
         source.close()
+    assert len(samples) == 5
     judge(samples, range(5))
 
 

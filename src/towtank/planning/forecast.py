@@ -18,9 +18,9 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
 from towtank.identification.data.samples import NoiseLevels, Samples, held_forces
-from towtank.identification.kalman.passes import JointProblem, further_unknowns, one_pass, settings_for
+from towtank.identification.kalman.passes import JointProblem, one_pass, settings_for
 from towtank.identification.kalman.state import FilterSettings, coefficient_block
-from towtank.identification.model.prior import Prior, prior_of
+from towtank.identification.model.prior import Prior, further_unknowns, prior_of
 from towtank.identification.model.terms import DISTURBANCE
 from towtank.recording.standard import MEASURED
 from towtank.simulation import simulate

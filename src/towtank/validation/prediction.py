@@ -30,11 +30,13 @@ from towtank.errors import InputError
 from towtank.identification.data.samples import Sources, with_absent_zero
 from towtank.identification.least_squares.chain import uses_commands
 from towtank.identification.least_squares.velocity import gravity_directions
+from towtank.identification.model.parameters import DVL_PLACE, MARKER_PLACE
 from towtank.recording import Grid
 from towtank.recording.frames.lever_arm import origin_motion
 from towtank.recording.standard import POSE, VELOCITIES
 from towtank.simulation.integration import simulate_thrusters
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_forces
+from towtank.vehicle.posterior import surely_placed
 
 __all__ = ["CHANNELS", "Prediction", "predict"]
 
@@ -44,7 +46,6 @@ _FORGOTTEN = 3.0  # time constants, after which 5 % of a force is left
 _LONGEST = 0.1  # of a recording, that is spent on that
 CHANNELS = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
 _LONGEST_STEP = 0.02  # s
-_AWAY = 0.02  # m
 _BLOCK = 20_000  # steps simulated at once
 _STILL = np.zeros(3)
 _ANGLES = ("phi", "theta", "psi")
@@ -305,14 +306,10 @@ def predict(vehicle: Vehicle, grid: Grid, *, horizon: float | None = None, delay
 
 
 def _of_origin(vehicle: Vehicle, grid: Grid) -> Grid:
-    """Return a recording with position and velocity of the body origin, where a learned vehicle knows whose they are.
-
-    Only what is surely elsewhere counts: three deviations and `_AWAY`.
-    """
+    """Return a recording with position and velocity of the body origin, where a vehicle is sure of the places."""
     learned = vehicle.posterior
-    found = () if learned is None else zip(learned.names, learned.mean, learned.std, strict=True)
-    sure = {name: mean for name, mean, std in found if abs(mean) > max(_AWAY, 3.0 * std)}
-    dvl, marker = (np.array([sure.get(f"{sensor}_{axis}", 0.0) for axis in "xyz"]) for sensor in ("dvl", "marker"))
+    sure = {} if learned is None else surely_placed(learned.names, learned.mean, learned.std)
+    dvl, marker = (np.array([sure.get(name, (0.0, 0.0))[0] for name in place]) for place in (DVL_PLACE, MARKER_PLACE))
     if not (dvl.any() or marker.any()):
         return grid
     position, eulers, v, omega = grid.pose[:, :3], grid.pose[:, 3:], grid.velocity[:, :3], grid.velocity[:, 3:]

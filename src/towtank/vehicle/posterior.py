@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -51,6 +51,7 @@ __all__ = [
     "named",
     "stated_before",
     "stated_coordinate",
+    "surely_placed",
     "twin",
     "unit_of_unknown",
     "with_coordinates",
@@ -66,6 +67,7 @@ DELAY, LAG, GAIN_PREFIX, LATENCY_PREFIX, PLACE_PREFIXES = (
 _NAMED = re.compile(rf"{GAIN_PREFIX}[A-Za-z0-9_.-]+|{LATENCY_PREFIX}[A-Za-z0-9_]+|({'|'.join(PLACE_PREFIXES)})[xyz]")
 _DIGITS = range(4, 16)  # of the length of a row; a double has no more than 15
 _KEPT = 1e-3  # relative error of the deviation of any direction; with 1000 samples it is itself known to 2e-2
+_MATTERS = 0.02  # m
 _TRIES = 100  # draws in a row; one in twenty that can move fails to be found once in 170 times
 _DEFINITE = 1e-9  # smallest eigenvalue of the mass matrix scaled to a unit diagonal, as in the physical checks
 _LARGEST_LOG = 300.0  # of what is the exponential of a coordinate: within the range of a double
@@ -182,6 +184,19 @@ def unit_of_unknown(name: str) -> str:
     if name in COEFFICIENTS:
         return unit(name)
     return "" if name.startswith(GAIN_PREFIX) else "m" if name.startswith(PLACE_PREFIXES) else "s"
+
+
+def surely_placed(names: Iterable[str], mean: Iterable[float], std: Iterable[float]) -> dict[str, tuple[float, float]]:
+    """Return the places of sensors, value and deviation [m], body, that are surely not the origin.
+
+    Beyond three deviations, and by so much that it matters.
+
+    >>> surely_placed(("delay", "dvl_x", "dvl_y", "imu_z"), (0.1, 0.2, 0.3, 0.01), (0.01, 0.05, 0.2, 0.001))
+    {'dvl_x': (0.2, 0.05)}
+    """
+    found = {name: (float(m), float(s)) for name, m, s in zip(names, mean, std, strict=True)}
+    places = {name: each for name, each in found.items() if name.startswith(PLACE_PREFIXES)}
+    return {name: (m, s) for name, (m, s) in places.items() if abs(m) > max(_MATTERS, 3.0 * s)}
 
 
 def stated_before(name: str, line: Coefficient) -> Coefficient:

@@ -22,11 +22,12 @@ from towtank.identification.kalman.state import (
     coefficient_block,
     coefficient_std,
     columns_of,
+    places_of,
     transition_scratch,
 )
 from towtank.identification.kalman.update import inject
 from towtank.identification.model.measurements import N_SENSORS
-from towtank.identification.model.parameters import IN_LATENCY, IN_PLACE, N_FIXED, PLACES, FreeParameters
+from towtank.identification.model.parameters import IN_LATENCY, N_FIXED, FreeParameters
 from towtank.identification.model.prior import Prior
 
 __all__: list[str] = []
@@ -220,7 +221,7 @@ def with_coordinates(state: JointState, free: FreeParameters, source: Sequence[i
         "dx": dx,
         "active": np.ones(size),
         "latency": columns_of(free.codes, IN_LATENCY, N_SENSORS),
-        "place": columns_of(free.codes, IN_PLACE, len(PLACES)),
+        "place": places_of(free.codes),
         **vectors,
     }
     return JointState(

@@ -19,7 +19,7 @@ stay where the likelihood gains by far more than chance.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -29,9 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
-from towtank.core.attitude import quaternions_from_eulers
 from towtank.core.zero_order_hold import ZeroOrderHold, new_zero_order_hold
-from towtank.errors import InputError, nearest
 from towtank.identification.data.samples import NoiseLevels, Samples
 from towtank.identification.kalman.filter import joint_events, rows_of
 from towtank.identification.kalman.noise_adaptation import (
@@ -51,42 +49,27 @@ from towtank.identification.kalman.state import (
     surely_flows,
 )
 from towtank.identification.model.measurements import (
-    ATTITUDE,
-    POSITION,
-    RATES,
-    SENSORS,
-    SPECIFIC_FORCE,
     SPEEDS,
-    VELOCITY,
     shown_axes,
 )
 from towtank.identification.model.parameters import (
-    DELAY,
-    DVL_PLACE,
-    IMU_PLACE,
     IN_DELAY,
     IN_LAG,
     IN_LATENCY,
-    LAG,
-    LATENCIES,
-    MARKER_PLACE,
     FreeParameters,
 )
 from towtank.identification.model.prior import Prior
-from towtank.identification.model.terms import AHEAD, DISTURBANCE
+from towtank.identification.model.terms import DISTURBANCE
 from towtank.identification.posterior.physical import Region
-from towtank.recording.frames.rotations import conjugate, rotate
 from towtank.recording.grids.stretches import spread
 from towtank.vehicle import Vehicle
 
 __all__ = [
     "JointFit",
     "JointProblem",
-    "further_unknowns",
     "inputs_of",
     "joint_fit",
     "latencies_of",
-    "narrowed_to",
     "next_recording",
     "one_pass",
     "settings_for",
@@ -94,8 +77,6 @@ __all__ = [
 ]
 
 _SAME_WATER = 600.0  # s after which a stretch of one session may be in another current
-_PACE = 0.5  # s between two poses that give the speed ahead
-_SAME_ROWS = 0.9  # of the rows of two sensors, from which they are one device
 
 _WINDOWS, _LEAST_WINDOW = 16, 25  # of a pass, that must agree; rows
 _PASSES = 16
@@ -239,81 +220,6 @@ def settings_for(samples: Sequence[Samples], settings: FilterSettings) -> Filter
     camera = bool(measured[:6].all())
     over_ground = bool((measured[:3].any() or measured[6:9].any()) and measured[5])
     return replace(settings, biases=inertial, wanders=inertial and not camera, current=over_ground)
-
-
-def narrowed_to(whole: Prior, free: Collection[str] | None, *, delay_given: bool) -> Prior:
-    """Return what is supposed of the names that are free where somebody named them, of the lag of the thrusters, and of
-    the delay unless given: who names coefficients says nothing of when their forces act.
-
-    Raises:
-        InputError: a name that is no unknown.
-    """
-    for name in free or ():
-        if name not in whole.names:
-            raise InputError(f'free: "{name}" is not a coefficient of the prior{nearest(name, whole.names)}')
-    names = (
-        whole.names
-        if free is None
-        else [*free, DELAY, LAG, *(name for name in _placed(whole, free) if name not in free)]
-    )
-    return whole.only([name for name in names if not (delay_given and name == DELAY)])
-
-
-def _placed(whole: Prior, free: Collection[str]) -> list[str]:
-    """Return the places, whole ones, of sensors of which somebody named a part, or knows that they are elsewhere."""
-    mean = dict(zip(whole.names, whole.mean, strict=True))
-    places = (IMU_PLACE, DVL_PLACE, MARKER_PLACE)
-    return [
-        name
-        for place in places
-        if set(place) <= mean.keys() and any(each in free or mean[each] != 0.0 for each in place)
-        for name in place
-    ]
-
-
-def further_unknowns(samples: Sequence[Samples]) -> tuple[str, ...]:
-    """Return what may be unknown beside any vehicle's coefficients: `latency_<sensor>` of the sensors that may be late,
-    the places of accelerometer, DVL and marker where there are any, forward-speed terms of a vehicle that goes ahead.
-
-    Late beside the one whose time is taken as it is: the gyro, else the attitude, else the position; and what comes in
-    the same rows from the same device: the attitude beside the gyro, the pose of a camera.
-    """
-    measured = np.any([each.measured for each in samples], axis=0)
-    there = [bool(measured[3 * s : 3 * s + 3].any()) for s in range(len(LATENCIES))]
-    reference = next((s for s in (3, 1, 0, 2) if there[s]), 3)
-    pairs = {(3, 1), (1, 0)}
-    device = {reference}
-    for s in (1, 0):
-        if any((r, s) in pairs and _same_rows(samples, r, s) for r in device):
-            device.add(s)
-    late = [LATENCIES[s] for s, each in enumerate(SENSORS) if there[s] and s not in device and each.late]
-    placed = [(SPECIFIC_FORCE, IMU_PLACE)]
-    if there[ATTITUDE] or there[RATES]:  # what shows the turning
-        placed += [(VELOCITY, DVL_PLACE), (POSITION, MARKER_PLACE)]
-    places = [name for sensor, place in placed if there[sensor] for name in place]
-    return (*late, *places, *(AHEAD if _goes_ahead(samples) else ()))
-
-
-def _goes_ahead(samples: Sequence[Samples]) -> bool:
-    """Whether the vehicle goes ahead, as forward-speed terms suppose: mean u exceeds its deviation and v, w."""
-    speeds = []
-    for each in samples:
-        speed = each.values[:, 6:9]
-        if not np.isfinite(speed).all(axis=1).any():
-            posed = np.flatnonzero(np.isfinite(each.values[:, :6]).all(axis=1))
-            apart = np.searchsorted(each.t[posed], np.arange(each.t[0], each.t[-1], _PACE))
-            rows = np.unique(posed[apart[apart < posed.size]])
-            q = quaternions_from_eulers(each.values[rows[:-1], 3:6])
-            speed = rotate(conjugate(q), np.diff(each.values[rows, :3], axis=0)) / np.diff(each.t[rows])[:, None]
-        speeds.append(speed[np.isfinite(speed).all(axis=1)])
-    u, v, w = np.concatenate(speeds).T
-    return bool(u.size and u.mean() > max(u.std(), math.sqrt(np.mean(v**2 + w**2))))
-
-
-def _same_rows(samples: Sequence[Samples], one: int, other: int) -> bool:
-    both = [[np.isfinite(each.values[:, 3 * s : 3 * s + 3]).any(axis=1) for s in (one, other)] for each in samples]
-    common = sum(int((a & b).sum()) for a, b in both)
-    return common >= _SAME_ROWS * sum(int(b.sum()) for _, b in both) > 0.0
 
 
 def inputs_of(samples: Samples, free: FreeParameters, theta: Array, delay: float) -> ZeroOrderHold:

@@ -33,6 +33,7 @@ from towtank.identification.model.parameters import (
     IN_PLACE,
     N_FIXED,
     N_MOVING,
+    PLACED,
     PLACES,
     Codes,
     FreeParameters,
@@ -49,6 +50,7 @@ __all__ = [
     "forget_surroundings",
     "healthy_snapshot",
     "new_joint_state",
+    "places_of",
     "recovered",
     "restored_state",
     "surely_flows",
@@ -174,7 +176,7 @@ class JointState(NamedTuple):
     water: Array  # (3,) [m/s] NED: current and waves
     rate: Array  # (6,) acceleration over the last step [m/s^2, rad/s^2]
     latency: NDArray[np.int64]  # (6,) which coefficient is the latency of each sensor, -1 where it is known
-    place: NDArray[np.int64]  # (9,) which are the places of accelerometer, DVL, marker, -1 where it is the origin
+    place: NDArray[np.int64]  # (3, 3) which are the places of accelerometer, DVL, marker, -1 where it is the origin
     P: Array  # (N, N)
     p: Array  # (170,) kernel parameters at the linearisation point
     linear: Array  # (37,) whether `p` has losses by inflow now, and its linear damping without them
@@ -269,7 +271,7 @@ def new_joint_state(
         water=np.zeros(3),
         rate=np.zeros(6),
         latency=columns_of(free.codes, IN_LATENCY, N_SENSORS),
-        place=columns_of(free.codes, IN_PLACE, len(PLACES)),
+        place=places_of(free.codes),
         P=P,
         p=kernel,
         linear=np.zeros(37),
@@ -353,6 +355,11 @@ def columns_of(codes: Codes, kind: int, count: int) -> NDArray[np.int64]:
         if code[0] == kind:
             out[code[1]] = k
     return out
+
+
+def places_of(codes: Codes) -> NDArray[np.int64]:
+    """Return which coefficients are the place of each sensor of `PLACED` (3, 3), -1 where none is."""
+    return columns_of(codes, IN_PLACE, len(PLACES)).reshape(len(PLACED), 3)
 
 
 def restored_state(arrays: Mapping[str, Any], prefix: str) -> JointState:

@@ -59,6 +59,7 @@ _LEAST_SLOPE = 0.05  # s per s: of S by the walk's variance in the steady state
 _RETURNED = 8.0  # log likelihood ratio for a sensor that has come back, against one that is still off
 _OFFSET_WEIGHT = 0.1  # least weight of a sample in the mean offset of a sensor that is rejected
 _MOST_REJECTED = 3.0  # samples of a sensor whose longest outage is over
+_IMU, _DVL, _MARKER = range(3)  # rows of `state.place`, as sensors stand in `PLACED`
 _UPRIGHT = math.sqrt(0.02)  # cosine of pitch, 8 degrees from 90, below which single Euler angles say nothing
 
 
@@ -224,10 +225,10 @@ def expect(state: JointState, z: Array, sensor: int, whole: bool) -> None:
                 h[size - 6 + j] = h[18 + j]
         residual = residual_of(z, state.x, water, state.bias, sensor, k, whole)
         pace = 0.0
-        if sensor == VELOCITY and state.place[3] >= 0:
+        if sensor == VELOCITY and state.place[_DVL, 0] >= 0:
             residual -= _speed_off_origin(state, k)
-            pace = _across(state, state.rate[3:6], 3, k)
-        elif sensor == POSITION and state.place[6] >= 0:
+            pace = _across(state, state.rate[3:6], _DVL, k)
+        elif sensor == POSITION and state.place[_MARKER, 0] >= 0:
             residual -= _position_off_origin(state, k)
             pace = _turned_with(state, k)
         column = state.latency[sensor]
@@ -281,7 +282,7 @@ def update_specific_force(state: JointState, z: Array) -> None:
         if state.settings[0].biases > 0.0:
             h[N_FIXED + n + 3 + k] = 1.0
             f += state.bias[3 + k]
-        if state.place[0] >= 0:
+        if state.place[_IMU, 0] >= 0:
             f += _off_origin(state, change[10:13], k)
         for j in range(3):
             f += h[18 + j] * away[3 + j] - h[6 + j] * away[j]
@@ -303,22 +304,23 @@ def update_specific_force(state: JointState, z: Array) -> None:
 
 
 @kernel
-def _across(state: JointState, turning: Array, first: int, k: int) -> float:
-    """Return number k of `turning` (3,) x r, with r the place that a sensor is linearised at, `first` its own first."""
-    at, place = state.linearised_at, state.place
+def _across(state: JointState, turning: Array, sensor: int, k: int) -> float:
+    """Return number k, in the body, of `turning` (3,) x r: of omega [rad/s] a velocity [m/s], of omega_dot [rad/s^2]
+    an acceleration [m/s^2]. r is the place [m] that a sensor, `_IMU` to `_MARKER`, is linearised at."""
+    at, place = state.linearised_at, state.place[sensor]
     a, b = (k + 1) % 3, (k + 2) % 3
-    return float(turning[a] * at[place[first + b]] - turning[b] * at[place[first + a]])
+    return float(turning[a] * at[place[b]] - turning[b] * at[place[a]])
 
 
 @kernel
 def _speed_off_origin(state: JointState, k: int) -> float:
-    """Return number k of omega x r, what a DVL away from the origin shows more, and add that to its row of H.
+    """Return number k of omega x r [m/s], body, what a DVL away from the origin shows more; add that to its row of H.
 
     In r to first order about where it is linearised, as all coefficients are.
     """
     h, at, place, theta = state.H[k], state.linearised_at, state.place, state.theta
     a, b = (k + 1) % 3, (k + 2) % 3
-    ca, cb = place[3 + a], place[3 + b]
+    ca, cb = place[_DVL, a], place[_DVL, b]
     h[9 + a] += at[cb]
     h[9 + b] -= at[ca]
     h[N_FIXED + cb] += state.x[10 + a]
@@ -328,8 +330,11 @@ def _speed_off_origin(state: JointState, k: int) -> float:
 
 @kernel
 def _position_off_origin(state: JointState, k: int) -> float:
-    """Return number k of R r, by which a marker away from the origin stands elsewhere, and add that to its row of H."""
-    h, at, place, theta = state.H[k], state.linearised_at, state.place[6:9], state.theta
+    """Return number k of R r [m], NED, by which a marker away from the origin stands elsewhere; add that to its H.
+
+    With an error e of the attitude in the body, R (e x r) = (r x R_k) . e for row k of R.
+    """
+    h, at, place, theta = state.H[k], state.linearised_at, state.place[_MARKER], state.theta
     a, b, c = row_of_rotation(state.x, k)
     x, y, z = at[place[0]], at[place[1]], at[place[2]]
     h[3] += y * c - z * b
@@ -343,19 +348,19 @@ def _position_off_origin(state: JointState, k: int) -> float:
 
 @kernel
 def _turned_with(state: JointState, k: int) -> float:
-    """Return number k of R (omega x r), how fast a marker away from the origin goes with the turning."""
+    """Return number k of R (omega x r) [m/s], NED, how fast a marker away from the origin goes with the turning."""
     a, b, c = row_of_rotation(state.x, k)
-    omega = state.x[10:13]
-    return float(a * _across(state, omega, 6, 0) + b * _across(state, omega, 6, 1) + c * _across(state, omega, 6, 2))
+    omega, at = state.x[10:13], _MARKER
+    return float(a * _across(state, omega, at, 0) + b * _across(state, omega, at, 1) + c * _across(state, omega, at, 2))
 
 
 @kernel
 def _off_origin(state: JointState, turning: Array, k: int) -> float:
-    """Return what number k of an accelerometer away from the origin shows more, and add that to its row of H.
+    """Return what number k of an accelerometer away from the origin shows more [m/s^2], body; add that to its row of H.
 
     omega_dot x r + omega x (omega x r), with r the place and `turning` the omega_dot (3,) that it is linearised at.
     """
-    A, h, place, at = state.A, state.H[k], state.place, state.linearised_at
+    A, h, place, at = state.A, state.H[k], state.place[_IMU], state.linearised_at
     p, q, r = state.x[10], state.x[11], state.x[12]
     a, b = (k + 1) % 3, (k + 2) % 3
     omega = (p, q, r)
@@ -367,7 +372,7 @@ def _off_origin(state: JointState, turning: Array, k: int) -> float:
     for j in range(A.shape[1]):
         if j < N_FIXED + state.theta.shape[0]:
             h[j] += A[9 + a, j] * where[b] - A[9 + b, j] * where[a]
-    return float(_across(state, turning, 0, k) + omega[k] * along - (p * p + q * q + r * r) * where[k])
+    return float(_across(state, turning, _IMU, k) + omega[k] * along - (p * p + q * q + r * r) * where[k])
 
 
 @kernel

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array, kernel
 from towtank.core.layout import I_MASS, I_MASS_INVERSE, INFLOW, MASS, N_KINDS, address
 from towtank.errors import InputError, nearest
-from towtank.identification.model.measurements import SENSORS
+from towtank.identification.model.measurements import POSITION, SENSORS, SPECIFIC_FORCE, VELOCITY
 from towtank.identification.model.terms import (
     AHEAD,
     IN_DELAY,
@@ -51,6 +51,7 @@ __all__ = [
     "MARKER_PLACE",
     "N_FIXED",
     "N_MOVING",
+    "PLACED",
     "PLACES",
     "UNTRANSFORMED",
     "Codes",
@@ -61,11 +62,12 @@ __all__ = [
 ]
 
 DELAY, LAG, GAIN_PREFIX = "delay", "lag", "gain_"
-# where accelerometer, DVL, and what gives the position are in the body [m]
+# where accelerometer, DVL, and what gives the position are in the body [m]; by the number of the sensor
 IMU_PLACE, DVL_PLACE, MARKER_PLACE = (
     tuple(f"{sensor}_{axis}" for axis in "xyz") for sensor in ("imu", "dvl", "marker")
 )
-PLACES = (*IMU_PLACE, *DVL_PLACE, *MARKER_PLACE)
+PLACED = {SPECIFIC_FORCE: IMU_PLACE, VELOCITY: DVL_PLACE, POSITION: MARKER_PLACE}
+PLACES = tuple(name for place in PLACED.values() for name in place)
 _LAGS = (1e-3, 2.0)  # s: least and largest time constant of the thrusters
 LATENCIES = tuple(f"latency_{sensor.name.replace(' ', '_')}" for sensor in SENSORS)  # [s], of each sensor
 FURTHER = (*LATENCIES, *PLACES, *AHEAD)  # unknown only where data show them

@@ -26,14 +26,16 @@ logarithm that starts far too small it has no gradient and stays there.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from towtank.core.arrays import Array
+from towtank.core.attitude import quaternions_from_eulers
 from towtank.errors import InputError, nearest
-from towtank.identification.model.measurements import SENSORS
+from towtank.identification.data.samples import Samples
+from towtank.identification.model.measurements import ATTITUDE, RATES, SENSORS, SPECIFIC_FORCE
 from towtank.identification.model.parameters import (
     DELAY,
     GAIN_PREFIX,
@@ -41,23 +43,27 @@ from towtank.identification.model.parameters import (
     IN_GAIN,
     LAG,
     LATENCIES,
+    PLACED,
     PLACES,
     FreeParameters,
     free_parameters,
     unknowns_of,
 )
-from towtank.identification.model.terms import TERMS, Body, Line, term_of
+from towtank.identification.model.terms import AHEAD, TERMS, Body, Line, term_of
+from towtank.recording.frames.rotations import conjugate, rotate
 from towtank.vehicle import COEFFICIENTS, Vehicle
 from towtank.vehicle.names import COLUMNS, KINDS, ROWS, index
 from towtank.vehicle.posterior import named, stated_coordinate
 from towtank.vehicle.thrusters.curves import is_of_unit_scale
 
-__all__ = ["Prior", "prior_of"]
+__all__ = ["Prior", "further_unknowns", "prior_of"]
 
 _PRIORS_FILE = "the prior's file"
 _STATED = 0.5  # deviation of what the file states without one, as a share of it
 _DELAY, _LAG, _GAIN_STD = (0.08, 0.06), (0.1, 0.08), 0.08
 _PLACE = 0.1  # m
+_PACE = 0.5  # s between two poses that give the speed ahead
+_SAME_ROWS = 0.9  # of the rows of two sensors, from which they are one device
 _SURER = 0.5  # times the deviation of the scale, below which a force is known by itself
 _NO_SCALE = 1.0  # deviation of the logarithm of a scale of force that nobody measured
 _OTHER_DAMPING = {f"{r}_{c}": f"{r}_{c * 2}" for r, c in zip(ROWS, COLUMNS, strict=True)}
@@ -109,6 +115,26 @@ class Prior:
             tuple(self.sources[k] for k in rows),
             self.reference[rows],
         )
+
+    def narrowed_to(self, free: Collection[str] | None, *, delay_given: bool) -> Prior:
+        """Return what is supposed of the names that are free where somebody named them, of the lag of the thrusters,
+        and of the delay unless given: who names coefficients says nothing of when their forces act.
+
+        The place of a sensor is free as a whole, where a part of it is named or somebody knows that it is elsewhere.
+
+        Raises:
+            InputError: a name that is no unknown.
+        """
+        for name in free or ():
+            if name not in self.names:
+                raise InputError(f'free: "{name}" is not a coefficient of the prior{nearest(name, self.names)}')
+        names = self.names
+        if free is not None:
+            mean = dict(zip(self.names, self.mean, strict=True))
+            known = [place for place in PLACED.values() if set(place) <= mean.keys()]
+            placed = [place for place in known if any(name in free or mean[name] != 0.0 for name in place)]
+            names = tuple(dict.fromkeys([*free, DELAY, LAG, *(name for place in placed for name in place)]))
+        return self.only([name for name in names if not (delay_given and name == DELAY)])
 
     def with_rows(self, rows: Sequence[int], mean: Array, covariance: Array, reference: Array, source: str) -> Prior:
         """Return it with rows that owe nothing to the rest: mean and covariance as a vehicle's posterior has them."""
@@ -181,6 +207,50 @@ def prior_of(
     told = [named(name, free.names) for name in beside.prior]
     told += [name for name in free.names if name in COEFFICIENTS and beside.deviation(name) is not None]
     return _gone_on(supposed, vehicle, vehicle, told)
+
+
+def further_unknowns(samples: Sequence[Samples]) -> tuple[str, ...]:
+    """Return what may be unknown beside any vehicle's coefficients: `latency_<sensor>` of the sensors that may be late,
+    the places of accelerometer, DVL and marker where there are any, forward-speed terms of a vehicle that goes ahead.
+
+    Late beside the one whose time is taken as it is: the gyro, else the attitude, else the position; and what comes in
+    the same rows from the same device: the attitude beside the gyro, the pose of a camera.
+    """
+    measured = np.any([each.measured for each in samples], axis=0)
+    there = [bool(measured[3 * s : 3 * s + 3].any()) for s in range(len(LATENCIES))]
+    reference = next((s for s in (3, 1, 0, 2) if there[s]), 3)
+    pairs = {(3, 1), (1, 0)}
+    device = {reference}
+    for s in (1, 0):
+        if any((r, s) in pairs and _same_rows(samples, r, s) for r in device):
+            device.add(s)
+    late = [LATENCIES[s] for s, each in enumerate(SENSORS) if there[s] and s not in device and each.late]
+    turning = there[ATTITUDE] or there[RATES]  # is shown; an accelerometer feels it in any case
+    placed = [sensor for sensor in PLACED if there[sensor] and (turning or sensor == SPECIFIC_FORCE)]
+    places = [name for sensor in placed for name in PLACED[sensor]]
+    return (*late, *places, *(AHEAD if _goes_ahead(samples) else ()))
+
+
+def _goes_ahead(samples: Sequence[Samples]) -> bool:
+    """Whether the vehicle goes ahead, as forward-speed terms suppose: mean u exceeds its deviation and v, w."""
+    speeds = []
+    for each in samples:
+        speed = each.values[:, 6:9]
+        if not np.isfinite(speed).all(axis=1).any():
+            posed = np.flatnonzero(np.isfinite(each.values[:, :6]).all(axis=1))
+            apart = np.searchsorted(each.t[posed], np.arange(each.t[0], each.t[-1], _PACE))
+            rows = np.unique(posed[apart[apart < posed.size]])
+            q = quaternions_from_eulers(each.values[rows[:-1], 3:6])
+            speed = rotate(conjugate(q), np.diff(each.values[rows, :3], axis=0)) / np.diff(each.t[rows])[:, None]
+        speeds.append(speed[np.isfinite(speed).all(axis=1)])
+    u, v, w = np.concatenate(speeds).T
+    return bool(u.size and u.mean() > max(u.std(), math.sqrt(np.mean(v**2 + w**2))))
+
+
+def _same_rows(samples: Sequence[Samples], one: int, other: int) -> bool:
+    both = [[np.isfinite(each.values[:, 3 * s : 3 * s + 3]).any(axis=1) for s in (one, other)] for each in samples]
+    common = sum(int((a & b).sum()) for a, b in both)
+    return common >= _SAME_ROWS * sum(int(b.sum()) for _, b in both) > 0.0
 
 
 def _plausible(vehicle: Vehicle, beside: Vehicle | None, *, commands: bool) -> dict[str, Line]:

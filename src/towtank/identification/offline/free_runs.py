@@ -37,6 +37,7 @@ from towtank.identification.simulation_error.cross_validation import (
 from towtank.identification.simulation_error.segments import CandidateModel
 from towtank.recording import Grid
 from towtank.recording.frames.lever_arm import origin_motion
+from towtank.recording.grids.timing import interpolation_weights
 from towtank.vehicle import Vehicle
 
 __all__ = ["CONTRADICTED", "FreeRunVerdict", "contradiction", "free_run_verdict", "worth_less"]
@@ -44,7 +45,6 @@ __all__ = ["CONTRADICTED", "FreeRunVerdict", "contradiction", "free_run_verdict"
 CONTRADICTED = 1.3  # factor by which windows differ more than they state, from which the filter is doubted
 _SURE = 1.0  # deviations by which a doubted filter must predict better, to speak all the same
 _FLOWS, _COUNTS = 0.01, 0.1  # m/s; of the speeds over ground: a current that is less does not count
-_NEAR = 0.2  # s from a sample of rates and attitude, within which they count
 _APART = 0.02  # s: the rows of a sensor that is quicker tell the same, since what runs leave lasts for seconds
 _HELD = 1e-3  # of the deviation of what is not learned
 _CLAIMED = 1e-12  # of the prior's variance, which no recording can promise
@@ -117,25 +117,23 @@ def free_run_verdict(
 
 
 def _at_origin(samples: Samples, dvl: Array, marker: Array) -> Samples:
-    """Return samples with velocity and position of the body origin in place of those of a DVL and a marker (3,).
+    """Return samples with velocity and position of the body origin in place of those of a DVL and a marker (3,) [m].
 
-    By the rates and the attitude that are measured about then; where none are, they stay.
+    By the rates and the attitude between their samples; beyond them, and in gaps, they stay.
     """
     values = samples.values.copy()
-    eulers = np.column_stack([_about(samples.t, each, np.unwrap) for each in values[:, 3:6].T])
-    omega = np.column_stack([_about(samples.t, each) for each in values[:, 9:12].T])
+    eulers = np.column_stack([_between(samples.t, each, np.unwrap) for each in values[:, 3:6].T])
+    omega = np.column_stack([_between(samples.t, each) for each in values[:, 9:12].T])
     values[:, :3], values[:, 6:9] = origin_motion(values[:, :3], values[:, 6:9], eulers, omega, marker, dvl)
     return replace(samples, values=values)
 
 
-def _about(t: Array, values: Array, whole: Callable[[Array], Array] = np.asarray) -> Array:
-    """Return a number (n,) at every instant, NaN further than `_NEAR` from a sample of it."""
-    shown = np.flatnonzero(np.isfinite(values))
-    if not shown.size:
-        return np.full(t.size, np.nan)
-    after = np.searchsorted(t[shown], t).clip(1, max(shown.size - 1, 1))
-    near = np.minimum(np.abs(t - t[shown[after - 1]]), np.abs(t - t[shown[after.clip(max=shown.size - 1)]]))
-    return np.where(near <= _NEAR, np.interp(t, t[shown], whole(values[shown])), np.nan)
+def _between(t: Array, values: Array, whole: Callable[[Array], Array] = np.asarray) -> Array:
+    """Return a number (n,) at every instant, by the samples around it; NaN where there are none."""
+    shown = np.isfinite(values)
+    if not shown.any():
+        return values
+    return interpolation_weights(t[shown], t).linear(whole(values[shown]))
 
 
 def _beforehand(prior: Prior, fit: JointFit, rows: Sequence[int], hidden: NDArray[np.bool_]) -> tuple[Array, Array]:

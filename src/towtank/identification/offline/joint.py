@@ -25,19 +25,17 @@ from towtank.identification.kalman.noise_adaptation import filter_settings
 from towtank.identification.kalman.passes import (
     JointFit,
     JointProblem,
-    further_unknowns,
     joint_fit,
-    narrowed_to,
     settings_for,
 )
 from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
 from towtank.identification.model.parameters import DELAY, LATENCIES, PLACES
-from towtank.identification.model.prior import prior_of
+from towtank.identification.model.prior import further_unknowns, prior_of
 from towtank.identification.model.terms import AHEAD, AXES
 from towtank.identification.offline.free_runs import free_run_verdict
 from towtank.identification.offline.rivals import less_sure, likeliest_rival
 from towtank.identification.posterior.assembly import Current, LogLearning, Mode
-from towtank.identification.posterior.plausibility import PLACED
+from towtank.identification.posterior.plausibility import whose_place
 from towtank.identification.posterior.result import estimate_of, model_of, with_posterior, without_data
 from towtank.identification.posterior.thrusters import learned_gains, scale_remarks
 from towtank.recording import Grid, Recording, align
@@ -45,12 +43,12 @@ from towtank.recording.consistency.wander import noise_of_smooth_speeds, smooth_
 from towtank.recording.noise import noise_of_rows
 from towtank.recording.standard import STANDARD
 from towtank.vehicle import Vehicle
+from towtank.vehicle.posterior import surely_placed
 
 __all__ = ["LearningRequest", "joint_problem", "learn_joint"]
 
 _CURRENT = slice(18, 21)  # of the filter's errors
 _WORTH_SAYING = 0.02  # m/s, and so many deviations of a current
-_WORTH_A_PLACE = 0.02  # m
 Progress = Callable[[str, float], None]
 
 
@@ -113,7 +111,7 @@ def joint_problem(request: LearningRequest) -> JointProblem:
     named = [name for name in request.free or () if name in AHEAD]
     more = (*further_unknowns(samples), *named)
     whole = prior_of(vehicle, commands=commands, more=more, beside=request.prior)
-    prior = narrowed_to(whole, request.free, delay_given=request.delay is not None)
+    prior = whole.narrowed_to(request.free, delay_given=request.delay is not None)
     base = vehicle.with_coefficients(whole.vehicle_values)
     settings = settings_for(samples, filter_settings())
     noise = np.median([noise_of_rows(each.t, each.values, TYPICAL_NOISE, LEAST_NOISE) for each in samples], axis=0)
@@ -226,10 +224,9 @@ def _remarks(
 def _placed(fit: JointFit) -> list[str]:
     """Return a sentence for each sensor that is surely not at the body's origin."""
     off: dict[str, list[str]] = {}
-    for name, value, std in zip(fit.free.names, fit.theta, fit.std, strict=True):
-        if name in PLACES and abs(value) > max(_WORTH_A_PLACE, 3.0 * std):
-            said = f"{estimate_text(100.0 * value, 100.0 * std)} cm along {name[-1]}"
-            off.setdefault(PLACED[name.partition("_")[0]], []).append(said)
+    for name, (value, std) in surely_placed(fit.free.names, fit.theta, fit.std).items():
+        said = f"{estimate_text(100.0 * value, 100.0 * std)} cm along {name[-1]}"
+        off.setdefault(whose_place(name), []).append(said)
     return [f"{sensor} is not at the body's origin: {', '.join(said)}" for sensor, said in off.items()]
 
 

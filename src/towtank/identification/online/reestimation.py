@@ -25,11 +25,9 @@ from towtank.identification.kalman.filter import take_all
 from towtank.identification.kalman.noise_adaptation import filter_settings
 from towtank.identification.kalman.passes import (
     JointProblem,
-    further_unknowns,
     inputs_of,
     joint_fit,
     latencies_of,
-    narrowed_to,
     next_recording,
     one_pass,
     settings_for,
@@ -38,7 +36,7 @@ from towtank.identification.kalman.passes import (
 from towtank.identification.kalman.state import healthy_snapshot
 from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
 from towtank.identification.model.parameters import FURTHER
-from towtank.identification.model.prior import Prior, prior_of
+from towtank.identification.model.prior import Prior, further_unknowns, prior_of
 from towtank.recording.noise import noise_of_rows
 from towtank.vehicle import Vehicle
 
@@ -80,7 +78,7 @@ class Question:
         """Return what is supposed of the unknowns."""
         more = () if kept is None else kept.names
         free = None if self.free is None else [*self.free, *(name for name in more if name not in self.free)]
-        return narrowed_to(whole, free, delay_given=self.delay is not None)
+        return whole.narrowed_to(free, delay_given=self.delay is not None)
 
     def base(self, whole: Prior) -> Vehicle:
         """Return the vehicle with the prior's mean of every plausible coefficient."""

@@ -22,13 +22,13 @@ from towtank.recording.consistency import Finding
 from towtank.vehicle import COEFFICIENTS, index, unit
 from towtank.vehicle.names import Kind
 
-__all__ = ["PLACED", "implausible"]
+__all__ = ["implausible", "whose_place"]
 
 _BEYOND = 3.0  # deviations: of the prior, and of the posterior beyond these
 _INERTIA = (1.0, 5.0)  # times the rigid body's
 _CURRENT = 1.0  # m/s
 _SIGNS = "check units, signs and the model"
-PLACED = {"imu": "the accelerometer", "dvl": "the DVL", "marker": "the point whose position is measured"}
+_PLACED = {"imu": "the accelerometer", "dvl": "the DVL", "marker": "the point whose position is measured"}
 
 
 class _Doubt(NamedTuple):
@@ -53,6 +53,11 @@ def implausible(learning: LogLearning) -> tuple[Finding, ...]:
         text = f"the water flows with {current.said}: check position, heading and frames"
         out.append(Finding("current", text, of_model=True))
     return tuple(out)
+
+
+def whose_place(name: str) -> str:
+    """Return in words the sensor that an unknown is the place of: `imu_x` that of the accelerometer."""
+    return _PLACED[name.partition("_")[0]]
 
 
 def _doubts(learning: LogLearning) -> list[_Doubt]:
@@ -106,7 +111,7 @@ class _Words(Body):
                 "check its stamps and filters",
             )
         if name in PLACES:
-            place, sensor = estimate_text(100.0 * value, 100.0 * std), PLACED[name.partition("_")[0]]
+            place, sensor = estimate_text(100.0 * value, 100.0 * std), whose_place(name)
             return (
                 f"{sensor} is {place} cm from the origin along {name[-1]}",
                 "check units, frame and gravity",

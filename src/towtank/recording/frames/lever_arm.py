@@ -46,17 +46,20 @@ def origin_velocity(velocity: Array, omega: Array, marker: Array) -> Array:
 def origin_motion(
     position: Array, velocity: Array, eulers: Array, omega: Array, marker: Array, dvl: Array
 ) -> tuple[Array, Array]:
-    """Position (n, 3) and velocity (n, 3) of the body origin; rows stay where what moves them is unknown.
+    """Position (n, 3) [m, NED] and velocity (n, 3) [m/s, body] of the body origin.
+
+    Rows stay as they are where what moves them is unknown.
 
     Args:
-        position, velocity: of marker and DVL. eulers, omega: attitude and rates then (n, 3), NaN where unknown; depth
-            does not depend on yaw.
+        position: of the marker (n, 3) [m], NED. velocity: of the DVL (n, 3) [m/s], body FRD.
+        eulers: phi theta psi (n, 3) [rad], NaN where unknown; depth alone does not depend on psi.
+        omega: p q r (n, 3) [rad/s], NaN where unknown.
         marker, dvl: their places in the body (3,) [m], FRD.
     """
-    turned = rotate(quaternions_from_eulers(np.column_stack([eulers[:, :2], np.nan_to_num(eulers[:, 2])])), marker)
-    turned[:, :2][np.isnan(eulers[:, 2])] = np.nan
-    swept = np.cross(omega, dvl)
-    return position - np.nan_to_num(turned), velocity - np.nan_to_num(swept)
+    depth_only = np.isnan(position[:, :2]).all(axis=1) & np.isnan(eulers[:, 2])
+    q = quaternions_from_eulers(np.where(depth_only[:, None] & (np.arange(3) == 2), 0.0, eulers))
+    moved, swept = origin_position(position, q, marker), origin_velocity(velocity, omega, dvl)
+    return np.where(np.isnan(moved), position, moved), np.where(np.isnan(swept), velocity, swept)
 
 
 def marker_to_origin(
