@@ -7,7 +7,7 @@ recorded. `quick water`: a random force beside it that changes within 0.1 s. `a 
 the force acts 0.2 s later than the rest, as of motors that reverse in two steps. `overshoots`: a third too much acts at
 first, for 0.2 s. Nothing of that is in the model, nor can be: delay and lag are those of a recorded wrench, none. How
 many intervals hold all the same, and how far off the total yaw inertia is; and what would be stated if nobody asked
-whether another picture of the data is likelier (`identification.offline.rivals`).
+whether another picture of the data is likelier (`identification.kalman.rivals`).
 """
 
 from __future__ import annotations

@@ -199,6 +199,8 @@ def test_notes_are_told_once_with_how_often() -> None:
         "position not measured for a while (2 times)",
         "3 bad",
     )
+    doubted = a_moment(remarks=("the model lacks something",), links=one.links)
+    assert notes(doubted) == ("the model lacks something", "3 bad")
     two = a_moment(links=(Link("udp", 1, {}, {}, ("3 bad",)), Link("mocap", 1, {}, {}, ("3 bad",))))
     assert notes(two) == ("udp: 3 bad", "mocap: 3 bad")
 

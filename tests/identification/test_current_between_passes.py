@@ -15,7 +15,7 @@ from towtank.core.arrays import Array
 from towtank.core.zero_order_hold import hold_force, mean_forces_into, new_zero_order_hold
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, prepared
-from towtank.identification.kalman.filter import predict
+from towtank.identification.kalman.filter import take_row
 from towtank.identification.kalman.passes import JointProblem, one_pass
 from towtank.identification.kalman.state import (
     FilterSettings,
@@ -131,7 +131,8 @@ def _stepped(current: Array, at: Array) -> Array:
     held = new_zero_order_hold(state.B.shape[1], np.zeros(state.B.shape[1]), 0.0)
     hold_force(held, 0.0, np.full(state.B.shape[1], 5.0))
     mean_forces_into(held, 0.0, state.mean_force)
-    predict(state, held, 0.02)
+    state.clock["started"] = 1.0
+    assert take_row(state, held, 0.02, np.full(N_MEASURED, np.nan))
     return np.concatenate([state.x, [pace_of(state.x, state.water, state.rate, VELOCITY, k) for k in range(3)]])
 
 

@@ -13,7 +13,7 @@ from scipy.linalg import expm
 from towtank.core.arrays import Array
 from towtank.core.zero_order_hold import ZeroOrderHold, hold_force, new_zero_order_hold
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, samples_of
-from towtank.identification.kalman.filter import predict
+from towtank.identification.kalman.filter import take_row
 from towtank.identification.kalman.state import N_BIASES, N_WAVES, FilterSettings, JointState, new_joint_state
 from towtank.identification.model.parameters import N_FIXED, free_parameters
 from towtank.simulation import simulate
@@ -22,6 +22,7 @@ from towtank.vehicle import Vehicle, configuration_matrix, load_vehicle
 PERIOD = 6.0  # s
 H = 0.02  # s
 LEVEL = np.array([0.10, 0.05, 0.02])  # m/s
+NOTHING = np.full(N_MEASURED, np.nan)  # measured
 STILL = NoiseLevels(np.full(N_MEASURED, 0.01), np.zeros(6), np.zeros(6), np.zeros(3))
 
 
@@ -41,7 +42,7 @@ def at_rest(vehicle: Vehicle, levels: NoiseLevels, settings: FilterSettings) -> 
 def advance(state: JointState, held: ZeroOrderHold, seconds: float, step: float = H) -> None:
     start = float(state.clock[0].time)
     for k in range(1, round(seconds / step) + 1):
-        assert predict(state, held, start + k * step)
+        assert take_row(state, held, start + k * step, NOTHING)
 
 
 # -- waves
@@ -169,10 +170,9 @@ def by_the_filter(vehicle: Vehicle, believed: float, commands: Array) -> Array:
     for k in range(len(samples) - 1):
         hold_force(held, samples.input_t[k], samples.input_force[k])
         linear = state.p[72:108].copy()
-        assert predict(state, held, samples.t[k + 1])
+        assert take_row(state, held, float(samples.t[k + 1]), NOTHING)
         found.append(state.x[7:].copy())
-        assert state.linear[0] == 1.0  # what the thrusters lose stands in `p` until the measurement was taken
-        state.p[72:108], state.linear[0] = linear, 0.0
+        np.testing.assert_array_equal(state.p[72:108], linear)  # what thrusters lose stands in `p` for a row only
     return np.array(found)
 
 

@@ -74,6 +74,7 @@ class Now:
         state: in words, as "learning". silent: for how long [s] no link has sent anything; None while one sends.
         warnings: what a person had better know. events: what happened.
         verdict: what the model can be used for, and what to drive next; "" where nothing was judged yet.
+        remarks: what is to be said of what was learned.
         not_learning: why what comes is not learned from, as "disarmed"; "" where it is.
         plan: what is to be driven now and next, as of `towtank live --plan`; None where nothing is planned.
     """
@@ -100,6 +101,7 @@ class Now:
     warnings: tuple[str, ...] = ()
     events: tuple[Event, ...] = ()
     verdict: str = ""
+    remarks: tuple[str, ...] = ()
     not_learning: str = ""
     plan: Mapping[str, Any] | None = None
 

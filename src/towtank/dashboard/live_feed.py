@@ -63,6 +63,7 @@ def now_of(status: Status, verdict: str = "", plan: Mapping[str, Any] | None = N
         warnings=status.warnings,
         events=status.events,
         verdict=verdict,
+        remarks=learnt.remarks,
         not_learning="" if learnt.left_out is None else learnt.left_out.reason,
         plan=plan,
     )

@@ -125,7 +125,8 @@ def predicted(now: Now, run: FreeRun | None) -> str:
 
 
 def notes(now: Now) -> tuple[str, ...]:
-    """Return what a person may want to know: what befell filter and links, and what the links say; each once.
+    """Return what a person may want to know: what contradicts the model, what befell filter and links, and what the
+    links say; each once.
 
     What has happened several times stands there with how often.
     """
@@ -141,7 +142,7 @@ def notes(now: Now) -> tuple[str, ...]:
         for link in now.links
         for text in link.said
     ]
-    return tuple(dict.fromkeys((*told, *said)))
+    return tuple(dict.fromkeys((*now.remarks, *told, *said)))
 
 
 def _noted(event: Event) -> str:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Learner", "sample_vector"]
 
-_VERSION = 12  # of the layout on disk
+_VERSION = 13  # of the layout on disk
 
 T = TypeVar("T")
 
@@ -219,6 +219,11 @@ class Learner:
     def current(self) -> Current | None:
         """Of the water; None where it is not estimated, or nothing has been seen."""
         return None
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is to be said of what was learned, in sentences."""
+        return ()
 
     @property
     def likely(self) -> dict[str, float]:

@@ -174,7 +174,7 @@ class Learnt:
         latency: from datagram to updated estimate [ms]: "median", "p99", "max". processing: without the time for which
             samples are held back.
         excitation: root mean square (6,) of the wrench asked for over ten seconds; empty where none was.
-        likely: known configurations and how probable each is, since the last change.
+        likely: known configurations and how probable each is, since the last change. remarks: what contradicts it.
         trouble: why learning has stopped, "" where it has not. paused: whether somebody has halted it.
         silent: time [s] of the last commands, where they came steadily and have stopped; None while they come.
         left_out: what is not learned from now, and why, up to the latest instant; None where everything counts.
@@ -190,6 +190,7 @@ class Learnt:
     processing: dict[str, float]
     excitation: tuple[float, ...]
     likely: Mapping[str, float] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
     trouble: str = ""
     paused: bool = False
     silent: float | None = None
@@ -505,6 +506,7 @@ class Learning:
             processing=self._processing.milliseconds(),
             excitation=self._excitation.rms,
             likely=learner.likely,
+            remarks=learner.remarks,
             trouble=self._trouble,
             paused=self._paused,
             silent=self._silence.since,

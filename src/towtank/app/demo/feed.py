@@ -132,6 +132,7 @@ class DemoFeed:
             links=(Link(_SOURCE, self._count, {"pose and commands": rate}, {}),),
             events=self._events.all,
             verdict=self.judge.text,
+            remarks=self._learner.remarks if self._count else (),
         )
 
     def taken(self) -> Sequence[Instant]:

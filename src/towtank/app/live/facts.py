@@ -35,7 +35,8 @@ class Knowledge:
 
     Attributes:
         vehicle: what it was given. model, estimate, method: of the learner. delay, lag: [s], NaN where it has none.
-        gains: of thrusters. disturbance: level (6,) of the random force [N, N m], None where it has none.
+        remarks: sentences about it. gains: of thrusters. disturbance: level (6,) of the random force [N, N m], None
+            where it has none.
     """
 
     vehicle: Vehicle
@@ -44,6 +45,7 @@ class Knowledge:
     method: str
     delay: float
     lag: float
+    remarks: tuple[str, ...]
     gains: dict[str, tuple[float, float]]
     disturbance: Array | None
 
@@ -57,6 +59,7 @@ def knowledge_of(learner: Learner) -> Knowledge:
         learner.method,
         learner.delay,
         learner.lag,
+        learner.remarks,
         learner.gains,
         learner.disturbance,
     )
@@ -126,7 +129,7 @@ def stream_facts(
         model=now.model,
         estimate=now.estimate,
         method=now.method,
-        remarks=["learned sample by sample while it came"],
+        remarks=["learned sample by sample while it came", *now.remarks],
         delay=now.delay,
         lag=now.lag,
         gains=now.gains,

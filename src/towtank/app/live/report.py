@@ -49,7 +49,7 @@ def live_document(
         "logs": list(sources),
         "prior": prior,
         "method": method,
-        "remarks": ["learned sample by sample while it came"],
+        "remarks": ["learned sample by sample while it came", *learnt.remarks],
         "duration_s": learnt.estimate.duration,
         "samples": learnt.estimate.samples,
         "delay_s": learnt.delay,
@@ -201,6 +201,8 @@ def show_end(status: Status, vehicle: Vehicle, method: str, judged: LiveFit, out
             output.item(event_line(event, status.epoch, ascii_only=output.ascii))
     if learnt.likely:
         output.line(likely_line(learnt.likely))
+    for text in learnt.remarks:
+        output.item(text)
     output.line()
     for line in (*measures(status), *link_lines(status)):
         for part in wrapped(line, output.console.width, indent="  "):

@@ -40,13 +40,14 @@ _FIXED_SHARE = 1e-4  # of the step that a coefficient might have made: its devia
 class Kept(NamedTuple):
     """What was learned from rows that are gone, the prior of what follows.
 
-    mean (n,), covariance (n, n), in the coordinates of the unknowns; disagreement (n,): see `JointFit`.
+    mean (n,), covariance (n, n), in the coordinates of the unknowns; disagreement, apart (n,): see `Running`.
     """
 
     names: tuple[str, ...]
     mean: Array
     covariance: Array
     disagreement: Array
+    apart: Array
 
 
 class Running(NamedTuple):
@@ -55,6 +56,7 @@ class Running(NamedTuple):
     Attributes:
         whole: what is supposed of every plausible coefficient. prior: of those that the filter learns.
         state, held: the filter and its inputs. disagreement: factor (n,) to the deviations, see `JointFit`.
+        apart: how far (n,) a likelier picture of the data lies, see `kalman.rivals`. remarks: sentences about both.
         settings, levels: that it was begun with.
     """
 
@@ -63,8 +65,10 @@ class Running(NamedTuple):
     state: JointState
     held: ZeroOrderHold
     disagreement: Array
+    apart: Array
     settings: FilterSettings
     levels: NoiseLevels
+    remarks: tuple[str, ...] = ()
 
     @property
     def free(self) -> FreeParameters:
@@ -73,13 +77,18 @@ class Running(NamedTuple):
 
     @property
     def covariance(self) -> Array:
-        """Covariance (n, n) of its coordinates, as wide as windows of the data disagree."""
+        """Covariance (n, n) of its coordinates, as wide as windows and pictures of the data disagree."""
+        return np.asarray(self.undoubted + np.outer(self.apart, self.apart))
+
+    @property
+    def undoubted(self) -> Array:
+        """It without what another picture of the data contradicts."""
         return np.asarray(coefficient_block(self.state) * np.outer(self.disagreement, self.disagreement))
 
     @property
     def std(self) -> Array:
         """Deviations (n,) likewise."""
-        return coefficient_std(self.state) * self.disagreement
+        return np.hypot(coefficient_std(self.state) * self.disagreement, self.apart)
 
     @property
     def has_moved(self) -> bool:

@@ -113,7 +113,8 @@ class ChangeDetector:
         self._recent.clear()
         self._waiting.clear()
         self._batch = self._suspect = None
-        self._next_split = self._next_check = -np.inf
+        self._last = self._next_split = self._next_check = -np.inf
+        self._count, self._wide = 0, None  # as one that goes on from a checkpoint
         if not matching:
             self._matching = None
 
@@ -259,13 +260,14 @@ class ChangeDetector:
         state = with_coordinates(whole, prior.free, keep)
         places = {name: k for k, name in enumerate(running.free.names)}
         wider = np.array([running.disagreement[places[name]] if name in places else 1.0 for name in prior.names])
-        changed = running._replace(prior=prior, state=state, held=copied(branch.held), disagreement=wider)
+        apart = np.array([running.apart[places[name]] if name in places else 0.0 for name in prior.names])
+        changed = running._replace(prior=prior, state=state, held=copied(branch.held), disagreement=wider, apart=apart)
         now = branch.P0 + np.diag(verdict.steps**2)
         one = (prior.free.codes[:, 0] == IN_GAIN) & (verdict.steps[keep] > 0.0)
         mean = np.where(
             one, state.theta, branch.theta0[keep]
         )  # one thruster fails: the scale of force stays (`seen_from`)
-        kept = Kept(prior.names, mean, _definite(now[np.ix_(keep, keep)]), wider)
+        kept = Kept(prior.names, mean, _definite(now[np.ix_(keep, keep)]), wider, apart)
         before = branch.theta0[keep], np.sqrt(np.maximum(np.diag(branch.P0)[keep], 0.0))
         self.restart()
         self.likely = {}

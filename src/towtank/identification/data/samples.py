@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array
 from towtank.core.attitude import eulers_from_quaternions
 from towtank.errors import InputError
-from towtank.recording import Recording, bind_thrusters, with_body_velocity
+from towtank.recording import Recording, bind_thrusters, standard_channel, with_body_velocity
 from towtank.recording.grids.grid import stack_held
 from towtank.recording.grids.stretches import input_rows
 from towtank.recording.grids.timing import check_span, quaternion_samples
@@ -114,6 +114,16 @@ class Samples:
             values[rows[1:][np.diff(slots) == 0.0], k : k + 3] = np.nan
         kept = np.isfinite(values).any(axis=1)
         return replace(self, t=self.t[kept], values=values[kept])
+
+    @property
+    def recorded(self) -> Recording:
+        """What is measured, as a recording: a channel for each column."""
+        channels = {}
+        for name, values in zip(MEASURED, self.values.T, strict=True):
+            known = np.isfinite(values)
+            if known.any():
+                channels[name] = standard_channel(name, self.t[known], values[known])
+        return Recording(channels, self.source)
 
     def only(self, rows: NDArray[np.intp], columns: Sequence[int]) -> Samples:
         """Return these rows (k,), with nothing in other columns than these, and all inputs."""

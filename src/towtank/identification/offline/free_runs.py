@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import Samples, Sources
 from towtank.identification.kalman.passes import JointFit, JointProblem, latencies_of
+from towtank.identification.kalman.rivals import CONTRADICTED
 from towtank.identification.least_squares.velocity import drifting_attitude
 from towtank.identification.model.parameters import DVL_PLACE, LATENCIES, MARKER_PLACE, PLACES
 from towtank.identification.model.prior import Prior
@@ -40,9 +41,8 @@ from towtank.recording.frames.lever_arm import origin_motion
 from towtank.recording.grids.timing import interpolation_weights
 from towtank.vehicle import Vehicle
 
-__all__ = ["CONTRADICTED", "FreeRunVerdict", "contradiction", "free_run_verdict", "worth_less"]
+__all__ = ["FreeRunVerdict", "contradiction", "free_run_verdict", "worth_less"]
 
-CONTRADICTED = 1.3  # factor by which windows differ more than they state, from which the filter is doubted
 _SURE = 1.0  # deviations by which a doubted filter must predict better, to speak all the same
 _FLOWS, _COUNTS = 0.01, 0.1  # m/s; of the speeds over ground: a current that is less does not count
 _APART = 0.02  # s: the rows of a sensor that is quicker tell the same, since what runs leave lasts for seconds

@@ -3,7 +3,7 @@
 LearningRequest -> JointProblem   samples, prior, noise (`joint_problem`)
                 -> JointFit       the joint filter, pass after pass (`kalman.passes`)
                 -> JointFit       free runs with the same prior, where they predict better (`offline.free_runs`)
-                -> JointFit       less sure, where another picture is likelier and contradicts it (`offline.rivals`)
+                -> JointFit       less sure, where another picture is likelier and contradicts it (`kalman.rivals`)
                 -> LogLearning    estimate, model with its posterior, what is to be said of both
 
 Nothing is chosen. Where somebody names what to learn, everything else stays at the prior's mean.
@@ -28,12 +28,12 @@ from towtank.identification.kalman.passes import (
     joint_fit,
     settings_for,
 )
+from towtank.identification.kalman.rivals import apart_from, likeliest_rival
 from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
 from towtank.identification.model.parameters import DELAY, LATENCIES, PLACES
 from towtank.identification.model.prior import further_unknowns, prior_of
 from towtank.identification.model.terms import AHEAD, AXES
 from towtank.identification.offline.free_runs import free_run_verdict
-from towtank.identification.offline.rivals import less_sure, likeliest_rival
 from towtank.identification.posterior.assembly import Current, LogLearning, Mode
 from towtank.identification.posterior.plausibility import whose_place
 from towtank.identification.posterior.result import estimate_of, model_of, with_posterior, without_data
@@ -41,7 +41,6 @@ from towtank.identification.posterior.thrusters import learned_gains, scale_rema
 from towtank.recording import Grid, Recording, align
 from towtank.recording.consistency.wander import noise_of_smooth_speeds, smooth_speeds
 from towtank.recording.noise import noise_of_rows
-from towtank.recording.standard import STANDARD
 from towtank.vehicle import Vehicle
 from towtank.vehicle.posterior import surely_placed
 
@@ -90,7 +89,8 @@ def learn_joint(request: LearningRequest, progress: Progress | None = None) -> L
     rival = likeliest_rival(problem, by_filter)
     undoubted = fit.covariance
     if rival is not None:
-        fit, text = less_sure(problem, fit, rival)
+        apart, text = apart_from(problem, fit, rival)
+        fit = replace(fit, covariance=fit.covariance + np.outer(apart, apart))
         said.append(text)
     report("what is known", 0.95)
     better = verdict is not None and verdict.better
@@ -207,12 +207,7 @@ def _remarks(
     if fit.disagreement > 1.2:
         times = f"{fit.disagreement:.1f} times"
         out.append(f"windows of the data differ {times} as much as they should: deviations are widened by that")
-    for each in smooth_speeds(request.recordings):
-        off = f"{each.noise:.2g} {STANDARD[each.names[0]].unit}"
-        out.append(
-            f"samples of {' '.join(each.names)} show no noise of their own, and differ from {each.source} as by noise "
-            f"of {off}: were they smoothed, or does that wander? They count as so noisy at least"
-        )
+    out += [each.said for each in smooth_speeds(request.recordings)]
     if current is not None and current.speed > max(_WORTH_SAYING, 3.0 * float(current.std[:2].max())):
         out.append(f"the water flows: {current.said}")
     if fit.levels.waves.any():

@@ -212,6 +212,11 @@ class JointLearner(Learner):
         return np.asarray(level * np.diag(self.model().mass_matrix))
 
     @property
+    def remarks(self) -> tuple[str, ...]:
+        """What contradicts it; see `Learner.remarks`."""
+        return () if self._stream.running is None else self._stream.running.remarks
+
+    @property
     def events(self) -> tuple[Event, ...]:
         """What happened to the vehicle; see `Learner.events`."""
         return self._stream.changes.events
@@ -229,8 +234,9 @@ class JointLearner(Learner):
             running = self._stream.running
             duration = 0.0 if running is None else float(running.state.clock[0].duration)
             base = self._question.base(whole)
-            learned = None if running is None else running.state.learns > 0.0
-            self._estimate, _ = estimate_of(base, prior, theta, covariance, duration, self._stream.rows, learned)
+            learned, undoubted = (None, None) if running is None else (running.state.learns > 0.0, running.undoubted)
+            rows = self._stream.rows
+            self._estimate, _ = estimate_of(base, prior, theta, covariance, duration, rows, learned, undoubted)
         return self._estimate
 
     def model(self) -> Vehicle:

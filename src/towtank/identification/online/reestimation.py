@@ -33,10 +33,12 @@ from towtank.identification.kalman.passes import (
     settings_for,
     since_last,
 )
+from towtank.identification.kalman.rivals import apart_from, likeliest_rival
 from towtank.identification.kalman.state import healthy_snapshot
 from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
 from towtank.identification.model.parameters import FURTHER
 from towtank.identification.model.prior import Prior, further_unknowns, prior_of
+from towtank.recording.consistency.wander import noise_of_smooth_speeds, smooth_speeds
 from towtank.recording.noise import noise_of_rows
 from towtank.vehicle import Vehicle
 
@@ -158,10 +160,17 @@ class Reestimation:
         state, held, *_ = one_pass(problem, fit.theta, fit.levels)
         if healthy_snapshot(state) is None:
             return None
-        wider = fit.wider
-        if self.kept is not None:
-            before = dict(zip(self.kept.names, self.kept.disagreement, strict=True))
-            wider = np.maximum(wider, [before.get(name, 1.0) for name in problem.prior.names])
+        wider, apart = fit.wider, np.zeros(fit.theta.size)
+        remarks = [each.said for each in smooth_speeds([each.recorded for each in stretches])]
+        rival = likeliest_rival(problem, fit)
+        if rival is not None:
+            apart, text = apart_from(problem, fit, rival)
+            remarks.append(text)
+        if self.kept is not None:  # nor does what has gone tell more than it told
+            before = dict(zip(self.kept.names, zip(self.kept.disagreement, self.kept.apart, strict=True), strict=True))
+            was = np.array([before.get(name, (1.0, 0.0)) for name in problem.prior.names])
+            wider = np.maximum(wider, was[:, 0])
+            apart = max(apart, was[:, 1], key=lambda each: np.abs(each / problem.prior.std).max(initial=0.0))
         kept = self.kept
         if self.rows - gone > _MOST_ROWS:
             oldest = self.rows - gone - _MOST_ROWS // 2
@@ -170,9 +179,9 @@ class Reestimation:
             known = healthy_snapshot(old)
             if known is None:
                 return None
-            kept = Kept(problem.prior.names, known.theta, known.covariance, wider)
+            kept = Kept(problem.prior.names, known.theta, known.covariance, wider, apart)
         state.settings["adapt"], state.settings["considered_share"] = _ADAPT, _REST
-        running = Running(whole, problem.prior, state, held, wider, problem.settings, fit.levels)
+        running = Running(whole, problem.prior, state, held, wider, apart, problem.settings, fit.levels, tuple(remarks))
         rows, inputs = self.rows, self.inputs
         while self.buffer.rows - rows > _FEW:
             after = self.buffer.rows, self.buffer.inputs
@@ -185,6 +194,7 @@ class Reestimation:
         whole = question.whole(self.kept, commands=self.buffer.commands, more=further_unknowns(stretches))
         longest = max(stretches, key=len)
         noise = noise_of_rows(longest.t, longest.values, TYPICAL_NOISE, LEAST_NOISE, _LATEST)
+        noise = np.maximum(noise, noise_of_smooth_speeds([each.recorded for each in stretches]))
         problem = JointProblem(
             stretches,
             question.base(whole),

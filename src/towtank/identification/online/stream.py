@@ -218,7 +218,8 @@ class JointStream:
             "values": np.array([z for _, z in early]).reshape(-1, N_MEASURED),
         }
         if kept is not None:
-            groups["kept"] = {"mean": kept.mean, "covariance": kept.covariance, "disagreement": kept.disagreement}
+            groups["kept"] = {"mean": kept.mean, "covariance": kept.covariance}
+            groups["kept"] |= {"disagreement": kept.disagreement, "apart": kept.apart}
         if buffer is not None:
             whole = buffer.whole
             rows = {"t": whole.t, "values": whole.values, "input_t": whole.input_t, "input_force": whole.input_force}
@@ -226,7 +227,7 @@ class JointStream:
         if running is not None:
             groups |= {"state": running.state._asdict(), "held": running.held._asdict()}
             groups |= {"levels": {each.name: getattr(running.levels, each.name) for each in fields(running.levels)}}
-            groups["running"] = {"disagreement": running.disagreement}
+            groups["running"] = {"disagreement": running.disagreement, "apart": running.apart}
         return plain, {f"{group}.{name}": value for group, each in groups.items() for name, value in each.items()}
 
     def restore(self, plain: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:
@@ -261,8 +262,10 @@ class JointStream:
                 restored_state(arrays, "state."),
                 restored_hold(arrays, "held."),
                 arrays["running.disagreement"],
+                arrays["running.apart"],
                 FilterSettings(**about["settings"] | {"usual": tuple(about["settings"]["usual"])}),
                 NoiseLevels(**group("levels")),
+                tuple(about["remarks"]),
             )
             self._go_on(running)
             self._order.waiting = waiting
@@ -363,4 +366,4 @@ class JointStream:
 
 
 def _plain(running: Running) -> dict[str, Any]:
-    return {"names": running.prior.names, "settings": asdict(running.settings)}
+    return {"names": running.prior.names, "settings": asdict(running.settings), "remarks": running.remarks}

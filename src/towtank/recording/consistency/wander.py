@@ -27,7 +27,7 @@ from towtank.recording.consistency.accounts import Pair, of_heading, of_rates, o
 from towtank.recording.grids.timing import sampling_rate
 from towtank.recording.noise import NoiseLevel, noise_level, noise_levels, robust_size
 from towtank.recording.recording import Recording
-from towtank.recording.standard import MEASURED, POSE, QUANTITIES
+from towtank.recording.standard import MEASURED, POSE, QUANTITIES, STANDARD
 
 __all__ = ["SmoothSpeeds", "noise_of_smooth_speeds", "smooth_speeds", "wander_of"]
 
@@ -45,6 +45,15 @@ class SmoothSpeeds(NamedTuple):
     names: tuple[str, ...]
     source: str
     noise: float
+
+    @property
+    def said(self) -> str:
+        """All of it in a sentence."""
+        off = f"{self.noise:.2g} {STANDARD[self.names[0]].unit}"
+        return (
+            f"samples of {' '.join(self.names)} show no noise of their own, and differ from {self.source} as by noise "
+            f"of {off}: were they smoothed, or does that wander? They count as so noisy at least"
+        )
 
 
 def noise_of_smooth_speeds(recordings: Sequence[Recording]) -> Array:

@@ -19,6 +19,7 @@ both state. Where they do not, whoever speaks states too little.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -32,12 +33,12 @@ from towtank.identification.kalman.state import coefficient_block
 from towtank.identification.model.parameters import IN_GAIN, FreeParameters
 from towtank.identification.model.prior import Prior
 from towtank.identification.model.terms import AXES, LOG
-from towtank.identification.offline.free_runs import CONTRADICTED
 from towtank.recording.grids.grid import held_at
 from towtank.recording.grids.stretches import spread
 
-__all__ = ["Rival", "forbidden_rival", "late_rival", "less_sure", "likeliest_rival", "quick_rival"]
+__all__ = ["CONTRADICTED", "Rival", "apart_from", "forbidden_rival", "late_rival", "likeliest_rival", "quick_rival"]
 
+CONTRADICTED = 1.3  # factor by which windows differ more than they state, from which the filter is doubted
 _QUICK = 0.2  # s: time constant of a quick disturbance
 _LATER, _SHARE = (0.1, 0.25), 0.3  # s by which a share of the force is late; deviation of the share, before any data
 _UNIT = 1e-3  # N or N m of a late force's unit, so small that what is lost to inflow does not count
@@ -117,23 +118,22 @@ def late_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
     return Rival(found, found.theta[:n], found.std[:n], f"what pushes in {axis} is likelier to act with {what}")
 
 
-def less_sure(problem: JointProblem, fit: JointFit, rival: Rival) -> tuple[JointFit, str]:
-    """Return a posterior that is less sure by how far a rival lies from it, and both in a sentence.
+def apart_from(problem: JointProblem, fit: JointFit, rival: Rival) -> tuple[Array, str]:
+    """Return d (n,), by which a posterior is less sure because of how far a rival lies from it, and both in a sentence.
 
-    Either picture may be nearer to the truth: beside the covariance C of one stands that between both, d d^T / 2 (the
-    law of total covariance with equal weights, about the one that speaks). What both agree about stays as sure as it
-    was, and no coefficient is moved apart by more than the prior's deviation.
+    Either picture may be nearer to the truth: beside the covariance C of one stands that between both, d d^T, d being
+    the way between them over the root of 2 (the law of total covariance with equal weights, about the one that speaks).
+    What both agree about stays as sure as it was, and no coefficient is moved apart by more than the prior's deviation.
     """
     away = np.where(problem.learned, fit.theta - rival.theta, 0.0)
     apart = np.abs(away) / np.sqrt(np.diag(fit.covariance) + rival.std**2)
-    d = np.clip(away, -fit.prior.std, fit.prior.std)
     most = int(apart.argmax())
     name = fit.prior.names[most]
     text = (
         f"{rival.picture}, so the model lacks something: {name} would come out {apart[most]:.1f} common deviations "
         "away, others less, and deviations are widened by such differences"
     )
-    return replace(fit, covariance=fit.covariance + _EITHER * np.outer(d, d)), text
+    return np.clip(away, -fit.prior.std, fit.prior.std) * math.sqrt(_EITHER), text
 
 
 def _few(problem: JointProblem, fit: JointFit) -> tuple[JointProblem, float]:
