@@ -113,7 +113,7 @@ def late_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
     sure = np.abs(shares) / found.std[n:].reshape(shares.shape)
     k, i = np.unravel_index(int(sure.argmax()), shares.shape)
     share, axis = float(shares[k, i]), AXES[axes[i]].name
-    size, when = f"{abs(share):.0%}", f"{_LATER[k]:g} s"
+    size, when = f"{100.0 * abs(share):.0f} %", f"{_LATER[k]:g} s"
     what = f"{size} of it {when} late" if share > 0.0 else f"{size} more for the first {when}"
     return Rival(found, found.theta[:n], found.std[:n], f"what pushes in {axis} is likelier to act with {what}")
 
