@@ -94,8 +94,17 @@ def test_a_stream_is_less_sure_where_another_picture_of_the_data_is_likelier(lat
     np.testing.assert_allclose(running.std, np.hypot(alone, running.apart))
     np.testing.assert_allclose(np.diag(running.covariance), running.std**2)
     assert running.apart[k] > 5.0 * alone[k]  # so sure and so wrong would it be
-    told = {name for name, why in zip(late.estimate.names, late.estimate.reasons, strict=True) if why}
-    assert any("read in another way" in str(late.estimate[name].reason) for name in told)
+
+
+def test_what_is_lost_to_another_picture_says_so(late: Learner, monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = late._stream  # type: ignore[attr-defined]
+    assert late.estimate["N_rdot"].identified
+    prior = stream.running.prior
+    further = np.where(np.array(prior.names) == "N_rdot", prior.std, 0.0)
+    monkeypatch.setattr(stream, "running", stream.running._replace(apart=further))
+    monkeypatch.setattr(late, "_estimate", None)
+    assert "read in another way" in str(late.estimate["N_rdot"].reason)
+    monkeypatch.setattr(late, "_estimate", None)
 
 
 def test_a_checkpoint_keeps_what_contradicts_it(late: Learner, tmp_path: Path) -> None:

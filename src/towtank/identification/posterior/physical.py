@@ -79,18 +79,18 @@ class Family:
 
     def worst_bounds(self, x: Array) -> tuple[Array, Array]:
         """Return G (m, n) and h (m,) of the directions in which A(x) is most negative; m = 0 where it is sound."""
-        n = x.size
         if not self.coupled:
-            return np.empty((0, n)), np.empty(0)
+            return np.empty((0, x.size)), np.empty(0)
+        if self.kind != "quadratic":
+            return self._alone.worst_bounds(x)[1:]
         A = self.at(x)
-        if self.kind == "quadratic":
-            nu = self._feeding(A)
-            weight = np.einsum("mi,mj->mij", nu, nu * np.abs(nu))
-            inside = np.zeros(len(nu))
-        else:
-            nu, inside = self._negative(A)
-            weight = np.einsum("mi,mj->mij", nu, nu)
-        return np.einsum("mij,kij->mk", weight, self.basis), inside - np.einsum("mij,ij->m", weight, self.base)
+        nu = self._feeding(A)
+        weight = np.einsum("mi,mj->mij", nu, nu * np.abs(nu))
+        return np.einsum("mij,kij->mk", weight, self.basis), -np.einsum("mij,ij->m", weight, self.base)
+
+    @cached_property
+    def _alone(self) -> Coupled:
+        return Coupled([self], len(self.basis))
 
     def sound(self, x: Array) -> bool:
         """Whether A(x) keeps its bounds, but for rounding."""
@@ -98,22 +98,50 @@ class Family:
         size = np.abs(G) @ np.abs(x) + np.abs(h)
         return bool(np.all(G @ x - h >= -_OUTSIDE * size)) and not self.worst_bounds(x)[1].size
 
-    def _scale(self, A: Array) -> Array:
+    def _feeding(self, A: Array) -> Array:
         scale = np.maximum(np.abs(np.diag(A)), np.abs(np.diag(self.base)))
         scale = np.maximum(scale, 1e-6 * scale.max(initial=0.0))
-        return np.where(scale > 0.0, scale, 1.0)
-
-    def _negative(self, A: Array) -> tuple[Array, Array]:
-        root = np.sqrt(self._scale(A))
-        values, vectors = np.linalg.eigh(0.5 * (A + A.T) / np.outer(root, root))
-        bad = values < -_OUTSIDE
-        return (vectors[:, bad] / root[:, None]).T, np.full(int(bad.sum()), _INSIDE)
-
-    def _feeding(self, A: Array) -> Array:
-        nu = _directions(len(self.rows)) / np.cbrt(self._scale(A))
+        nu = _directions(len(self.rows)) / np.cbrt(np.where(scale > 0.0, scale, 1.0))
         power = np.einsum("mi,ij,mj->m", nu, A, nu * np.abs(nu))
         worst = np.argsort(power, kind="stable")[:8]
         return np.asarray(nu[worst[power[worst] < -_OUTSIDE]])
+
+
+class Coupled:
+    """The matrices whose worst directions are eigenvectors, in one stack: base (f, 6, 6), basis (f, n, 36).
+
+    One of fewer rows is filled up with zeros.
+    """
+
+    def __init__(self, found: Sequence[Family], n: int) -> None:
+        self.families = [family for family in found if family.coupled and family.kind != "quadratic"]
+        self.others = [family for family in found if family.coupled and family.kind == "quadratic"]
+        self.base = np.zeros((len(self.families), 6, 6))
+        basis = np.zeros((len(self.families), n, 6, 6))
+        for k, family in enumerate(self.families):
+            d = len(family.rows)
+            self.base[k, :d, :d] = family.base
+            basis[k, :, :d, :d] = family.basis
+        self.basis = basis.reshape(len(self.families), n, 36)
+
+    def worst_bounds(self, x: Array) -> tuple[list[Family], Array, Array]:
+        """Return the families (m,) of the directions in which they are most negative, G (m, n) and h (m,)."""
+        A = self.base + (x @ self.basis).reshape(-1, 6, 6)
+        scale = np.maximum(*np.abs(np.einsum("kfii->kfi", np.array([A, self.base]))))
+        scale = np.maximum(scale, 1e-6 * scale.max(axis=1, initial=0.0)[:, None])
+        root = np.sqrt(np.where(scale > 0.0, scale, 1.0))
+        values, vectors = np.linalg.eigh(0.5 * (A + A.transpose(0, 2, 1)) / (root[:, :, None] * root[:, None, :]))
+        which, k = np.nonzero(values < -_OUTSIDE)
+        nu = vectors[which, :, k] / root[which]
+        weight = (nu[:, :, None] * nu[:, None, :]).reshape(-1, 36)
+        G = (self.basis[which] @ weight[:, :, None])[:, :, 0]
+        h = _INSIDE - (weight * self.base[which].reshape(-1, 36)).sum(axis=1)
+        owners = [self.families[f] for f in which]
+        for family in self.others:
+            more = family.worst_bounds(x)
+            G, h = np.vstack([G, more[0]]), np.concatenate([h, more[1]])
+            owners += [family] * more[1].size
+        return owners, G, h
 
 
 @cache
@@ -184,6 +212,8 @@ class Region:
         """Args: vehicle: what is not free. free: the unknowns (n,), in whose coordinates points are given."""
         self.free, self.inertia = free, free.codes[:, 0] == MASS
         self.families = (*families(vehicle, free.names), *_of_inputs(free))
+        self.masses = tuple(family for family in self.families if family.kind in ("added", "inertia"))
+        self.coupled, self.coupled_masses = (Coupled(each, len(free)) for each in (self.families, self.masses))
 
     def nearest(self, theta: Array, covariance: Array) -> Array:
         """Return the likeliest physical theta (n,) of a Gaussian of this mean and covariance (n, n)."""
@@ -195,15 +225,15 @@ class Region:
         C = np.asarray(covariance * np.outer(slopes, slopes), dtype=np.float64)
         gains = free.codes[:, 0] == IN_GAIN
         if gains.sum() > 1:
-            x = _projected(x, C, [family for family in self.families if family.kind in ("added", "inertia")])
+            x = _projected(x, C, self.masses, self.coupled_masses)
             C = conditional_covariance(C, gains[None, :] / gains.sum())
-        x = _projected(x, C, self.families)
+        x = _projected(x, C, self.families, self.coupled)
         x[np.abs(x) < _NOTHING * np.sqrt(np.maximum(np.diag(C), 0.0))] = 0.0  # on a bound, but for rounding
         return np.asarray(np.where(self.inertia, free.thetas(x), x))
 
 
-def _projected(x: Array, covariance: Array, found: Sequence[Family]) -> Array:
-    projection = _Projection(x, square_root(covariance), found)
+def _projected(x: Array, covariance: Array, found: Sequence[Family], coupled: Coupled) -> Array:
+    projection = _Projection(x, square_root(covariance), found, coupled)
     projection.run()
     return projection.x
 
@@ -280,7 +310,7 @@ def consistent(vehicle: Vehicle, names: Sequence[str], values: Array, covariance
     C[:, unknown] = 0.0
     C = np.nan_to_num(0.5 * (C + C.T))
     found = families(vehicle, names)
-    projection = _Projection(x0, square_root(C), found)
+    projection = _Projection(x0, square_root(C), found, Coupled(found, n))
     projection.run()
     x, pressing = projection.x, projection.pressing()
     left = conditional_covariance(C, pressing)
@@ -299,28 +329,32 @@ def consistent(vehicle: Vehicle, names: Sequence[str], values: Array, covariance
 class _Projection:
     """The cutting planes so far, and the nearest point within them."""
 
-    def __init__(self, x0: Array, root: Array, found: Sequence[Family]) -> None:
-        self.x0, self.x, self.root = x0, x0.copy(), root
+    def __init__(self, x0: Array, root: Array, found: Sequence[Family], coupled: Coupled) -> None:
+        self.x0, self.x, self.root, self.coupled = x0, x0.copy(), root, coupled
         self.found = list(found)
         self.dropped: list[Family] = []
-        self.bounds = {id(family): family.diagonal_bounds() for family in found}
+        bounds = [family.diagonal_bounds() for family in found]
+        self.owners = [family for family, (_, h) in zip(found, bounds, strict=True) for _ in h]
+        self.G = np.vstack([np.empty((0, x0.size)), *(G for G, _ in bounds)])
+        self.h = np.concatenate([np.empty(0), *(h for _, h in bounds)])
         self.multipliers = np.empty(0)
 
     def run(self) -> None:
         self._solve()
         for _ in range(_ROUNDS):
-            new = [(family, *family.worst_bounds(self.x)) for family in self.found]
-            if not any(h.size for _, _, h in new):
+            owners, G, h = self.coupled.worst_bounds(self.x)
+            if self.dropped:
+                kept = [family not in self.dropped for family in owners]
+                owners, G, h = [each for each in owners if each not in self.dropped], G[kept], h[kept]
+            if not h.size:
                 break
-            for family, G, h in new:
-                old = self.bounds[id(family)]
-                self.bounds[id(family)] = np.vstack([old[0], G]), np.concatenate([old[1], h])
+            self.owners += owners
+            self.G, self.h = np.vstack([self.G, G]), np.concatenate([self.h, h])
             self._solve()
-        G, h = self._stacked(self.found)
-        for k in np.flatnonzero((self.multipliers > 0.0) | (G @ self.x < h)):
-            hit = np.flatnonzero(G[k])
+        for k in np.flatnonzero((self.multipliers > 0.0) | (self.G @ self.x < self.h)):
+            hit = np.flatnonzero(self.G[k])
             if hit.size == 1:  # a bound on one coefficient is met exactly, without rounding
-                self.x[hit[0]] = h[k] / G[k, hit[0]] + 0.0
+                self.x[hit[0]] = self.h[k] / self.G[k, hit[0]] + 0.0
         for family in self.found:
             self._shrink_couplings(family)
 
@@ -338,32 +372,30 @@ class _Projection:
 
     def _solve(self) -> None:
         while self.found:
-            G, h = self._stacked(self.found)
-            nearest = nearest_point(self.x0, self.root, G, h)
+            nearest = nearest_point(self.x0, self.root, self.G, self.h)
             if nearest.reachable:
                 self.x, self.multipliers = nearest.x, nearest.multipliers
                 return
-            lost = [f for f in self.found if not nearest_point(self.x0, self.root, *self.bounds[id(f)]).reachable]
-            lost = lost or self.found[-1:]
+            lost = [family for family in self.found if not self._reachable(family)] or self.found[-1:]
             self.dropped += lost
             self.found = [family for family in self.found if family not in lost]
+            kept = [family not in lost for family in self.owners]
+            self.owners = [family for family in self.owners if family not in lost]
+            self.G, self.h = self.G[kept], self.h[kept]
         self.x, self.multipliers = self.x0.copy(), np.empty(0)
 
-    def _stacked(self, found: Sequence[Family]) -> tuple[Array, Array]:
-        if not found:
-            return np.empty((0, self.x0.size)), np.empty(0)
-        pairs = [self.bounds[id(family)] for family in found]
-        return np.vstack([G for G, _ in pairs]), np.concatenate([h for _, h in pairs])
+    def _reachable(self, family: Family) -> bool:
+        own = [each is family for each in self.owners]
+        return nearest_point(self.x0, self.root, self.G[own], self.h[own]).reachable
 
     def pressing(self) -> Array:
         """Return the rows (m, n) of the bounds that press."""
-        return self._stacked(self.found)[0][self.multipliers > 0.0]
+        return self.G[: self.multipliers.size][self.multipliers > 0.0]
 
     @property
     def distance(self) -> float:
         """|y| of x = x0 + S y."""
-        G, _ = self._stacked(self.found)
-        return float(np.linalg.norm(self.root.T @ (G.T @ self.multipliers))) if self.multipliers.size else 0.0
+        return float(np.linalg.norm(self.root.T @ (self.G.T @ self.multipliers))) if self.multipliers.size else 0.0
 
 
 @dataclass(frozen=True)
