@@ -16,7 +16,7 @@ from towtank.identification.model.parameters import free_parameters
 from towtank.identification.model.prior import prior_of
 from towtank.identification.offline.free_runs import contradiction, worth_less
 from towtank.identification.offline.joint import LearningRequest, joint_problem
-from towtank.identification.posterior.physical import Region
+from towtank.identification.posterior.physical import _INSIDE, Region
 from towtank.recording import Recording
 from towtank.recording.standard import MEASURED
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
@@ -61,6 +61,24 @@ def test_only_added_inertia_moves_the_scale_of_force() -> None:
     found = region.nearest(light, np.diag(np.full(len(free), 1e-6)) + 0.03**2 * np.outer(along, along))
     assert found[k] >= np.log(NOTHING.rigid_body.mass) - 1e-9
     assert share @ found == pytest.approx(-np.log(0.95), rel=0.1)
+
+
+@pytest.mark.parametrize("names", [None, ("X_udot", "Y_vdot", "X_vdot", "N_rdot", "Y_rdot", "X_u", "Y_v", "X_v")])
+def test_cuts_are_the_negative_eigenvalues_of_each_matrix_at_unit_diagonal(names: tuple[str, ...] | None) -> None:
+    """v^T A(x) v = lambda for an eigenvector v: of matrices with fewer rows in the same stack, too."""
+    prior = prior_of(NOTHING)
+    free = prior.free if names is None else free_parameters(NOTHING, names)
+    region = Region(NOTHING, free)
+    x = np.random.default_rng(2).normal(0.0, 30.0, len(free))
+    owners, G, h = region.coupled.worst_bounds(x)
+    assert {len(family.rows) for family in region.coupled.families} == ({6} if names is None else {2, 3, 6})
+    for family in region.coupled.families:
+        A = family.at(x)
+        size = np.sqrt(np.maximum(np.abs(np.diag(A)), np.abs(np.diag(family.base))))
+        values = np.linalg.eigvalsh(0.5 * (A + A.T) / np.outer(size, size))
+        own = [k for k, owner in enumerate(owners) if owner is family]
+        np.testing.assert_allclose(np.sort(G[own] @ x - h[own]) + _INSIDE, values[values < 0.0], atol=1e-9)
+    assert len(owners) >= len(region.coupled.families) - 1
 
 
 @pytest.mark.parametrize("seed", range(10))

@@ -51,6 +51,7 @@ class DemoFeed:
         self._estimate, self._model = learner.estimate, session.known
         self._t, self._count, self._learned = -math.inf, 0, 0
         self._delay = self._lag = math.nan
+        self._remarks: tuple[str, ...] = ()
         self._paused = self._halted = self._finished = False
         self._began = self._ended = time.monotonic()
         self.judge = Judge(session.known, self._moment)
@@ -82,7 +83,7 @@ class DemoFeed:
     def read(self, estimate: Estimate) -> None:
         """Take the estimate of now."""
         self._estimate = estimate
-        self._delay, self._lag = self._learner.delay, self._learner.lag
+        self._delay, self._lag, self._remarks = self._learner.delay, self._learner.lag, self._learner.remarks
         self._events.take(self._learner.events)
         self._ended = time.monotonic()
 
@@ -132,7 +133,7 @@ class DemoFeed:
             links=(Link(_SOURCE, self._count, {"pose and commands": rate}, {}),),
             events=self._events.all,
             verdict=self.judge.text,
-            remarks=self._learner.remarks if self._count else (),
+            remarks=self._remarks,
         )
 
     def taken(self) -> Sequence[Instant]:

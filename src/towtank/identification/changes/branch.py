@@ -56,7 +56,8 @@ class Running(NamedTuple):
     Attributes:
         whole: what is supposed of every plausible coefficient. prior: of those that the filter learns.
         state, held: the filter and its inputs. disagreement: factor (n,) to the deviations, see `JointFit`.
-        apart: how far (n,) a likelier picture of the data lies, see `kalman.rivals`. remarks: sentences about both.
+        apart: d (n,) of a likelier picture of the data, in the coordinates, see `kalman.rivals.apart_from`; 0 for none.
+        remarks: sentences about that, and about speeds that were smoothed.
         settings, levels: that it was begun with.
     """
 
