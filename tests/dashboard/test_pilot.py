@@ -181,7 +181,7 @@ def test_nothing_lies_over_anything(browser: Any, led: Led, width: int) -> None:
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     parts = "['#plan-text', '#plan .buttons', '#plan .scroll', '#plan-line', '#plan-known', '#plan-note']"
     boxes = f"{parts}.map((each) => document.querySelector(each).getBoundingClientRect())"
-    until(page, f"{boxes}.slice(1, -1).every((box) => box.height > 0)", 30.0)
+    until(page, f"{boxes}.slice(1, -1).every((box) => box.height > 0)", 120.0)  # the next segment may be sought now
     sizes = page.evaluate(f"{boxes}.map((box) => [box.top, box.bottom])")
     for (_, bottom), (top, _) in itertools.pairwise(sizes[1:]):
         assert top >= bottom - 0.5
