@@ -26,6 +26,7 @@ from towtank.app.demo.run import run_demo
 from towtank.app.live.session import LiveOptions, run_live
 from towtank.app.terminal.output import Output
 from towtank.dashboard.access import Address
+from towtank.dashboard.feed import RecordingFile
 from towtank.dashboard.page import Page
 from towtank.dashboard.pump import Kind, decode
 from towtank.errors import InputError
@@ -403,3 +404,21 @@ def test_the_demo_serves_its_page(tmp_path: Path) -> None:
     assert state["t"] > 0.9
     run.join(60)
     assert found["samples"] == 300  # the page took none of them
+
+
+def test_a_download_that_is_broken_off_leaves_no_open_file(
+    rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "dive.mcap"
+    path.write_bytes(b"\0" * (1 << 21))
+    monkeypatch.setattr(type(rig.page.pump), "recording", RecordingFile(path, 1 << 21, 0))
+    slow = Path.open
+    monkeypatch.setattr(Path, "open", lambda *given: (time.sleep(0.02), slow(*given))[1])
+    for wait in (0.0, 0.01, 0.03):
+        link = socket.create_connection(("127.0.0.1", rig.page.address.port))
+        link.sendall(f"GET /api/recording HTTP/1.1\r\nHost: {rig.page.address.text}\r\n\r\n".encode())
+        time.sleep(wait)
+        link.close()
+    time.sleep(0.3)
+    held = Path("/proc/self/fd")
+    wait_until(lambda: str(path) not in [os.path.realpath(each) for each in held.iterdir()], 5.0)

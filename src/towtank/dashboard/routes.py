@@ -11,6 +11,7 @@ import json
 import re
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from pathlib import Path
+from typing import BinaryIO
 
 from starlette.applications import Starlette
 from starlette.requests import ClientDisconnect, Request
@@ -201,10 +202,7 @@ class _Pages:
         recording = self._pump.recording
         if recording is None:
             return PlainTextResponse("nothing is recorded in this session", 404)
-        headers = {**_saved_as(recording.path.name), "content-length": str(recording.size)}
-        return StreamingResponse(
-            _pieces(recording.path, recording.size), media_type="application/octet-stream", headers=headers
-        )
+        return _Growing(recording.path, recording.size)
 
     async def report(self, request: Request) -> Response:
         if self._reports is None:
@@ -264,16 +262,21 @@ def _saved_as(name: str) -> dict[str, str]:
     return {"content-disposition": f'attachment; filename="{plain}"'}
 
 
-async def _pieces(path: Path, size: int) -> AsyncIterator[bytes]:
-    """Yield the first `size` bytes of a file that is still being written."""
-    stream = await asyncio.to_thread(path.open, "rb")
-    try:
-        left = size
-        while left > 0:
-            piece = await asyncio.to_thread(stream.read, min(_PIECE, left))
-            if not piece:
-                return
-            left -= len(piece)
-            yield piece
-    finally:
-        stream.close()
+class _Growing(StreamingResponse):
+    """The first `size` bytes of a file that is still being written; closed when the answer ends or is broken off."""
+
+    def __init__(self, path: Path, size: int) -> None:
+        headers = {**_saved_as(path.name), "content-length": str(size)}
+        super().__init__((), media_type="application/octet-stream", headers=headers)
+        self._path, self._size = path, size
+
+    async def stream_response(self, send: Send) -> None:
+        with self._path.open("rb") as stream:  # at once: a thread would open it for nobody, were this cancelled
+            self.body_iterator = _pieces(stream, self._size)
+            await super().stream_response(send)
+
+
+async def _pieces(stream: BinaryIO, size: int) -> AsyncIterator[bytes]:
+    while size > 0 and (piece := await asyncio.to_thread(stream.read, min(_PIECE, size))):
+        size -= len(piece)
+        yield piece
