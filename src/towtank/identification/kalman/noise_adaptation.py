@@ -23,6 +23,7 @@ from towtank.recording.frames.rotations import conjugate, multiply, rotate
 __all__ = [
     "accelerations_of",
     "adapt_noise",
+    "contradicted",
     "converged",
     "diverged",
     "filter_settings",
@@ -33,8 +34,9 @@ _NOISE_AT_MOST = 1.5  # times what the samples show by themselves
 _NOISE_AT_LEAST = 0.5  # of it: a sensor that was smoothed leaves no innovations
 _CONVERGED = 0.05  # of a level
 _USUAL_FOR = 2.0  # effective samples of the disturbance that the usual level counts for
-_MODEL_OFF, _LONG_RUN = 0.3, 10.0  # rejected share of a sensor from which, after so long [s], the model is off
-_CONTRADICTED = 0.1  # rejected share of a pose beside its own speed, from which it is worse than it shows
+_MODEL_OFF = 0.3  # share of a sensor's samples beyond the gate, from which the model is off
+_CONTRADICTED = 0.1  # that share of a pose beside its own speed, from which it is worse than it shows
+_LONG_RUN = 10.0  # s of data from which that says something
 _COUNTED = 50.0  # samples from which innovations say something of a level
 _WALK_SURE = 4.0  # deviations by which innovations must be too large for a velocity walk
 _SMOOTHER = 0.9  # times a velocity walk that was too large: it hid the disturbance, whose level may rise but not fall
@@ -70,10 +72,10 @@ def adapt_noise(
         if count > _COUNTED:
             square = total / count
             noise[j] = np.sqrt(np.clip(square, noise[j] ** 2 / 4.0, noise[j] ** 2 * 4.0))
-    rejected = rejected_share(state) * (state.clock[0].duration > _LONG_RUN)
+    doubted = contradicted(state) & doubts
     for j in range(N_MEASURED):
-        if j < 6 and measured[6 + j]:  # a pose beside its speed: forces cannot part the two, clocks can
-            noise[j] *= _SWING if doubts and rejected[j] > _CONTRADICTED else 1.0
+        if j < 6 and measured[6 + j]:
+            noise[j] *= _SWING if doubted[j] else 1.0
         else:
             noise[j] = min(noise[j], _NOISE_AT_MOST * own_noise[j])
         noise[j] = max(noise[j], _NOISE_AT_LEAST * own_noise[j])
@@ -82,9 +84,6 @@ def adapt_noise(
     floors = np.array([settings.floor_force] * 3 + [settings.floor_moment] * 3)
     usual = np.array(settings.usual)
     for i, shown in enumerate(state.disturbance_statistics):
-        if rejected[i] > _MODEL_OFF and not measured[6 + i]:
-            disturbance[i] *= _SWING
-            continue
         expected = disturbance[i] ** 2 * shown.time - shown.variance  # what d_hat^2 should have added up to
         if shown.time > 0.0 and expected > 1e-3 * disturbance[i] ** 2 * shown.time:
             ratio = float(np.clip(shown.square / expected, 1.0 / _SWING, _SWING))
@@ -112,6 +111,13 @@ def rejected_share(state: JointState) -> Array:
     """Return the share (18,) of each column's samples that lay beyond the gate."""
     rejected, accepted = state.statistics["rejected"], state.statistics["accepted"]
     return np.asarray(rejected / np.maximum(rejected + accepted, 1.0))
+
+
+def contradicted(state: JointState) -> NDArray[np.bool_]:
+    """Return which columns of a pose (6,) contradict their own speeds: forces cannot part the two, clocks can."""
+    beside = state.statistics["accepted"][6:12] > 0.0
+    long = bool(state.clock[0].duration > _LONG_RUN)
+    return np.asarray(beside & long & (rejected_share(state)[:6] > _CONTRADICTED))
 
 
 def diverged(state: JointState) -> bool:

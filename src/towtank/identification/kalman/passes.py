@@ -34,6 +34,7 @@ from towtank.identification.data.samples import NoiseLevels, Samples
 from towtank.identification.kalman.filter import joint_events, rows_of
 from towtank.identification.kalman.noise_adaptation import (
     adapt_noise,
+    contradicted,
     converged,
     diverged,
     most_disturbed,
@@ -364,39 +365,35 @@ def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress:
     """Return what passes from theta (n,) `about` come to.
 
     Where the first one rejects much of a sensor, they begin a second time, with inputs that act a deviation sooner than
-    is supposed, and the likelier of the two speaks.
+    is supposed; where a pose was doubted, they do without doubts. The likeliest speaks.
     """
     most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
     levels = replace(levels, disturbance=np.minimum(levels.disturbance, most))
-    fit, lost = _passes(problem, about, levels, most, progress)
+    fit, lost, doubted = _passes(problem, about, levels, most, progress)
     late = np.isin(problem.free.codes[:, 0], (IN_DELAY, IN_LAG))
-    if not (lost and late.any()):
-        return fit
-    sooner = np.where(late, np.maximum(about - problem.prior.std, _SOONEST * about), about)
-    other, _ = _passes(problem, sooner, levels, most, progress)
-    return other if other.likelihood > fit.likelihood else fit
+    found = [fit]
+    if lost and late.any():
+        sooner = np.where(late, np.maximum(about - problem.prior.std, _SOONEST * about), about)
+        found.append(_passes(problem, sooner, levels, most, progress)[0])
+    if doubted:
+        found.append(_passes(problem, about, levels, most, progress, doubts=False)[0])
+    return max(found, key=lambda each: each.likelihood)
 
 
 def _passes(
-    problem: JointProblem, about: Array, levels: NoiseLevels, most: Array, progress: Progress
-) -> tuple[JointFit, bool]:
+    problem: JointProblem, about: Array, levels: NoiseLevels, most: Array, progress: Progress, *, doubts: bool = True
+) -> tuple[JointFit, bool, bool]:
     """Run passes from theta (n,) `about` until nothing moves any more; the likeliest one where that never comes.
 
     Where none can be computed, nothing was learned. No disturbance rises above `most` (6,). Returns, too, whether the
-    first rejected much of a sensor.
+    first rejected much of a sensor, and whether a pose was doubted, which `doubts` allow.
     """
     best: JointFit | None = None
     likeliest: JointFit | None = None
     most_worth, last = -math.inf, np.zeros(len(problem.free))
     region = Region(problem.vehicle, problem.free)
     at_best, about = about, region.nearest(about, _movable(problem.prior.covariance, problem.learned))
-    lost, doubts = False, True
-
-    def adapted_to(state: JointState, levels: NoiseLevels, *, doubts: bool) -> NoiseLevels:
-        own = problem.own_noise
-        adapted = adapt_noise(state, levels, problem.settings, own, neighbours=True, doubts=doubts)
-        return replace(adapted, disturbance=np.minimum(adapted.disturbance, most))
-
+    lost = doubted = False
     for k in range(_PASSES):
         state, _, readings, currents = one_pass(problem, about, levels, partial(_share_of_all, progress, k))
         lost = lost or (k == 0 and diverged(state))
@@ -409,22 +406,21 @@ def _passes(
             continue
         if best is not None and not (finite and fit.likelihood > best.likelihood - _MUCH_WORSE):
             about, levels = 0.5 * (about + at_best), levels.midway_to(best.levels)
-            trusting = adapted_to(best.state, best.levels, doubts=False)
-            if doubts and (trusting.noise < adapted_to(best.state, best.levels, doubts=True).noise).any():
-                doubts, levels = False, trusting
             continue
-        adapted = adapted_to(state, levels, doubts=doubts)
+        doubted = doubted or (doubts and bool(contradicted(state).any()))
+        adapted = adapt_noise(state, levels, problem.settings, problem.own_noise, neighbours=True, doubts=doubts)
+        adapted = replace(adapted, disturbance=np.minimum(adapted.disturbance, most))
         moved = np.abs(fit.theta - about) / (fit.std + 1e-9)
         best, at_best = fit, about
         if k > 0 and bool((moved <= _STILL).all()) and converged(adapted, levels):
-            return fit, lost
+            return fit, lost, doubted
         if k >= _CALM_AFTER and levels.waves.any() and adapted.waves.max() < _SMALLEST_WAVE:
-            return fit, lost
+            return fit, lost, doubted
         worth = fit.likelihood - 0.5 * float(moved @ moved)  # linearised elsewhere, it is another model's likelihood
         if likeliest is None or worth > most_worth:
             likeliest, most_worth = fit, worth
         elif k + 1 - likeliest.passes >= _PATIENCE:
-            return likeliest, lost
+            return likeliest, lost, doubted
         step = fit.theta - about
         longest = float(np.max(np.abs(step) / problem.prior.std, initial=0.0))
         turned = float(np.sum(step * last / (fit.std + 1e-9) ** 2)) < 0.0
@@ -434,8 +430,8 @@ def _passes(
         levels = replace(adapted, currents=currents)
     if likeliest is None:
         prior = problem.prior
-        return replace(fit, mean=prior.mean, theta=prior.mean, covariance=prior.covariance), lost
-    return likeliest, lost
+        return replace(fit, mean=prior.mean, theta=prior.mean, covariance=prior.covariance), lost, doubted
+    return likeliest, lost, doubted
 
 
 def _share_of_all(progress: Progress, k: int, share: float) -> None:

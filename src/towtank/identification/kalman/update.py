@@ -58,6 +58,8 @@ _NEIGHBOURS = 0.5  # s from one sample of a speed to the next, for the two to sh
 _LEAST_SLOPE = 0.05  # s per s: of S by the walk's variance in the steady state
 _RETURNED = 8.0  # log likelihood ratio for a sensor that has come back, against one that is still off
 _OFFSET_WEIGHT = 0.1  # least weight of a sample in the mean offset of a sensor that is rejected
+_LAST = 0.3  # weight of the last sample in the mean of what the state does not follow
+_NEXT = 0.1  # s from one sample of a pose to the next, for the two to show whether it has jumped
 _MOST_REJECTED = 3.0  # samples of a sensor whose longest outage is over
 _IMU, _DVL, _MARKER = range(3)  # rows of `state.place`, as sensors stand in `PLACED`
 _UPRIGHT = math.sqrt(0.02)  # cosine of pitch, 8 degrees from 90, below which single Euler angles say nothing
@@ -141,7 +143,7 @@ def _weighed(state: JointState, column: int, nu: float, S: float) -> float:
     cap = state.settings[0].huber
     if S < _NOISE_SHOWS * R:
         own.noise_samples += 1.0
-        own.noise_sum += nu * nu - (S - R)
+        own.noise_sum += min(nu * nu, _CLIPPED_SQUARE * S) - (S - R)
     own.nis_sum += nu * nu / S
     own.accepted += 1.0
     since = clock.since_accepted
@@ -270,8 +272,7 @@ def update_specific_force(state: JointState, z: Array) -> None:
     for i in range(6):
         change[7 + i] += state.force[i]
     n = state.theta.shape[0]
-    gate, cap = state.settings[0].gate, state.settings[0].huber
-    within, cost = True, 0.0
+    gate, within = state.settings[0].gate, True
     state.H[:] = 0.0
     for k in range(3):
         column, h = 3 * SPECIFIC_FORCE + k, state.H[k]
@@ -290,7 +291,6 @@ def update_specific_force(state: JointState, z: Array) -> None:
             f += h[N_FIXED + c] * (state.theta[c] - state.linearised_at[c])
         look_ahead(state, column, z[column] - f)
         within = within and state.innovation[k] ** 2 <= gate * gate * state.variance[k]
-        cost += math.log(state.variance[k]) + cap * (2.0 * gate - cap)
     for k in range(3):
         x[7 + k] -= away[k]
         state.water[k] += away[3 + k]
@@ -300,7 +300,7 @@ def update_specific_force(state: JointState, z: Array) -> None:
         return
     for m in range(3):
         state.statistics[3 * SPECIFIC_FORCE + m].rejected += 1.0
-    state.clock[0].log_likelihood -= 0.5 * cost
+    _leave_out(state, z, SPECIFIC_FORCE)
 
 
 @kernel
@@ -383,17 +383,16 @@ def _passes_gate(state: JointState, z: Array, sensor: int) -> bool:
     accepted again only when its samples speak for what is expected, and against the offset that it was rejected for, by
     a log likelihood ratio summed as in Page's test.
     """
-    gate, cap = state.settings[0].gate, state.settings[0].huber
+    gate = state.settings[0].gate
     outage = state.outages[sensor]
     within = True
-    ratio, cost = 0.0, 0.0
+    ratio = 0.0
     for k in range(3):
         if math.isfinite(z[3 * sensor + k]):
             residual, S = state.innovation[k], state.variance[k]
             if residual * residual > gate * gate * S:
                 within = False
             ratio += ((residual - outage.offset[k]) ** 2 - residual * residual) / (2.0 * S)
-            cost += math.log(S) + cap * (2.0 * gate - cap)
         else:
             state.innovation[k] = outage.offset[k]
     if outage.rejected == 0.0:
@@ -410,8 +409,84 @@ def _passes_gate(state: JointState, z: Array, sensor: int) -> bool:
         share = max(1.0 / outage.rejected, _OFFSET_WEIGHT)
         for k in range(3):
             outage.offset[k] += (state.innovation[k] - outage.offset[k]) * share
-    state.clock[0].log_likelihood -= 0.5 * cost
     return False
+
+
+@kernel
+def _goes_on(state: JointState, z: Array, sensor: int) -> bool:
+    """Return whether a sensor beyond the gate moves as a vehicle does that another force pushes than is expected.
+
+    A sensor that fails jumps. One that goes on from its last samples, which were accepted, has not failed; nor has one
+    that came back elsewhere after a gap and goes on from there. What shows the same again and again is dead.
+    """
+    own, gate = state.outages[sensor], state.settings[0].gate
+    goes_on = state.clock[0].time - own.time <= _NEXT
+    first = own.rejected == 1.0
+    away = alive = False
+    for k in range(3):
+        if math.isfinite(z[3 * sensor + k]):
+            most = (gate * state.noise[3 * sensor + k]) ** 2  # beside a mean; twice that beside a single sample
+            goes_on = goes_on and (state.innovation[k] - own.left[k]) ** 2 <= (most if first else 2.0 * most)
+            away = away or (state.innovation[k] - own.jumped_to[k]) ** 2 > 2.0 * most
+            alive = alive or z[3 * sensor + k] != own.shown[k]
+    if not goes_on:
+        for k in range(3):
+            own.jumped_to[k] = state.innovation[k]
+    return goes_on and alive and (first or away)
+
+
+@kernel
+def _admits(state: JointState, z: Array, sensor: int, whole: bool) -> bool:
+    """Return whether a sensor that was looked ahead to updates the state; one that has to be believed anew sets it."""
+    if _passes_gate(state, z, sensor):
+        state.last_accepted[sensor] = state.clock[0].time
+        return True
+    own, unseen = state.outages[sensor], state.last_accepted[sensor] == NEVER
+    for k in range(3):
+        if math.isfinite(z[3 * sensor + k]) and not unseen:
+            state.statistics[3 * sensor + k].rejected += 1.0
+    quiet = 0.0 if unseen else state.clock[0].time - state.last_accepted[sensor]
+    goes_on = OFFSET_STAYS[sensor] and _goes_on(state, z, sensor)
+    if unseen or quiet > state.settings[0].reacquire * REACQUIRE[sensor] or (goes_on and own.rejected > 1.0):
+        _reset_to_sensor(state, z, sensor, whole or unseen)  # unseen: the motion began with a heading that nobody knew
+        expect(state, z, sensor, whole)
+    elif not goes_on:
+        if quiet > LONGEST_OUTAGE[sensor] and own.rejected >= _MOST_REJECTED:
+            return True
+        _leave_out(state, z, sensor)
+        return False
+    own.rejected = 0.0
+    state.last_accepted[sensor] = state.clock[0].time
+    return True
+
+
+@kernel
+def _leave_out(state: JointState, z: Array, sensor: int) -> None:
+    """Count numbers of a sensor that was looked ahead to as rejected, each as unlikely as one at the gate."""
+    gate, cap = state.settings[0].gate, state.settings[0].huber
+    for k in range(3):
+        if math.isfinite(z[3 * sensor + k]):
+            state.clock[0].log_likelihood -= 0.5 * (math.log(state.variance[k]) + cap * (2.0 * gate - cap))
+
+
+@kernel
+def _remember(state: JointState, z: Array, sensor: int, admitted: bool, again: bool) -> None:
+    """Remember what a sensor shows, and how far from the state, which an update brings closer.
+
+    Args:
+        again: it was admitted the last time, too: what is left is the mean of the last samples then.
+    """
+    own, cap = state.outages[sensor], state.settings[0].huber
+    again = again and admitted and state.clock[0].time - own.time <= _NEXT
+    own.time = state.clock[0].time
+    for k in range(3):
+        nu, S, R = state.innovation[k], state.variance[k], state.noise[3 * sensor + k] ** 2
+        own.shown[k] = z[3 * sensor + k]
+        if admitted:
+            nu -= nu * (S - R) / (S * max(math.fabs(nu) / (cap * math.sqrt(S)), 1.0))
+        if again and math.isfinite(own.left[k]):
+            nu = own.left[k] + _LAST * (nu - own.left[k])
+        own.left[k] = nu if math.isfinite(own.shown[k]) else math.nan
 
 
 @kernel
@@ -464,30 +539,14 @@ def update_row(state: JointState, z: Array) -> None:
         if sensor == ATTITUDE and not whole and not cosine_of_pitch(state.x) > _UPRIGHT:
             continue
         unseen = state.last_accepted[sensor] == NEVER
-        if unseen:
-            state.last_accepted[sensor] = now
-        state.clock[0].since_accepted = now - state.last_accepted[sensor]
+        state.clock[0].since_accepted = 0.0 if unseen else now - state.last_accepted[sensor]
         expect(state, z, sensor, whole)
-        within = _passes_gate(state, z, sensor)
-        if unseen and not within:  # the motion began with a heading that nobody knew
-            _reset_to_sensor(state, z, sensor, True)
-            expect(state, z, sensor, whole)
-            state.outages[sensor].rejected = 0.0
-        elif not within:
-            for k in range(3):
-                if math.isfinite(z[3 * sensor + k]):
-                    state.statistics[3 * sensor + k].rejected += 1.0
-            quiet = now - state.last_accepted[sensor]
-            if quiet > state.settings[0].reacquire * REACQUIRE[sensor]:
-                _reset_to_sensor(state, z, sensor, whole)
-                expect(state, z, sensor, whole)
-                state.outages[sensor].rejected = 0.0
-                state.last_accepted[sensor] = now
-            elif quiet <= LONGEST_OUTAGE[sensor] or state.outages[sensor].rejected < _MOST_REJECTED:
-                continue
-        else:
-            state.last_accepted[sensor] = now
-        update(state, z, sensor)
+        again = state.outages[sensor].rejected == 0.0
+        admitted = _admits(state, z, sensor, whole)
+        if OFFSET_STAYS[sensor]:
+            _remember(state, z, sensor, admitted, again)
+        if admitted:
+            update(state, z, sensor)
     if math.isfinite(z[12]) or math.isfinite(z[13]) or math.isfinite(z[14]):  # specific force
         update_specific_force(state, z)
     inject(state)
