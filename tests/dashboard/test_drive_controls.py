@@ -6,6 +6,7 @@ import http.client
 import time
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
+from statistics import median
 from typing import Any
 
 import pytest
@@ -104,7 +105,7 @@ def test_signs_come_while_the_key_is_down_and_end_with_it(page: Any, guide: Guid
     time.sleep(0.5)
     signs = [at for at, what in guide.asked if what == "drive-key"]
     assert len(signs) >= 10
-    assert sorted(b - a for a, b in pairwise(signs))[-3] < 0.2  # a busy computer may miss some
+    assert median(b - a for a, b in pairwise(signs)) < 0.2  # a busy computer may miss some
     assert guide.words[-1] == "drive-let-go"
     assert set(guide.words) == {"drive-key", "drive-let-go"}
 

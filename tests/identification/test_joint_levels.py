@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import math
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, samples_of
+from towtank.identification.kalman import passes
 from towtank.identification.kalman.passes import JointProblem, one_pass
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state
 from towtank.identification.kalman.update import count_speed
-from towtank.identification.model.parameters import free_parameters
+from towtank.identification.model.parameters import IN_DELAY, free_parameters
 from towtank.identification.model.prior import prior_of
 from towtank.simulation import Ins, OrnsteinUhlenbeck, simulate
+from towtank.vehicle import load_vehicle
 
 from .runs import TRUTH, box, unknown, waves
 
@@ -91,3 +97,45 @@ def test_a_dvl_s_noise_and_the_disturbance_are_told_apart(seed: int) -> None:
     np.testing.assert_allclose(levels.noise[6:9], Ins().dvl_noise, rtol=0.25)
     assert 0.2 < np.exp(np.mean(np.log(levels.disturbance[:3]))) < 1.0
     assert np.all(levels.velocity_walk[:3] < 0.02)
+
+
+@pytest.mark.parametrize(
+    ("worth", "speaks", "made"),
+    [
+        ({"about": (5.0, False, False)}, "about", ["about"]),
+        ({"about": (5.0, False, True), "about trusting": (9.0,)}, "about trusting", ["about", "about trusting"]),
+        ({"about": (5.0, False, True), "about trusting": (math.nan,)}, "about", ["about", "about trusting"]),
+        ({"about": (math.nan, True, False), "sooner": (4.0, False, False)}, "sooner", ["about", "sooner"]),
+        (
+            {"about": (5.0, True, False), "sooner": (7.0, False, True), "sooner trusting": (8.0,)},
+            "sooner trusting",
+            ["about", "sooner", "sooner trusting"],
+        ),
+        (
+            {"about": (7.0, True, True), "sooner": (5.0, False, True), "about trusting": (6.0,)},
+            "about",
+            ["about", "sooner", "about trusting"],
+        ),
+    ],
+)
+def test_a_second_start_and_passes_without_doubts_speak_where_they_are_likelier(
+    monkeypatch: pytest.MonkeyPatch, worth: dict[str, tuple[Any, ...]], speaks: str, made: list[str]
+) -> None:
+    began = []
+
+    def stub(problem: Any, about: Any, *rest: Any, doubts: bool = True) -> tuple[Any, bool, bool]:
+        name = ("about" if about[0] == 0.1 else "sooner") + ("" if doubts else " trusting")
+        began.append(name)
+        likelihood, lost, doubted = (*worth[name], False, False)[:3]
+        return SimpleNamespace(name=name, likelihood=likelihood), lost, doubted
+
+    monkeypatch.setattr(passes, "_passes", stub)
+    problem = SimpleNamespace(
+        samples=(),
+        vehicle=load_vehicle("vlbv300"),
+        free=SimpleNamespace(codes=np.array([[IN_DELAY, 0, 0, 0]])),
+        prior=SimpleNamespace(std=np.array([0.05])),
+    )
+    levels = NoiseLevels(np.ones(18), np.ones(6))
+    found: Any = passes._settled(problem, np.array([0.1]), levels, lambda share: None)  # type: ignore[arg-type]
+    assert (found.name, began) == (speaks, made)

@@ -364,7 +364,8 @@ def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> 
     for k in range(N_SENSORS):
         state.last_accepted[k] = t if k != ATTITUDE or math.isfinite(z[5]) else NEVER
         state.outages[k].rejected = 0.0
-        state.outages[k].time = NEVER
+        for i in range(3):
+            state.outages[k].seen[i] = NEVER
     for j in range(6, 12):
         state.statistics[j].has_last = 0.0  # a speed of before the pause is no neighbour
     mean_forces_into(held, t, state.mean_force)

@@ -365,19 +365,26 @@ def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress:
     """Return what passes from theta (n,) `about` come to.
 
     Where the first one rejects much of a sensor, they begin a second time, with inputs that act a deviation sooner than
-    is supposed; where a pose was doubted, they do without doubts. The likeliest speaks.
+    is supposed; where a pose was doubted, they do without doubts. The likelier speaks each time.
     """
     most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
     levels = replace(levels, disturbance=np.minimum(levels.disturbance, most))
     fit, lost, doubted = _passes(problem, about, levels, most, progress)
     late = np.isin(problem.free.codes[:, 0], (IN_DELAY, IN_LAG))
-    found = [fit]
     if lost and late.any():
         sooner = np.where(late, np.maximum(about - problem.prior.std, _SOONEST * about), about)
-        found.append(_passes(problem, sooner, levels, most, progress)[0])
+        other, _, doubted_too = _passes(problem, sooner, levels, most, progress)
+        if _likelier(other, fit):
+            fit, about, doubted = other, sooner, doubted_too
     if doubted:
-        found.append(_passes(problem, about, levels, most, progress, doubts=False)[0])
-    return max(found, key=lambda each: each.likelihood)
+        other, *_ = _passes(problem, about, levels, most, progress, doubts=False)
+        fit = other if _likelier(other, fit) else fit
+    return fit
+
+
+def _likelier(one: JointFit, other: JointFit) -> bool:
+    """Return whether a fit is likelier than another; one that came to nothing is not."""
+    return bool(np.nan_to_num(one.likelihood, nan=-np.inf) > np.nan_to_num(other.likelihood, nan=-np.inf))
 
 
 def _passes(

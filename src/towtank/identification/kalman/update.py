@@ -33,6 +33,7 @@ from towtank.identification.model.measurements import (
     REACQUIRE,
     SPECIFIC_FORCE,
     VELOCITY,
+    WATER_VELOCITY,
     attitude_error,
     cosine_of_pitch,
     measurement_row_into,
@@ -59,7 +60,7 @@ _LEAST_SLOPE = 0.05  # s per s: of S by the walk's variance in the steady state
 _RETURNED = 8.0  # log likelihood ratio for a sensor that has come back, against one that is still off
 _OFFSET_WEIGHT = 0.1  # least weight of a sample in the mean offset of a sensor that is rejected
 _LAST = 0.3  # weight of the last sample in the mean of what the state does not follow
-_NEXT = 0.1  # s from one sample of a pose to the next, for the two to show whether it has jumped
+_NEXT = 0.06  # s from one sample of a pose to the next, for the two to show whether it has jumped
 _MOST_REJECTED = 3.0  # samples of a sensor whose longest outage is over
 _IMU, _DVL, _MARKER = range(3)  # rows of `state.place`, as sensors stand in `PLACED`
 _UPRIGHT = math.sqrt(0.02)  # cosine of pitch, 8 degrees from 90, below which single Euler angles say nothing
@@ -141,9 +142,9 @@ def _weighed(state: JointState, column: int, nu: float, S: float) -> float:
     away = math.fabs(nu) / math.sqrt(S)
     clock, own = state.clock[0], state.statistics[column]
     cap = state.settings[0].huber
-    if S < _NOISE_SHOWS * R:
+    if S < _NOISE_SHOWS * R and away <= state.settings[0].gate:
         own.noise_samples += 1.0
-        own.noise_sum += min(nu * nu, _CLIPPED_SQUARE * S) - (S - R)
+        own.noise_sum += nu * nu - (S - R)
     own.nis_sum += nu * nu / S
     own.accepted += 1.0
     since = clock.since_accepted
@@ -414,49 +415,45 @@ def _passes_gate(state: JointState, z: Array, sensor: int) -> bool:
 
 @kernel
 def _goes_on(state: JointState, z: Array, sensor: int) -> bool:
-    """Return whether a sensor beyond the gate moves as a vehicle does that another force pushes than is expected.
+    """Return whether a pose beyond the gate moves as that of a vehicle which an unknown force pushes.
 
-    A sensor that fails jumps. One that goes on from its last samples, which were accepted, has not failed; nor has one
-    that came back elsewhere after a gap and goes on from there. What shows the same again and again is dead.
+    A pose that fails jumps, and one that goes on from its last samples, which were accepted, has not failed. That says
+    something where it is measured often and its own speed is not: the speed would show a push, too. What shows the
+    same again is dead, or too coarse to tell.
     """
-    own, gate = state.outages[sensor], state.settings[0].gate
-    goes_on = state.clock[0].time - own.time <= _NEXT
-    first = own.rejected == 1.0
-    away = alive = False
+    own, gate, now = state.outages[sensor], state.settings[0].gate, state.clock[0].time
+    speed = max(state.last_accepted[VELOCITY], state.last_accepted[WATER_VELOCITY])
+    if now - (state.last_accepted[RATES] if sensor == ATTITUDE else speed) < _NEIGHBOURS or own.rejected != 1.0:
+        return False
+    moves = False
     for k in range(3):
         if math.isfinite(z[3 * sensor + k]):
-            most = (gate * state.noise[3 * sensor + k]) ** 2  # beside a mean; twice that beside a single sample
-            goes_on = goes_on and (state.innovation[k] - own.left[k]) ** 2 <= (most if first else 2.0 * most)
-            away = away or (state.innovation[k] - own.jumped_to[k]) ** 2 > 2.0 * most
-            alive = alive or z[3 * sensor + k] != own.shown[k]
-    if not goes_on:
-        for k in range(3):
-            own.jumped_to[k] = state.innovation[k]
-    return goes_on and alive and (first or away)
+            jump = state.innovation[k] - own.left[k]
+            if not (now - own.seen[k] <= _NEXT and math.fabs(jump) <= gate * state.noise[3 * sensor + k]):
+                return False
+            moves = moves or z[3 * sensor + k] != own.shown[k]
+    return moves
 
 
 @kernel
 def _admits(state: JointState, z: Array, sensor: int, whole: bool) -> bool:
     """Return whether a sensor that was looked ahead to updates the state; one that has to be believed anew sets it."""
-    if _passes_gate(state, z, sensor):
-        state.last_accepted[sensor] = state.clock[0].time
-        return True
-    own, unseen = state.outages[sensor], state.last_accepted[sensor] == NEVER
-    for k in range(3):
-        if math.isfinite(z[3 * sensor + k]) and not unseen:
-            state.statistics[3 * sensor + k].rejected += 1.0
-    quiet = 0.0 if unseen else state.clock[0].time - state.last_accepted[sensor]
-    goes_on = OFFSET_STAYS[sensor] and _goes_on(state, z, sensor)
-    if unseen or quiet > state.settings[0].reacquire * REACQUIRE[sensor] or (goes_on and own.rejected > 1.0):
-        _reset_to_sensor(state, z, sensor, whole or unseen)  # unseen: the motion began with a heading that nobody knew
-        expect(state, z, sensor, whole)
-    elif not goes_on:
-        if quiet > LONGEST_OUTAGE[sensor] and own.rejected >= _MOST_REJECTED:
+    own, now, last = state.outages[sensor], state.clock[0].time, state.last_accepted[sensor]
+    if not (_passes_gate(state, z, sensor) or (OFFSET_STAYS[sensor] and _goes_on(state, z, sensor))):
+        unseen = last == NEVER  # the motion began with a heading that nobody knew
+        for k in range(3):
+            if math.isfinite(z[3 * sensor + k]) and not unseen:
+                state.statistics[3 * sensor + k].rejected += 1.0
+        if unseen or now - last > state.settings[0].reacquire * REACQUIRE[sensor]:
+            _reset_to_sensor(state, z, sensor, whole or unseen)
+            expect(state, z, sensor, whole)
+        elif now - last > LONGEST_OUTAGE[sensor] and own.rejected >= _MOST_REJECTED:
             return True
-        _leave_out(state, z, sensor)
-        return False
+        else:
+            _leave_out(state, z, sensor)
+            return False
     own.rejected = 0.0
-    state.last_accepted[sensor] = state.clock[0].time
+    state.last_accepted[sensor] = now
     return True
 
 
@@ -470,23 +467,20 @@ def _leave_out(state: JointState, z: Array, sensor: int) -> None:
 
 
 @kernel
-def _remember(state: JointState, z: Array, sensor: int, admitted: bool, again: bool) -> None:
-    """Remember what a sensor shows, and how far from the state, which an update brings closer.
+def _remember(state: JointState, z: Array, sensor: int, again: bool) -> None:
+    """Remember what a pose that is admitted shows, and how far from the state, which the update brings closer.
 
     Args:
         again: it was admitted the last time, too: what is left is the mean of the last samples then.
     """
-    own, cap = state.outages[sensor], state.settings[0].huber
-    again = again and admitted and state.clock[0].time - own.time <= _NEXT
-    own.time = state.clock[0].time
+    own, cap, now = state.outages[sensor], state.settings[0].huber, state.clock[0].time
     for k in range(3):
         nu, S, R = state.innovation[k], state.variance[k], state.noise[3 * sensor + k] ** 2
-        own.shown[k] = z[3 * sensor + k]
-        if admitted:
+        if math.isfinite(z[3 * sensor + k]) and S > 0.0:
             nu -= nu * (S - R) / (S * max(math.fabs(nu) / (cap * math.sqrt(S)), 1.0))
-        if again and math.isfinite(own.left[k]):
-            nu = own.left[k] + _LAST * (nu - own.left[k])
-        own.left[k] = nu if math.isfinite(own.shown[k]) else math.nan
+            weight = _LAST if again and now - own.seen[k] <= _NEXT else 1.0
+            own.left[k] += weight * (nu - own.left[k])
+            own.shown[k], own.seen[k] = z[3 * sensor + k], now
 
 
 @kernel
@@ -543,8 +537,8 @@ def update_row(state: JointState, z: Array) -> None:
         expect(state, z, sensor, whole)
         again = state.outages[sensor].rejected == 0.0
         admitted = _admits(state, z, sensor, whole)
-        if OFFSET_STAYS[sensor]:
-            _remember(state, z, sensor, admitted, again)
+        if admitted and OFFSET_STAYS[sensor]:
+            _remember(state, z, sensor, again)
         if admitted:
             update(state, z, sensor)
     if math.isfinite(z[12]) or math.isfinite(z[13]) or math.isfinite(z[14]):  # specific force

@@ -29,7 +29,7 @@ _LEANS = 1.2
 _LONG = 1.0  # s: a longer gap explains no longer way
 _GAP = 0.2  # s without a pose, after which the model of the motion is not carried on
 _UNLIKE = 120.0  # us between what a thruster is told and what it gives,
-_PATIENCE = 0.5  # s for so long,
+_PATIENCE = 0.25  # s for so long: thrust then ends within 0.3 s,
 _MEMORY = 0.5  # s that what was told may be late
 _WALL = 0.02  # m
 
