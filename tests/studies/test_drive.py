@@ -46,11 +46,11 @@ def test_every_fault_stops_thrust_in_time_and_nothing_is_sent_afterwards(way: Wa
         drive_study.gentle(),
         way,
     )
-    for number, fault in enumerate(FAULTS):
+    for number in range(len(FAULTS)):
         found = drive_study.befall(one, rng, number)
         assert found.after == 0, found
         assert found.commands <= WITHIN, found
-        assert fault.name in drive_study.ANOTHERS or found.thrust <= WITHIN, found
+        assert found.thrust <= WITHIN, found
 
 
 @pytest.mark.parametrize("way", list(Way))
