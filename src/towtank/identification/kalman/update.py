@@ -32,8 +32,8 @@ from towtank.identification.model.measurements import (
     RATES,
     REACQUIRE,
     SPECIFIC_FORCE,
+    SPEEDS,
     VELOCITY,
-    WATER_VELOCITY,
     attitude_error,
     cosine_of_pitch,
     measurement_row_into,
@@ -422,7 +422,7 @@ def _goes_on(state: JointState, z: Array, sensor: int) -> bool:
     same again is dead, or too coarse to tell.
     """
     own, gate, now = state.outages[sensor], state.settings[0].gate, state.clock[0].time
-    speed = max(state.last_accepted[VELOCITY], state.last_accepted[WATER_VELOCITY])
+    speed = max(state.last_accepted[SPEEDS[0]], state.last_accepted[SPEEDS[1]])
     if now - (state.last_accepted[RATES] if sensor == ATTITUDE else speed) < _NEIGHBOURS or own.rejected != 1.0:
         return False
     moves = False
