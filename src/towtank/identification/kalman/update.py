@@ -536,11 +536,11 @@ def update_row(state: JointState, z: Array) -> None:
         state.clock[0].since_accepted = 0.0 if unseen else now - state.last_accepted[sensor]
         expect(state, z, sensor, whole)
         again = state.outages[sensor].rejected == 0.0
-        admitted = _admits(state, z, sensor, whole)
-        if admitted and OFFSET_STAYS[sensor]:
+        if not _admits(state, z, sensor, whole):
+            continue
+        if OFFSET_STAYS[sensor]:
             _remember(state, z, sensor, again)
-        if admitted:
-            update(state, z, sensor)
+        update(state, z, sensor)
     if math.isfinite(z[12]) or math.isfinite(z[13]) or math.isfinite(z[14]):  # specific force
         update_specific_force(state, z)
     inject(state)
