@@ -34,14 +34,14 @@ from towtank.simulation.sensors.sensor import Sensors
 
 _OFF = (0.12, 0.06, -0.08)
 _INERTIAL = (*RATES, *ACCELERATIONS)
-_DVL = (*LINEAR_VELOCITY, *RATES, *EULER, "z")
+BY_DVL = (*LINEAR_VELOCITY, *RATES, *EULER, "z")
 CASES: dict[str, tuple[Sensors, Sequence[str]]] = {
     "imu here": (Ins(), _INERTIAL),
     "imu off": (Ins(imu_place=_OFF), _INERTIAL),
     "imu taken": (Ins(imu_place=_OFF), _INERTIAL),
-    "dvl here": (Ins(), _DVL),
-    "dvl off": (Ins(dvl_place=_OFF), _DVL),
-    "dvl taken": (Ins(dvl_place=_OFF), _DVL),
+    "dvl here": (Ins(), BY_DVL),
+    "dvl off": (Ins(dvl_place=_OFF), BY_DVL),
+    "dvl taken": (Ins(dvl_place=_OFF), BY_DVL),
     "camera here": (Mocap(), POSE),
     "camera off": (Mocap(place=_OFF), POSE),
     "camera taken": (Mocap(place=_OFF), POSE),

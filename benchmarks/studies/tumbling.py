@@ -40,7 +40,13 @@ def true_vehicle(*, lag: float = 0.0, **gains: float) -> Vehicle:
 
 
 def tumble(
-    vehicle: Vehicle, *, seed: int, seconds: float = 60.0, sensors: Sensors = _GYROS, measured: Sequence[str] = RATES
+    vehicle: Vehicle,
+    *,
+    seed: int,
+    seconds: float = 60.0,
+    sensors: Sensors = _GYROS,
+    measured: Sequence[str] = RATES,
+    water: OrnsteinUhlenbeck = WATER,
 ) -> Recording:
     """All thrusters switched at random every 0.2 s or later, in stirred water; the commands, and what is measured.
 
@@ -53,5 +59,5 @@ def tumble(
     for k in range(1, steps):
         levels[k] = np.where(kept[k], levels[k - 1], levels[k])
     commands = np.repeat(levels, 20, axis=0)
-    run = simulate(vehicle, commands=commands, dt=0.01, sensors=sensors, disturbance=WATER, seed=seed)
+    run = simulate(vehicle, commands=commands, dt=0.01, sensors=sensors, disturbance=water, seed=seed)
     return run.without(*(name for name in run if name not in measured and not name.startswith("cmd_")))
