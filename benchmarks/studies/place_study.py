@@ -3,11 +3,11 @@
     python benchmarks/studies/place_study.py [--runs 40] [--only dvl] [--output place.json]
 
 A vehicle tumbles for 30 s under all its thrusters in water that stirs it. `imu`: gyros and an accelerometer measure;
-`dvl`: gyros, a DVL, depth and attitude; `camera`: motion capture, the pose alone. Each `here`, at the body's origin;
-`off`, the accelerometer, the DVL, or what the camera tracks 0.12 m ahead of it, 0.06 m to starboard, 0.08 m up, so that
-it feels or shows the turning, too; and `taken`, off, but taken for being at the origin. Two thrusters give less or more
-than their curves say (8 %), and all lag by 0.05 s. Of every coefficient that is called identified: how far from the
-truth, in deviations that are stated.
+`dvl`: gyros, a DVL, depth and attitude; `all`: these and the accelerometer; `camera`: motion capture, the pose alone.
+Each `here`, at the body's origin; `off`, the accelerometer, the DVL, or what the camera tracks 0.12 m ahead of it,
+0.06 m to starboard, 0.08 m up, so that it feels or shows the turning, too; and `taken`, off, but taken for being at the
+origin. Two thrusters give less or more than their curves say (8 %), and all lag by 0.05 s. Of every coefficient that is
+called identified: how far from the truth, in deviations that are stated.
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ CASES: dict[str, tuple[Sensors, Sequence[str]]] = {
     "dvl here": (Ins(), BY_DVL),
     "dvl off": (Ins(dvl_place=_OFF), BY_DVL),
     "dvl taken": (Ins(dvl_place=_OFF), BY_DVL),
+    "all here": (Ins(), (*BY_DVL, *ACCELERATIONS)),
+    "all off": (Ins(imu_place=_OFF), (*BY_DVL, *ACCELERATIONS)),
     "camera here": (Mocap(), POSE),
     "camera off": (Mocap(place=_OFF), POSE),
     "camera taken": (Mocap(place=_OFF), POSE),

@@ -53,6 +53,13 @@ def test_current_and_delay(tmp_path: Path) -> None:
     assert tt.read(log)["x"].values[10] > 0.0
 
 
+def test_waves(tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    found = document("simulate", "seamor", "surge-square", "-o", log, "--waves", "0.05,6", "--duration", 40)
+    assert found["waves"] == {"rms_m_s": 0.05, "period_s": 6.0}
+    assert np.std(tt.read(log)["w"].values) > 0.02  # nothing else moves it up and down
+
+
 def test_a_file_as_manoeuvre(tmp_path: Path) -> None:
     orders = tmp_path / "orders.csv"
     orders.write_text("t,X\n0,10\n1,-10\n2,0\n3,0\n")
@@ -92,6 +99,8 @@ def test_output_tells_the_next_command(tmp_path: Path) -> None:
         (["seamor", "yaw-sine", "--seed", "-1"], "--seed: found -1"),
         (["seamor", "yaw-sine", "--current", "1,2"], "expected three numbers"),
         (["seamor", "yaw-sine", "--current", "1,b,2"], 'found "b"'),
+        (["seamor", "yaw-sine", "--waves", "0.1"], '--waves: found "0.1", expected two numbers'),
+        (["seamor", "yaw-sine", "--waves", "0.1,0"], "waves: period: found 0 s"),
         (["seamor", "yaw-sine", "--disturbance", "-3"], "--disturbance: found -3"),
     ],
 )

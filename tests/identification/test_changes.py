@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -12,9 +13,12 @@ import pytest
 import towtank as tt
 from towtank.core.arrays import Array
 from towtank.identification.changes.events import change_words
+from towtank.identification.data.samples import samples_of
 from towtank.identification.model.parameters import free_parameters
+from towtank.identification.online.joint import JointLearner
+from towtank.identification.online.reestimation import Reestimation
 from towtank.recording import Recording
-from towtank.simulation import Mocap, OrnsteinUhlenbeck, manoeuvre
+from towtank.simulation import Mocap, OrnsteinUhlenbeck, Waves, manoeuvre
 from towtank.vehicle import Coefficient, Vehicle
 
 FREE = ("X_udot", "X_uu", "Y_vdot", "Y_vv", "N_rdot", "N_rr")
@@ -130,6 +134,58 @@ def test_streaming_and_logs_notice_the_same(loaded: tuple[tt.Learner, Recording]
         other.update(float(t), pose=poses[k], commands=held[k] if k < len(held) else None)
     assert [event.text for event in other.events] == [event.text for event in learner.events]
     np.testing.assert_array_equal(other.estimate.values, learner.estimate.values)
+
+
+def test_the_water_stays_known_where_the_vehicle_changes() -> None:
+    """What follows a change is short at first: of its few samples neither waves nor levels could be told anew."""
+    run = tt.simulate(
+        truth(), commands=commands(), dt=DT, duration=WHEN + AFTER, sensors=Mocap(rate=1.0 / DT), disturbance=FORCE,
+        waves=Waves(0.06, 5.0), seed=3, changes=[(WHEN, payload())],
+    )  # fmt: skip
+    learner = learned(run)
+    assert isinstance(learner, JointLearner)
+    assert [each.kind for each in learner.events] == ["change"]
+    details = learner.events[0].details
+    for name in ("X_udot", "Y_vdot"):  # taken anew, the levels made 3.8 +- 0.2 kg of the 2 kg
+        assert abs(float(details[name]) + 2.0) < 4.0 * float(details[f"{name}_std"])
+    stream = learner._stream
+    assert stream.running is not None
+    assert stream.schedule.last - stream.schedule.began < 6.0
+    assert stream.running.levels.waves[:2].max() > 0.03
+    assert stream.running.levels.disturbance[0] < 0.02  # m/s^2; the usual one, taken anew, is six times as large
+
+
+def test_waves_are_asked_for_after_an_early_change_too() -> None:
+    """A change that is noticed before the water was asked about: the first passes know of no waves to begin with."""
+    run = tt.simulate(
+        truth(), commands=commands(), dt=DT, duration=60.0, sensors=Mocap(rate=1.0 / DT), disturbance=FORCE,
+        waves=Waves(0.06, 5.0), seed=3, changes=[(20.0, weak(1))],
+    )  # fmt: skip
+    learner = learned(run)
+    assert isinstance(learner, JointLearner)
+    assert [round(float(each.details["noticed"]), -1) for each in learner.events] == [20.0]
+    running = learner._stream.running
+    assert running is not None
+    assert running.levels.waves[:2].max() > 0.03
+
+
+def test_a_re_estimation_begins_where_the_last_filter_is_by_name(loaded: tuple[tt.Learner, Recording]) -> None:
+    learner, run = loaded
+    assert isinstance(learner, JointLearner)
+    stream = learner._stream
+    assert stream.running is not None
+    assert stream._buffer is not None
+    job = Reestimation.of(stream.question, stream._buffer, stream.kept, stream.running)
+    _, problem = job._problem([samples_of(run, truth())])
+    last = stream.running._replace(prior=stream.running.prior.only(problem.prior.names[1:]))
+    theta = dict(zip(last.free.names, stream.running.state.theta[1:], strict=True))
+    cut = last._replace(state=last.state._replace(theta=stream.running.state.theta[1:]))
+    about = replace(job, last=cut)._about(problem)
+    assert about is not None
+    assert about[0] == problem.prior.mean[0]
+    np.testing.assert_array_equal(about[1:], [theta[name] for name in problem.prior.names[1:]])
+    other = replace(problem, settings=replace(problem.settings, step=2.0 * problem.settings.step))
+    assert job._about(other) is None
 
 
 def test_a_fouled_thruster_is_told_apart_from_a_payload() -> None:

@@ -11,13 +11,16 @@ from scipy.integrate import quad
 from scipy.linalg import expm
 
 from towtank.core.arrays import Array
+from towtank.core.attitude import quaternion_from_euler, rotation_from_euler
 from towtank.core.zero_order_hold import ZeroOrderHold, hold_force, new_zero_order_hold
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, samples_of
 from towtank.identification.kalman.filter import take_row
 from towtank.identification.kalman.state import N_BIASES, N_WAVES, FilterSettings, JointState, new_joint_state
+from towtank.identification.kalman.update import carried_along
 from towtank.identification.model.parameters import N_FIXED, free_parameters
 from towtank.simulation import simulate
 from towtank.vehicle import Vehicle, configuration_matrix, load_vehicle
+from towtank.vehicle.records import Buoyancy
 
 PERIOD = 6.0  # s
 H = 0.02  # s
@@ -188,3 +191,53 @@ def test_the_filter_loses_thrust_with_inflow_as_the_simulator_does() -> None:
     # to first order in what it is away from where the motion is linearised
     away = np.abs(by_the_filter(loses(0.3), 0.32, commands) - other).max()
     assert away < 0.05 * np.abs(other - truth).max()
+
+
+# -- an accelerometer
+
+
+def test_an_accelerometer_says_nothing_of_a_scale_that_forces_and_inertias_have_in_common() -> None:
+    """Thrusters that are on their way to another force: what they give now moves the vehicle, and counts, alike."""
+    inertias = dict.fromkeys(("X_udot", "Y_vdot", "Z_wdot"), -3.0)
+    inertias |= dict.fromkeys(("K_pdot", "M_qdot", "N_rdot"), -0.1)
+    vehicle = load_vehicle("vlbv300").model_copy(update={"hydrodynamics": {}, "buoyancy": Buoyancy()})
+    vehicle = vehicle.with_coefficients(inertias)
+    gains = tuple(f"gain_{each.name}" for each in vehicle.thrusters)
+    free, B = free_parameters(vehicle, (*inertias, *gains)), configuration_matrix(vehicle)
+    theta = free.theta(vehicle, delay=0.0, lag=0.15)
+    n = theta.size
+    state = new_joint_state(np.array(vehicle.parameters), free, theta, 1e-2 * np.eye(n), B, STILL, FilterSettings())
+    state.clock["started"] = 1.0
+    held = new_zero_order_hold(len(gains), np.full(len(gains), 0.15), 0.0)
+    hold_force(held, 0.0, np.zeros(len(gains)))
+    held.clock[0] = 0.0
+    hold_force(held, 0.05, np.linspace(4.0, 9.0, len(gains)))
+    felt = NOTHING.copy()
+    felt[12:15] = (0.0, 0.0, -9.81)
+    for k in range(1, 6):
+        assert take_row(state, held, 0.02 * k, NOTHING if k < 5 else felt)
+    rows = state.H[:, N_FIXED : N_FIXED + n]
+    assert np.abs(rows).max() > 0.05
+    np.testing.assert_allclose(rows.sum(axis=1), 0.0, atol=1e-12)
+
+
+def test_an_accelerometer_is_carried_along_by_waves() -> None:
+    """As the path of its water says; and its row of H, as differences do."""
+    state, held = in_waves()
+    state.wave[:] = (0.08, -0.05, 0.03, -0.02, 0.06, 0.04)
+    state.x[3:7] = quaternion_from_euler(0.3, -0.4, 1.1)
+    state.H[:] = 0.0
+    felt = np.array([carried_along(state, k) for k in range(3)])
+    row, before, h = state.H.copy(), state.wave.copy(), 1e-4
+    R = rotation_from_euler(0.3, -0.4, 1.1)
+    settings = state.settings[0]
+    settings.wave_decay = 0.0  # else the water is pushed as well, at random
+    advance(state, held, h, h)
+    np.testing.assert_allclose(felt, R.T @ (state.wave[:3] - before[:3]) / h, atol=1e-4)
+    for j in range(N_WAVES):
+        other, _ = in_waves()
+        other.wave[:] = before
+        other.wave[j] += 1.0
+        other.x[3:7] = quaternion_from_euler(0.3, -0.4, 1.1)
+        more = np.array([carried_along(other, k) for k in range(3)]) - felt
+        np.testing.assert_allclose(row[:, j - N_WAVES], more, atol=1e-12)

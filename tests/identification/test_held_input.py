@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from towtank.core.zero_order_hold import force_integral_into, hold_force, new_zero_order_hold
+from towtank.core.zero_order_hold import (
+    force_integral_into,
+    forces_now_into,
+    hold_force,
+    mean_forces_into,
+    new_zero_order_hold,
+)
 
 FINE = 1e-4  # s
 
@@ -118,3 +124,24 @@ def test_the_clock_never_runs_backwards() -> None:
         force_integral_into(held, end, out)
         total += out[0]
     assert total == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize("t", [0.31, 0.47, 0.93])
+def test_the_force_of_now_answers_to_delay_and_lag_as_its_differences_do(t: float) -> None:
+    def now(delay: float, lag: float) -> np.ndarray:
+        held = new_zero_order_hold(2, np.array([lag, 0.0]), delay)
+        for k, value in enumerate(([0.0, 0.0], [3.0, 1.0], [-2.0, 4.0], [5.0, -1.0])):
+            hold_force(held, 0.2 * k, np.array(value))
+        out = np.zeros((3, 2))
+        mean_forces_into(held, 0.0, out)
+        mean_forces_into(held, 0.6 * t, out)
+        mean_forces_into(held, t, out)
+        forces_now_into(held, out)
+        np.testing.assert_array_equal(out[0], held.force)
+        return out
+
+    delay, lag, h = 0.05, 0.12, 1e-5
+    found = now(delay, lag)
+    np.testing.assert_allclose(found[1], (now(delay + h, lag)[0] - now(delay - h, lag)[0]) / (2.0 * h), rtol=1e-6)
+    by_lag = (now(delay, lag * (1.0 + h))[0] - now(delay, lag * (1.0 - h))[0]) / (2.0 * h)
+    np.testing.assert_allclose(found[2], by_lag, rtol=1e-6)

@@ -173,3 +173,15 @@ def test_what_is_left_of_a_latency_is_found_in_one_pass(late: float, seed: int) 
     again, *_ = one_pass(problem, state.theta.copy(), levels)
     assert abs(again.theta[k] - late) < 3.5 * coefficient_std(again)[k]
     assert abs(again.theta[k] - found) < 2.0 * std
+
+
+def test_a_pass_ends_with_the_commands_after_its_last_row_too() -> None:
+    """Where all that came with a command is late, the last row speaks of before it; a stream goes on with it."""
+    problem, levels = asked(load_vehicle("vlbv300"), dive(Ins(), 2.0))
+    samples = problem.samples[0]
+    t, force = samples.t[-1] + 0.01, np.full((1, samples.B.shape[1]), 3.0)
+    more = np.append(samples.input_t, t), np.vstack([samples.input_force, force])
+    later = replace(samples, input_t=more[0], input_force=more[1])
+    _, held, *_ = one_pass(problem.over([later]), problem.prior.mean, levels)
+    assert held.counters[0].received == later.input_t.size
+    np.testing.assert_array_equal(held.values[later.input_t.size - 1], force[0])

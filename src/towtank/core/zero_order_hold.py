@@ -25,6 +25,7 @@ from towtank.core.arrays import Array, kernel
 __all__ = [
     "ZeroOrderHold",
     "force_integral_into",
+    "forces_now_into",
     "hold_force",
     "mean_forces_into",
     "new_zero_order_hold",
@@ -169,3 +170,17 @@ def mean_forces_into(held: ZeroOrderHold, end: float, out: Array) -> bool:
         out[1, j] = -rise / h
         out[2, j] = -T * (rise + T * (held.slope[j] - out[2, j])) / h
     return known
+
+
+@kernel
+def forces_now_into(held: ZeroOrderHold, out: Array) -> None:
+    """Write force now, d force / d delay, d force / d ln T, into `out` (3, m).
+
+    Since T f' = F - f, the delay takes (F - f) / T; a thruster without a lag answers to it at switches alone.
+    """
+    active = int(held.counters[0].in_force) % held.times.shape[0]
+    for j in range(held.force.shape[0]):
+        T = held.lag[j]
+        out[0, j] = held.force[j]
+        out[1, j] = (held.force[j] - held.values[active, j]) / T if T > 0.0 else 0.0
+        out[2, j] = T * held.slope[j]

@@ -19,12 +19,12 @@ from towtank.planning.observer import Observer
 from towtank.planning.space import Space
 from towtank.recording.recording import Recording
 from towtank.simulation.actuation import HeldDrive, cut_step
-from towtank.simulation.disturbance import OrnsteinUhlenbeck
 from towtank.simulation.inputs import finite_array, initial_states, stream
 from towtank.simulation.integration import simulate_pieces, simulate_thrusters
 from towtank.simulation.motion import continuous_eulers
 from towtank.simulation.sensors.mocap import Mocap
 from towtank.simulation.simulate import simulate
+from towtank.simulation.water import OrnsteinUhlenbeck
 from towtank.vehicle import Vehicle, configuration_matrix, thruster_commands, thruster_forces
 
 __all__ = ["DT", "GuardedRun", "Tank", "guarded_commands", "guarded_run"]

@@ -1,7 +1,6 @@
 """Simulated vehicles: motion, sensors, disturbances, and the manoeuvres that excite them."""
 
 from towtank.simulation.batch import Batch, simulate_batch
-from towtank.simulation.disturbance import OrnsteinUhlenbeck
 from towtank.simulation.excitation import AXES, available_rows, usual_amplitudes
 from towtank.simulation.inputs import stream
 from towtank.simulation.manoeuvres import MANOEUVRES, BuiltIn, Manoeuvre, manoeuvre, manoeuvre_from_recording
@@ -13,6 +12,7 @@ from towtank.simulation.sensors.sensor import Perfect, Sensors, Together
 from towtank.simulation.sensors.water_track import WaterTrack
 from towtank.simulation.signals import FORMS
 from towtank.simulation.simulate import Progress, simulate
+from towtank.simulation.water import OrnsteinUhlenbeck, Waves
 
 __all__ = [
     "AXES",
@@ -31,6 +31,7 @@ __all__ = [
     "Sensors",
     "Together",
     "WaterTrack",
+    "Waves",
     "available_rows",
     "manoeuvre",
     "manoeuvre_from_recording",

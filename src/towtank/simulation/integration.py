@@ -1,4 +1,4 @@
-"""Runge-Kutta runs that the core does not offer: unequal pieces within a step, and thrusters that lose to inflow.
+"""Runge-Kutta runs that the core does not offer: unequal pieces within a step, thrusters that lose to inflow, waves.
 
 The equations of motion are the core's (`towtank.core.rk4.step_into`); here is only the order in which it is called.
 States are (13,) [x y z, qw qx qy qz, u v w p q r] with the velocity RELATIVE to the water (`relative_to_water`).
@@ -9,11 +9,18 @@ from __future__ import annotations
 import numpy as np
 
 from towtank.core.arrays import Array, kernel
-from towtank.core.forces import add_inflow_damping_into
-from towtank.core.layout import I_INFLOW, I_LINEAR, I_QUADRATIC, N_PARAMETERS
+from towtank.core.forces import add_inflow_damping_into, current_in_body, restoring_wrench
+from towtank.core.layout import I_CONSTANT, I_INFLOW, I_LINEAR, I_MOMENT, I_QUADRATIC, I_WEIGHT, N_PARAMETERS
 from towtank.core.rk4 import N_STATES, has_extra_terms, is_coupled, step_into
 
-__all__ = ["relative_to_water", "simulate_pieces", "simulate_thrusters"]
+__all__ = [
+    "in_body",
+    "lifted",
+    "relative_to_water",
+    "simulate_in_waves",
+    "simulate_pieces",
+    "simulate_thrusters",
+]
 
 
 @kernel
@@ -89,16 +96,55 @@ def simulate_thrusters(
     return out
 
 
-def relative_to_water(states: Array, current: Array, sign: float = -1.0) -> Array:
-    """Return states (..., 13) with R^T v_c taken from the linear velocity; `sign` = +1 adds it again.
+@kernel
+def simulate_in_waves(
+    p: Array, state0: Array, push: Array, forces: Array, B: Array, pieces: Array, current: Array, lift: Array
+) -> Array:
+    """Simulate one vehicle as `simulate_thrusters`, in water that accelerates; states are relative to that water.
 
     Args:
-        current: water velocity v_c (3,) [m/s], NED.
+            lift: acceleration of the water in the middle of each piece, as a share of gravity (n m, 3), NED. The wrench
+            that comes of it is held over the piece, in the attitude at its start.
+        Others as `simulate_thrusters`; a wrench alone is that of six thrusters with B = 1, which lose nothing.
     """
-    if not current.any():
+    m = pieces.shape[0]
+    out = np.empty((lift.shape[0] // m + 1, N_STATES))
+    out[0] = x = state0
+    for i in range(lift.shape[0]):
+        piece, k = slice(i, i + 1), i % m
+        held = push[piece] + lifted(p, x[3:7], lift[i])
+        x = simulate_thrusters(p, x, held, forces[piece], B, pieces[k : k + 1], current)[1]
+        if k == m - 1:
+            out[i // m + 1] = x
+    return out
+
+
+@kernel
+def lifted(p: Array, q: Array, lift: Array) -> Array:
+    """Return the wrench (6,) [N, N m] on a body in water that accelerates: that of gravity g(eta) along -dv_w/dt.
+
+    Args:
+        q: attitude (4,). lift: dv_w/dt as a share of gravity (3,), NED.
+    """
+    return restoring_wrench(p[I_WEIGHT], p[I_MOMENT:I_CONSTANT], current_in_body(q, lift)[:3])
+
+
+def relative_to_water(states: Array, water: Array, sign: float = -1.0) -> Array:
+    """Return states (..., 13) with R^T v_w taken from the linear velocity; `sign` = +1 adds it again.
+
+    Args:
+        water: its velocity v_w (3,) or (..., 3) [m/s], NED.
+    """
+    if not water.any():
         return states
-    w, v = states[..., 3:4], -states[..., 4:7]  # the conjugate quaternion turns NED into FRD
-    t = 2.0 * np.cross(v, current)
     out = states.copy()
-    out[..., 7:10] += sign * (current + w * t + np.cross(v, t))
+    out[..., 7:10] += sign * in_body(states[..., 3:7], water)
+    return out
+
+
+def in_body(q: Array, vectors: Array) -> Array:
+    """Return R^T v (..., 3) of vectors (3,) or (..., 3), NED, in the attitudes q (..., 4)."""
+    w, x = q[..., :1], -q[..., 1:]  # the conjugate quaternion turns NED into FRD
+    t = 2.0 * np.cross(x, vectors)
+    out: Array = vectors + w * t + np.cross(x, t)
     return out

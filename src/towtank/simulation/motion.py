@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.core.attitude import eulers_from_quaternions
 from towtank.core.dynamics import forward_dynamics
+from towtank.simulation.integration import in_body
 from towtank.vehicle.matrices import GRAVITY
 
 __all__ = ["GRAVITY", "Motion", "continuous_eulers"]
@@ -40,6 +41,7 @@ class Motion:
         nu: velocity over ground (n + 1, 6) [m/s, rad/s], body FRD. nu_r: relative to the water (n + 1, 6).
         tau: total wrench on the body from each instant on (n + 1, 6) [N, N m]; last row: up to the end.
         parameters: kernel vector (170,) of the vehicle. later: the vector from a step on, where the vehicle changes.
+        water_acceleration: of the water (3,) or (n + 1, 3) [m/s^2], NED.
     """
 
     t: Array
@@ -51,6 +53,7 @@ class Motion:
     tau: Array
     parameters: Array
     later: tuple[tuple[int, Array], ...] = ()
+    water_acceleration: Array = field(default_factory=lambda: np.zeros(3))
 
     @cached_property
     def nu_r_dot(self) -> Array:
@@ -63,14 +66,15 @@ class Motion:
     def specific_force(self, place: Array | tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:
         """What an accelerometer at a place of the body (3,) [m] feels (n + 1, 3) [m/s^2]: v_dot + omega x v - R^T g.
 
-        v_dot + omega x v is the inertial acceleration in the body frame. A constant current adds nothing to it, so that
-        it is taken in the velocity relative to the water. v is that of the place r, v + omega x r: its acceleration
-        has omega_dot x r + omega x (omega x r) more.
+        v_dot + omega x v is the inertial acceleration in the body frame: that of the velocity relative to the water,
+        to which a constant current adds nothing and waves R^T dv_w/dt. v is that of the place r, v + omega x r: its
+        acceleration has omega_dot x r + omega x (omega x r) more.
         """
         w, x, y, z = self.q.T
         down = np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)], axis=-1)
         omega = self.nu_r[:, 3:]
         v = self.nu_r[:, :3] + np.cross(omega, place)
         v_dot = self.nu_r_dot[:, :3] + np.cross(self.nu_r_dot[:, 3:], place)
-        force: Array = v_dot + np.cross(omega, v) - GRAVITY * down
+        water = in_body(self.q, self.water_acceleration)
+        force: Array = v_dot + np.cross(omega, v) + water - GRAVITY * down
         return force

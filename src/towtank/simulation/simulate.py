@@ -22,12 +22,18 @@ from towtank.recording.channel import Channel, read_only, standard_channel
 from towtank.recording.recording import Recording
 from towtank.recording.standard import COMMAND_PREFIX, WRENCH
 from towtank.simulation.actuation import Drive, FunctionDrive, HeldDrive, cut_step
-from towtank.simulation.disturbance import OrnsteinUhlenbeck
 from towtank.simulation.inputs import finite_array, initial_states, positive, step_count
-from towtank.simulation.integration import relative_to_water, simulate_pieces, simulate_thrusters
-from towtank.simulation.motion import Motion, continuous_eulers
+from towtank.simulation.integration import (
+    lifted,
+    relative_to_water,
+    simulate_in_waves,
+    simulate_pieces,
+    simulate_thrusters,
+)
+from towtank.simulation.motion import GRAVITY, Motion, continuous_eulers
 from towtank.simulation.sensors.presets import sensors_named
 from towtank.simulation.sensors.sensor import Sensors, channels
+from towtank.simulation.water import OrnsteinUhlenbeck, WaterMotion, Waves
 from towtank.vehicle import AnyVehicle, Vehicle, configuration_matrix, thruster_forces, vehicle_of
 
 __all__ = ["Progress", "simulate"]
@@ -123,6 +129,7 @@ def simulate(
     voltage: ArrayLike | None = None,
     sensors: str | Sensors | None = None,
     disturbance: OrnsteinUhlenbeck | None = None,
+    waves: Waves | None = None,
     delay: float | None = None,
     changes: Sequence[tuple[float, AnyVehicle]] = (),
     seed: int = 0,
@@ -133,8 +140,8 @@ def simulate(
     """Simulate a vehicle and return what its sensors measure, with the inputs beside it.
 
     Fourth-order Runge-Kutta over n steps of dt. Motion is sampled at t = 0, dt, .., n dt; inputs have n samples, each
-    held from its time on. The true motion depends on the seed through the disturbance alone: the same seed gives the
-    same motion under any sensors.
+    held from its time on; what waves add to the weight is held over each substep. The true motion depends on the seed
+    through disturbance and waves alone: the same seed gives the same motion under any sensors.
 
     Args:
         vehicle: or its name in the catalog, or the path of its file.
@@ -150,6 +157,7 @@ def simulate(
         sensors: "perfect" (default), "mocap", "ins", "ins-water", or a record such as `Mocap(noise_mm=5)`; several by
             `Together`.
         disturbance: random wrench on the body, held over each step; not part of the channels X .. N.
+        waves: velocity of the water beside the current, alike wherever the vehicle is.
         delay: from a held input to its effect [s], any part of a step, exact; before the first effect the thrusters are
             off. Default: `vehicle.command_delay` for commands, none for a wrench.
         changes: (time [s], vehicle): from the step that begins then on, it is this vehicle: a payload taken up, ballast
@@ -176,19 +184,22 @@ def simulate(
     watch = sensors_named(sensors)
     later = _steps_of(changes, dt)
     drive, n, given = drive_of(vehicle, wrench, commands, voltage, dt, duration, delay, int(substeps), later)
-    water = finite_array("current", current, (3,))
+    still = finite_array("current", current, (3,))
     start_pose = finite_array("eta0", _ZERO6 if eta0 is None else eta0, (6,))
     start_velocity = finite_array("nu0", _ZERO6 if nu0 is None else nu0, (6,))
     push = np.zeros((n, 6)) if disturbance is None else disturbance.sample(n, dt, seed)
 
-    state0 = relative_to_water(initial_states(start_pose, start_velocity), water)
+    t = read_only(np.arange(n + 1) * dt)
+    swell = None if waves is None else waves.motion(t, seed)
+    water = still if swell is None else still + swell.velocity
+    state0 = relative_to_water(initial_states(start_pose, start_velocity), water[0] if water.ndim > 1 else water)
     bodies = [(first, each, np.array(each.parameters)) for first, each in ((0, vehicle), *later) if first < n]
-    states, starts, means = _run(bodies, state0, drive, push, water, n, dt, progress)
+    states, starts, means = _run(bodies, state0, drive, push, still, swell, n, dt, progress)
 
     over_ground = relative_to_water(states, water, 1.0)
     q = np.ascontiguousarray(states[:, 3:7])
-    eta = np.hstack([states[:, :3], continuous_eulers(q, start_pose[3:])])
-    t = read_only(np.arange(n + 1) * dt)
+    position = states[:, :3] if swell is None else states[:, :3] + swell.displacement
+    eta = np.hstack([position, continuous_eulers(q, start_pose[3:])])
     nu_r = np.ascontiguousarray(states[:, 7:])
     motion = Motion(
         t,
@@ -200,6 +211,7 @@ def simulate(
         starts,
         bodies[0][2],
         tuple((first, p) for first, _, p in bodies[1:]),
+        np.zeros(3) if swell is None else swell.acceleration,
     )
 
     held = read_only(t[:-1])
@@ -230,7 +242,8 @@ def _run(
     state0: Array,
     drive: Drive,
     push: Array,
-    water: Array,
+    current: Array,
+    swell: WaterMotion | None,
     n: int,
     dt: float,
     progress: Progress | None,
@@ -250,11 +263,21 @@ def _run(
         tau = stages.wrench + pushed[:, None, :]
         starts[first:last], starts[last] = tau[::m, 0], tau[-1, 2]
         part, forces = slice(first, last + 1), stages.forces
-        if forces is None or p[I_INFLOW] == 0.0:
-            states[part] = simulate_pieces(p, states[first], tau, pieces, water)
+        losing = None if forces is None or p[I_INFLOW] == 0.0 else (forces, configuration_matrix(vehicle))
+        if swell is not None:
+            lift = swell.acceleration[part] / GRAVITY
+            middle = ((np.cumsum(pieces) - 0.5 * pieces) / dt)[:, None]
+            of_pieces = (lift[:-1, None] + np.diff(lift, axis=0)[:, None] * middle).reshape(-1, 3)
+            own = p if losing is not None else np.where(np.arange(p.size) == I_INFLOW, 0.0, p)
+            given = (stages.wrench, np.eye(6)) if losing is None else losing
+            states[part] = simulate_in_waves(own, states[first], pushed, *given, pieces, current, of_pieces)
+            starts[part] += [lifted(p, q, each) for q, each in zip(states[part, 3:7], lift, strict=True)]
+        elif losing is not None:
+            states[part] = simulate_thrusters(p, states[first], pushed, *losing, pieces, current)
         else:
-            B = configuration_matrix(vehicle)
-            states[part] = simulate_thrusters(p, states[first], pushed, forces, B, pieces, water)
+            states[part] = simulate_pieces(p, states[first], tau, pieces, current)
+        if losing is not None:
+            forces, B = losing
             nu = states[part, 7:]
             starts[part] += _lost(p[I_INFLOW], B, np.vstack([forces[::m, 0], forces[-1:, 2]]), nu)
             means[first:last] += _lost(p[I_INFLOW], B, _means(forces, pieces), 0.5 * (nu[:-1] + nu[1:]))

@@ -114,6 +114,12 @@ def simulate(
         float | None,
         typer.Option("--disturbance", metavar="N", help="Standard deviation of a random force on X, Y and Z."),
     ] = None,
+    waves: Annotated[
+        str | None,
+        typer.Option(
+            "--waves", metavar="RMS,PERIOD", help="Waves: velocity of the water in m/s (standard deviation), period."
+        ),
+    ] = None,
     guard: Annotated[
         bool, typer.Option("--guard", help="Of a plan in a tank: keep the vehicle off the walls, by what it measures.")
     ] = False,
@@ -135,6 +141,7 @@ def simulate(
     positive_option("--delay", delay, zero=True)
     positive_option("--disturbance", disturbance, zero=True)
     water = numbers("--current", current, 3, "three numbers N,E,D in m/s, as 0.2,0,0")
+    swell = numbers("--waves", waves, 2, "two numbers RMS,PERIOD in m/s and s, as 0.05,6")
     if seed < 0:
         raise InputError(f"--seed: found {seed}, expected 0 or more")
     if duration is not None and duration * rate > _MOST_STEPS:
@@ -146,7 +153,7 @@ def simulate(
     with output.progress("simulating") as progress:
         found = read_vehicle(vehicle, output)
         progress("simulating", 0.0)
-        from towtank.simulation import OrnsteinUhlenbeck
+        from towtank.simulation import OrnsteinUhlenbeck, Waves
         from towtank.simulation import simulate as run
         from towtank.simulation.sensors.presets import sensors_named
 
@@ -154,7 +161,7 @@ def simulate(
         push = OrnsteinUhlenbeck(std=disturbance) if disturbance else None
         start, kept = None, None
         if Path(manoeuvre).suffix == ".toml":
-            if guard and (rate != _DEFAULT_RATE or water is not None or delay is not None):
+            if guard and (rate != _DEFAULT_RATE or water or swell or delay is not None):
                 raise InputError("--guard: works at 100 Hz, in still water and with the vehicle's own delay")
             inputs, start, kept = _planned(Path(manoeuvre), found, duration, 1.0 / rate, push, guard, seed, output)
         elif guard:
@@ -170,6 +177,7 @@ def simulate(
             current=water or (0.0, 0.0, 0.0),
             sensors=watch,
             disturbance=push,
+            waves=None if swell is None else Waves(*swell),
             delay=delay,
             seed=seed,
             substeps=max(1, round(inputs.dt / _LONGEST_STEP)),
@@ -203,6 +211,7 @@ def simulate(
             "delay_s": found.command_delay if delay is None else delay,
             "current": water or (0.0, 0.0, 0.0),
             "disturbance_n": disturbance or 0.0,
+            "waves": None if swell is None else {"rms_m_s": swell[0], "period_s": swell[1]},
             "guard": None
             if kept is None
             else {"changed": kept.changed, "nearest_m": float(kept.clearance.min()), "touched": kept.touch is not None},

@@ -108,10 +108,8 @@ class ChangeDetector:
         """Forget all branches: the first filter has begun anew; a configuration match too, but with `matching`."""
         if matching and self._matching is not None:
             self._catch_up()
-        self._branches.clear()
-        self._rows.clear()
-        self._recent.clear()
-        self._waiting.clear()
+        for each in (self._branches, self._rows, self._recent, self._waiting):
+            each.clear()
         self._batch = self._suspect = None
         self._last = self._next_split = self._next_check = -np.inf
         self._count, self._wide = 0, None  # as one that goes on from a checkpoint
@@ -264,9 +262,7 @@ class ChangeDetector:
         changed = running._replace(prior=prior, state=state, held=copied(branch.held), disagreement=wider, apart=apart)
         now = branch.P0 + np.diag(verdict.steps**2)
         one = (prior.free.codes[:, 0] == IN_GAIN) & (verdict.steps[keep] > 0.0)
-        mean = np.where(
-            one, state.theta, branch.theta0[keep]
-        )  # one thruster fails: the scale of force stays (`seen_from`)
+        mean = np.where(one, state.theta, branch.theta0[keep])  # one fails: the scale of force stays (`seen_from`)
         kept = Kept(prior.names, mean, _definite(now[np.ix_(keep, keep)]), wider, apart)
         before = branch.theta0[keep], np.sqrt(np.maximum(np.diag(branch.P0)[keep], 0.0))
         self.restart()

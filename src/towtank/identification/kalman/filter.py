@@ -18,7 +18,7 @@ from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import quaternion_from_euler
 from towtank.core.forces import add_inflow_damping_into
 from towtank.core.layout import I_INFLOW, I_LINEAR
-from towtank.core.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
+from towtank.core.zero_order_hold import ZeroOrderHold, forces_now_into, hold_force, mean_forces_into
 from towtank.identification.data.samples import Samples
 from towtank.identification.kalman.state import INFORMATION_MEMORY, JointState
 from towtank.identification.kalman.update import product_of_rows, to_linearised_current, update_row
@@ -319,7 +319,9 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
         _choose_active(state, h)
         clock.time = end
         clock.duration += h
-    input_wrench_into(state, held.force)  # an accelerometer feels the forces of now
+    forces_now_into(held, state.mean_force)  # an accelerometer feels the forces of now,
+    input_wrench_into(state, state.mean_force[0])  # and tells of coefficients by the same
+    _with_inflow(state)
     return True
 
 
@@ -327,11 +329,8 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
 def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> None:
     """Begin the motion at the time t [s] with z (18,) as shown last; coefficients, biases, current stay as they are."""
     x, P = state.x, state.P
-    size = P.shape[0]
-    for i in range(18):
-        for j in range(size):
-            P[i, j] = 0.0
-            P[j, i] = 0.0
+    P[:18] = 0.0
+    P[:, :18] = 0.0
     for i in range(3):
         x[i] = z[i] if math.isfinite(z[i]) else 0.0
         P[i, i] = _START[0] ** 2 if math.isfinite(z[i]) else _UNKNOWN_POSITION
@@ -359,8 +358,7 @@ def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> 
         state.force[i] = 0.0
         state.rate[i] = 0.0
         P[12 + i, 12 + i] = state.disturbance[i] ** 2
-    for j in range(size):
-        state.dx[j] = 0.0
+    state.dx[:] = 0.0
     for k in range(N_SENSORS):
         state.last_accepted[k] = t if k != ATTITUDE or math.isfinite(z[5]) else NEVER
         state.outages[k].rejected = 0.0
@@ -369,7 +367,8 @@ def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> 
     for j in range(6, 12):
         state.statistics[j].has_last = 0.0  # a speed of before the pause is no neighbour
     mean_forces_into(held, t, state.mean_force)
-    input_wrench_into(state, held.force)
+    forces_now_into(held, state.mean_force)
+    input_wrench_into(state, state.mean_force[0])
     state.clock[0].time = t
     state.clock[0].started = 1.0
 
@@ -446,8 +445,12 @@ def joint_events(state: JointState, held: ZeroOrderHold, rows: Rows, first: int,
 
 def take_all(state: JointState, held: ZeroOrderHold, samples: Samples) -> None:
     """Take all rows of samples and all inputs, those after the last row too."""
-    taken = joint_events(state, held, rows_of(samples), 0, len(samples), 0)
-    for k in range(taken, samples.input_t.size):
+    hold_inputs(held, samples, joint_events(state, held, rows_of(samples), 0, len(samples), 0))
+
+
+def hold_inputs(held: ZeroOrderHold, samples: Samples, first: int) -> None:
+    """Take the inputs of samples from the one numbered `first` on: they came after the last row, act on the next."""
+    for k in range(first, samples.input_t.size):
         hold_force(held, samples.input_t[k], samples.input_force[k])
 
 

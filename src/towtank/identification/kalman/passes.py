@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array
 from towtank.core.zero_order_hold import ZeroOrderHold, new_zero_order_hold
 from towtank.identification.data.samples import NoiseLevels, Samples
-from towtank.identification.kalman.filter import joint_events, rows_of
+from towtank.identification.kalman.filter import hold_inputs, joint_events, rows_of
 from towtank.identification.kalman.noise_adaptation import (
     adapt_noise,
     contradicted,
@@ -311,6 +311,7 @@ def one_pass(
                 progress(min(1.0, (done + last) / total))
             t = passed + float(each.t[last - 1] - each.t[0])
             readings.append(Reading(t, state.theta.copy(), coefficient_block(state).copy()))
+        hold_inputs(held, each, taken)
         done += len(each)
         passed += each.duration
         currents[k, :2] = recorded.t[[0, -1]] if len(recorded) else 0.0

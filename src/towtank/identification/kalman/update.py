@@ -284,6 +284,8 @@ def update_specific_force(state: JointState, z: Array) -> None:
         if state.settings[0].biases > 0.0:
             h[N_FIXED + n + 3 + k] = 1.0
             f += state.bias[3 + k]
+        if state.settings[0].waves > 0.0:
+            f += carried_along(state, k)
         if state.place[_IMU, 0] >= 0:
             f += _off_origin(state, change[10:13], k)
         for j in range(3):
@@ -302,6 +304,21 @@ def update_specific_force(state: JointState, z: Array) -> None:
     for m in range(3):
         state.statistics[3 * SPECIFIC_FORCE + m].rejected += 1.0
     _leave_out(state, z, SPECIFIC_FORCE)
+
+
+@kernel
+def carried_along(state: JointState, k: int) -> float:
+    """Return number k of R^T dv_w/dt [m/s^2], by which the water of waves takes an accelerometer along; add to its H.
+
+    Each axis of the waves turns in its complex plane, v_w' = -omega s for a quadrature s.
+    """
+    h, omega, size = state.H[k], state.settings[0].wave_frequency, state.P.shape[0]
+    felt = 0.0
+    for j in range(3):
+        share = -omega * row_of_rotation(state.x, j)[k]
+        h[size - 3 + j] = share
+        felt += share * state.wave[3 + j]
+    return felt
 
 
 @kernel

@@ -144,8 +144,7 @@ class Reestimation:
         since = None
         if self.last is not None and about is not None:
             since = about, self.last.levels
-            period = self.last.settings.wave_period
-            problem = replace(problem, settings=replace(problem.settings, wave_period=period))
+            problem = replace(problem, settings=self.last.settings)
         fit = joint_fit(problem, since=since)
         gone = 0
         if since is None and fit.rejected.max() > _REJECTED and stretches[0].duration > _LONG_ENOUGH:
@@ -207,12 +206,12 @@ class Reestimation:
         return whole, problem
 
     def _about(self, problem: JointProblem) -> Array | None:
-        """Return what the first pass is linearised about, None for the prior's mean."""
+        """Return what the first pass is linearised about: where the last filter is; None for the prior's mean."""
         last = self.last
-        if last is None or last.prior.names != problem.prior.names:
+        if last is None or replace(problem.settings, wave_period=last.settings.wave_period) != last.settings:
             return None
-        same = replace(problem.settings, wave_period=last.settings.wave_period) == last.settings
-        return last.state.theta.copy() if same else None
+        known = dict(zip(last.free.names, last.state.theta, strict=True))
+        return np.array([known.get(*each) for each in zip(problem.prior.names, problem.prior.mean, strict=True)])
 
 
 def is_full(buffer: Buffer) -> bool:

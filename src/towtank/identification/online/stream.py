@@ -308,8 +308,9 @@ class JointStream:
             self._adopt(buffer, self._job(buffer).run())
 
     def _job(self, buffer: Buffer) -> Reestimation:
-        last = None if self.schedule.from_prior(self.seen) else self.running
-        return Reestimation.of(self.question, buffer, self.kept, last)
+        in_waves = self.kept is not None and self.running is not None and bool(self.running.levels.waves.any())
+        anew = self.schedule.from_prior(self.seen) and not in_waves  # what follows a change is too short to show them
+        return Reestimation.of(self.question, buffer, self.kept, None if anew else self.running)
 
     def _adopt(self, buffer: Buffer, found: Found | None) -> None:
         """Go on with what was found, after what came while the job ran beside."""
@@ -319,8 +320,8 @@ class JointStream:
             return
         same = self.running is not None and self.running.free.names == found.running.free.names
         self.changes.restart(same=same)
-        until = buffer.rows, buffer.inputs
-        running = caught_up(found.running, buffer, (found.rows, found.inputs), until, self._delay)
+        since, until = (found.rows, found.inputs), (buffer.rows, buffer.inputs)
+        running = caught_up(found.running, buffer, since, until, self._delay)
         self.kept = found.kept
         self._heard = buffer.measured
         if found.gone:
