@@ -15,6 +15,7 @@ from towtank.core.arrays import Array
 from towtank.identification.changes.events import change_words
 from towtank.identification.data.samples import samples_of
 from towtank.identification.model.parameters import free_parameters
+from towtank.identification.model.prior import prior_of
 from towtank.identification.online.joint import JointLearner
 from towtank.identification.online.reestimation import Reestimation
 from towtank.recording import Recording
@@ -184,6 +185,8 @@ def test_a_re_estimation_begins_where_the_last_filter_is_by_name(loaded: tuple[t
     assert about is not None
     assert about[0] == problem.prior.mean[0]
     np.testing.assert_array_equal(about[1:], [theta[name] for name in problem.prior.names[1:]])
+    more = replace(problem, prior=prior_of(truth(), more=("latency_velocity",)))
+    assert job._about(more) is None  # a DVL that is heard for the first time may show waves
     other = replace(problem, settings=replace(problem.settings, step=2.0 * problem.settings.step))
     assert job._about(other) is None
 

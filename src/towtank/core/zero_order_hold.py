@@ -174,13 +174,10 @@ def mean_forces_into(held: ZeroOrderHold, end: float, out: Array) -> bool:
 
 @kernel
 def forces_now_into(held: ZeroOrderHold, out: Array) -> None:
-    """Write force now, d force / d delay, d force / d ln T, into `out` (3, m).
+    """Write force now and d force / d ln T over what `mean_forces_into` has written into `out` (3, m).
 
-    Since T f' = F - f, the delay takes (F - f) / T; a thruster without a lag answers to it at switches alone.
+    The row between them is that of the force now as it stands: by the delay it answers with its change over the step.
     """
-    active = int(held.counters[0].in_force) % held.times.shape[0]
     for j in range(held.force.shape[0]):
-        T = held.lag[j]
         out[0, j] = held.force[j]
-        out[1, j] = (held.force[j] - held.values[active, j]) / T if T > 0.0 else 0.0
-        out[2, j] = T * held.slope[j]
+        out[2, j] = held.lag[j] * held.slope[j]

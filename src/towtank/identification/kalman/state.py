@@ -211,7 +211,7 @@ class JointState(NamedTuple):
     H: Array  # (3, N) of the sensor at hand
     G: Array  # (3, N) P H^T
     dx: Array  # (N,) error found and not yet put into the state
-    mean_force: Array  # (3, m) of the inputs over the last step, and its derivatives by delay and ln lag
+    mean_force: Array  # (3, m) of the inputs over a step, after it that of now, and its derivatives by delay and ln lag
     small: Array  # (6, 6)
     innovation: Array  # (3,) of the sensor at hand
     variance: Array  # (3,) of the innovation

@@ -211,6 +211,8 @@ class Reestimation:
         if last is None or replace(problem.settings, wave_period=last.settings.wave_period) != last.settings:
             return None
         known = dict(zip(last.free.names, last.state.theta, strict=True))
+        if {*FURTHER} & {*problem.prior.names} - {*known} and not last.levels.waves.any():
+            return None  # a sensor is heard for the first time: it may show waves
         return np.array([known.get(*each) for each in zip(problem.prior.names, problem.prior.mean, strict=True)])
 
 
