@@ -148,7 +148,7 @@ def test_the_force_of_now_answers_to_delay_and_lag_as_its_differences_do(t: floa
 
 
 def test_a_force_without_a_lag_answers_to_its_delay_over_a_step() -> None:
-    """A wrench that was recorded as it changes: half as late, it would have changed by half as much."""
+    """A recorded wrench that rises by 3 N/s: each second of delay takes 3 N from the force of now."""
     held, out = new_zero_order_hold(1, np.zeros(1), 0.05), np.zeros((3, 1))
     for k in range(20):
         hold_force(held, 0.02 * k, np.array([3.0 * 0.02 * k]))

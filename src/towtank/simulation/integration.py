@@ -103,7 +103,7 @@ def simulate_in_waves(
     """Simulate one vehicle as `simulate_thrusters`, in water that accelerates; states are relative to that water.
 
     Args:
-            lift: acceleration of the water in the middle of each piece, as a share of gravity (n m, 3), NED. The wrench
+        lift: acceleration of the water in the middle of each piece, as a share of gravity (n m, 3), NED. The wrench
             that comes of it is held over the piece, in the attitude at its start.
         Others as `simulate_thrusters`; a wrench alone is that of six thrusters with B = 1, which lose nothing.
     """

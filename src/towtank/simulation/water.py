@@ -111,7 +111,8 @@ class Waves:
         for name, least in (("rms", 0.0), ("period", 0.0), ("heading", -math.inf), ("vertical", 0.0)):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= least):
-                raise InputError(f"waves: {name}: found {value}, expected a finite number, {least:g} or more")
+                limit = f", {least:g} or more" if math.isfinite(least) else ""
+                raise InputError(f"waves: {name}: found {value}, expected a finite number{limit}")
         if self.period == 0.0:
             raise InputError("waves: period: found 0 s, expected more")
 
