@@ -6,9 +6,10 @@ A BlueROV2 Heavy, of which the learner is told rigid body and thrusters, is flow
 to a level for some seconds, a hand needs a third of a second for full throw. Commands come late by 0.1 s, thrusters lag
 by 0.08 s and give 5 % more or less than their curves say, a random force of 0.4 N acts, and in `waves` the water goes
 to and fro with 0.03 to 0.1 m/s (standard deviation) at periods of 4 to 8 s. A `dvl` with gyros, depth and attitude, or
-a `camera`, measures. Twenty minutes of one stream, in which nothing changes; or, by DVL, in still water, two minutes
-and then a `payload` of 8 % of the mass, which weighs nothing in water, 0.1 m below the centre of gravity; or a centre
-of gravity `shifted` by 12 mm ahead.
+a `camera`, measures. Twenty minutes of one stream, in which nothing changes; ten, in which the same waves come up after two or
+three (`rising`), which must be told, and no change be cried; or, by DVL, in still water, two minutes and then a
+`payload` of 8 % of the mass, which weighs nothing in water, 0.1 m below the centre of gravity; or a centre of gravity
+`shifted` by 12 mm ahead.
 """
 
 from __future__ import annotations
@@ -32,8 +33,9 @@ from towtank.simulation.sensors.sensor import Sensors
 from towtank.vehicle import Vehicle, allocate, load_vehicle
 
 SENSORS: dict[str, tuple[Sensors, Sequence[str]]] = {"dvl": (Ins(), BY_DVL), "camera": (Mocap(), POSE)}
-CASES = ("waves dvl", "waves camera", "payload dvl", "shifted dvl")
+CASES = ("waves dvl", "waves camera", "rising dvl", "rising camera", "payload dvl", "shifted dvl")
 MINUTES = 20.0  # of a stream in which nothing changes
+CALM = (120.0, 180.0)  # s after which waves come up, in half that time
 BEFORE, AFTER = 120.0, 30.0  # s of one in which something does
 HEAVIER, BELOW, AHEAD = 0.08, 0.1, 0.012  # of the mass, m, m
 _DT = 0.01  # s
@@ -48,9 +50,9 @@ class Flight(NamedTuple):
     """What came of one stream.
 
     Attributes:
-        seconds: how long it was. false: what was cried though nothing had changed. noticed: s from the change until it
-            was, inf where it was not or none was. said: of the first true notice. body: whether that blamed the
-            body, not a thruster.
+        seconds: how long it was. false: what was cried though nothing had changed. noticed: s from the change, or from
+            when waves began, until it was, inf where it was not or none was. said: of the first true notice. body:
+            whether that blamed the body, not a thruster.
     """
 
     seconds: float
@@ -61,24 +63,27 @@ class Flight(NamedTuple):
 
 
 def flown(case: str, seed: int, minutes: float = MINUTES) -> tuple[Vehicle, Recording, float]:
-    """Return what the learner is told, the log, and when the vehicle changed, inf for never."""
+    """Return what the learner is told, the log, and when the vehicle changed or waves began, inf for never."""
     random = np.random.default_rng([seed, 1])
     told, truth = _vehicles(random)
-    changes, seconds = [], 60.0 * minutes
+    changes, seconds, begin = [], 60.0 * minutes, 0.0
+    if "rising" in case:
+        begin, seconds = np.random.default_rng([seed, 2]).uniform(*CALM), 0.5 * seconds
     if case.split()[0] in ("payload", "shifted"):
         when = round(BEFORE + 5.0 * random.random(), 2)
         changes, seconds = [(when, _loaded(truth) if "payload" in case else _shifted(truth))], when + AFTER
-    waves = Waves(random.uniform(0.03, 0.1), random.uniform(4.0, 8.0), random.uniform(-math.pi, math.pi))
+    size, period, heading = random.uniform(0.03, 0.1), random.uniform(4.0, 8.0), random.uniform(-math.pi, math.pi)
+    waves = Waves(size, period, heading, begin=begin)
     axes = range(6) if seed % 2 else (0, 1, 2, 5)
     trim = [0.0, 0.0, truth.weight_minus_buoyancy, 0.0, 0.0, 0.0]
     commands = allocate(told, sticks(seconds, axes, random) * _FULL - trim)
     sensors, measured = SENSORS[case.split()[1]]
     run = simulate(
         truth, commands=commands, dt=_DT, sensors=sensors, disturbance=_WATER, changes=changes, seed=seed,
-        waves=waves if "waves" in case else None,
+        waves=waves if case.split()[0] in ("waves", "rising") else None,
     )  # fmt: skip
     kept = run.without(*(name for name in run if name not in measured and not name.startswith("cmd_")))
-    return told, kept, changes[0][0] if changes else math.inf
+    return told, kept, changes[0][0] if changes else begin or math.inf
 
 
 def sticks(seconds: float, axes: Sequence[int] | range, random: np.random.Generator) -> Array:
@@ -149,8 +154,10 @@ def learned(case: str, seed: int) -> Flight:
     learner = Learner(told)
     learner.run(run)
     events = [(float(each.details.get("noticed", each.t)), each) for each in learner.events]
-    true = [(t, each) for t, each in events if t > when]
-    false = [f"{t:.0f} s: {each.text}" for t, each in events if t <= when]
+    if "waves" in case:  # no alarm: they are there
+        events = [(t, each) for t, each in events if each.kind != "waves"]
+    true = [(t, each) for t, each in events if t > when and (each.kind == "waves") == ("rising" in case)]
+    false = [f"{t:.0f} s: {each.text}" for t, each in events if (t, each) not in true]
     if not true:
         return Flight(run.duration, false, math.inf, "", body=False)
     t, first = true[0]
@@ -163,6 +170,12 @@ def checks(case: str, found: Sequence[Flight]) -> list[Check]:
     false = sum(len(each.false) for each in found)
     if "waves" in case:
         return [Check(f"{case}: false alarms an hour, in {hours:.1f} h", false / hours, high=1.0)]
+    if "rising" in case:
+        alike = float(np.mean([math.isfinite(each.noticed) for each in found]))
+        return [
+            Check(f"{case}: false alarms an hour, in {hours:.1f} h", false / hours, high=1.0),
+            Check(f"{case}: waves told, share", alike, low=0.9),
+        ]
     return [
         Check(f"{case}: noticed after, s, median", float(np.median([each.noticed for each in found])), high=5.0),
         Check(f"{case}: noticed, and the body blamed, share", float(np.mean([each.body for each in found])), low=0.9),

@@ -56,8 +56,12 @@ def test_current_and_delay(tmp_path: Path) -> None:
 def test_waves(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     found = document("simulate", "seamor", "surge-square", "-o", log, "--waves", "0.05,6", "--duration", 40)
-    assert found["waves"] == {"rms_m_s": 0.05, "period_s": 6.0}
+    assert found["waves"] == {"rms_m_s": 0.05, "period_s": 6.0, "begin_s": 0.0}
     assert np.std(tt.read(log)["w"].values) > 0.02  # nothing else moves it up and down
+    found = document("simulate", "seamor", "surge-square", "-o", log, "--waves", "0.05,6,5", "--duration", 40)
+    assert found["waves"]["begin_s"] == 5.0
+    heave = tt.read(log)["w"]
+    assert np.std(heave.values[heave.t < 5.0]) < 1e-3 < 0.02 < np.std(heave.values[heave.t > 5.0])
 
 
 def test_a_file_as_manoeuvre(tmp_path: Path) -> None:
@@ -99,7 +103,8 @@ def test_output_tells_the_next_command(tmp_path: Path) -> None:
         (["seamor", "yaw-sine", "--seed", "-1"], "--seed: found -1"),
         (["seamor", "yaw-sine", "--current", "1,2"], "expected three numbers"),
         (["seamor", "yaw-sine", "--current", "1,b,2"], 'found "b"'),
-        (["seamor", "yaw-sine", "--waves", "0.1"], '--waves: found "0.1", expected two numbers'),
+        (["seamor", "yaw-sine", "--waves", "0.1"], '--waves: found "0.1", expected RMS,PERIOD'),
+        (["seamor", "yaw-sine", "--waves", "0.1,6,-1"], "waves: begin: found -1"),
         (["seamor", "yaw-sine", "--waves", "0.1,0"], "waves: period: found 0 s"),
         (["seamor", "yaw-sine", "--disturbance", "-3"], "--disturbance: found -3"),
     ],

@@ -170,6 +170,25 @@ def test_waves_are_asked_for_after_an_early_change_too() -> None:
     assert running.levels.waves[:2].max() > 0.03
 
 
+def test_waves_that_begin_are_no_change_of_the_vehicle() -> None:
+    """They come after the time in which a stream asks for them, and explain what they do better than a payload."""
+    run = tt.simulate(
+        truth(), commands=commands(), dt=DT, duration=78.0, sensors=Mocap(rate=1.0 / DT), disturbance=FORCE,
+        waves=Waves(0.08, 4.0, begin=62.0), seed=3,
+    )  # fmt: skip
+    learner = learned(run)
+    assert isinstance(learner, JointLearner)
+    assert [each.kind for each in learner.events] == ["waves"]
+    assert 62.0 < float(learner.events[0].details["noticed"]) < 72.0
+    stream = learner._stream
+    assert stream.running is not None
+    assert stream.running.levels.waves.any()
+    assert stream.schedule.next - stream.schedule.began >= 20.0  # of less, a wave is no more than a slow force
+    for each in learner.estimate.coefficients:
+        if each.identified:
+            assert abs(each.value - truth().coefficient(each.name)) < 3.0 * each.std
+
+
 def test_a_re_estimation_begins_where_the_last_filter_is_by_name(loaded: tuple[tt.Learner, Recording]) -> None:
     learner, run = loaded
     assert isinstance(learner, JointLearner)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,17 @@ def test_the_waters_motion_is_one_motion() -> None:
     again, other = SWELL.motion(t[:10], seed=3), SWELL.motion(t[:10], seed=4)
     np.testing.assert_array_equal(again.velocity, water.velocity[:10])
     assert np.abs(other.velocity - again.velocity).max() > 0.01
+
+
+def test_waves_come_up_from_still_water_to_the_motion_that_they_have() -> None:
+    t = np.arange(8000) * 0.005
+    full, water = SWELL.motion(t, seed=3), replace(SWELL, begin=12.0).motion(t, seed=3)
+    for part in water:
+        np.testing.assert_array_equal(part[t < 12.0], 0.0)
+    np.testing.assert_allclose(water.velocity[t > 27.0], full.velocity[t > 27.0], rtol=1e-12)
+    np.testing.assert_allclose(water.acceleration[t > 27.0], full.acceleration[t > 27.0], atol=1e-15)
+    for moved, rate in ((water.displacement, water.velocity), (water.velocity, water.acceleration)):
+        np.testing.assert_allclose(np.gradient(moved, t, axis=0)[1:-1], rate[1:-1], atol=1e-4)
 
 
 def test_its_size_period_and_heading_are_those_asked_for() -> None:

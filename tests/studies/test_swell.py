@@ -30,7 +30,7 @@ def test_the_learner_is_told_of_rigid_body_and_thrusters_alone(case: str) -> Non
     assert ("x" in run) == ("camera" in case)
     assert ("u" in run) == ("dvl" in case)
     changes = case.split()[0] in ("payload", "shifted")
-    assert math.isfinite(when) == changes
+    assert math.isfinite(when) == (changes or "rising" in case)
     if changes:
         assert BEFORE <= when <= BEFORE + 5.0
         assert run.duration == pytest.approx(when + AFTER, abs=0.02)
@@ -41,6 +41,7 @@ def test_what_must_hold_of_a_case() -> None:
     false = Flight(1200.0, ["37 s: thruster t0: 92 ± 4 % of its thrust"], math.inf, "", body=False)
     assert checks("waves dvl", [silent, silent, false])[0].met  # one in an hour
     assert not checks("waves dvl", [silent, false, false])[0].met
+    assert not checks("rising dvl", [silent, silent, false])[1].met  # waves that nobody told
     noticed = [Flight(150.0, [], after, "", body=after < 5.0) for after in (0.9, 4.9, math.inf)]
     assert [each.value for each in checks("payload dvl", noticed)] == [4.9, pytest.approx(2 / 3), 0.0]
     assert [each.met for each in checks("payload dvl", noticed)] == [True, False, True]

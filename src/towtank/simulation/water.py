@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from towtank.core.arrays import Array, kernel
 from towtank.errors import InputError, nearest
@@ -36,6 +37,7 @@ _COMPONENTS = 12
 _BAND = 0.1  # deviation of the components' periods, of the period
 _SHORTEST = 0.5  # of the period, of any component
 _SPREAD = 0.3  # rad, deviation of their directions
+_RISES = 5.0  # periods over which waves come up
 
 
 @dataclass(frozen=True)
@@ -97,6 +99,7 @@ class Waves:
         period: about which the periods of the components lie [s].
         heading: where they go [rad], from north to east; the components within some 17 degrees.
         vertical: share of the horizontal velocity that the vertical one is: 1 in deep water, 0 along a near bottom.
+        begin: the water is still until then [s], and in full motion five periods later; from the start where 0.
 
     Raises:
         InputError: a number is not finite or out of range.
@@ -106,9 +109,10 @@ class Waves:
     period: float = 6.0
     heading: float = 0.0
     vertical: float = 1.0
+    begin: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, least in (("rms", 0.0), ("period", 0.0), ("heading", -math.inf), ("vertical", 0.0)):
+        for name, least in (("rms", 0.0), ("period", 0.0), ("heading", -math.inf), ("vertical", 0.0), ("begin", 0.0)):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= least):
                 limit = f", {least:g} or more" if math.isfinite(least) else ""
@@ -132,7 +136,16 @@ class Waves:
             out.velocity[:] += along * c + down * s
             out.acceleration[:] += w * (down * c - along * s)
             out.displacement[:] += (along * (s - math.sin(phase)) - down * (c - math.cos(phase))) / w
-        return out
+        return self._rising(t, out) if self.begin > 0.0 else out
+
+    def _rising(self, t: Array, full: WaterMotion) -> WaterMotion:
+        """Return the motion as it comes up: its velocity times a share that goes smoothly from 0 to 1."""
+        span = _RISES * self.period
+        angle = math.pi * np.clip((t - self.begin) / span, 0.0, 1.0)[:, None]
+        share, rate = 0.5 - 0.5 * np.cos(angle), 0.5 * math.pi / span * np.sin(angle)
+        velocity = share * full.velocity
+        moved = cumulative_trapezoid(velocity, t, axis=0, initial=0.0)
+        return WaterMotion(moved, velocity, share * full.acceleration + rate * full.velocity)
 
 
 @kernel

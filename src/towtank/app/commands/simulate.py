@@ -117,7 +117,9 @@ def simulate(
     waves: Annotated[
         str | None,
         typer.Option(
-            "--waves", metavar="RMS,PERIOD", help="Waves: velocity of the water in m/s (standard deviation), period."
+            "--waves",
+            metavar="RMS,PERIOD[,BEGIN]",
+            help="Waves: velocity of the water in m/s (standard deviation), period, and when they come up, in s.",
         ),
     ] = None,
     guard: Annotated[
@@ -141,7 +143,8 @@ def simulate(
     positive_option("--delay", delay, zero=True)
     positive_option("--disturbance", disturbance, zero=True)
     water = numbers("--current", current, 3, "three numbers N,E,D in m/s, as 0.2,0,0")
-    swell = numbers("--waves", waves, 2, "two numbers RMS,PERIOD in m/s and s, as 0.05,6")
+    three = waves is not None and waves.count(",") == 2
+    swell = numbers("--waves", waves, 3 if three else 2, "RMS,PERIOD in m/s and s, as 0.05,6, or RMS,PERIOD,BEGIN")
     if seed < 0:
         raise InputError(f"--seed: found {seed}, expected 0 or more")
     if duration is not None and duration * rate > _MOST_STEPS:
@@ -177,7 +180,7 @@ def simulate(
             current=water or (0.0, 0.0, 0.0),
             sensors=watch,
             disturbance=push,
-            waves=None if swell is None else Waves(*swell),
+            waves=None if swell is None else Waves(swell[0], swell[1], begin=swell[2] if three else 0.0),
             delay=delay,
             seed=seed,
             substeps=max(1, round(inputs.dt / _LONGEST_STEP)),
@@ -211,7 +214,9 @@ def simulate(
             "delay_s": found.command_delay if delay is None else delay,
             "current": water or (0.0, 0.0, 0.0),
             "disturbance_n": disturbance or 0.0,
-            "waves": None if swell is None else {"rms_m_s": swell[0], "period_s": swell[1]},
+            "waves": None
+            if swell is None
+            else {"rms_m_s": swell[0], "period_s": swell[1], "begin_s": swell[2] if three else 0.0},
             "guard": None
             if kept is None
             else {"changed": kept.changed, "nearest_m": float(kept.clearance.min()), "touched": kept.touch is not None},

@@ -2,24 +2,30 @@
 
 Every half second a filter is split off the first one, with inertia, drag, weight, righting moment, trim and, where
 commands are known, the gains of the thrusters widened by what a payload or a fouled thruster would do to them, as far
-as they are identified by then. What its samples
-say by themselves (`changes.evidence`) is the evidence of a change at that moment, of any parts. A change is one that
-has an evidence beyond `_SURE` twice in a row, and of which it is clear whether body or thruster is to blame. Then the
-filter that saw it goes on in place of the first one, informed of what has not changed, so that nothing is learned
-twice. The moment is sought in steps of 0.1 s, by replay: a filter that began before the change has seen both vehicles,
-and blames whatever bends most easily. Without motion a split filter learns nothing, its evidence stays zero, and the
-first filter, whose coefficients do not walk, waits as it is. What was known before the change, widened by it, becomes
-the prior of what follows.
+as they are identified by then. What its samples say by themselves (`changes.evidence`) is the evidence of a change at
+that moment, of any parts. A change is one that has an evidence beyond `_SURE` twice in a row, and of which it is clear
+whether body or thruster is to blame. Then the filter that saw it goes on in place of the first one, informed of what
+has not changed, so that nothing is learned twice. The moment is sought in steps of 0.1 s, by replay: a filter that
+began before the change has seen both vehicles, and blames whatever bends most easily. Without motion a split filter
+learns nothing, its evidence stays zero, and the first filter, whose coefficients do not walk, waits as it is. What was
+known before the change, widened by it, becomes the prior of what follows.
+
+Waves that begin look like a vehicle that changes, time and again. Where a sensor sees the ground, so that a filter can
+tell them, and none were found before, a change must have more evidence than waves that began with it or earlier.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
+from scipy.special import logsumexp
 
 from towtank.core.arrays import Array
+from towtank.core.zero_order_hold import ZeroOrderHold
 from towtank.identification.changes.branch import (
     Branch,
     Kept,
@@ -33,7 +39,7 @@ from towtank.identification.changes.branch import (
     with_coordinates,
     without_change_of,
 )
-from towtank.identification.changes.events import Change, ChangeLog, Recognised
+from towtank.identification.changes.events import Change, ChangeLog, Recognised, Swell
 from towtank.identification.changes.evidence import Overdispersion
 from towtank.identification.changes.hypotheses import (
     ConfigurationMatch,
@@ -47,6 +53,9 @@ from towtank.identification.changes.hypotheses import (
     steps_of,
 )
 from towtank.identification.data.samples import Buffer, Samples
+from towtank.identification.kalman.filter import take_all
+from towtank.identification.kalman.passes import WAVE_PERIODS
+from towtank.identification.kalman.state import JointState, coefficient_block, in_waves
 from towtank.identification.model.parameters import GAIN_PREFIX, IN_GAIN, FreeParameters
 from towtank.identification.model.prior import Prior
 from towtank.recording.event import Event
@@ -66,6 +75,7 @@ _AGAIN = 2  # checks in a row
 _TRUSTED = 20.0  # s after a re-estimation was requested for which a change is accepted
 _COMPARED = 15.0  # s for which a change is compared with known configurations
 _TAKEN, _DROPPED = 0.98, 0.3  # probability at which a known configuration is taken as prior, and given up
+_WAVES = 0.03, 0.1  # m/s: sizes of waves that may have begun
 _LEAST_MOTION = 15.0  # s of motion from which on changes are looked for
 
 
@@ -126,7 +136,7 @@ class ChangeDetector:
         if self._branches or self._matching is not None:
             self._rows.add_row(t, z)
 
-    def step(self, t: float, running: Running) -> Change | Recognised | None:
+    def step(self, t: float, running: Running) -> Change | Recognised | Swell | None:
         """Do what is due at t [s], a little with every row: let branches catch up, judge them, split off the next."""
         span, self._last = t - self._last, t
         if self._waiting:
@@ -194,7 +204,7 @@ class ChangeDetector:
         free = self._wide.free
         self._branches.append(split_off(t, running.state, running.held, running.free, free, self._steps, t + lives))
 
-    def _judge(self, t: float, running: Running) -> Change | None:
+    def _judge(self, t: float, running: Running) -> Change | Swell | None:
         if not self.overdispersion.known:
             return None
         free = running.free
@@ -217,11 +227,52 @@ class ChangeDetector:
         if verdict.clear < _CLEAR and t - since < _WAITS:
             return None
         branch = finer[verdict.best]
+        swell = self._swell(t, branch, running, verdict.evidence)
+        if swell is not None:
+            return swell
         if running.has_moved and not t - self.requested < _TRUSTED:
             self.requested = t
             self.restart()
             return None
         return self._change(t, branch, verdict, running)
+
+    def _swell(self, t: float, best: Branch, running: Running, evidence: float) -> Swell | None:
+        """Return the filter in waves that have begun, where they explain what was seen better than a change does.
+
+        What was split off goes over its samples once more, with waves instead of wider coefficients: what the
+        innovations gain on the first filter's is the logarithm of a Bayes factor, as it is with wider coefficients.
+
+        Args:
+            best: began where the change did. evidence: log Bayes factor of that, by its increment.
+        """
+        if not running.settings.current or running.levels.waves.any():
+            return None
+        log_likelihood, factor = float(running.state.clock[0].log_likelihood), self.overdispersion.factor
+        of_change = max(float(best.state.clock[0].log_likelihood) - log_likelihood, factor * evidence)
+        oldest = min(self._branches, key=lambda each: each.t)
+        found: list[tuple[float, float, Branch, JointState, ZeroOrderHold]] = []
+        for branch in (best,) if best.t <= oldest.t else (oldest, best):
+            rows = self._recent.since(branch.t)
+            for period, level in itertools.product(WAVE_PERIODS, _WAVES):
+                state, held = in_waves(branch.parent, np.full(3, level), period), copied(branch.parent_held)
+                take_all(state, held, rows)
+                gained = float(state.clock[0].log_likelihood) - log_likelihood
+                found.append((np.nan_to_num(gained, nan=-np.inf), period, branch, state, held))
+        gains = [gained for gained, *_ in found]
+        of_waves = float(logsumexp(gains)) - math.log(len(gains))
+        if not of_waves > of_change:
+            return None
+        _, period, branch, state, held = max(found, key=lambda each: each[0])
+        own = running._replace(
+            state=state,
+            held=held,
+            settings=replace(running.settings, wave_period=period),
+            levels=replace(running.levels, waves=state.wave_level.copy()),
+        )
+        known = _definite(coefficient_block(branch.parent))
+        kept = Kept(running.prior.names, branch.parent.theta, known, running.disagreement, running.apart)
+        self.restart()
+        return Swell(branch.t, t, of_waves, own, kept)
 
     def _verdict(self, t: float) -> tuple[Verdict | None, Branch | None]:
         """Return what the filters say at t [s], and which fits best; None where nothing is sure."""
@@ -392,7 +443,7 @@ class ChangeTracker:
         seen: float,
         running: Running,
         like: Buffer,
-    ) -> Change | Recognised | None:
+    ) -> Change | Recognised | Swell | None:
         """Take the row z (18,) of time t [s], after the filter; return what goes on in its place, where one does.
 
         Args:

@@ -64,6 +64,22 @@ class Recognised:
     kept: Kept
 
 
+@dataclass(frozen=True, eq=False)
+class Swell:
+    """Waves that have begun where there were none; the vehicle is as it was.
+
+    Attributes:
+        t, noticed: when, as far as known, and now [s]. evidence: log Bayes factor against still water.
+        running: the filter from here on. kept: what was known of the vehicle when they began.
+    """
+
+    t: float
+    noticed: float
+    evidence: float
+    running: Running
+    kept: Kept
+
+
 def change_words(
     free: FreeParameters,
     before: tuple[Array, Array],
@@ -143,8 +159,13 @@ class ChangeLog:
         self._open: tuple[Change, int] | None = None  # the last change, its place among the events
         self._again = _REVISED  # s after it was noticed that it is revised
 
-    def add(self, detected: Change | Recognised) -> None:
-        """Add a change, or a configuration that was recognised."""
+    def add(self, detected: Change | Recognised | Swell) -> None:
+        """Add a change, a configuration that was recognised, or waves."""
+        if isinstance(detected, Swell):
+            self.settle()
+            shown = {"noticed": detected.noticed, "log_evidence": detected.evidence}
+            self._put(Event(detected.t, "waves", "waves have begun: the water goes to and fro", shown))
+            return
         if isinstance(detected, Recognised):
             if detected.taken:
                 text = f"this is {detected.name}, met before (probability {100.0 * detected.probability:.1f} %)"

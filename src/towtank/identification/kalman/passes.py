@@ -66,6 +66,7 @@ from towtank.recording.grids.stretches import spread
 from towtank.vehicle import Vehicle
 
 __all__ = [
+    "WAVE_PERIODS",
     "JointFit",
     "JointProblem",
     "inputs_of",
@@ -88,7 +89,7 @@ _SOONEST = 0.2  # of the delay and the lag that are supposed, in a second beginn
 _DAMPED = 0.5  # share of a step that goes back on the last one
 _STILL = 0.05  # deviations of the posterior that a coefficient may still move
 _MUCH_WORSE = 100.0  # of the log likelihood, that a pass may lose on the best one
-_PERIODS = (3.5, 5.0, 8.0)  # s, of waves that are tried beside that of the settings
+WAVE_PERIODS = (3.5, 5.0, 8.0)  # s, of waves that are tried beside that of the settings
 _WAVE = 0.03  # m/s: their size to begin with
 _DISAGREE = 100.0  # times the variance, at most
 _TOLD = 1e-6  # of the prior's information: below, the data tell nothing
@@ -355,7 +356,7 @@ def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem
     if not (fit.likelihood > calm.likelihood + _WAVES_GAIN and fit.levels.waves.max() > _SMALLEST_WAVE):
         return problem, calm
     found = [(fit.likelihood, problem)]
-    for period in _PERIODS:
+    for period in WAVE_PERIODS:
         other = replace(problem, settings=replace(problem.settings, wave_period=period))
         found.append((float(one_pass(other, fit.theta, fit.levels)[0].clock[0].log_likelihood), other))
     _, best = max(found, key=lambda each: np.nan_to_num(each[0], nan=-np.inf))

@@ -49,6 +49,7 @@ __all__ = [
     "columns_of",
     "forget_surroundings",
     "healthy_snapshot",
+    "in_waves",
     "new_joint_state",
     "places_of",
     "recovered",
@@ -348,6 +349,19 @@ def forget_surroundings(state: JointState, elapsed: float | None = None, current
     state.P[rows, rows] = variance[rows]
     state.wave[:] = 0.0
     state.water[:] = state.current
+
+
+def in_waves(state: JointState, levels: Array, period: float) -> JointState:
+    """Return a copy of a filter without waves in whose water they may begin now, with levels (3,) and a period [s]."""
+    size = state.P.shape[0] + N_WAVES
+    P, settings = np.zeros((size, size)), state.settings.copy()
+    P[:-N_WAVES, :-N_WAVES] = state.P
+    P[range(size - N_WAVES, size), range(size - N_WAVES, size)] = np.tile(levels**2, 2)
+    settings["waves"], settings["wave_frequency"], settings["wave_decay"] = 1.0, 2.0 * math.pi / period, 1.0 / period
+    wider = {name: np.zeros((*getattr(state, name).shape[:-1], size)) for name in ("W", "H", "G")}
+    wider |= {"dx": np.append(state.dx, np.zeros(N_WAVES)), "active": np.append(state.active, np.ones(N_WAVES))}
+    own: dict[str, Any] = {"P": P, "settings": settings, "wave_level": np.array(levels), **wider}
+    return JointState(**{name: own[name] if name in own else value.copy() for name, value in state._asdict().items()})
 
 
 def columns_of(codes: Codes, kind: int, count: int) -> NDArray[np.int64]:

@@ -271,10 +271,10 @@ class Schedule:
         if seen > self.last + max(_OFTEN, (self.last - self.began) * _OFTEN_SHARE):
             self.next = min(self.next, seen)
 
-    def anew(self, seen: float) -> None:
-        """Begin again with a vehicle that has changed."""
+    def anew(self, seen: float, first: float) -> None:
+        """Begin again with a vehicle, or water, that has changed; first re-estimate after so long [s]."""
         self.began = self.last = seen
-        self.next = seen + _DOUBLES
+        self.next = seen + first
 
     def behind(self, seen: float) -> bool:
         """Whether one is due, or the last one saw far less than has been seen by now."""
