@@ -6,10 +6,10 @@ A BlueROV2 Heavy, of which the learner is told rigid body and thrusters, is flow
 to a level for some seconds, a hand needs a third of a second for full throw. Commands come late by 0.1 s, thrusters lag
 by 0.08 s and give 5 % more or less than their curves say, a random force of 0.4 N acts, and in `waves` the water goes
 to and fro with 0.03 to 0.1 m/s (standard deviation) at periods of 4 to 8 s. A `dvl` with gyros, depth and attitude, or
-a `camera`, measures. Twenty minutes of one stream, in which nothing changes; ten, in which the same waves come up after two or
-three (`rising`), which must be told, and no change be cried; or, by DVL, in still water, two minutes and then a
-`payload` of 8 % of the mass, which weighs nothing in water, 0.1 m below the centre of gravity; or a centre of gravity
-`shifted` by 12 mm ahead.
+a `camera`, measures. Twenty minutes of one stream, in which nothing changes; ten, in which the same waves come up
+after two or three (`rising`), which must be told, and no change be cried; or, by DVL, in still water, two minutes and
+then a `payload` of 8 % of the mass, which weighs nothing in water, 0.1 m below the centre of gravity; or a centre of
+gravity `shifted` by 12 mm ahead.
 """
 
 from __future__ import annotations
