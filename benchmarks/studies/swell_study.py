@@ -155,8 +155,8 @@ def learned(case: str, seed: int) -> Flight:
     learner.run(run)
     events = [(float(each.details.get("noticed", each.t)), each) for each in learner.events]
     if "waves" in case:  # no alarm: they are there
-        events = [(t, each) for t, each in events if each.kind != "waves"]
-    true = [(t, each) for t, each in events if t > when and (each.kind == "waves") == ("rising" in case)]
+        events = [(t, each) for t, each in events if each.kind != "water"]
+    true = [(t, each) for t, each in events if t > when and (each.kind == "water") == ("rising" in case)]
     false = [f"{t:.0f} s: {each.text}" for t, each in events if (t, each) not in true]
     if not true:
         return Flight(run.duration, false, math.inf, "", body=False)

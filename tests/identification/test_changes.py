@@ -178,7 +178,7 @@ def test_waves_that_begin_are_no_change_of_the_vehicle() -> None:
     )  # fmt: skip
     learner = learned(run)
     assert isinstance(learner, JointLearner)
-    assert [each.kind for each in learner.events] == ["waves"]
+    assert [each.kind for each in learner.events] == ["water"]
     assert 62.0 < float(learner.events[0].details["noticed"]) < 72.0
     stream = learner._stream
     assert stream.running is not None

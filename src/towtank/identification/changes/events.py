@@ -26,6 +26,7 @@ __all__: list[str] = []
 
 _AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 _MOST_NAMED, _SURE_STEP = 4, 2.0  # coefficients at most; deviations
+_MOVES = "the water moves as it did not before: waves, or another current"
 _REVISED, _SETTLES = 1.0, 8.0  # s after which a change is revised, ever later, and at last
 
 
@@ -164,7 +165,7 @@ class ChangeLog:
         if isinstance(detected, Swell):
             self.settle()
             shown = {"noticed": detected.noticed, "log_evidence": detected.evidence}
-            self._put(Event(detected.t, "waves", "waves have begun: the water goes to and fro", shown))
+            self._put(Event(detected.t, "water", _MOVES, shown))
             return
         if isinstance(detected, Recognised):
             if detected.taken:

@@ -17,7 +17,7 @@ _WORDS = {
     "change": "the vehicle changed",
     "thruster": "a thruster",
     "configuration": "configuration",
-    "waves": "the water",
+    "water": "the water",
     "mended": "the filter",
     "link": "link",
     "occlusion": "lost sight",
