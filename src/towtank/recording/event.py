@@ -49,7 +49,8 @@ class Event:
         t: when it happened [s], on the samples' clock; for a change, when it is thought to have begun.
         kind: one of `EVENT_KINDS`. "change": of the vehicle (payload, drag, ballast); "thruster": one pushes less or
             more than it did; "configuration": a known one was recognised, or given up; "water": it moves as it did
-            not before; "mended": an estimator that had lost itself; "link": one is lost, or back; the others are what they say.
+            not before; "mended": an estimator that had lost itself; "link": one is lost, or back; the others are
+            what they say.
         text: one line for a person.
         details: numbers and names for programs, as "noticed" [s] and, by coefficient, the step and its deviation.
     """
