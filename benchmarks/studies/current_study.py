@@ -4,10 +4,10 @@
 
 A vLBV300 whose thrusters answer in 0.1 s, multisine on all axes for 30 s, a random force of 0.25 N and 0.02 N m, 2 s;
 an accelerometer, gyros, attitude, depth and a DVL, 8 a second: once the thrusters are known, after half a second, a log
-begins in full motion between two of its samples. `still`: in still water; `flows`: in a current of 0.18 m/s. Nobody is
-told. Of three total inertias, three quadratic drags and the lag, in their deviations: one pass of the filter,
-linearised about the truth and told the true levels of noise and force, whose errors must have the deviations that it
-states; and what is learned.
+begins in full motion between two of its samples. `still`: in still water; `flows`: in a current of 0.18 m/s; `changes`:
+in one that begins to flow after 10 s and is 0.18 m/s 10 s later. Nobody is told. Of three total inertias, three
+quadratic drags and the lag, in their deviations: one pass of the filter, linearised about the truth and told the true
+levels of noise and force, whose errors must have the deviations that it states; and what is learned.
 """
 
 from __future__ import annotations
@@ -21,16 +21,19 @@ import numpy as np
 from by_case import by_case
 from summary import Check
 
+from towtank.core.arrays import Array
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import prepared
 from towtank.identification.kalman.passes import one_pass
 from towtank.identification.kalman.state import coefficient_std
 from towtank.identification.offline.joint import LearningRequest, joint_problem
 from towtank.recording import Recording
-from towtank.simulation import Ins, OrnsteinUhlenbeck, manoeuvre, simulate
+from towtank.simulation import Ins, OrnsteinUhlenbeck, RisingCurrent, manoeuvre, simulate
 from towtank.vehicle import load_vehicle
 
-CASES = {"still": (0.0, 0.0, 0.0), "flows": (0.15, -0.1, 0.0)}  # m/s, NED
+CASES = {"still": (0.0, 0.0, 0.0), "flows": (0.15, -0.1, 0.0), "changes": (0.15, -0.1, 0.0)}  # m/s, NED
+RISES = 10.0, 10.0  # s: when that of `changes` begins, and until it flows in full
+SECONDS, PIECE = 30, 1  # of a run; that are linearised about one current
 FREE = ("X_udot", "Y_vdot", "N_rdot", "X_uu", "Y_vv", "N_rr")
 LAG = 0.1  # s
 FORCE = np.array([0.25, 0.25, 0.25, 0.02, 0.02, 0.02])  # N, N m
@@ -46,8 +49,22 @@ TRUTH = _FILE.model_copy(
 def dive(case: str, seed: int) -> Recording:
     """Return a run in the water of a case."""
     push = OrnsteinUhlenbeck(std=tuple(FORCE), time_constant=2.0)
-    commands = manoeuvre("all-multisine", TRUTH, duration=30.0, dt=0.01).commands
-    return simulate(TRUTH, commands=commands, dt=0.01, sensors=Ins(), seed=seed, current=CASES[case], disturbance=push)
+    commands = manoeuvre("all-multisine", TRUTH, duration=float(SECONDS), dt=0.01).commands
+    return simulate(
+        TRUTH, commands=commands, dt=0.01, sensors=Ins(), seed=seed, disturbance=push, waves=water(case),
+    )  # fmt: skip
+
+
+def water(case: str) -> RisingCurrent:
+    """Return how the water of a case moves."""
+    begin, seconds = RISES if case == "changes" else (0.0, 1e-9)
+    return RisingCurrent(CASES[case], begin, seconds)
+
+
+def pieces(case: str) -> Array:
+    """Return what the water of a case does as `NoiseLevels.currents` has it."""
+    t = np.arange(0, SECONDS + PIECE, PIECE, dtype=np.float64)
+    return np.column_stack([0.0 * t, t, t + PIECE, water(case).motion(t + 0.5 * PIECE, 0).velocity])
 
 
 def learned(case: str, seed: int) -> Found:
@@ -59,7 +76,7 @@ def learned(case: str, seed: int) -> Found:
         problem.rough,
         noise=NOISE,
         disturbance=FORCE / np.diag(TRUTH.mass_matrix),
-        currents=np.array([[0.0, 30.0, *CASES[case]]]),
+        currents=pieces(case),
     )
     state, *_ = one_pass(problem, truth, levels)
     off = (state.theta - truth) / coefficient_std(state)

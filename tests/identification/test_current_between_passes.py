@@ -71,8 +71,7 @@ def test_what_a_pass_has_found_is_where_the_next_is_linearised_and_no_more_is_kn
     state = one_pass(problem, problem.prior.mean, problem.rough)[0]
     forget_surroundings(state)
     supposed = state.P.copy()
-    forget_surroundings(state, None, np.array([0.1, 0.0, -0.02]))
-    np.testing.assert_array_equal(state.current_at, [0.1, 0.0, -0.02])
+    state.current_at[:] = 0.1, 0.0, -0.02
     np.testing.assert_array_equal(state.water, 0.0)
     np.testing.assert_array_equal(state.P, supposed)
     forget_surroundings(state, 5.0)  # of the same water
@@ -87,23 +86,23 @@ def test_stretches_in_the_same_water_are_linearised_about_what_the_last_has_foun
     cut = int(np.searchsorted(samples.t, samples.t[0] + 0.8))
     stretches = (samples.stretch(0, cut), samples.stretch(cut, len(samples)))
     session = replace(_surge(8).over(stretches), session=True)
-    known = np.array([[0.0, 20.0, 0.2, 0.1, 0.0]])
+    known = np.array([[0, 0.0, 20.0, 0.2, 0.1, 0.0]])
     levels = replace(session.rough, currents=known)
     state, _, _, currents = one_pass(session, session.prior.mean, levels)
-    np.testing.assert_array_equal(state.current_at, known[0, 2:])
-    np.testing.assert_array_equal(currents[0, 2:], currents[1, 2:])
-    assert currents[0, 1] < currents[1, 0]
+    np.testing.assert_array_equal(state.current_at, known[0, 3:])
+    np.testing.assert_allclose(currents[0, 3:], currents[1, 3:], atol=2e-3)
+    assert currents[0, 2] < currents[1, 1]
     dives = replace(session, session=False)
-    apart = one_pass(dives, dives.prior.mean, replace(levels, currents=np.array([[0.0, 0.5, 0.3, 0.0, 0.0]])))[0]
+    apart = one_pass(dives, dives.prior.mean, replace(levels, currents=np.array([[0, 0.0, 0.5, 0.3, 0.0, 0.0]])))[0]
     np.testing.assert_array_equal(apart.current_at, 0.0)  # nothing is known of the second
 
 
 def test_of_recordings_that_begin_at_the_same_time_each_has_its_own_current() -> None:
     [samples] = _surge(8).samples
     two = _surge(8).over((samples, samples))
-    known = np.array([[0.0, 20.0, 0.1, 0.0, 0.0], [0.0, 20.0, 0.2, 0.0, 0.0]])
+    known = np.array([[0, 0.0, 20.0, 0.1, 0.0, 0.0], [1, 0.0, 20.0, 0.2, 0.0, 0.0]])
     levels = replace(two.rough, currents=known)
-    np.testing.assert_array_equal(one_pass(two, two.prior.mean, levels)[0].current_at, known[1, 2:])
+    np.testing.assert_array_equal(one_pass(two, two.prior.mean, levels)[0].current_at, known[1, 3:])
     three = two.over((samples, samples, samples))  # of which pieces these are nobody can tell
     np.testing.assert_array_equal(one_pass(three, three.prior.mean, levels)[0].current_at, 0.0)
 
@@ -160,17 +159,18 @@ def test_a_current_away_from_where_the_motion_is_linearised_counts_to_first_orde
 def test_only_a_current_that_surely_flows_is_linearised_about() -> None:
     """Near a current that is chance, the Munk moment would tell of the inertias."""
     problem = _surge(15)  # where passes that followed every current ended 7 % off at 24 deviations
-    state, _, _, [found] = one_pass(problem, problem.prior.mean, problem.rough)
+    state, _, _, found = one_pass(problem, problem.prior.mean, problem.rough)
     deviation = np.sqrt(np.diag(state.P)[18:21])
     assert (np.abs(state.current) < 3.0 * deviation).all()
-    np.testing.assert_array_equal(found[2:], 0.0)
+    np.testing.assert_array_equal(found[:, 3:], 0.0)
     for share, kept in ((2.9, 0.0), (6.0, 0.75), (30.0, 0.99)):
         state.current[:] = -share * deviation
-        np.testing.assert_allclose(surely_flows(state), kept * state.current, atol=1e-12)
+        np.testing.assert_allclose(surely_flows(state.current, deviation**2), kept * state.current, atol=1e-12)
 
 
 def test_what_was_found_of_other_recordings_says_nothing_of_these() -> None:
     problem = _surge(8)
-    others = replace(problem.rough, currents=np.array([[100.0, 120.0, 0.1, 0.1, 0.1], [0.0, -1.0, 0.1, 0.1, 0.1]]))
+    elsewhere = np.array([[0, 100.0, 120.0, 0.1, 0.1, 0.1], [1, 0.0, -1.0, 0.1, 0.1, 0.1]])
+    others = replace(problem.rough, currents=elsewhere)
     without, beside = (one_pass(problem, problem.prior.mean, each)[0] for each in (problem.rough, others))
     np.testing.assert_array_equal(without.theta, beside.theta)

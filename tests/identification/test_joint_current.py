@@ -10,7 +10,7 @@ from towtank.identification.kalman import passes
 from towtank.identification.online.joint import JointLearner
 from towtank.live.pipeline.instants import Instants, rows_of
 from towtank.recording import Recording
-from towtank.simulation import Ins, OrnsteinUhlenbeck, manoeuvre, simulate
+from towtank.simulation import Ins, OrnsteinUhlenbeck, RisingCurrent, manoeuvre, simulate
 from towtank.vehicle import load_vehicle
 
 _QUICK = load_vehicle("vlbv300")
@@ -35,6 +35,23 @@ def flowing() -> Recording:
 @pytest.fixture(scope="module")
 def along(flowing: Recording) -> LogLearning:
     return learn_recordings(TRUTH, [flowing], free=FREE, delay=0.0)
+
+
+def test_a_current_that_changes_along_the_way_is_no_drag() -> None:
+    """Linearised about one current for the whole log, what the other does looked like drag, at 4 to 7 deviations."""
+    commands = manoeuvre("all-multisine", TRUTH, duration=60.0, dt=0.01).commands
+    push = OrnsteinUhlenbeck(std=(0.25, 0.25, 0.25, 0.02, 0.02, 0.02), time_constant=2.0)
+    turn = RisingCurrent((0.25, -0.1, 0.0), begin=25.0, seconds=15.0)
+    run = simulate(TRUTH, commands=commands, dt=0.01, sensors=Ins(), seed=1, waves=turn, disturbance=push)
+    found = learn_recordings(TRUTH, [run], free=(*FREE, "X_u", "Y_v"), delay=0.0)
+    for each in found.estimate.coefficients:
+        if each.identified:
+            assert abs(each.value - TRUTH.coefficient(each.name)) < 3.0 * each.std, each.name
+    assert found.levels is not None
+    assert found.levels.current_walk >= 3e-3
+    assert any("the current changes along the way" in each for each in found.remarks)
+    assert found.current is not None
+    assert (np.abs(found.current.velocity - (0.25, -0.1, 0.0)) < 4.0 * found.current.std).all()
 
 
 def test_the_current_is_found_and_the_drag_is_right(along: LogLearning) -> None:

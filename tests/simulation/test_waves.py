@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +14,7 @@ from towtank.core.forces import damping_force
 from towtank.core.inertia import coriolis_force
 from towtank.core.layout import I_LINEAR, I_QUADRATIC, I_WEIGHT
 from towtank.errors import InputError
-from towtank.simulation import OrnsteinUhlenbeck, Perfect, Together, WaterTrack, Waves, simulate
+from towtank.simulation import OrnsteinUhlenbeck, Perfect, RisingCurrent, Together, WaterTrack, Waves, simulate
 from towtank.vehicle import Vehicle
 
 from .vessels import COUPLED, table, vessel
@@ -43,6 +44,29 @@ def test_waves_come_up_from_still_water_to_the_motion_that_they_have() -> None:
     np.testing.assert_allclose(water.acceleration[t > 27.0], full.acceleration[t > 27.0], atol=1e-15)
     for moved, rate in ((water.displacement, water.velocity), (water.velocity, water.acceleration)):
         np.testing.assert_allclose(np.gradient(moved, t, axis=0)[1:-1], rate[1:-1], atol=1e-4)
+
+
+def test_a_current_begins_to_flow_and_stays() -> None:
+    t = np.arange(8000) * 0.005
+    water = RisingCurrent((0.2, -0.1, 0.05), begin=12.0, seconds=10.0).motion(t, seed=3)
+    for part in water:
+        np.testing.assert_array_equal(part[t < 12.0], 0.0)
+    np.testing.assert_allclose(water.velocity[t > 22.0], np.broadcast_to([0.2, -0.1, 0.05], (np.sum(t > 22.0), 3)))
+    for moved, rate in ((water.displacement, water.velocity), (water.velocity, water.acceleration)):
+        np.testing.assert_allclose(np.gradient(moved, t, axis=0)[1:-1], rate[1:-1], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "settings, expected",
+    [
+        ({"velocity": (0.1, math.nan, 0.0)}, "rising current: velocity"),
+        ({"velocity": (0.1, 0.0, 0.0), "begin": -1.0}, "rising current: begin: found -1"),
+        ({"velocity": (0.1, 0.0, 0.0), "seconds": 0.0}, "rising current: seconds: found 0"),
+    ],
+)
+def test_a_rising_current_that_cannot_be(settings: dict[str, Any], expected: str) -> None:
+    with pytest.raises(InputError, match=expected):
+        RisingCurrent(**settings)
 
 
 def test_its_size_period_and_heading_are_those_asked_for() -> None:

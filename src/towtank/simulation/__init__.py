@@ -12,7 +12,7 @@ from towtank.simulation.sensors.sensor import Perfect, Sensors, Together
 from towtank.simulation.sensors.water_track import WaterTrack
 from towtank.simulation.signals import FORMS
 from towtank.simulation.simulate import Progress, simulate
-from towtank.simulation.water import OrnsteinUhlenbeck, Waves
+from towtank.simulation.water import OrnsteinUhlenbeck, RisingCurrent, Waves
 
 __all__ = [
     "AXES",
@@ -28,6 +28,7 @@ __all__ = [
     "OrnsteinUhlenbeck",
     "Perfect",
     "Progress",
+    "RisingCurrent",
     "Sensors",
     "Together",
     "WaterTrack",

@@ -33,7 +33,7 @@ from towtank.simulation.integration import (
 from towtank.simulation.motion import GRAVITY, Motion, continuous_eulers
 from towtank.simulation.sensors.presets import sensors_named
 from towtank.simulation.sensors.sensor import Sensors, channels
-from towtank.simulation.water import OrnsteinUhlenbeck, WaterMotion, Waves
+from towtank.simulation.water import OrnsteinUhlenbeck, RisingCurrent, WaterMotion, Waves
 from towtank.vehicle import AnyVehicle, Vehicle, configuration_matrix, thruster_forces, vehicle_of
 
 __all__ = ["Progress", "simulate"]
@@ -129,7 +129,7 @@ def simulate(
     voltage: ArrayLike | None = None,
     sensors: str | Sensors | None = None,
     disturbance: OrnsteinUhlenbeck | None = None,
-    waves: Waves | None = None,
+    waves: Waves | RisingCurrent | None = None,
     delay: float | None = None,
     changes: Sequence[tuple[float, AnyVehicle]] = (),
     seed: int = 0,
@@ -157,7 +157,7 @@ def simulate(
         sensors: "perfect" (default), "mocap", "ins", "ins-water", or a record such as `Mocap(noise_mm=5)`; several by
             `Together`.
         disturbance: random wrench on the body, held over each step; not part of the channels X .. N.
-        waves: velocity of the water beside the current, alike wherever the vehicle is.
+        waves: velocity of the water beside the current, alike wherever the vehicle is: `Waves` or a `RisingCurrent`.
         delay: from a held input to its effect [s], any part of a step, exact; before the first effect the thrusters are
             off. Default: `vehicle.command_delay` for commands, none for a wrench.
         changes: (time [s], vehicle): from the step that begins then on, it is this vehicle: a payload taken up, ballast

@@ -29,9 +29,9 @@ from scipy.integrate import cumulative_trapezoid
 from towtank.core.arrays import Array, kernel
 from towtank.errors import InputError, nearest
 from towtank.recording.standard import WRENCH
-from towtank.simulation.inputs import stream
+from towtank.simulation.inputs import finite_array, stream
 
-__all__ = ["OrnsteinUhlenbeck", "WaterMotion", "Waves"]
+__all__ = ["OrnsteinUhlenbeck", "RisingCurrent", "WaterMotion", "Waves"]
 
 _COMPONENTS = 12
 _BAND = 0.1  # deviation of the components' periods, of the period
@@ -136,16 +136,47 @@ class Waves:
             out.velocity[:] += along * c + down * s
             out.acceleration[:] += w * (down * c - along * s)
             out.displacement[:] += (along * (s - math.sin(phase)) - down * (c - math.cos(phase))) / w
-        return self._rising(t, out) if self.begin > 0.0 else out
+        return _risen(t, out, self.begin, _RISES * self.period) if self.begin > 0.0 else out
 
-    def _rising(self, t: Array, full: WaterMotion) -> WaterMotion:
-        """Return the motion as it comes up: its velocity times a share that goes smoothly from 0 to 1."""
-        span = _RISES * self.period
-        angle = math.pi * np.clip((t - self.begin) / span, 0.0, 1.0)[:, None]
-        share, rate = 0.5 - 0.5 * np.cos(angle), 0.5 * math.pi / span * np.sin(angle)
-        velocity = share * full.velocity
-        moved = cumulative_trapezoid(velocity, t, axis=0, initial=0.0)
-        return WaterMotion(moved, velocity, share * full.acceleration + rate * full.velocity)
+
+@dataclass(frozen=True)
+class RisingCurrent:
+    """A current that begins to flow where the water was still: out of a harbour, or as the tide turns.
+
+    Attributes:
+        velocity: of the water [m/s], NED, once it flows.
+        begin: when it begins [s]. seconds: until it flows in full; in between it grows smoothly.
+
+    Raises:
+        InputError: a number is not finite or out of range.
+    """
+
+    velocity: tuple[float, float, float]
+    begin: float = 0.0
+    seconds: float = 20.0
+
+    def __post_init__(self) -> None:
+        finite_array("rising current: velocity", self.velocity, (3,))
+        for name in ("begin", "seconds"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise InputError(f"rising current: {name}: found {value}, expected a finite number, 0 or more")
+        if self.seconds == 0.0:
+            raise InputError("rising current: seconds: found 0, expected more")
+
+    def motion(self, t: Array, seed: int) -> WaterMotion:
+        """Return how the water moves at the times t (n,) [s]; no part of it is random."""
+        full, still = np.broadcast_to(np.array(self.velocity), (t.size, 3)), np.zeros((t.size, 3))
+        return _risen(t, WaterMotion(still, full, still), self.begin, self.seconds)
+
+
+def _risen(t: Array, full: WaterMotion, begin: float, seconds: float) -> WaterMotion:
+    """Return a motion as it comes up: its velocity times a share that goes smoothly from 0 to 1, from `begin` on."""
+    angle = math.pi * np.clip((t - begin) / seconds, 0.0, 1.0)[:, None]
+    share, rate = 0.5 - 0.5 * np.cos(angle), 0.5 * math.pi / seconds * np.sin(angle)
+    velocity = share * full.velocity
+    moved = cumulative_trapezoid(velocity, t, axis=0, initial=0.0)
+    return WaterMotion(moved, velocity, share * full.acceleration + rate * full.velocity)
 
 
 @kernel

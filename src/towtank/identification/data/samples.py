@@ -37,6 +37,7 @@ __all__ = [
 
 N_MEASURED = len(MEASURED)
 _TOGETHER, _COARSEST = 1e-6, 10.0  # s: stamps closer than this are one instant; Hz of the coarsest grid on the way
+_CURRENT_WALK = 1e-3  # m/s per sqrt(s), to begin with
 _FIRST_ROWS = 1024  # room of an empty buffer
 
 
@@ -151,38 +152,37 @@ class NoiseLevels:
     velocity_walk: random walk (6,) of each speed [m/s^2 sqrt(s), rad/s^2 sqrt(s)] that no force of the model accounts
         for, NaN where nothing is known of it.
     waves: deviations (3,) [m/s] of the water's velocity in waves, north, east and down.
-    currents: of each of r recordings (r, 5): when it begins and ends [s], and the current [m/s] NED that surely flows
-        in it, as the last pass has found.
+    currents: of r pieces (r, 6): number of the recording, when it begins and ends [s], and the current [m/s] NED that
+        surely flows in it, as the last pass has found. current_walk: of the current [m/s per sqrt(s)].
     """
 
     noise: Array
     disturbance: Array
     velocity_walk: Array = field(default_factory=lambda: np.zeros(6))
     waves: Array = field(default_factory=lambda: np.zeros(3))
-    currents: Array = field(default_factory=lambda: np.zeros((0, 5)))
+    currents: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    current_walk: float = _CURRENT_WALK
 
     def midway_to(self, other: NoiseLevels) -> NoiseLevels:
-        """Return the geometric mean of both levels, in the currents of the other."""
+        """Return the geometric mean of both levels, in the other's currents."""
         return NoiseLevels(
             np.sqrt(self.noise * other.noise),
             np.sqrt(self.disturbance * other.disturbance),
             np.sqrt(self.velocity_walk * other.velocity_walk),
             np.sqrt(self.waves * other.waves),
             other.currents,
+            other.current_walk,
         )
 
-    def current_in(self, samples: Samples, k: int, of: int) -> Array | None:
-        """Return the current (3,) [m/s] NED in recording k of so many, as far as one is known at its times.
+    def current_at(self, t: float, k: int, of: int) -> Array | None:
+        """Return the current (3,) [m/s] NED at t [s] in recording k of so many, as far as one is known then.
 
         Recordings may each begin at 0: then it is that of the same number, if there are as many.
         """
-        if not len(samples):
-            return None
-        begin, end = self.currents[:, 0], self.currents[:, 1]
-        there = np.flatnonzero((begin <= samples.t[-1]) & (samples.t[0] <= end))
-        if there.size > 1:
-            there = there[(there == k) & (len(begin) == of)]
-        return np.array(self.currents[there[0], 2:]) if there.size else None
+        there = np.flatnonzero((self.currents[:, 1] <= t) & (t <= self.currents[:, 2]))
+        if np.unique(self.currents[there, 0]).size > 1:
+            there = there[(self.currents[there, 0] == k) & (np.unique(self.currents[:, 0]).size == of)]
+        return np.array(self.currents[there[0], 3:]) if there.size else None
 
 
 def with_absent_zero(wrench: Array) -> Array:

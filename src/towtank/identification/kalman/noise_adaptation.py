@@ -8,6 +8,7 @@ usual level, as so many independent samples of it would hold it, and by the acce
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,7 +95,8 @@ def adapt_noise(
         if smoother[i]:
             disturbance[i] = max(disturbance[i], levels.disturbance[i])
     disturbance = np.maximum(disturbance, floors)
-    return NoiseLevels(noise, disturbance, velocity_walk, _wave_level(state, levels), levels.currents)
+    waves = _wave_level(state, levels)
+    return replace(levels, noise=noise, disturbance=disturbance, velocity_walk=velocity_walk, waves=waves)
 
 
 def _wave_level(state: JointState, levels: NoiseLevels) -> Array:

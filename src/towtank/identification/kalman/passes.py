@@ -18,6 +18,7 @@ stay where the likelihood gains by far more than chance.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -91,6 +92,8 @@ _STILL = 0.05  # deviations of the posterior that a coefficient may still move
 _MUCH_WORSE = 100.0  # of the log likelihood, that a pass may lose on the best one
 WAVE_PERIODS = (3.5, 5.0, 8.0)  # s, of waves that are tried beside that of the settings
 _WAVE = 0.03  # m/s: their size to begin with
+_WALKS, _WALK_GAIN = (3e-3, 1e-2, 3e-2), 10.0  # m/s per sqrt(s), of a current; of the log likelihood
+_PIECE = 10.0  # s of a recording that are linearised about one current
 _DISAGREE = 100.0  # times the variance, at most
 _TOLD = 1e-6  # of the prior's information: below, the data tell nothing
 _ALONE = 0.3  # of a direction's information, that is the least that others could contradict
@@ -252,17 +255,14 @@ def since_last(state: JointState, t: Array) -> float | None:
     return elapsed if 0.0 <= elapsed <= _SAME_WATER else None
 
 
-def next_recording(
-    state: JointState, samples: Samples, elapsed: float | None = None, current: Array | None = None
-) -> JointState:
+def next_recording(state: JointState, samples: Samples, elapsed: float | None = None) -> JointState:
     """Return the filter, to go on with another recording: its motion begins anew, in other water.
 
     Args:
         elapsed: since the last row [s], where the water is the same.
-        current: (3,) that a pass has found in it.
     """
     state.clock["started"] = 0.0
-    forget_surroundings(state, elapsed, current)
+    forget_surroundings(state, elapsed)
     return state._replace(B=np.ascontiguousarray(samples.B), mean_force=np.zeros((3, samples.B.shape[1])))
 
 
@@ -294,30 +294,55 @@ def one_pass(
     )
     latency = latencies_of(free, about)
     total, done, passed = max(sum(len(each) for each in samples), 1), 0, 0.0
-    window, readings, currents = max(_LEAST_WINDOW, total // windows), [prior], np.zeros((len(samples), 5))
-    of_this_water = 0
+    window, readings, currents = max(_LEAST_WINDOW, total // windows), [prior], list[list[Array]]()
+    piece = max(_LEAST_WINDOW, int(_PIECE * total / max(sum(each.duration for each in samples), _PIECE)))
     for k, recorded in enumerate(samples):
         each = recorded.shifted(latency)
         elapsed = since_last(state, each.t) if problem.session else None
-        of_this_water = k if elapsed is None else of_this_water
-        state = next_recording(state, each, elapsed, levels.current_in(recorded, k, len(samples)))
+        if elapsed is None or not currents:
+            currents.append([])
+        state = next_recording(state, each, elapsed)
         speeds = (each.values[:, 3 * sensor : 3 * sensor + 2] for sensor in SPEEDS)
         state.clock["speeds"] = any(np.isfinite(u_and_v).all(axis=1).any() for u_and_v in speeds)
         held = inputs_of(each, free, about, problem.delay)
         rows, taken = rows_of(each), 0
-        for first in range(0, len(each), window):
-            last = min(first + window, len(each))
+        ends = sorted({*range(window, len(each), window), *range(piece, len(each), piece), len(each)} - {0})
+        for first, last in itertools.pairwise((0, *ends)):
+            begin, end = float(each.t[first]), float(each.t[last - 1])
+            current = levels.current_at(0.5 * (begin + end), k, len(samples))
+            state.current_at[:] = state.current_at if current is None else current
             taken = joint_events(state, held, rows, first, last, taken)
+            currents[-1].append(np.array([k, begin, end, *state.current, *np.diag(state.P)[18:21]]))
             if progress is not None:
                 progress(min(1.0, (done + last) / total))
-            t = passed + float(each.t[last - 1] - each.t[0])
-            readings.append(Reading(t, state.theta.copy(), coefficient_block(state).copy()))
+            if last % window == 0 or last == len(each):
+                t = passed + end - float(each.t[0])
+                readings.append(Reading(t, state.theta.copy(), coefficient_block(state).copy()))
         hold_inputs(held, each, taken)
         done += len(each)
         passed += each.duration
-        currents[k, :2] = recorded.t[[0, -1]] if len(recorded) else 0.0
-        currents[of_this_water : k + 1, 2:] = surely_flows(state)
-    return state, held, readings, currents
+    found = [row for water in currents for row in _smoothed(water, levels.current_walk)]
+    return state, held, readings, np.array(found).reshape(-1, 6)
+
+
+def _smoothed(water: Sequence[Array], walk: float) -> list[Array]:
+    """Return pieces in one water, as `NoiseLevels.currents` has them: of what later ones say of earlier ones, too.
+
+    Args:
+        water: number, beginning, end, current (3,) as the filter has it at the end, and its variances.
+        walk: of the current between two ends (Rauch, Tung and Striebel's backward pass).
+    """
+    out: list[Array] = []
+    end, later, left = 0.0, np.zeros(3), np.full(3, np.inf)
+    for row in reversed(water):
+        mean, variance = row[3:6], row[6:9]
+        if out:
+            ahead = variance + walk**2 * max(end - row[2], 0.0)
+            gain = variance / np.maximum(ahead, 1e-12)
+            mean, variance = mean + gain * (later - mean), variance + gain**2 * (left - ahead)
+        end, later, left = float(row[2]), mean, variance
+        out.insert(0, np.concatenate([row[:3], surely_flows(mean, variance)]))
+    return out
 
 
 def joint_fit(
@@ -333,7 +358,7 @@ def joint_fit(
     progress = progress or (lambda share: None)
     few = problem.over(spread(problem.samples))
     if since is not None:
-        return _settled(few, *since, progress)
+        return _in_moving_water(few, _settled(few, *since, progress), progress)
     whole = sum(map(len, few.samples)) == sum(map(len, problem.samples))
     found, fit = _with_waves(few, lambda share: progress(share if whole else 0.5 * share))
     if not whole:
@@ -349,9 +374,11 @@ def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem
     Waves stand in the model from the first pass on: a disturbance that has to stand for them hides them.
     """
     if not problem.settings.current or sum(each.duration for each in problem.samples) < _WAVES_SHOW:
-        return problem, _settled(problem, problem.prior.mean, problem.rough, progress)
+        calm = _settled(problem, problem.prior.mean, problem.rough, progress)
+        return problem, _in_moving_water(problem, calm, progress)
     wavy = replace(problem.rough, waves=np.full(3, _WAVE))
-    calm = _settled(problem, problem.prior.mean, problem.rough, lambda share: progress(0.4 * share))
+    calm = _settled(problem, problem.prior.mean, problem.rough, lambda share: progress(0.3 * share))
+    calm = _in_moving_water(problem, calm, lambda share: progress(0.3 + 0.1 * share))
     fit = _settled(problem, problem.prior.mean, wavy, lambda share: progress(0.4 + 0.4 * share))
     if not (fit.likelihood > calm.likelihood + _WAVES_GAIN and fit.levels.waves.max() > _SMALLEST_WAVE):
         return problem, calm
@@ -360,7 +387,24 @@ def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem
         other = replace(problem, settings=replace(problem.settings, wave_period=period))
         found.append((float(one_pass(other, fit.theta, fit.levels)[0].clock[0].log_likelihood), other))
     _, best = max(found, key=lambda each: np.nan_to_num(each[0], nan=-np.inf))
-    return best, _settled(best, fit.theta, fit.levels, lambda share: progress(0.8 + 0.2 * share))
+    fit = _settled(best, fit.theta, fit.levels, lambda share: progress(0.8 + 0.1 * share))
+    return best, _in_moving_water(best, fit, lambda share: progress(0.9 + 0.1 * share))
+
+
+def _in_moving_water(problem: JointProblem, fit: JointFit, progress: Progress) -> JointFit:
+    """Return the posterior with a current that walks as fast as is likeliest: from place to place, or with the tide."""
+    best, levels = fit.likelihood + _WALK_GAIN, fit.levels
+    for walk in _WALKS if problem.settings.current else ():
+        if walk > fit.levels.current_walk:
+            tried = replace(fit.levels, current_walk=walk)
+            found = float(one_pass(problem, fit.theta, tried)[0].clock[0].log_likelihood)
+            if not found > best:
+                break
+            best, levels = found, tried
+    if levels is fit.levels:
+        return fit
+    other = _settled(problem, fit.theta, levels, progress)
+    return _in_moving_water(problem, other, progress) if _likelier(other, fit) else fit
 
 
 def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress: Progress) -> JointFit:

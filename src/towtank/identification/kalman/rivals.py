@@ -84,7 +84,8 @@ def quick_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
         return None
     few, known = _few(problem, fit)
     quick = replace(few, settings=replace(few.settings, time_constant=_QUICK))
-    found = joint_fit(quick, since=(fit.theta, replace(quick.rough, waves=fit.levels.waves)))
+    levels = replace(quick.rough, waves=fit.levels.waves, current_walk=fit.levels.current_walk)
+    found = joint_fit(quick, since=(fit.theta, levels))
     if not found.likelihood > known:
         return None
     slow = problem.settings.time_constant

@@ -115,7 +115,7 @@ class FilterSettings:
         adapt: time over which the disturbance's level is adapted [s], 0 for a fixed level.
         floor_force, floor_moment: least level of the disturbance [m/s^2], [rad/s^2].
         usual: level of it [m/s^2, rad/s^2] that short data are supplemented with, 0 for none.
-        current: water current (3) estimated. current_walk, bias_walk: random walks [m/s, rad/s or m/s^2 per sqrt(s)].
+        current: water current (3) estimated. bias_walk: random walk of biases [rad/s or m/s^2 per sqrt(s)].
         biases: those of an IMU are estimated. wanders: the attitude comes from one, too.
         wave_period: [s] where the levels have waves.
     """
@@ -131,7 +131,6 @@ class FilterSettings:
     floor_moment: float = 0.003
     usual: tuple[float, ...] = (0.0,) * 6
     current: bool = False
-    current_walk: float = 1e-3
     bias_walk: float = 1e-5
     biases: bool = False
     wanders: bool = False
@@ -139,10 +138,10 @@ class FilterSettings:
 
     @property
     def record(self) -> Record:
-        """What kernels read, (1,): walks as variances per s; no coefficient is merely considered."""
+        """What kernels read, (1,): walks as variances per s, 1 for that of a current; no coefficient is considered."""
         numbers = (
             *(self.time_constant, self.gate, self.huber, self.reacquire, self.gap, self.step, self.adapt),
-            *(self.floor_force, self.floor_moment, self.current_walk**2 if self.current else 0.0, self.bias_walk**2),
+            *(self.floor_force, self.floor_moment, float(self.current), self.bias_walk**2),
             *(float(self.biases), 0.0, 2.0 * math.pi / self.wave_period, 1.0 / self.wave_period),
             *(0.0, _ATTITUDE_BIAS if self.wanders else (0.0, 0.0, 0.0)),
         )
@@ -264,6 +263,7 @@ def new_joint_state(
     x[3] = 1.0
     record = settings.record
     record["waves"] = float(waves)
+    record["current_walk"] *= levels.current_walk**2
     state = JointState(
         x=x,
         force=np.zeros(6),
@@ -318,11 +318,10 @@ def new_joint_state(
     return state
 
 
-def forget_surroundings(state: JointState, elapsed: float | None = None, current: Array | None = None) -> None:
+def forget_surroundings(state: JointState, elapsed: float | None = None) -> None:
     """Put current, waves and biases back to what is supposed of them: another recording has its own.
 
-    Of the same water, so long after [s], waves alone are forgotten; current and biases have walked on. Where a pass has
-    found the `current` (3,) of this recording, the motion is linearised about that.
+    Of the same water, so long after [s], waves alone are forgotten; current and biases have walked on.
     """
     settings, n, size = state.settings[0], state.theta.size, state.P.shape[0]
     biases = N_FIXED + n
@@ -342,8 +341,6 @@ def forget_surroundings(state: JointState, elapsed: float | None = None, current
             state.P[walked, walked] += settings.bias_walk * elapsed
     else:
         state.current[:] = state.bias[:] = state.current_at[:] = 0.0
-    if current is not None:
-        state.current_at[:] = current
     state.P[rows] = 0.0
     state.P[:, rows] = 0.0
     state.P[rows, rows] = variance[rows]
@@ -395,9 +392,9 @@ class HealthySnapshot:
     levels: NoiseLevels
 
 
-def surely_flows(state: JointState) -> Array:
-    """Return the part of the current (3,) [m/s] NED that is no chance: none up to 3 deviations, nearly all beyond."""
-    current, chance = state.current, _NO_CHANCE**2 * np.diag(state.P)[18:21]
+def surely_flows(current: Array, variance: Array) -> Array:
+    """Return the part of a current (3,) [m/s] that is no chance: none up to 3 deviations, nearly all beyond."""
+    chance = _NO_CHANCE**2 * variance
     sure = current**2 > chance
     return np.where(sure, current - chance / np.where(sure, current, 1.0), 0.0)
 
@@ -408,7 +405,11 @@ def healthy_snapshot(state: JointState) -> HealthySnapshot | None:
     if not (finite and (np.diag(state.P) >= 0.0).all()):
         return None
     levels = NoiseLevels(
-        state.noise.copy(), state.disturbance.copy(), state.velocity_walk.copy(), state.wave_level.copy()
+        state.noise.copy(),
+        state.disturbance.copy(),
+        state.velocity_walk.copy(),
+        state.wave_level.copy(),
+        current_walk=math.sqrt(state.settings[0].current_walk),
     )
     return HealthySnapshot(state.theta.copy(), coefficient_block(state).copy(), levels)
 

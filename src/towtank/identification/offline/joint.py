@@ -210,6 +210,9 @@ def _remarks(
     out += [each.said for each in smooth_speeds(request.recordings)]
     if current is not None and current.speed > max(_WORTH_SAYING, 3.0 * float(current.std[:2].max())):
         out.append(f"the water flows: {current.said}")
+    if current is not None and fit.levels.current_walk > NoiseLevels.current_walk:
+        changed = 100.0 * fit.levels.current_walk * math.sqrt(60.0)
+        out.append(f"the current changes along the way, by some {changed:.2g} cm/s in a minute")
     if fit.levels.waves.any():
         size = ", ".join(f"{level:.2g}" for level in fit.levels.waves)
         out.append(f"waves of about {fit.wave_period:.2g} s: the water goes to and fro with {size} m/s (N, E, D)")

@@ -8,7 +8,7 @@ back to the times that they speak of, so that the filter is as far behind as the
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from typing import Any
 
 import numpy as np
@@ -227,7 +227,8 @@ class JointStream:
             groups["buffer"] = {"B": buffer.B, "lag": buffer.lag, **rows}
         if running is not None:
             groups |= {"state": running.state._asdict(), "held": running.held._asdict()}
-            groups |= {"levels": {each.name: getattr(running.levels, each.name) for each in fields(running.levels)}}
+            levels = {each.name: np.asarray(getattr(running.levels, each.name)) for each in fields(running.levels)}
+            groups |= {"levels": levels}
             groups["running"] = {"disagreement": running.disagreement, "apart": running.apart}
         return plain, {f"{group}.{name}": value for group, each in groups.items() for name, value in each.items()}
 
@@ -257,6 +258,7 @@ class JointStream:
             about = plain["running"]
             sensors = [name for name in about["names"] if name in FURTHER]
             whole = self.question.whole(self.kept, commands=self._buffer.commands, more=sensors)
+            levels = group("levels")
             running = Running(
                 whole,
                 whole.only(about["names"]),
@@ -265,7 +267,7 @@ class JointStream:
                 arrays["running.disagreement"],
                 arrays["running.apart"],
                 FilterSettings(**about["settings"] | {"usual": tuple(about["settings"]["usual"])}),
-                NoiseLevels(**group("levels")),
+                replace(NoiseLevels(**levels), current_walk=float(levels["current_walk"])),
                 tuple(about["remarks"]),
             )
             self._go_on(running)

@@ -37,7 +37,7 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["Checkpoint", "Earlier", "earlier"]
 
-_VERSION = 1
+_VERSION = 2
 _PAUSE = 3.0  # s between the end of a recording and what follows it, where the clock does not tell: a new stretch
 _MEMORY = "/dev/shm"
 
