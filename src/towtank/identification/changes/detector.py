@@ -10,15 +10,16 @@ began before the change has seen both vehicles, and blames whatever bends most e
 learns nothing, its evidence stays zero, and the first filter, whose coefficients do not walk, waits as it is. What was
 known before the change, widened by it, becomes the prior of what follows.
 
-Waves that begin look like a vehicle that changes, time and again. Where a sensor sees the ground, so that a filter can
-tell them, and none were found before, a change must have more evidence than waves that began with it or earlier.
+Water that moves otherwise than before, in waves or another current, looks like a vehicle that changes, time and again.
+Where a sensor sees the ground, so that a filter can tell, a change must have more evidence than such water that began
+with it or earlier.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -39,7 +40,7 @@ from towtank.identification.changes.branch import (
     with_coordinates,
     without_change_of,
 )
-from towtank.identification.changes.events import Change, ChangeLog, Recognised, Swell
+from towtank.identification.changes.events import Change, ChangeLog, OtherWater, Recognised
 from towtank.identification.changes.evidence import Overdispersion
 from towtank.identification.changes.hypotheses import (
     ConfigurationMatch,
@@ -75,7 +76,7 @@ _AGAIN = 2  # checks in a row
 _TRUSTED = 20.0  # s after a re-estimation was requested for which a change is accepted
 _COMPARED = 15.0  # s for which a change is compared with known configurations
 _TAKEN, _DROPPED = 0.98, 0.3  # probability at which a known configuration is taken as prior, and given up
-_WAVES = 0.03, 0.1  # m/s: sizes of waves that may have begun
+_WAVES, _WALKS = (0.03, 0.1), (0.03, 0.1)  # m/s, m/s per sqrt(s): sizes of waves, walks of a current that may begin
 _LEAST_MOTION = 15.0  # s of motion from which on changes are looked for
 
 
@@ -136,7 +137,7 @@ class ChangeDetector:
         if self._branches or self._matching is not None:
             self._rows.add_row(t, z)
 
-    def step(self, t: float, running: Running) -> Change | Recognised | Swell | None:
+    def step(self, t: float, running: Running) -> Change | Recognised | OtherWater | None:
         """Do what is due at t [s], a little with every row: let branches catch up, judge them, split off the next."""
         span, self._last = t - self._last, t
         if self._waiting:
@@ -204,7 +205,7 @@ class ChangeDetector:
         free = self._wide.free
         self._branches.append(split_off(t, running.state, running.held, running.free, free, self._steps, t + lives))
 
-    def _judge(self, t: float, running: Running) -> Change | Swell | None:
+    def _judge(self, t: float, running: Running) -> Change | OtherWater | None:
         if not self.overdispersion.known:
             return None
         free = running.free
@@ -227,52 +228,55 @@ class ChangeDetector:
         if verdict.clear < _CLEAR and t - since < _WAITS:
             return None
         branch = finer[verdict.best]
-        swell = self._swell(t, branch, running, verdict.evidence)
-        if swell is not None:
-            return swell
+        water = self._otherwise(t, branch, running, verdict.evidence)
+        if water is not None:
+            return water
         if running.has_moved and not t - self.requested < _TRUSTED:
             self.requested = t
             self.restart()
             return None
         return self._change(t, branch, verdict, running)
 
-    def _swell(self, t: float, best: Branch, running: Running, evidence: float) -> Swell | None:
-        """Return the filter in waves that have begun, where they explain what was seen better than a change does.
+    def _otherwise(self, t: float, best: Branch, running: Running, evidence: float) -> OtherWater | None:
+        """Return the filter in water that moves otherwise, where that explains what was seen better than a change does.
 
-        What was split off goes over its samples once more, with waves instead of wider coefficients: what the
-        innovations gain on the first filter's is the logarithm of a Bayes factor, as it is with wider coefficients.
+        What was split off goes over its samples once more, in waves or in a current that walks faster instead of with
+        wider coefficients: what the innovations gain on the first filter's is a log Bayes factor, as it is with these.
 
         Args:
             best: began where the change did. evidence: log Bayes factor of that, by its increment.
         """
-        if not running.settings.current or running.levels.waves.any():
+        if not running.settings.current:
             return None
         log_likelihood, factor = float(running.state.clock[0].log_likelihood), self.overdispersion.factor
         of_change = max(float(best.state.clock[0].log_likelihood) - log_likelihood, factor * evidence)
         oldest = min(self._branches, key=lambda each: each.t)
         found: list[tuple[float, float, Branch, JointState, ZeroOrderHold]] = []
         for branch in (best,) if best.t <= oldest.t else (oldest, best):
+            if t - branch.t > _LIVES_LONG:
+                continue  # of what followed some is gone
             rows = self._recent.since(branch.t)
-            for period, level in itertools.product(WAVE_PERIODS, _WAVES):
-                state, held = in_waves(branch.parent, np.full(3, level), period), copied(branch.parent_held)
+            for period, state in _waters(branch.parent, running):
+                held = copied(branch.parent_held)
                 take_all(state, held, rows)
                 gained = float(state.clock[0].log_likelihood) - log_likelihood
                 found.append((np.nan_to_num(gained, nan=-np.inf), period, branch, state, held))
         gains = [gained for gained, *_ in found]
-        of_waves = float(logsumexp(gains)) - math.log(len(gains))
-        if not of_waves > of_change:
+        of_water = float(logsumexp(gains)) - math.log(len(gains)) if gains else -np.inf
+        if not of_water > of_change:
             return None
         _, period, branch, state, held = max(found, key=lambda each: each[0])
+        walk = math.sqrt(state.settings[0].current_walk)
         own = running._replace(
             state=state,
             held=held,
             settings=replace(running.settings, wave_period=period),
-            levels=replace(running.levels, waves=state.wave_level.copy()),
+            levels=replace(running.levels, waves=state.wave_level.copy(), current_walk=walk),
         )
         known = _definite(coefficient_block(branch.parent))
         kept = Kept(running.prior.names, branch.parent.theta, known, running.disagreement, running.apart)
         self.restart()
-        return Swell(branch.t, t, of_waves, own, kept)
+        return OtherWater(branch.t, t, of_water, own, kept)
 
     def _verdict(self, t: float) -> tuple[Verdict | None, Branch | None]:
         """Return what the filters say at t [s], and which fits best; None where nothing is sure."""
@@ -371,6 +375,18 @@ class ChangeDetector:
         return Recognised(t, name, self.likely[name], False, alone, matching.kept)
 
 
+def _waters(state: JointState, running: Running) -> Iterator[tuple[float, JointState]]:
+    """Yield copies of a filter in water that moves otherwise, each with the period of its waves [s]."""
+    if not running.levels.waves.any():
+        for period, level in itertools.product(WAVE_PERIODS, _WAVES):
+            yield period, in_waves(state, np.full(3, level), period)
+    for walk in _WALKS:
+        if walk > running.levels.current_walk:
+            other = copied(state)
+            other.settings["current_walk"] = walk**2
+            yield running.settings.wave_period, other
+
+
 def _definite(covariance: Array) -> Array:
     """Return a covariance (n, n) in which nothing is known exactly."""
     return covariance + np.diag(1e-12 + 1e-6 * np.diag(covariance))
@@ -443,7 +459,7 @@ class ChangeTracker:
         seen: float,
         running: Running,
         like: Buffer,
-    ) -> Change | Recognised | Swell | None:
+    ) -> Change | Recognised | OtherWater | None:
         """Take the row z (18,) of time t [s], after the filter; return what goes on in its place, where one does.
 
         Args:

@@ -66,12 +66,12 @@ class Recognised:
 
 
 @dataclass(frozen=True, eq=False)
-class Swell:
-    """Waves that have begun where there were none; the vehicle is as it was.
+class OtherWater:
+    """Water that moves otherwise than before, in waves or another current; the vehicle is as it was.
 
     Attributes:
-        t, noticed: when, as far as known, and now [s]. evidence: log Bayes factor against still water.
-        running: the filter from here on. kept: what was known of the vehicle when they began.
+        t, noticed: when, as far as known, and now [s]. evidence: log Bayes factor against the water of before.
+        running: the filter from here on. kept: what was known of the vehicle when that began.
     """
 
     t: float
@@ -160,9 +160,9 @@ class ChangeLog:
         self._open: tuple[Change, int] | None = None  # the last change, its place among the events
         self._again = _REVISED  # s after it was noticed that it is revised
 
-    def add(self, detected: Change | Recognised | Swell) -> None:
-        """Add a change, a configuration that was recognised, or waves."""
-        if isinstance(detected, Swell):
+    def add(self, detected: Change | Recognised | OtherWater) -> None:
+        """Add a change, a configuration that was recognised, or other water."""
+        if isinstance(detected, OtherWater):
             self.settle()
             shown = {"noticed": detected.noticed, "log_evidence": detected.evidence}
             self._put(Event(detected.t, "water", _MOVES, shown))

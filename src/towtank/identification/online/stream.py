@@ -17,7 +17,7 @@ from towtank.core.arrays import Array
 from towtank.core.zero_order_hold import hold_force, restored_hold
 from towtank.identification.changes.branch import Kept, Running
 from towtank.identification.changes.detector import ChangeTracker
-from towtank.identification.changes.events import Change, Swell
+from towtank.identification.changes.events import Change, OtherWater
 from towtank.identification.data.samples import N_MEASURED, Buffer, NoiseLevels
 from towtank.identification.kalman.filter import take_row
 from towtank.identification.kalman.passes import latencies_of, since_last
@@ -47,7 +47,7 @@ __all__ = ["JointStream"]
 
 _CHECKED = 0.5  # s from one check of the filter to the next
 _MOST_EARLY = 500  # rows kept before the first input
-_TO_CHANGE, _TO_WAVES = 2.0, 20.0  # s of motion after which a change, and waves, are looked at again: few show none
+_TO_CHANGE, _TO_WATER = 2.0, 20.0  # s of motion after which a change, and other water, are looked at again
 _TOGETHER = 1e-6  # s: rows closer than this are one
 
 
@@ -359,11 +359,11 @@ class JointStream:
             return
         if self._beside is not None:
             self._beside.forget()
-        if isinstance(found, Change | Swell):
+        if isinstance(found, Change | OtherWater):
             first = buffer.starts[-1][0]
             self._buffer = buffer.without(first + int(np.searchsorted(buffer.whole.t[first:], found.t, side="right")))
         self.kept = found.kept
-        self.schedule.anew(self.seen, _TO_WAVES if isinstance(found, Swell) else _TO_CHANGE)
+        self.schedule.anew(self.seen, _TO_WATER if isinstance(found, OtherWater) else _TO_CHANGE)
         waiting = self._order.waiting
         self._go_on(found.running)
         self._order.waiting = waiting
