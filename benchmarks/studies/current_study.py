@@ -23,7 +23,7 @@ from summary import Check
 
 from towtank.core.arrays import Array
 from towtank.identification import learn_recordings
-from towtank.identification.data.samples import prepared
+from towtank.identification.data.samples import NoiseLevels, prepared
 from towtank.identification.kalman.passes import one_pass
 from towtank.identification.kalman.state import coefficient_std
 from towtank.identification.offline.joint import LearningRequest, joint_problem
@@ -33,6 +33,7 @@ from towtank.vehicle import load_vehicle
 
 CASES = {"still": (0.0, 0.0, 0.0), "flows": (0.15, -0.1, 0.0), "changes": (0.15, -0.1, 0.0)}  # m/s, NED
 RISES = 10.0, 10.0  # s: when that of `changes` begins, and until it flows in full
+WALKS = {"changes": 0.03}  # m/s per root of a second: what makes as much of 30 s
 SECONDS, PIECE = 30, 1  # of a run; that are linearised about one current
 FREE = ("X_udot", "Y_vdot", "N_rdot", "X_uu", "Y_vv", "N_rr")
 LAG = 0.1  # s
@@ -77,6 +78,7 @@ def learned(case: str, seed: int) -> Found:
         noise=NOISE,
         disturbance=FORCE / np.diag(TRUTH.mass_matrix),
         currents=pieces(case),
+        current_walk=WALKS.get(case, NoiseLevels.current_walk),
     )
     state, *_ = one_pass(problem, truth, levels)
     off = (state.theta - truth) / coefficient_std(state)
