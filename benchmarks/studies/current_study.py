@@ -51,15 +51,13 @@ def dive(case: str, seed: int) -> Recording:
     """Return a run in the water of a case."""
     push = OrnsteinUhlenbeck(std=tuple(FORCE), time_constant=2.0)
     commands = manoeuvre("all-multisine", TRUTH, duration=float(SECONDS), dt=0.01).commands
-    return simulate(
-        TRUTH, commands=commands, dt=0.01, sensors=Ins(), seed=seed, disturbance=push, waves=water(case),
-    )  # fmt: skip
+    flows = {"waves": water(case)} if case == "changes" else {"current": CASES[case]}
+    return simulate(TRUTH, commands=commands, dt=0.01, sensors=Ins(), seed=seed, disturbance=push, **flows)
 
 
 def water(case: str) -> RisingCurrent:
     """Return how the water of a case moves."""
-    begin, seconds = RISES if case == "changes" else (0.0, 1e-9)
-    return RisingCurrent(CASES[case], begin, seconds)
+    return RisingCurrent(CASES[case], *(RISES if case == "changes" else (0.0, 1e-9)))
 
 
 def pieces(case: str) -> Array:
