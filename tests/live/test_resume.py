@@ -153,7 +153,7 @@ def test_a_damaged_checkpoint_is_passed_over(vehicle: Vehicle, run: Recording, t
     path = tmp_path / "dive.mcap"
     learned(part(run, 0.0, 2.0), vehicle, new_learner(vehicle, "joint", FREE), path)
     checkpoint = Checkpoint(path, {})
-    for content in (b"", b"{", b'{"version": 1}\n', b"\xff\n\n", b'{"version": 1, "t": "x"}\nabc'):
+    for content in (b"", b"{", b'{"version": 2}\n', b"\xff\n\n", b'{"version": 2, "t": "x"}\nabc'):
         checkpoint.path.write_bytes(content)
         assert earlier(path, vehicle, checkpoint).learner is None
 
@@ -204,7 +204,7 @@ def test_a_checkpoint_after_another_waits_for_it_and_takes_its_place(tmp_path: P
     for k in range(3):
         assert checkpoint.save(Kept([float(k)]), float(k), wait=True)  # type: ignore[arg-type]
     head, _, body = checkpoint.path.read_bytes().partition(b"\n")
-    assert json.loads(head) == {"version": 1, "method": "joint", "t": 2.0}
+    assert json.loads(head) == {"version": 2, "method": "joint", "t": 2.0}
     assert body == b"2.0"
     assert [each.name for each in tmp_path.iterdir()] == ["dive.mcap.state"]
 

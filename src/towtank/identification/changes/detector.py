@@ -69,6 +69,7 @@ _OLD_ONE, _LIVES_LONG = 4, 8.0  # every so many-th lives longer [s], for what sh
 _YOUNGEST = 0.4  # s of age from which a filter counts
 _CHECKED = 0.25  # s from one check of the evidence to the next
 _SURE = 11.0  # log Bayes factor of a change; Ville's inequality alone: one false alarm in 8 h
+_CLEARLY = 20.0  # log odds of other water against a change, as of waves in a log
 _CLEAR, _WAITS = 5.0, 3.0  # log odds between body and thrusters, and for how long they are waited for [s]
 _FINELY, _EARLIER, _LATER = 0.1, 0.5, 1.0  # s: the beginning is sought so finely, so far about the best one,
 _PERSISTS, _AGED = 0.4, 0.2  # s: when it has lasted so long, if thrusters may be to blame, and so long ago at least
@@ -228,8 +229,11 @@ class ChangeDetector:
         if verdict.clear < _CLEAR and t - since < _WAITS:
             return None
         branch = finer[verdict.best]
-        water = self._otherwise(t, branch, running, verdict.evidence)
-        if water is not None:
+        lead, water = self._otherwise(t, branch, running, verdict.evidence)
+        if 0.0 < lead < _CLEARLY and t - since < _WAITS:
+            return None
+        if lead >= _CLEARLY and water is not None:
+            self.restart()
             return water
         if running.has_moved and not t - self.requested < _TRUSTED:
             self.requested = t
@@ -237,8 +241,8 @@ class ChangeDetector:
             return None
         return self._change(t, branch, verdict, running)
 
-    def _otherwise(self, t: float, best: Branch, running: Running, evidence: float) -> OtherWater | None:
-        """Return the filter in water that moves otherwise, where that explains what was seen better than a change does.
+    def _otherwise(self, t: float, best: Branch, running: Running, evidence: float) -> tuple[float, OtherWater | None]:
+        """Return by how much water that moves otherwise is likelier than a change, and the filter in such water.
 
         What was split off goes over its samples once more, in waves or in a current that walks faster instead of with
         wider coefficients: what the innovations gain on the first filter's is a log Bayes factor, as it is with these.
@@ -247,7 +251,7 @@ class ChangeDetector:
             best: began where the change did. evidence: log Bayes factor of that, by its increment.
         """
         if not running.settings.current:
-            return None
+            return -np.inf, None
         log_likelihood, factor = float(running.state.clock[0].log_likelihood), self.overdispersion.factor
         of_change = max(float(best.state.clock[0].log_likelihood) - log_likelihood, factor * evidence)
         oldest = min(self._branches, key=lambda each: each.t)
@@ -261,10 +265,9 @@ class ChangeDetector:
                 take_all(state, held, rows)
                 gained = float(state.clock[0].log_likelihood) - log_likelihood
                 found.append((np.nan_to_num(gained, nan=-np.inf), period, branch, state, held))
-        gains = [gained for gained, *_ in found]
-        of_water = float(logsumexp(gains)) - math.log(len(gains)) if gains else -np.inf
-        if not of_water > of_change:
-            return None
+        if not found:
+            return -np.inf, None
+        of_water = float(logsumexp([gained for gained, *_ in found])) - math.log(len(found))
         _, period, branch, state, held = max(found, key=lambda each: each[0])
         walk = math.sqrt(state.settings[0].current_walk)
         own = running._replace(
@@ -275,8 +278,7 @@ class ChangeDetector:
         )
         known = _definite(coefficient_block(branch.parent))
         kept = Kept(running.prior.names, branch.parent.theta, known, running.disagreement, running.apart)
-        self.restart()
-        return OtherWater(branch.t, t, of_water, own, kept)
+        return of_water - of_change, OtherWater(branch.t, t, of_water, own, kept)
 
     def _verdict(self, t: float) -> tuple[Verdict | None, Branch | None]:
         """Return what the filters say at t [s], and which fits best; None where nothing is sure."""
