@@ -17,7 +17,7 @@ from towtank.identification.data.samples import samples_of
 from towtank.identification.model.parameters import free_parameters
 from towtank.identification.model.prior import prior_of
 from towtank.identification.online.joint import JointLearner
-from towtank.identification.online.reestimation import Reestimation
+from towtank.identification.online.reestimation import Reestimation, Schedule
 from towtank.recording import Recording
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, Waves, manoeuvre
 from towtank.vehicle import Coefficient, Vehicle
@@ -187,6 +187,18 @@ def test_waves_that_begin_are_no_change_of_the_vehicle() -> None:
     for each in learner.estimate.coefficients:
         if each.identified:
             assert abs(each.value - truth().coefficient(each.name)) < 3.0 * each.std
+
+
+def test_after_other_water_no_re_estimation_comes_before_waves_can_show() -> None:
+    schedule = Schedule()
+    schedule.anew(100.0, 20.0)
+    schedule.call(105.0)
+    assert schedule.next == 120.0
+    assert not schedule.behind(119.9)
+    assert schedule.behind(120.0)
+    schedule.anew(200.0, 2.0)  # a changed vehicle shows itself sooner
+    schedule.call(201.5)
+    assert schedule.next == 201.5
 
 
 def test_a_re_estimation_begins_where_the_last_filter_is_by_name(loaded: tuple[tt.Learner, Recording]) -> None:

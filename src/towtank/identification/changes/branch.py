@@ -188,7 +188,8 @@ def split_later(branch: Branch, free: FreeParameters, rows: Samples, when: Seque
         last = int(np.searchsorted(rows.t, t, side="right"))
         taken = joint_events(state, held, rows_of(rows), done, last, taken)
         done = max(done, last)
-        later = split_off(t, state, held, free, branch.free, branch.steps, branch.until)
+        row = float(rows.t[done - 1]) if done else branch.t  # what came after that is still to be taken
+        later = split_off(row, state, held, free, branch.free, branch.steps, branch.until)
         later.take(rows.taken(slice(done, None), slice(taken, None)))
         if later.healthy:
             out.append(later)

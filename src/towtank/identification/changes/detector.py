@@ -11,8 +11,8 @@ learns nothing, its evidence stays zero, and the first filter, whose coefficient
 known before the change, widened by it, becomes the prior of what follows.
 
 Water that moves otherwise than before, in waves or another current, looks like a vehicle that changes, time and again.
-Where a sensor sees the ground, so that a filter can tell, a change must have more evidence than such water that began
-with it or earlier.
+Where a sensor sees the ground, so that a filter can tell, such water that began with a change or earlier is weighed
+against it, and believed where it leads clearly; what leads by less is waited on for a while, and then called a change.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ from towtank.identification.changes.hypotheses import (
 from towtank.identification.data.samples import Buffer, Samples
 from towtank.identification.kalman.filter import take_all
 from towtank.identification.kalman.passes import WAVE_PERIODS
-from towtank.identification.kalman.state import JointState, coefficient_block, in_waves
+from towtank.identification.kalman.state import JointState, coefficient_block, healthy_snapshot, in_waves
 from towtank.identification.model.parameters import GAIN_PREFIX, IN_GAIN, FreeParameters
 from towtank.identification.model.prior import Prior
 from towtank.recording.event import Event
@@ -229,16 +229,17 @@ class ChangeDetector:
         if verdict.clear < _CLEAR and t - since < _WAITS:
             return None
         branch = finer[verdict.best]
-        lead, water = self._otherwise(t, branch, running, verdict.evidence)
-        if 0.0 < lead < _CLEARLY and t - since < _WAITS:
-            return None
-        if lead >= _CLEARLY and water is not None:
-            self.restart()
-            return water
         if running.has_moved and not t - self.requested < _TRUSTED:
             self.requested = t
             self.restart()
             return None
+        lead, water = self._otherwise(t, branch, running, verdict.evidence)
+        clearly = _CLEARLY * factor
+        if 0.0 < lead < clearly and t - since < _WAITS:
+            return None
+        if lead >= clearly and water is not None:
+            self.restart()
+            return water
         return self._change(t, branch, verdict, running)
 
     def _otherwise(self, t: float, best: Branch, running: Running, evidence: float) -> tuple[float, OtherWater | None]:
@@ -254,17 +255,19 @@ class ChangeDetector:
             return -np.inf, None
         log_likelihood, factor = float(running.state.clock[0].log_likelihood), self.overdispersion.factor
         of_change = max(float(best.state.clock[0].log_likelihood) - log_likelihood, factor * evidence)
-        oldest = min(self._branches, key=lambda each: each.t)
+        whole = [each for each in self._branches if t - each.t <= _LIVES_LONG]  # of what followed others some is gone
+        oldest = min(whole, key=lambda each: each.t, default=best)
         found: list[tuple[float, float, Branch, JointState, ZeroOrderHold]] = []
         for branch in (best,) if best.t <= oldest.t else (oldest, best):
             if t - branch.t > _LIVES_LONG:
-                continue  # of what followed some is gone
+                continue
             rows = self._recent.since(branch.t)
             for period, state in _waters(branch.parent, running):
                 held = copied(branch.parent_held)
                 take_all(state, held, rows)
-                gained = float(state.clock[0].log_likelihood) - log_likelihood
-                found.append((np.nan_to_num(gained, nan=-np.inf), period, branch, state, held))
+                if healthy_snapshot(state) is not None and state.clock[0].resets == branch.resets:
+                    gained = float(state.clock[0].log_likelihood) - log_likelihood
+                    found.append((np.nan_to_num(gained, nan=-np.inf), period, branch, state, held))
         if not found:
             return -np.inf, None
         of_water = float(logsumexp([gained for gained, *_ in found])) - math.log(len(found))

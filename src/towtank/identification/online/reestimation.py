@@ -255,11 +255,12 @@ def caught_up(
 
 @dataclass
 class Schedule:
-    """Times [s] of motion: of the next re-estimation, of the last; when the vehicle became what it is."""
+    """Times [s] of motion: of the next re-estimation, of the last; when the vehicle became what it is; none earlier."""
 
     next: float = _FIRST
     last: float = 0.0
     began: float = 0.0
+    not_before: float = 0.0
 
     def done(self, seen: float) -> None:
         """Set the next re-estimation after one at `seen`."""
@@ -269,16 +270,19 @@ class Schedule:
     def call(self, seen: float) -> None:
         """Re-estimate soon: something has become known far from where the motion is linearised."""
         if seen > self.last + max(_OFTEN, (self.last - self.began) * _OFTEN_SHARE):
-            self.next = min(self.next, seen)
+            self.next = min(self.next, max(seen, self.not_before))
 
     def anew(self, seen: float, first: float) -> None:
         """Begin again with a vehicle, or water, that has changed; first re-estimate after so long [s]."""
         self.began = self.last = seen
         self.next = seen + first
+        self.not_before = self.next if first > _DOUBLES else seen
 
     def behind(self, seen: float) -> bool:
         """Whether one is due, or the last one saw far less than has been seen by now."""
-        return seen >= min(self.next, max(_FIRST, self.began + 1.25 * (self.last - self.began)))
+        return seen >= self.not_before and seen >= min(
+            self.next, max(_FIRST, self.began + 1.25 * (self.last - self.began))
+        )
 
     def from_prior(self, seen: float) -> bool:
         """Whether passes begin at the prior's mean."""
