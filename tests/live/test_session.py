@@ -135,15 +135,19 @@ def test_a_stream_teaches_what_the_same_samples_teach_one_by_one(
 def test_late_samples_are_recorded_but_not_learned_from(vehicle: Vehicle, run: Recording, tmp_path: Path) -> None:
     every = samples(run)[:400]
     late = every[100]
-    order = [*every[:100], *every[101:300], late, *every[300:]]
+
+    def one_late() -> Iterator[list[Sample]]:
+        yield from ([each] for each in (*every[:100], *every[101:300]))
+        deadline = time.monotonic() + 60.0
+        while made.learning.now.instants < 200 and time.monotonic() < deadline:  # it is late once others are learned
+            time.sleep(0.01)
+        yield from ([each] for each in (late, *every[300:]))
+
+    learner = new_learner(vehicle, "joint", FREE, background=False)
     log = McapLog.open(tmp_path / "a.mcap")
-    status = session(
-        Link(iter([[each] for each in order])),
-        vehicle,
-        new_learner(vehicle, "joint", FREE, background=False),
-        log=log,
-        window=0.1,
-    )
+    made = Session([("test", Link(one_late()))], vehicle, learner, epoch=EPOCH, log=log, window=0.1)
+    made.open()
+    status = made.run(threading.Event())
     assert status.late == 1
     assert status.learnt.instants == 399
     assert len(read(tmp_path / "a.mcap")["x"]) == 400
