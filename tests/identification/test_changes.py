@@ -17,7 +17,7 @@ from towtank.identification.data.samples import samples_of
 from towtank.identification.model.parameters import free_parameters
 from towtank.identification.model.prior import prior_of
 from towtank.identification.online.joint import JointLearner
-from towtank.identification.online.reestimation import Reestimation, Schedule
+from towtank.identification.online.reestimation import Reestimation
 from towtank.recording import Recording
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, Waves, manoeuvre
 from towtank.vehicle import Coefficient, Vehicle
@@ -168,37 +168,6 @@ def test_waves_are_asked_for_after_an_early_change_too() -> None:
     running = learner._stream.running
     assert running is not None
     assert running.levels.waves[:2].max() > 0.03
-
-
-def test_waves_that_begin_are_no_change_of_the_vehicle() -> None:
-    """They come after the time in which a stream asks for them, and explain what they do better than a payload."""
-    run = tt.simulate(
-        truth(), commands=commands(), dt=DT, duration=78.0, sensors=Mocap(rate=1.0 / DT), disturbance=FORCE,
-        waves=Waves(0.08, 4.0, begin=62.0), seed=3,
-    )  # fmt: skip
-    learner = learned(run)
-    assert isinstance(learner, JointLearner)
-    assert [each.kind for each in learner.events] == ["water"]
-    assert 62.0 < float(learner.events[0].details["noticed"]) < 72.0
-    stream = learner._stream
-    assert stream.running is not None
-    assert stream.running.levels.waves.any()
-    assert stream.schedule.next - stream.schedule.began >= 20.0  # of less, a wave is no more than a slow force
-    for each in learner.estimate.coefficients:
-        if each.identified:
-            assert abs(each.value - truth().coefficient(each.name)) < 3.0 * each.std
-
-
-def test_after_other_water_no_re_estimation_comes_before_waves_can_show() -> None:
-    schedule = Schedule()
-    schedule.anew(100.0, 20.0)
-    schedule.call(105.0)
-    assert schedule.next == 120.0
-    assert not schedule.behind(119.9)
-    assert schedule.behind(120.0)
-    schedule.anew(200.0, 2.0)  # a changed vehicle shows itself sooner
-    schedule.call(201.5)
-    assert schedule.next == 201.5
 
 
 def test_a_re_estimation_begins_where_the_last_filter_is_by_name(loaded: tuple[tt.Learner, Recording]) -> None:

@@ -14,9 +14,8 @@ from towtank.errors import InputError
 from towtank.identification.data.samples import N_MEASURED, Samples
 from towtank.identification.model.parameters import free_parameters
 from towtank.identification.simulation_error.fit import OutputErrorFit, fit_output_error
-from towtank.identification.simulation_error.residuals import jumps
+from towtank.identification.simulation_error.residuals import autocorrelation_of, jumps
 from towtank.identification.simulation_error.segments import CandidateModel
-from towtank.identification.simulation_error.whiteness import autocorrelation_of
 
 SAMPLES = only(recorded(box(), push(600, 0)), POSE)
 

@@ -36,6 +36,18 @@ def test_the_learner_is_told_of_rigid_body_and_thrusters_alone(case: str) -> Non
         assert run.duration == pytest.approx(when + AFTER, abs=0.02)
 
 
+def test_waves_come_up_when_the_study_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("swell_study.CALM", (5.0, 8.0))
+    _, rising, when = flown("rising camera", 1, minutes=0.5)
+    assert 5.0 <= when <= 8.0
+    monkeypatch.setattr("swell_study.CALM", (100.0, 100.0))
+    _, still, _ = flown("rising camera", 1, minutes=0.5)
+    moved = np.abs(rising["x"].values - still["x"].values)
+    before = rising["x"].t < when
+    assert not moved[before].any()
+    assert moved[~before].max() > 1e-3  # m; they need five periods to come up
+
+
 def test_what_must_hold_of_a_case() -> None:
     silent = Flight(1200.0, [], math.inf, "", body=False)
     false = Flight(1200.0, ["37 s: thruster t0: 92 ± 4 % of its thrust"], math.inf, "", body=False)

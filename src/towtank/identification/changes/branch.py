@@ -245,6 +245,11 @@ def copied(record: _Record) -> _Record:
     return record._replace(**{name: np.array(value) for name, value in record._asdict().items()})
 
 
+def definite(covariance: Array) -> Array:
+    """Return a covariance (n, n) in which nothing is known exactly."""
+    return covariance + np.diag(1e-12 + 1e-6 * np.diag(covariance))
+
+
 def inform(state: JointState, rows: Array, covariance: Array, residual: Array) -> None:
     """Update by rows (m, n) of the filter's coordinates, measured with a covariance (m, m) and residuals (m,)."""
     n = state.theta.size

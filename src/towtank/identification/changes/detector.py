@@ -17,22 +17,19 @@ against it, and believed where it leads clearly; what leads by less is waited on
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.special import logsumexp
 
 from towtank.core.arrays import Array
-from towtank.core.zero_order_hold import ZeroOrderHold
 from towtank.identification.changes.branch import (
     Branch,
     Kept,
     Recent,
     Running,
     copied,
+    definite,
     fused,
     inform,
     split_later,
@@ -53,10 +50,8 @@ from towtank.identification.changes.hypotheses import (
     likeness,
     steps_of,
 )
+from towtank.identification.changes.water import Waters
 from towtank.identification.data.samples import Buffer, Samples
-from towtank.identification.kalman.filter import take_all
-from towtank.identification.kalman.passes import WAVE_PERIODS
-from towtank.identification.kalman.state import JointState, coefficient_block, healthy_snapshot, in_waves
 from towtank.identification.model.parameters import GAIN_PREFIX, IN_GAIN, FreeParameters
 from towtank.identification.model.prior import Prior
 from towtank.recording.event import Event
@@ -77,7 +72,6 @@ _AGAIN = 2  # checks in a row
 _TRUSTED = 20.0  # s after a re-estimation was requested for which a change is accepted
 _COMPARED = 15.0  # s for which a change is compared with known configurations
 _TAKEN, _DROPPED = 0.98, 0.3  # probability at which a known configuration is taken as prior, and given up
-_WAVES, _WALKS = (0.03, 0.1), (0.03, 0.1)  # m/s, m/s per sqrt(s): sizes of waves, walks of a current that may begin
 _LEAST_MOTION = 15.0  # s of motion from which on changes are looked for
 
 
@@ -112,6 +106,7 @@ class ChangeDetector:
         self._next_split = self._next_check = -np.inf
         self._count = 0
         self._suspect: tuple[Branch, int, float] | None = None
+        self._waters: Waters | None = None  # that may be meant by what is suspected
         self._matching: ConfigurationMatch | None = None
         self.requested = -np.inf
         self.likely: dict[str, float] = {}
@@ -122,7 +117,7 @@ class ChangeDetector:
             self._catch_up()
         for each in (self._branches, self._rows, self._recent, self._waiting):
             each.clear()
-        self._batch = self._suspect = None
+        self._batch = self._suspect = self._waters = None
         self._last = self._next_split = self._next_check = -np.inf
         self._count, self._wide = 0, None  # as one that goes on from a checkpoint
         if not matching:
@@ -188,7 +183,7 @@ class ChangeDetector:
         steps = steps_of(self.vehicle, running, wide)
         if self._wide is None or self._wide.names != wide.names or np.any((steps > 0.0) != (self._steps > 0.0)):
             self._branches.clear()  # hypotheses of one kind alone can be weighed against each other
-            self._suspect = None
+            self._suspect = self._waters = None
             self._wide, self._steps = wide, steps
             self._hypotheses = hypotheses(wide.free, steps)
         if not self._hypotheses:
@@ -212,7 +207,7 @@ class ChangeDetector:
         free = running.free
         verdict, branch = self._verdict(t)
         if verdict is None or branch is None:
-            self._suspect = None
+            self._suspect = self._waters = None
             return None
         times, since = (1, t) if self._suspect is None else (self._suspect[1] + 1, self._suspect[2])
         self._suspect = branch, times, since
@@ -245,43 +240,21 @@ class ChangeDetector:
     def _otherwise(self, t: float, best: Branch, running: Running, evidence: float) -> tuple[float, OtherWater | None]:
         """Return by how much water that moves otherwise is likelier than a change, and the filter in such water.
 
-        What was split off goes over its samples once more, in waves or in a current that walks faster instead of with
-        wider coefficients: what the innovations gain on the first filter's is a log Bayes factor, as it is with these.
-
         Args:
             best: began where the change did. evidence: log Bayes factor of that, by its increment.
         """
         if not running.settings.current:
             return -np.inf, None
-        log_likelihood, factor = float(running.state.clock[0].log_likelihood), self.overdispersion.factor
-        of_change = max(float(best.state.clock[0].log_likelihood) - log_likelihood, factor * evidence)
+        gained = float(best.state.clock[0].log_likelihood) - float(running.state.clock[0].log_likelihood)
+        of_change = max(gained, self.overdispersion.factor * evidence)
         whole = [each for each in self._branches if t - each.t <= _LIVES_LONG]  # of what followed others some is gone
         oldest = min(whole, key=lambda each: each.t, default=best)
-        found: list[tuple[float, float, Branch, JointState, ZeroOrderHold]] = []
-        for branch in (best,) if best.t <= oldest.t else (oldest, best):
-            if t - branch.t > _LIVES_LONG:
-                continue
-            rows = self._recent.since(branch.t)
-            for period, state in _waters(branch.parent, running):
-                held = copied(branch.parent_held)
-                take_all(state, held, rows)
-                if healthy_snapshot(state) is not None and state.clock[0].resets == branch.resets:
-                    gained = float(state.clock[0].log_likelihood) - log_likelihood
-                    found.append((np.nan_to_num(gained, nan=-np.inf), period, branch, state, held))
-        if not found:
-            return -np.inf, None
-        of_water = float(logsumexp([gained for gained, *_ in found])) - math.log(len(found))
-        _, period, branch, state, held = max(found, key=lambda each: each[0])
-        walk = math.sqrt(state.settings[0].current_walk)
-        own = running._replace(
-            state=state,
-            held=held,
-            settings=replace(running.settings, wave_period=period),
-            levels=replace(running.levels, waves=state.wave_level.copy(), current_walk=walk),
-        )
-        known = _definite(coefficient_block(branch.parent))
-        kept = Kept(running.prior.names, branch.parent.theta, known, running.disagreement, running.apart)
-        return of_water - of_change, OtherWater(branch.t, t, of_water, own, kept)
+        if self._waters is None:
+            self._waters = Waters(running)
+        begun = [each for each in (oldest, best) if t - each.t <= _LIVES_LONG and (each is best or each.t < best.t)]
+        of_water, water = self._waters.weighed(begun, self._recent.since, running)
+        found = None if water is None else OtherWater(water.t, t, of_water, water.running, water.kept)
+        return of_water - of_change, found
 
     def _verdict(self, t: float) -> tuple[Verdict | None, Branch | None]:
         """Return what the filters say at t [s], and which fits best; None where nothing is sure."""
@@ -323,7 +296,7 @@ class ChangeDetector:
         now = branch.P0 + np.diag(verdict.steps**2)
         one = (prior.free.codes[:, 0] == IN_GAIN) & (verdict.steps[keep] > 0.0)
         mean = np.where(one, state.theta, branch.theta0[keep])  # one fails: the scale of force stays (`seen_from`)
-        kept = Kept(prior.names, mean, _definite(now[np.ix_(keep, keep)]), wider, apart)
+        kept = Kept(prior.names, mean, definite(now[np.ix_(keep, keep)]), wider, apart)
         before = branch.theta0[keep], np.sqrt(np.maximum(np.diag(branch.P0)[keep], 0.0))
         self.restart()
         self.likely = {}
@@ -362,11 +335,11 @@ class ChangeDetector:
         kept = matching.kept
         at = [matching.branch.free.names.index(name) for name in kept.names]
         taken = copied(running.state)
-        theta, covariance = known.theta[at], _definite(known.covariance[np.ix_(at, at)])
+        theta, covariance = known.theta[at], definite(known.covariance[np.ix_(at, at)])
         inform(taken, np.eye(len(at)), covariance, theta - taken.theta)
         mean, left = fused(kept.mean, kept.covariance, theta, covariance)
         self.restart(matching=True)
-        informed = kept._replace(mean=mean, covariance=_definite(left))
+        informed = kept._replace(mean=mean, covariance=definite(left))
         return Recognised(t, known.name, share, True, running._replace(state=taken), informed)
 
     def _give_up(self, t: float, matching: ConfigurationMatch, name: str, running: Running) -> Recognised:
@@ -378,23 +351,6 @@ class ChangeDetector:
         alone = running._replace(state=state, held=copied(matching.branch.held))
         self.restart(matching=True)
         return Recognised(t, name, self.likely[name], False, alone, matching.kept)
-
-
-def _waters(state: JointState, running: Running) -> Iterator[tuple[float, JointState]]:
-    """Yield copies of a filter in water that moves otherwise, each with the period of its waves [s]."""
-    if not running.levels.waves.any():
-        for period, level in itertools.product(WAVE_PERIODS, _WAVES):
-            yield period, in_waves(state, np.full(3, level), period)
-    for walk in _WALKS:
-        if walk > running.levels.current_walk:
-            other = copied(state)
-            other.settings["current_walk"] = walk**2
-            yield running.settings.wave_period, other
-
-
-def _definite(covariance: Array) -> Array:
-    """Return a covariance (n, n) in which nothing is known exactly."""
-    return covariance + np.diag(1e-12 + 1e-6 * np.diag(covariance))
 
 
 class ChangeTracker:

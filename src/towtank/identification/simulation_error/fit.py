@@ -43,7 +43,9 @@ from towtank.identification.posterior.statistics import long_run
 from towtank.identification.simulation_error.residuals import (
     GATE,
     NORMAL_MEDIAN,
+    Autocorrelation,
     RobustMoments,
+    autocorrelation_of,
     jumps,
     robust_cost,
     robust_moments,
@@ -69,7 +71,6 @@ from towtank.identification.simulation_error.trajectory import (
     new_equations,
     new_workspace,
 )
-from towtank.identification.simulation_error.whiteness import Autocorrelation, autocorrelation_of
 
 __all__ = ["OutputErrorFit"]
 

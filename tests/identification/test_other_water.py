@@ -1,0 +1,112 @@
+"""Water that begins to move otherwise while a vehicle is learned: told, and no change of the vehicle."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.identification.test_changes import DT, FORCE, FREE, commands, learned, truth
+
+import towtank as tt
+from towtank.identification.online.joint import JointLearner
+from towtank.identification.online.reestimation import Schedule
+from towtank.recording import Recording
+from towtank.simulation import Mocap, RisingCurrent, Waves
+
+
+def run_in(water: Waves | RisingCurrent, duration: float) -> Recording:
+    twice = np.tile(commands(), (2, 1))
+    return tt.simulate(
+        truth(), commands=twice, dt=DT, duration=duration, sensors=Mocap(rate=1.0 / DT), disturbance=FORCE,
+        waves=water, seed=3,
+    )  # fmt: skip
+
+
+@cache
+def run_in_waves() -> Recording:
+    """Return a run in which waves come up after the time in which a stream asks for them."""
+    return run_in(Waves(0.08, 4.0, begin=62.0), 78.0)
+
+
+def holds(learner: tt.Learner) -> None:
+    """Coefficients that are called identified are what they are."""
+    for each in learner.estimate.coefficients:
+        if each.identified:
+            assert abs(each.value - truth().coefficient(each.name)) < 3.0 * each.std, each.name
+
+
+def test_waves_that_begin_are_no_change_of_the_vehicle() -> None:
+    """They explain what they do better than a payload."""
+    learner = learned(run_in_waves())
+    assert isinstance(learner, JointLearner)
+    [event] = learner.events
+    assert event.kind == "water"
+    assert 62.0 < float(event.details["noticed"]) < 72.0
+    stream = learner._stream
+    assert stream.running is not None
+    assert stream.running.levels.waves.any()
+    assert stream.schedule.next - stream.schedule.began >= 20.0  # of less, a wave is no more than a slow force
+    holds(learner)
+
+
+def test_a_current_that_begins_to_flow_is_no_change_of_the_vehicle() -> None:
+    """It looks like a long wave at first; the passes of twenty seconds later know better."""
+    learner = learned(run_in(RisingCurrent((0.4, -0.2, 0.0), begin=62.0, seconds=6.0), 88.0))
+    assert isinstance(learner, JointLearner)
+    [event] = learner.events
+    assert event.kind == "water"
+    running = learner._stream.running
+    assert running is not None
+    assert np.abs(running.state.current[:2] - (0.4, -0.2)).max() < 0.06
+    holds(learner)
+
+
+def test_what_was_learned_before_other_water_is_kept() -> None:
+    """In the first minute, too, where passes begin at the prior: what calm water has told is that prior then."""
+    learner = learned(run_in(Waves(0.08, 4.0, begin=30.0), 58.0))
+    assert isinstance(learner, JointLearner)
+    assert [each.kind for each in learner.events] == ["water"]
+    stream = learner._stream
+    assert stream.running is not None
+    assert stream.running.levels.waves.any()
+    assert stream.kept is not None
+    told = dict(zip(stream.kept.names, np.sqrt(np.diag(stream.kept.covariance)), strict=True))
+    supposed = dict(zip(stream.running.whole.names, stream.running.whole.std, strict=True))
+    assert told["X_uu"] <= supposed["X_uu"]
+    holds(learner)
+
+
+def test_a_checkpoint_after_other_water_goes_on_in_it(tmp_path: Path) -> None:
+    run = run_in_waves()
+    whole, first = (tt.Learner(truth(), free=FREE, delay=0.0) for _ in range(2))
+    cut = round(76.0 / DT)
+    poses = np.column_stack([run[name].values for name in ("x", "y", "z", "phi", "theta", "psi")])
+    held = np.column_stack([run[f"cmd_{thruster.name}"].values for thruster in truth().thrusters])
+
+    def give(learner: tt.Learner, begin: int, end: int) -> None:
+        for k in range(begin, end):
+            learner.update(float(run["x"].t[k]), pose=poses[k], commands=held[k] if k < len(held) else None)
+
+    give(first, 0, cut)
+    assert [each.kind for each in first.events] == ["water"]
+    first.save(tmp_path / "kept.npz")
+    second = tt.Learner.load(tmp_path / "kept.npz", truth())
+    give(second, cut, len(poses))
+    give(whole, 0, len(poses))
+    assert second.events == whole.events
+    for one, other in zip(second.estimate.coefficients, whole.estimate.coefficients, strict=True):
+        assert one.value == pytest.approx(other.value, abs=1e-3 * other.std)
+
+
+def test_after_other_water_no_re_estimation_comes_before_waves_can_show() -> None:
+    schedule = Schedule()
+    schedule.anew(100.0, 20.0)
+    schedule.call(105.0)
+    assert schedule.next == 120.0
+    assert not schedule.behind(119.9)
+    assert schedule.behind(120.0)
+    schedule.anew(200.0, 2.0)  # a changed vehicle shows itself sooner
+    schedule.call(201.5)
+    assert schedule.next == 201.5
