@@ -18,7 +18,6 @@ stay where the likelihood gains by far more than chance.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -307,7 +306,7 @@ def one_pass(
         held = inputs_of(each, free, about, problem.delay)
         rows, taken = rows_of(each), 0
         ends = sorted({*range(window, len(each), window), *range(piece, len(each), piece), len(each)} - {0})
-        for first, last in itertools.pairwise((0, *ends)):
+        for first, last in pairwise((0, *ends)):
             begin, end = float(each.t[first]), float(each.t[last - 1])
             current = levels.current_at(0.5 * (begin + end), k, len(samples))
             state.current_at[:] = state.current_at if current is None else current
