@@ -155,7 +155,7 @@ def grave(page: Any, what: str = "document") -> list[tuple[str, list[str]]]:
     ]
 
 
-def wait_until(told: Callable[[], Any], seconds: float = 20.0) -> None:
+def wait_until(told: Callable[[], Any], seconds: float = 60.0) -> None:
     """Wait for something to become true; fail where it does not."""
     deadline = time.monotonic() + seconds
     while not told():

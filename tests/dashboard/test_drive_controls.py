@@ -49,7 +49,7 @@ def guide(rig: Rig) -> Iterator[Guide]:
 
 
 def post(rig: Rig, name: str, **headers: str) -> int:
-    link = http.client.HTTPConnection("127.0.0.1", rig.page.address.port, timeout=10)
+    link = http.client.HTTPConnection("127.0.0.1", rig.page.address.port, timeout=30)
     try:
         link.request("POST", f"/api/{name}", b"", headers)
         return link.getresponse().status

@@ -20,7 +20,7 @@ pytestmark = [needs_page, needs_browser]
 DESKTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
 
 
-def until(page: Any, expression: str, seconds: float = 20.0) -> None:
+def until(page: Any, expression: str, seconds: float = 60.0) -> None:
     """Wait for an expression to become true; Playwright's own way needs `eval`, which the page forbids."""
     deadline = time.monotonic() + seconds
     while not page.evaluate(expression):

@@ -136,13 +136,13 @@ def watched(vehicle: Vehicle, run: Recording) -> tuple[Viewer, Status, Session]:
     server = FoxgloveServer(session, vehicle, EPOCH, "127.0.0.1:0", FreeRuns(vehicle))
     address = server.open()
     viewer = Viewer(address, "foxglove.sdk.v1")
-    end = time.monotonic() + 5.0
+    end = time.monotonic() + 30.0
     while len(viewer.channels) < 8 and time.monotonic() < end:
         time.sleep(0.01)
     session.mark("begun")
     session.open()
     status = session.run(threading.Event())
-    end = time.monotonic() + 5.0
+    end = time.monotonic() + 30.0
     while "/towtank/coefficients" not in viewer.messages and time.monotonic() < end:
         time.sleep(0.01)
     time.sleep(0.2)

@@ -77,15 +77,14 @@ def first_half_at_sea(data: Path) -> tuple[LogLearning, Sequence[Recording]]:
     return learn_recordings(vehicle, [halves[0]]), halves
 
 
-HEAVY = pytest.mark.xfail(strict=True, reason="heave inertia 5.004 times the rigid body's, 5 asked")
-
-
-@pytest.mark.parametrize("i", [0, 1, pytest.param(2, marks=HEAVY), 5])
+@pytest.mark.parametrize("i", [0, 1, 2, 5])
 def test_inertias_at_sea_are_those_of_a_body_in_water(
     first_half_at_sea: tuple[LogLearning, Sequence[Recording]], i: int
 ) -> None:
     learning, _ = first_half_at_sea
     total = float(np.diag(learning.model.mass_matrix)[i] / np.diag(learning.vehicle.rigid_body_matrix)[i])
+    if i == 2 and 5.0 < total < 5.05:
+        pytest.xfail(f"heave inertia {total:.3f} times the rigid body's, 5 asked")
     assert 1.0 <= total <= 5.0
 
 
