@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import sqlite3
 import struct
-import time
 import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.pace import within
 
 from towtank.errors import InputError
 from towtank.readers import read
@@ -81,10 +81,8 @@ def test_formats_without_end_are_damaged(tmp_path: Path) -> None:
 def test_marks_of_chunks_that_are_none_end_the_search(tmp_path: Path) -> None:
     path = tmp_path / "a.bag"
     path.write_bytes(b"#ROSBAG V2.0\n" + b"\x04\x00\x00\x00op=\x05\0" * 100_000)
-    began = time.process_time()
-    with pytest.raises(InputError, match="no message"):
+    with within(6.0), pytest.raises(InputError, match="no message"):
         read(path)
-    assert time.process_time() - began < 6.0
 
 
 def test_broken_chunks_are_named_a_few_and_counted_all(tmp_path: Path) -> None:

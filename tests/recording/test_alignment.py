@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.pace import within
 
 from towtank.core.attitude import quaternions_from_eulers
 from towtank.errors import InputError
@@ -215,7 +214,6 @@ def test_ten_minutes_of_thirty_channels_take_well_under_a_second_of_computing() 
     columns |= {f"cmd_{i}": walk for i in range(8)}
     run = Recording.from_table(t, columns)
     align(run.window(0, 1))
-    start = time.process_time()
-    grid = align(run)
-    assert time.process_time() - start < 0.8
+    with within(0.8):
+        grid = align(run)
     assert len(grid) == n

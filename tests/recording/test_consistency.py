@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
+from tests.pace import within
 
 from towtank.core.attitude import quaternions_from_eulers
 from towtank.recording import Recording, standard_channel
@@ -291,7 +290,6 @@ def test_an_hour_costs_a_moment() -> None:
     t, columns = motion(3600.0, 100.0)
     run = Recording.from_table(t, {**{name: columns[name] for name in NAMES}, "p": -columns["p"]})
     inconsistencies(run)
-    began = time.process_time()
-    [finding] = inconsistencies(run)
+    with within(1.0):  # 0.2 s
+        [finding] = inconsistencies(run)
     assert finding.what == "p"
-    assert time.process_time() - began < 1.0  # 0.2 s; other work may share the machine
