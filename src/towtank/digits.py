@@ -9,16 +9,18 @@ __all__ = ["estimate_text", "joined", "measured", "percent", "short", "signed_li
 
 _DIGITS = 6
 _DIVERGES = -999.0
+_NOTHING = 1e-15  # what is left of a coefficient that ends on its bound
 
 
 def short(value: float | None, digits: int = 4) -> str:
     """Return a number with so many significant digits, no needless zeros; "-" where there is none.
 
-    >>> short(0.034082), short(1100.0), short(None)
-    ('0.03408', '1100', '-')
+    >>> short(0.034082), short(1100.0), short(None), short(-1e-19)
+    ('0.03408', '1100', '-', '0')
     """
     if value is None or math.isnan(value):
         return "-"
+    value = value if abs(value) > _NOTHING else 0.0
     if value != 0.0 and digits <= math.log10(abs(value)) < 7.0:
         return f"{value:.0f}"
     return f"{value:.{digits}g}"
@@ -27,13 +29,14 @@ def short(value: float | None, digits: int = 4) -> str:
 def measured(value: float, std: float | None) -> tuple[str, str]:
     """Return value and deviation, the deviation with two digits and the value with as many places.
 
-    >>> measured(-0.77105, 0.05246)
-    ('-0.771', '0.052')
+    >>> measured(-0.77105, 0.05246), measured(-1e-19, 0.52)
+    (('-0.771', '0.052'), ('0.00', '0.52'))
     """
     if std is None or not math.isfinite(std) or not math.isfinite(value):
         return short(value, _DIGITS), ""
     if std <= 0.0:
         return short(value, _DIGITS), "0"
+    value = value if abs(value) > _NOTHING else 0.0
     places = 1 - math.floor(math.log10(std))
     places = min(places, _DIGITS - 1 - math.floor(math.log10(abs(value)))) if value else places
     if places > 12 or places < -6:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -10,6 +11,9 @@ import pytest
 from tests.identification.test_changes import DT, FORCE, FREE, commands, learned, truth
 
 import towtank as tt
+from towtank.identification.data.samples import prepared
+from towtank.identification.kalman.passes import joint_fit
+from towtank.identification.offline.joint import LearningRequest, joint_problem
 from towtank.identification.online.joint import JointLearner
 from towtank.identification.online.reestimation import Schedule
 from towtank.recording import Recording
@@ -76,6 +80,20 @@ def test_what_was_learned_before_other_water_is_kept() -> None:
     supposed = dict(zip(stream.running.whole.names, stream.running.whole.std, strict=True))
     assert told["X_uu"] <= supposed["X_uu"]
     holds(learner)
+
+
+def test_waves_that_were_supposed_in_calm_water_go_again() -> None:
+    """As where a few seconds of a current that began to flow looked like waves: passes over more of it know better."""
+    run = tt.simulate(
+        truth(), commands=commands(), dt=DT, duration=40.0, sensors=Mocap(rate=1.0 / DT), disturbance=FORCE, seed=3
+    )
+    problem = joint_problem(LearningRequest(truth(), [prepared(run, truth())], free=FREE, delay=0.0))
+    calm = joint_fit(problem)
+    again = joint_fit(problem, since=(calm.theta, replace(calm.levels, waves=np.full(3, 0.1))))
+    assert not calm.levels.waves.any()
+    assert not again.levels.waves.any()
+    assert (np.abs(again.theta - calm.theta) < 0.1 * calm.std).all()
+    assert again.std == pytest.approx(calm.std, rel=0.05)
 
 
 def test_a_checkpoint_after_other_water_goes_on_in_it(tmp_path: Path) -> None:

@@ -378,7 +378,7 @@ def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem
     wavy = replace(problem.rough, waves=np.full(3, _WAVE))
     calm = _settled(problem, problem.prior.mean, problem.rough, lambda share: progress(0.3 * share))
     calm = _in_moving_water(problem, calm, lambda share: progress(0.3 + 0.1 * share))
-    fit = _settled(problem, problem.prior.mean, wavy, lambda share: progress(0.4 + 0.4 * share))
+    fit = _settled(problem, problem.prior.mean, wavy, lambda share: progress(0.4 + 0.4 * share), only_in_waves=True)
     if not (fit.likelihood > calm.likelihood + _WAVES_GAIN and fit.levels.waves.max() > _SMALLEST_WAVE):
         return problem, calm
     found = [(fit.likelihood, problem)]
@@ -406,23 +406,26 @@ def _in_moving_water(problem: JointProblem, fit: JointFit, progress: Progress) -
     return _in_moving_water(problem, other, progress) if _likelier(other, fit) else fit
 
 
-def _settled(problem: JointProblem, about: Array, levels: NoiseLevels, progress: Progress) -> JointFit:
-    """Return what passes from theta (n,) `about` come to.
+def _settled(
+    problem: JointProblem, about: Array, levels: NoiseLevels, progress: Progress, *, only_in_waves: bool = False
+) -> JointFit:
+    """Return what passes from theta (n,) `about` come to; with `only_in_waves` they may end where there are none.
 
     Where the first one rejects much of a sensor, they begin a second time, with inputs that act a deviation sooner than
     is supposed; where a pose was doubted, they do without doubts. The likelier speaks each time.
     """
     most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
     levels = replace(levels, disturbance=np.minimum(levels.disturbance, most))
-    fit, lost, doubted = _passes(problem, about, levels, most, progress)
+    run = partial(_passes, problem, most=most, progress=progress, only_in_waves=only_in_waves)
+    fit, lost, doubted = run(about, levels)
     late = np.isin(problem.free.codes[:, 0], (IN_DELAY, IN_LAG))
     if lost and late.any():
         sooner = np.where(late, np.maximum(about - problem.prior.std, _SOONEST * about), about)
-        other, _, doubted_too = _passes(problem, sooner, levels, most, progress)
+        other, _, doubted_too = run(sooner, levels)
         if _likelier(other, fit):
             fit, about, doubted = other, sooner, doubted_too
     if doubted:
-        other, *_ = _passes(problem, about, levels, most, progress, doubts=False)
+        other, *_ = run(about, levels, doubts=False)
         fit = other if _likelier(other, fit) else fit
     return fit
 
@@ -433,12 +436,20 @@ def _likelier(one: JointFit, other: JointFit) -> bool:
 
 
 def _passes(
-    problem: JointProblem, about: Array, levels: NoiseLevels, most: Array, progress: Progress, *, doubts: bool = True
+    problem: JointProblem,
+    about: Array,
+    levels: NoiseLevels,
+    *,
+    most: Array,
+    progress: Progress,
+    only_in_waves: bool,
+    doubts: bool = True,
 ) -> tuple[JointFit, bool, bool]:
     """Run passes from theta (n,) `about` until nothing moves any more; the likeliest one where that never comes.
 
-    Where none can be computed, nothing was learned. No disturbance rises above `most` (6,). Returns, too, whether the
-    first rejected much of a sensor, and whether a pose was doubted, which `doubts` allow.
+    Where none can be computed, nothing was learned. No disturbance rises above `most` (6,). Waves that become too small
+    to be any go from the levels; with `only_in_waves` the passes end there. Returns, too, whether the first rejected
+    much of a sensor, and whether a pose was doubted, which `doubts` allow.
     """
     best: JointFit | None = None
     likeliest: JointFit | None = None
@@ -466,7 +477,8 @@ def _passes(
         best, at_best = fit, about
         if k > 0 and bool((moved <= _STILL).all()) and converged(adapted, levels):
             return fit, lost, doubted
-        if k >= _CALM_AFTER and levels.waves.any() and adapted.waves.max() < _SMALLEST_WAVE:
+        calms = k >= _CALM_AFTER and levels.waves.any() and adapted.waves.max() < _SMALLEST_WAVE
+        if calms and only_in_waves:
             return fit, lost, doubted
         worth = fit.likelihood - 0.5 * float(moved @ moved)  # linearised elsewhere, it is another model's likelihood
         if likeliest is None or worth > most_worth:
@@ -480,6 +492,8 @@ def _passes(
         last = step
         about = about + share * step
         levels = replace(adapted, currents=currents)
+        if calms:
+            levels, most_worth = replace(levels, waves=np.zeros(3)), -math.inf
     if likeliest is None:
         prior = problem.prior
         return replace(fit, mean=prior.mean, theta=prior.mean, covariance=prior.covariance), lost, doubted
