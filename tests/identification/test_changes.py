@@ -12,8 +12,11 @@ import pytest
 
 import towtank as tt
 from towtank.core.arrays import Array
-from towtank.identification.changes.events import change_words
+from towtank.identification.changes.branch import Kept
+from towtank.identification.changes.events import Change, ChangeLog, change_words
+from towtank.identification.changes.hypotheses import Verdict
 from towtank.identification.data.samples import samples_of
+from towtank.identification.kalman.state import coefficient_std
 from towtank.identification.model.parameters import free_parameters
 from towtank.identification.model.prior import prior_of
 from towtank.identification.online.joint import JointLearner
@@ -248,6 +251,37 @@ def test_checkpoints_keep_what_happened(loaded: tuple[tt.Learner, Recording], tm
     for name in ("X_udot", "Y_vdot"):
         found = again.estimate[name]
         assert abs(found.value - truth().coefficient(name)) < 4.0 * found.std
+
+
+def test_numbers_of_a_change_are_those_of_passes_that_follow_with_other_unknowns(
+    loaded: tuple[tt.Learner, Recording],
+) -> None:
+    """What a filter says in the first second is linearised about the vehicle of before, and may be far off."""
+    learner, _ = loaded
+    assert isinstance(learner, JointLearner)
+    running = learner._stream.running
+    assert running is not None
+    names = [name for name in running.free.names if name != "Y_vdot"]
+    rows = [running.free.names.index(name) for name in names]
+    step = np.where(np.isin(names, ("X_uu",)), -5.0, 0.0)
+    before = running.state.theta[rows] - step, 0.01 * coefficient_std(running.state)[rows]
+    fewer = running._replace(
+        prior=running.prior.only(names),
+        state=running.state._replace(theta=before[0]),
+        disagreement=running.disagreement[rows],
+        apart=running.apart[rows],
+    )
+    verdict = Verdict(50.0, 0, {}, None, 9.0, np.ones(len(names)), 50.0)
+    log = ChangeLog()
+    log.add(Change(1.0, 2.0, verdict, fewer, Kept(tuple(names), before[0], np.eye(len(names)), step, step), before))
+    assert float(log.events[0].details["X_uu"]) == 0.0
+    log.revise(2.5, running)
+    assert float(log.events[0].details["X_uu"]) == 0.0  # too soon
+    log.revise(3.5, running)
+    [event] = log.events
+    assert float(event.details["X_uu"]) == pytest.approx(-5.0)
+    assert "surge drag +" in event.text
+    assert "Y_vdot" not in event.details
 
 
 def test_words_name_what_is_sure_and_by_how_much() -> None:

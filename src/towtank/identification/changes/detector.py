@@ -396,10 +396,14 @@ class ChangeTracker:
         self.change_log.restore(tuple(events))
         self._overdispersion.restore(overdispersion)
 
-    def restart(self, *, same: bool = False) -> None:
-        """Begin anew: the filter is another one, or its motion is; with `same` it has the same coordinates."""
-        if not same:
-            self.change_log.settle()
+    def restart(self) -> None:
+        """Begin anew: the filter's motion is another one."""
+        self.change_log.settle()
+        if self.detector is not None:
+            self.detector.restart()
+
+    def gone_over(self, *, same: bool) -> None:
+        """Begin anew with a filter that went over the samples once more; with `same` it has the same coordinates."""
         if self.detector is not None:
             self.detector.restart(matching=same)
 
@@ -433,7 +437,7 @@ class ChangeTracker:
         self.detector.take_row(t, z)
         if seen < _LEAST_MOTION:
             return None
-        self.change_log.revise(t, running.free, running.state)
+        self.change_log.revise(t, running)
         detected = self.detector.step(t, running)
         if detected is not None:
             self.change_log.add(detected)

@@ -14,7 +14,7 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.core.layout import LINEAR, MASS, MOMENT, QUADRATIC, WEIGHT
 from towtank.identification.changes.branch import Kept, Running
-from towtank.identification.kalman.state import JointState, coefficient_std
+from towtank.identification.kalman.state import coefficient_std
 from towtank.identification.model.parameters import GAIN_PREFIX, UNTRANSFORMED, FreeParameters
 from towtank.identification.model.terms import TERMS
 from towtank.recording.event import Event
@@ -27,7 +27,8 @@ __all__: list[str] = []
 _AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 _MOST_NAMED, _SURE_STEP = 4, 2.0  # coefficients at most; deviations
 _MOVES = "the water moves as it did not before: waves, or another current"
-_REVISED, _SETTLES = 1.0, 8.0  # s after which a change is revised, ever later, and at last
+_REVISED, _SETTLES = 1.0, 16.0  # s after which a change is revised, ever later, and at last
+_SAME = 8.0  # s for which what is noticed is the change that was noticed before, seen better
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,10 +183,10 @@ class ChangeLog:
         before = self._open
         if before is not None and _is_same(before[0], detected):
             self._open = replace(detected, t=before[0].t, noticed=before[0].noticed, before=before[0].before), before[1]
-            self.revise(detected.noticed, detected.running.free, detected.running.state)
+            self.revise(detected.noticed, detected.running)
             return
         self._open, self._again = (detected, len(self.events)), _REVISED
-        self._put(self._event(detected, detected.running.free, detected.running.state))
+        self._put(_event(detected, detected.running))
 
     def settle(self) -> None:
         """Leave the last change as it stands."""
@@ -197,19 +198,15 @@ class ChangeLog:
         text = "the filter had lost itself; it goes on with what it knew, less sure"
         self._put(Event(t, "mended", text))
 
-    def revise(self, t: float, free: FreeParameters, state: JointState) -> None:
-        """Revise the last change with what is known at t [s]."""
-        if self._open is None:
+    def revise(self, t: float, running: Running) -> None:
+        """Revise the last change with what the filter knows at t [s]."""
+        if self._open is None or t < self._open[0].noticed + self._again:
             return
         change, place = self._open
-        if free.names != change.running.free.names:
-            self._open = None
-        if self._open is None or t < change.noticed + self._again:
-            return
         self._again *= 2.0
         if self._again > _SETTLES:
             self._open = None
-        self.events = (*self.events[:place], self._event(change, free, state), *self.events[place + 1 :])
+        self.events = (*self.events[:place], _event(change, running), *self.events[place + 1 :])
 
     def restore(self, events: tuple[Event, ...]) -> None:
         """Put in the events of another one."""
@@ -218,21 +215,28 @@ class ChangeLog:
     def _put(self, event: Event) -> None:
         self.events = (*self.events, event)
 
-    def _event(self, change: Change, free: FreeParameters, state: JointState) -> Event:
-        before, now = change.before, (state.theta.copy(), coefficient_std(state))
-        verdict = change.verdict
-        text = change_words(free, before, now, thruster=verdict.thruster)
-        details: dict[str, float | str] = {
-            "noticed": change.noticed,
-            "log_evidence": verdict.evidence,
-            "log_odds": float(np.nan_to_num(verdict.clear, posinf=99.0)),
-            **({"thruster": verdict.thruster} if verdict.thruster else verdict.parts),
-            **change_details(free, before, now),
-        }
-        return Event(change.t, "thruster" if verdict.thruster else "change", text, details)
+
+def _event(change: Change, running: Running) -> Event:
+    """Return a change as the filter knows it by now; one that went over the samples anew has other unknowns, too."""
+    names = [name for name in change.running.free.names if name in running.free.names]
+    free = change.running.prior.only(names).free
+    old = [change.running.free.names.index(name) for name in names]
+    new = [running.free.names.index(name) for name in names]
+    before = change.before[0][old], change.before[1][old]
+    now = running.state.theta[new], (running.disagreement * coefficient_std(running.state))[new]
+    verdict = change.verdict
+    text = change_words(free, before, now, thruster=verdict.thruster)
+    details: dict[str, float | str] = {
+        "noticed": change.noticed,
+        "log_evidence": verdict.evidence,
+        "log_odds": float(np.nan_to_num(verdict.clear, posinf=99.0)),
+        **({"thruster": verdict.thruster} if verdict.thruster else verdict.parts),
+        **change_details(free, before, now),
+    }
+    return Event(change.t, "thruster" if verdict.thruster else "change", text, details)
 
 
 def _is_same(one: Change, other: Change) -> bool:
     """Return whether a change is the same one, seen better: of the same kind, while its numbers settle."""
     same_kind = one.verdict.thruster == other.verdict.thruster and one.running.free.names == other.running.free.names
-    return same_kind and other.noticed <= one.noticed + _SETTLES
+    return same_kind and other.noticed <= one.noticed + _SAME

@@ -322,7 +322,7 @@ class JointStream:
                 self._buffer = buffer.without(buffer.rows // 2)
             return
         same = self.running is not None and self.running.free.names == found.running.free.names
-        self.changes.restart(same=same)
+        self.changes.gone_over(same=same)
         since, until = (found.rows, found.inputs), (buffer.rows, buffer.inputs)
         running = caught_up(found.running, buffer, since, until, self._delay)
         self.kept = found.kept
