@@ -300,3 +300,14 @@ def test_words_name_what_is_sure_and_by_how_much() -> None:
     now[4], std[4] = np.log(0.6), 0.02
     text = change_words(free, (theta, small), (now, std), thruster=vehicle.thrusters[0].name)
     assert text == f"thruster {vehicle.thrusters[0].name}: 60 ± 1 % of its thrust"
+
+
+def test_a_coupling_is_told_with_the_sign_of_the_coefficient() -> None:
+    """Its coordinate is that of the mass matrix: the rigid body's element less the coefficient."""
+    free = free_parameters(tt.load_vehicle("vlbv300"), ("Y_rdot", "Y_uv"))
+    theta = free.theta(tt.load_vehicle("vlbv300"), delay=0.0, lag=0.1)
+    small = np.full(len(free), 1e-3)
+    now = free.thetas(free.values(theta) + np.array([-0.16, 2.0]))
+    text = change_words(free, (theta, small), (now, small), thruster=None)
+    assert "Y_rdot −0.16" in text
+    assert "Y_uv +2.000" in text

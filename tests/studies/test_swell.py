@@ -11,7 +11,9 @@ import pytest
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
 
-from swell_study import AFTER, BEFORE, CASES, Flight, checks, flown, sticks
+from swell_study import AFTER, BEFORE, CASES, Flight, checks, flown, right_steps, sticks
+
+from towtank.recording.event import Event
 
 
 def test_sticks_rest_and_are_pushed_as_fast_as_a_hand_can() -> None:
@@ -54,7 +56,15 @@ def test_what_must_hold_of_a_case() -> None:
     assert checks("waves dvl", [silent, silent, false])[0].met  # one in an hour
     assert not checks("waves dvl", [silent, false, false])[0].met
     assert not checks("rising dvl", [silent, silent, false])[1].met  # waves that nobody told
-    noticed = [Flight(150.0, [], after, "", body=after < 5.0) for after in (0.9, 4.9, math.inf)]
-    assert [each.value for each in checks("payload dvl", noticed)] == [4.9, pytest.approx(2 / 3), 0.0]
-    assert [each.met for each in checks("payload dvl", noticed)] == [True, False, True]
+    noticed = [Flight(150.0, [], after, "", body=after < 5.0, right=1.0) for after in (0.9, 4.9, math.inf)]
+    assert [each.value for each in checks("payload dvl", noticed)] == [4.9, pytest.approx(2 / 3), 1.0, 0.0]
+    assert [each.met for each in checks("payload dvl", noticed)] == [True, False, True, True]
     assert not checks("payload dvl", [noticed[2], noticed[2], noticed[0]])[0].met
+
+
+def test_steps_are_right_that_are_within_their_deviations() -> None:
+    """A centre of gravity 12 mm ahead: the righting moment's x, and couplings of the mass matrix for a told one."""
+    told = {"BG_x": 1.6, "BG_x_std": 0.05, "Y_rdot": -0.15, "Y_rdot_std": 0.01, "X_uu": 1.0, "X_uu_std": 0.1}
+    event = Event(1.0, "change", "", {**told, "noticed": 2.0, "gain_t0": 0.5, "gain_t0_std": 0.1})
+    assert right_steps("shifted dvl", event) == pytest.approx(2 / 3)
+    assert math.isnan(right_steps("shifted dvl", Event(1.0, "change", "", {"noticed": 2.0})))

@@ -138,7 +138,8 @@ def _one(free: FreeParameters, k: int, old: float, new: float, std: float) -> st
         share = 100.0 / abs(old)
         return f"roll and pitch stiffness {_signed((new - old) * share * math.copysign(1.0, old), std * share)} %"
     if kind in TERMS:
-        return f"{name} {_signed(new - old, std)}"
+        side = free.signs[k]  # a coordinate of the mass matrix is minus the coefficient
+        return f"{name} {_signed(side * (new - old), std)}"
     return ""
 
 
