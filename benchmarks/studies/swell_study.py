@@ -7,10 +7,11 @@ to a level for some seconds, a hand needs a third of a second for full throw. Co
 by 0.08 s and give 5 % more or less than their curves say, a random force of 0.4 N acts, and in `waves` the water goes
 to and fro with 0.03 to 0.1 m/s (standard deviation) at periods of 4 to 8 s. A `dvl` with gyros, depth and attitude, or
 a `camera`, measures. Twenty minutes of one stream, in which nothing changes; ten, in which the same waves come up
-after two or three (`rising`), which must be told, and no change be cried; or, by DVL, in still water, two minutes and
-then a `payload` of 8 % of the mass, which weighs nothing in water, 0.1 m below the centre of gravity; or a centre of
-gravity `shifted` by 12 mm ahead. Of these it is asked, too, whether what the event tells of each coefficient's step, as
-it stands at last, is within four of its deviations.
+after two or three (`rising`), or a current of 0.25 m/s begins to flow within 20 s (`flowing`), which must be told, and
+no change be cried; or, by DVL, in still water, two minutes and then a `payload` of 8 % of the mass, which weighs
+nothing in water, 0.1 m below the centre of gravity; or a centre of gravity `shifted` by 12 mm ahead. Of these it is
+asked, too, whether what the event tells of each coefficient's step, as it stands at last, is within four of its
+deviations.
 """
 
 from __future__ import annotations
@@ -30,14 +31,16 @@ from towtank.identification import Learner
 from towtank.recording import Recording
 from towtank.recording.event import Event
 from towtank.recording.standard import POSE
-from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, Waves, simulate
+from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, RisingCurrent, Waves, simulate
 from towtank.simulation.sensors.sensor import Sensors
 from towtank.vehicle import Vehicle, allocate, index, load_vehicle
 
 SENSORS: dict[str, tuple[Sensors, Sequence[str]]] = {"dvl": (Ins(), BY_DVL), "camera": (Mocap(), POSE)}
-CASES = ("waves dvl", "waves camera", "rising dvl", "rising camera", "payload dvl", "shifted dvl")
+CASES = ("waves dvl", "waves camera", "rising dvl", "rising camera", "flowing dvl", "payload dvl", "shifted dvl")
+OTHER_WATER = ("rising", "flowing")
 MINUTES = 20.0  # of a stream in which nothing changes
-CALM = (120.0, 180.0)  # s after which waves come up, in half that time
+CALM = (120.0, 180.0)  # s after which the water begins to move, in half that time
+FLOWS, WITHIN = 0.25, 20.0  # m/s, s
 BEFORE, AFTER = 120.0, 30.0  # s of one in which something does
 HEAVIER, BELOW, AHEAD = 0.08, 0.1, 0.012  # of the mass, m, m
 _DT = 0.01  # s
@@ -53,9 +56,9 @@ class Flight(NamedTuple):
 
     Attributes:
         seconds: how long it was. false: what was cried though nothing had changed. noticed: s from the change, or from
-            when waves began, until it was, inf where it was not or none was. said: of the first true notice, as it
-            stands at last. body: whether that blamed the body, not a thruster. right: share of the steps that it tells
-            which lie within 4 of their deviations, NaN where it tells none.
+            when the water began to move, until it was, inf where it was not or none was. said: of the first true
+            notice, as it stands at last. body: whether that blamed the body, not a thruster. right: share of the steps
+            that it tells which lie within 4 of their deviations, NaN where it tells none.
     """
 
     seconds: float
@@ -67,25 +70,30 @@ class Flight(NamedTuple):
 
 
 def flown(case: str, seed: int, minutes: float = MINUTES) -> tuple[Vehicle, Recording, float]:
-    """Return what the learner is told, the log, and when the vehicle changed or waves began, inf for never."""
+    """Return what the learner is told, the log, and when the vehicle or the water changed, inf for never."""
     random = np.random.default_rng([seed, 1])
     told, truth = _vehicles(random)
     seconds, begin = 60.0 * minutes, 0.0
     changes: list[tuple[float, Vehicle]] = []
-    if "rising" in case:
+    if case.split()[0] in OTHER_WATER:
         begin, seconds = np.random.default_rng([seed, 2]).uniform(*CALM), 0.5 * seconds
     if case.split()[0] in ("payload", "shifted"):
         when = round(BEFORE + 5.0 * random.random(), 2)
         changes, seconds = [(when, changed(case, truth))], when + AFTER
     size, period, heading = random.uniform(0.03, 0.1), random.uniform(4.0, 8.0), random.uniform(-math.pi, math.pi)
-    waves = Waves(size, period, heading, begin=begin)
+    water: Waves | RisingCurrent | None = None
+    if case.split()[0] in ("waves", "rising"):
+        water = Waves(size, period, heading, begin=begin)
+    elif "flowing" in case:
+        flow = (FLOWS * math.cos(heading), FLOWS * math.sin(heading), 0.0)
+        water = RisingCurrent(flow, begin=begin, seconds=WITHIN)
     axes = range(6) if seed % 2 else (0, 1, 2, 5)
     trim = [0.0, 0.0, truth.weight_minus_buoyancy, 0.0, 0.0, 0.0]
     commands = allocate(told, sticks(seconds, axes, random) * _FULL - trim)
     sensors, measured = SENSORS[case.split()[1]]
     run = simulate(
         truth, commands=commands, dt=_DT, sensors=sensors, disturbance=_WATER, changes=changes, seed=seed,
-        waves=waves if case.split()[0] in ("waves", "rising") else None,
+        waves=water,
     )  # fmt: skip
     kept = run.without(*(name for name in run if name not in measured and not name.startswith("cmd_")))
     return told, kept, changes[0][0] if changes else begin or math.inf
@@ -182,7 +190,8 @@ def learned(case: str, seed: int) -> Flight:
     events = [(float(each.details.get("noticed", each.t)), each) for each in learner.events]
     if "waves" in case:  # no alarm: they are there
         events = [(t, each) for t, each in events if each.kind != "water"]
-    true = [(t, each) for t, each in events if t > when and (each.kind == "water") == ("rising" in case)]
+    moves = case.split()[0] in OTHER_WATER
+    true = [(t, each) for t, each in events if t > when and (each.kind == "water") == moves]
     false = [f"{t:.0f} s: {each.text}" for t, each in events if (t, each) not in true]
     if not true:
         return Flight(run.duration, false, math.inf, "", body=False)
@@ -197,11 +206,11 @@ def checks(case: str, found: Sequence[Flight]) -> list[Check]:
     false = sum(len(each.false) for each in found)
     if "waves" in case:
         return [Check(f"{case}: false alarms an hour, in {hours:.1f} h", false / hours, high=1.0)]
-    if "rising" in case:
+    if case.split()[0] in OTHER_WATER:
         alike = float(np.mean([math.isfinite(each.noticed) for each in found]))
         return [
             Check(f"{case}: false alarms an hour, in {hours:.1f} h", false / hours, high=1.0),
-            Check(f"{case}: waves told, share", alike, low=0.9),
+            Check(f"{case}: told, share", alike, low=0.9),
         ]
     return [
         Check(f"{case}: noticed after, s, median", float(np.median([each.noticed for each in found])), high=5.0),

@@ -16,7 +16,7 @@ from towtank.core.zero_order_hold import hold_force, mean_forces_into, new_zero_
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, prepared
 from towtank.identification.kalman.filter import take_row
-from towtank.identification.kalman.passes import JointProblem, one_pass
+from towtank.identification.kalman.passes import JointProblem, _smoothed, one_pass
 from towtank.identification.kalman.state import (
     FilterSettings,
     JointState,
@@ -166,6 +166,27 @@ def test_only_a_current_that_surely_flows_is_linearised_about() -> None:
     for share, kept in ((2.9, 0.0), (6.0, 0.75), (30.0, 0.99)):
         state.current[:] = -share * deviation
         np.testing.assert_allclose(surely_flows(state.current, deviation**2), kept * state.current, atol=1e-12)
+
+
+def test_what_later_pieces_say_of_earlier_ones_is_the_posterior_of_a_random_walk() -> None:
+    """Against all pieces at once, of which the walk is the prior."""
+    walk, noise = 0.02, 0.03  # m/s in 1 s, m/s
+    ends = np.array([10.0, 20.0, 35.0, 37.0, 60.0])
+    seen = np.random.default_rng(1).normal(0.5, 0.1, (len(ends), 3))
+    grown = np.concatenate([[4.0], walk**2 * np.diff(ends)])  # variance of the first current, and of what is walked
+    prior = np.array([[grown[: min(i, j) + 1].sum() for j in range(len(ends))] for i in range(len(ends))])
+    whole = np.linalg.inv(np.linalg.inv(prior) + np.eye(len(ends)) / noise**2)
+    mean, variance = whole @ seen / noise**2, np.diag(whole)
+
+    water, at, var = [], np.zeros(3), np.zeros(3)
+    for k, (end, value) in enumerate(zip(ends, seen, strict=True)):  # forwards, as a filter goes
+        var = var + grown[k]
+        gain = var / (var + noise**2)
+        at, var = at + gain * (value - at), (1.0 - gain) * var
+        water.append(np.concatenate([[0, end - 1.0, end], at, var]))
+    for row, expected, left in zip(_smoothed(water, walk), mean, variance, strict=True):
+        np.testing.assert_allclose(row[3:], surely_flows(expected, np.full(3, left)), rtol=1e-9)
+        assert (row[3:] != 0.0).all()
 
 
 def test_what_was_found_of_other_recordings_says_nothing_of_these() -> None:

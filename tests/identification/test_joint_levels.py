@@ -123,7 +123,7 @@ def test_a_second_start_and_passes_without_doubts_speak_where_they_are_likelier(
 ) -> None:
     began = []
 
-    def stub(problem: Any, about: Any, *rest: Any, doubts: bool = True) -> tuple[Any, bool, bool]:
+    def stub(problem: Any, about: Any, levels: Any, *, doubts: bool = True, **rest: Any) -> tuple[Any, bool, bool]:
         name = ("about" if about[0] == 0.1 else "sooner") + ("" if doubts else " trusting")
         began.append(name)
         likelihood, lost, doubted = (*worth[name], False, False)[:3]

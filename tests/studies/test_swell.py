@@ -11,7 +11,7 @@ import pytest
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
 
-from swell_study import AFTER, BEFORE, CASES, Flight, checks, flown, right_steps, sticks
+from swell_study import AFTER, BEFORE, CASES, OTHER_WATER, Flight, checks, flown, right_steps, sticks
 
 from towtank.recording.event import Event
 
@@ -32,22 +32,25 @@ def test_the_learner_is_told_of_rigid_body_and_thrusters_alone(case: str) -> Non
     assert ("x" in run) == ("camera" in case)
     assert ("u" in run) == ("dvl" in case)
     changes = case.split()[0] in ("payload", "shifted")
-    assert math.isfinite(when) == (changes or "rising" in case)
+    assert math.isfinite(when) == (changes or case.split()[0] in OTHER_WATER)
     if changes:
         assert BEFORE <= when <= BEFORE + 5.0
         assert run.duration == pytest.approx(when + AFTER, abs=0.02)
 
 
-def test_waves_come_up_when_the_study_says(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("case", "measured"), [("rising camera", "x"), ("flowing dvl", "u")])
+def test_the_water_begins_to_move_when_the_study_says(
+    monkeypatch: pytest.MonkeyPatch, case: str, measured: str
+) -> None:
     monkeypatch.setattr("swell_study.CALM", (5.0, 8.0))
-    _, rising, when = flown("rising camera", 1, minutes=0.5)
+    _, moving, when = flown(case, 1, minutes=0.5)
     assert 5.0 <= when <= 8.0
     monkeypatch.setattr("swell_study.CALM", (100.0, 100.0))
-    _, still, _ = flown("rising camera", 1, minutes=0.5)
-    moved = np.abs(rising["x"].values - still["x"].values)
-    before = rising["x"].t < when
+    _, still, _ = flown(case, 1, minutes=0.5)
+    moved = np.abs(moving[measured].values - still[measured].values)
+    before = moving[measured].t < when
     assert not moved[before].any()
-    assert moved[~before].max() > 1e-3  # m; they need five periods to come up
+    assert np.nanmax(moved[~before]) > 1e-3  # m, m/s; waves need five periods to come up
 
 
 def test_what_must_hold_of_a_case() -> None:
@@ -56,6 +59,7 @@ def test_what_must_hold_of_a_case() -> None:
     assert checks("waves dvl", [silent, silent, false])[0].met  # one in an hour
     assert not checks("waves dvl", [silent, false, false])[0].met
     assert not checks("rising dvl", [silent, silent, false])[1].met  # waves that nobody told
+    assert not checks("flowing dvl", [silent, silent, false])[1].met
     noticed = [Flight(150.0, [], after, "", body=after < 5.0, right=1.0) for after in (0.9, 4.9, math.inf)]
     assert [each.value for each in checks("payload dvl", noticed)] == [4.9, pytest.approx(2 / 3), 1.0, 0.0]
     assert [each.met for each in checks("payload dvl", noticed)] == [True, False, True, True]
