@@ -27,7 +27,19 @@ from towtank.planning.space import Space
 from towtank.vehicle import Vehicle, allocate, thruster_wrench
 from towtank.vehicle.thrusters.curves import force_range
 
-__all__ = ["AXES", "Coach", "Known", "Movement", "Next", "Stage", "View", "deflection", "movements", "next_segment"]
+__all__ = [
+    "AXES",
+    "TRIES",
+    "Coach",
+    "Known",
+    "Movement",
+    "Next",
+    "Stage",
+    "View",
+    "deflection",
+    "movements",
+    "next_segment",
+]
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 _WAYS = (
@@ -48,7 +60,8 @@ _LATE = max(_DELAYS) + 0.4  # s after a segment, until what was driven of it has
 _SPAN, _AHEAD = 0.3, 1.0  # s over which the speed is measured; s ahead, at which a wall is near
 _BEYOND = 1e6  # N, N m: more than any vehicle's thrusters make
 _DONE, _SHORTEST = 0.5, 0.05  # share of a movement that counts as done; s of one that is shown
-_TRIES, _DRAWS = 40, 2  # of a segment that is designed while somebody waits for it
+TRIES = 40  # segments that are judged while somebody waits for one
+_DRAWS = 2  # vehicles that each is judged for
 _ENOUGH = 0.02  # by which a segment is expected to lessen what is missing, as a share of it, to be worth driving
 _DURATION = 8.0  # s of a segment, without a plan
 
@@ -175,13 +188,21 @@ class Next:
 
 
 def next_segment(
-    model: Vehicle, wanted: tuple[str, ...], accuracy: float, *, sensors: str, plan: Plan | None = None, seed: int = 0
+    model: Vehicle,
+    wanted: tuple[str, ...],
+    accuracy: float,
+    *,
+    sensors: str,
+    plan: Plan | None = None,
+    seed: int = 0,
+    tries: int = TRIES,
 ) -> Next:
     """Return the segment that makes most known of what is not known yet: a matter of seconds.
 
     Args:
         model: what is known by now, with its covariance. accuracy: that is wanted, a share. sensors: as `Outlook.of`.
         plan: whose space, duration and way of driving are kept to; without one, open water and a pilot.
+        tries: segments that are judged.
 
     Raises:
         InputError: the model cannot be planned for.
@@ -202,7 +223,7 @@ def next_segment(
         space=None if plan is None else plan.space,
         duration=_DURATION if plan is None else plan.segments[-1].segment.duration,
         draws=_DRAWS,
-        tries=_TRIES,
+        tries=tries,
         seed=seed,
         by_hand=plan is None or plan.by_hand,
     )

@@ -17,7 +17,7 @@ from towtank.errors import InputError
 from towtank.identification import Estimate
 from towtank.live.session import Session
 from towtank.planning import Outlook, Plan, Segment, diagonal
-from towtank.planning.coach import AXES, Coach, Known, Movement, Next, Stage, View
+from towtank.planning.coach import AXES, TRIES, Coach, Known, Movement, Next, Stage, View
 from towtank.recording.event import Event
 from towtank.vehicle import Vehicle, index
 
@@ -37,10 +37,12 @@ class Coaching:
     Args:
         session: whose samples are followed, and whose learner is asked. vehicle: as the learner was given it.
         plan: what is to be driven; None: what narrows most, from ten seconds of learning on, begun by the pilot alone.
-        waits: begin a segment of a plan, too, only when the pilot asks for it.
+        waits: begin a segment of a plan, too, only when the pilot asks for it. tries: segments judged for each.
     """
 
-    def __init__(self, session: Session, vehicle: Vehicle, plan: Plan | None, *, waits: bool = False) -> None:
+    def __init__(
+        self, session: Session, vehicle: Vehicle, plan: Plan | None, *, waits: bool = False, tries: int = TRIES
+    ) -> None:
         self._session, self._vehicle, self._plan = session, vehicle, plan
         if plan is None:
             self._coach = Coach(vehicle, diagonal(Outlook.of(vehicle)), _ACCURACY, waits=True)
@@ -49,7 +51,7 @@ class Coaching:
             self._coach = Coach(vehicle, tuple(wanted), plan.accuracy, tuple(segments), space=plan.space, waits=waits)
         self._sensors = "" if plan is None else plan.sensors
         self._seen: set[str] = set()
-        self._seed, self._designed = 0, 0.0
+        self._seed, self._designed, self._tries = 0, 0.0, tries
         self._looked = self._again = -math.inf
         self._designer = Designer(vehicle)
         session.learning.listeners += (self._see,)
@@ -149,7 +151,7 @@ class Coaching:
             return
         self._seed += 1
         sensors = self._sensors or self._sensors_seen()
-        settings = {"sensors": sensors, "plan": self._plan, "seed": self._seed}
+        settings = {"sensors": sensors, "plan": self._plan, "seed": self._seed, "tries": self._tries}
         try:
             self._designer.ask(model, coach.wanted, coach.accuracy, **settings)
         except InputError as error:
