@@ -72,15 +72,24 @@ def test_waves_that_begin_are_no_change_of_the_vehicle(monkeypatch: pytest.Monke
     holds(learner)
 
 
-def test_a_current_that_begins_to_flow_is_no_change_of_the_vehicle() -> None:
+@pytest.mark.parametrize(
+    ("flow", "seconds"),
+    [
+        ((0.4, -0.2, 0.0), 6.0),
+        ((0.3, 0.3, 0.0), 15.0),  # rises on, while it is taken for a wave of 8 s: a change was cried after 14 s
+    ],
+)
+def test_a_current_that_begins_to_flow_is_no_change_of_the_vehicle(
+    flow: tuple[float, float, float], seconds: float
+) -> None:
     """It looks like a long wave at first; the passes of twenty seconds later know better."""
-    learner = learned(run_in(RisingCurrent((0.4, -0.2, 0.0), begin=62.0, seconds=6.0), 88.0))
+    learner = learned(run_in(RisingCurrent(flow, begin=62.0, seconds=seconds), 88.0))
     assert isinstance(learner, JointLearner)
     [event] = learner.events
     assert event.kind == "water"
     running = learner._stream.running
     assert running is not None
-    assert np.abs(running.state.current[:2] - (0.4, -0.2)).max() < 0.06
+    assert np.abs(running.state.current[:2] - flow[:2]).max() < 0.06
     holds(learner)
 
 
@@ -137,11 +146,16 @@ def test_a_checkpoint_after_other_water_goes_on_in_it(tmp_path: Path) -> None:
 
 def test_after_other_water_no_re_estimation_comes_before_waves_can_show() -> None:
     schedule = Schedule()
+    assert schedule.settled
     schedule.anew(100.0, 20.0)
+    assert not schedule.settled
     schedule.call(105.0)
     assert schedule.next == 120.0
     assert not schedule.behind(119.9)
     assert schedule.behind(120.0)
+    schedule.settle()
+    assert schedule.settled
     schedule.anew(200.0, 2.0)  # a changed vehicle shows itself sooner
     schedule.call(201.5)
     assert schedule.next == 201.5
+    assert schedule.settled

@@ -214,53 +214,41 @@ def pace_of(x: Array, current: Array, rate: Array, sensor: int, k: int) -> float
     if sensor == RATES:
         return float(rate[3 + k])
     if sensor == VELOCITY:  # R^T v_c turns with the body
-        a, b, c = to_body(x, current)
-        p, q, r = x[10], x[11], x[12]
-        turning = q * c - r * b if k == 0 else (r * a - p * c if k == 1 else p * b - q * a)
-        return float(rate[k] - turning)
+        through, i, j = to_body(x, current), (k + 1) % 3, (k + 2) % 3
+        return float(rate[k] - (x[10 + i] * through[j] - x[10 + j] * through[i]))
     return float(rate[k])
+
+
+@kernel
+def _down_in_body(x: Array) -> tuple[float, float, float]:
+    """Return the direction of gravity in the body at the state x (13,)."""
+    return (
+        2.0 * (x[4] * x[6] - x[3] * x[5]),
+        2.0 * (x[5] * x[6] + x[3] * x[4]),
+        1.0 - 2.0 * (x[4] ** 2 + x[5] ** 2),
+    )
 
 
 @kernel
 def specific_force(x: Array, rate: Array, k: int) -> float:
     """Return number k of v_dot + omega x v - g k [m/s^2], body; `rate` is the state's derivative (13,) at x."""
-    u, v, w, p, q, r = x[7], x[8], x[9], x[10], x[11], x[12]
-    if k == 0:
-        return float(rate[7] + (q * w - r * v - GRAVITY * (2.0 * (x[4] * x[6] - x[3] * x[5]))))
-    if k == 1:
-        return float(rate[8] + (r * u - p * w - GRAVITY * (2.0 * (x[5] * x[6] + x[3] * x[4]))))
-    return float(rate[9] + (p * v - q * u - GRAVITY * (1.0 - 2.0 * (x[4] ** 2 + x[5] ** 2))))
+    i, j = (k + 1) % 3, (k + 2) % 3
+    return float(rate[7 + k] + x[10 + i] * x[7 + j] - x[10 + j] * x[7 + i] - GRAVITY * _down_in_body(x)[k])
 
 
 @kernel
 def specific_force_row_into(x: Array, A: Array, k: int, h: Array) -> None:
     """Write H of number k of the specific force into `h`, for all errors and coefficients that `A` (12, 21 + n) has."""
-    u, v, w, p, q, r = x[7], x[8], x[9], x[10], x[11], x[12]
-    k0, k1 = 2.0 * (x[4] * x[6] - x[3] * x[5]), 2.0 * (x[5] * x[6] + x[3] * x[4])
-    k2 = 1.0 - 2.0 * (x[4] ** 2 + x[5] ** 2)
-    for j in range(A.shape[1]):
-        h[j] = A[6 + k, j]
-    if k == 0:
-        h[8] += q
-        h[7] -= r
-        h[10] += w
-        h[11] -= v
-        h[4] += GRAVITY * k2
-        h[5] -= GRAVITY * k1
-    elif k == 1:
-        h[6] += r
-        h[8] -= p
-        h[11] += u
-        h[9] -= w
-        h[3] -= GRAVITY * k2
-        h[5] += GRAVITY * k0
-    else:
-        h[7] += p
-        h[6] -= q
-        h[9] += v
-        h[10] -= u
-        h[3] += GRAVITY * k1
-        h[4] -= GRAVITY * k0
+    i, j = (k + 1) % 3, (k + 2) % 3
+    down = _down_in_body(x)
+    for c in range(A.shape[1]):
+        h[c] = A[6 + k, c]
+    h[6 + j] += x[10 + i]
+    h[6 + i] -= x[10 + j]
+    h[9 + i] += x[7 + j]
+    h[9 + j] -= x[7 + i]
+    h[3 + i] += GRAVITY * down[j]
+    h[3 + j] -= GRAVITY * down[i]
 
 
 @kernel

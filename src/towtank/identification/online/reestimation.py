@@ -278,6 +278,15 @@ class Schedule:
         self.next = seen + first
         self.not_before = self.next if first > _DOUBLES else seen
 
+    @property
+    def settled(self) -> bool:
+        """Whether passes have told how the water moves, since it began to move otherwise."""
+        return self.not_before <= self.began
+
+    def settle(self) -> None:
+        """Take note that they have."""
+        self.not_before = self.began
+
     def behind(self, seen: float) -> bool:
         """Whether one is due, or the last one saw far less than has been seen by now."""
         return seen >= self.not_before and seen >= min(

@@ -323,6 +323,7 @@ class JointStream:
             return
         same = self.running is not None and self.running.free.names == found.running.free.names
         self.changes.gone_over(same=same)
+        self.schedule.settle()
         since, until = (found.rows, found.inputs), (buffer.rows, buffer.inputs)
         running = caught_up(found.running, buffer, since, until, self._delay)
         self.kept = found.kept
@@ -351,7 +352,12 @@ class JointStream:
         self.changes.recovered(self._last_t)
 
     def _detect_change(self, buffer: Buffer, running: Running, t: float, z: Array) -> None:
-        """Go on with the filter that saw a change, where one did, and with what was known before as its prior."""
+        """Go on with the filter that saw a change, where one did, and with what was known before as its prior.
+
+        Where nothing but a supposition tells how the water moves, what contradicts it is no change of the vehicle.
+        """
+        if not self.schedule.settled:
+            return
         found = self.changes.take_row(t, z, self.seen, running, buffer)
         if found is None:
             if self.changes.requested == t:
