@@ -19,6 +19,8 @@ from towtank.core.attitude import (
     quaternions_from_eulers,
     rotation_from_euler,
     rotation_from_quaternion,
+    row_of_rotation,
+    to_body,
 )
 
 from .independent import cross_matrix, quaternion, rates_to_omega, rotation, rotation_of, turn
@@ -40,6 +42,15 @@ def test_rotation_of_a_quaternion_is_in_so3(q: np.ndarray) -> None:
     assert np.abs(R @ R.T - np.eye(3)).max() < 1e-14
     assert np.linalg.det(R) == pytest.approx(1.0, abs=1e-14)
     assert np.abs(R - rotation_of(q)).max() < 1e-14
+    assert np.abs(np.array([row_of_rotation(q, k) for k in range(3)]) - R).max() < 1e-14
+
+
+@proof
+@given(units, vectors(3))
+def test_to_the_body_and_back_a_vector_is_itself(q: np.ndarray, v: np.ndarray) -> None:
+    there = to_body(q, v)
+    assert np.abs(rotation_from_quaternion(q) @ there - v).max() < 1e-13
+    assert to_body(q, (float(v[0]), float(v[1]), float(v[2]))) == there
 
 
 @proof

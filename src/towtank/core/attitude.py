@@ -22,6 +22,8 @@ __all__ = [
     "quaternions_from_eulers",
     "rotation_from_euler",
     "rotation_from_quaternion",
+    "row_of_rotation",
+    "to_body",
 ]
 
 
@@ -82,6 +84,28 @@ def rotation_from_quaternion(q: Array) -> Array:
     out[2, 1] = 2.0 * (y * z + w * x)
     out[2, 2] = 1.0 - 2.0 * (x * x + y * y)
     return out
+
+
+@kernel
+def row_of_rotation(q: Array, k: int) -> tuple[float, float, float]:
+    """Return row k of R, body to NED, of the unit quaternion q (4,): for k = 2 the direction of gravity in the body."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    if k == 0:
+        return 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)
+    if k == 1:
+        return 2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)
+    return 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+
+
+@kernel
+def to_body(q: Array, v: Array | tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return R^T v, in the body (FRD), of a vector v in NED, for the unit quaternion q (4,)."""
+    a, b, c = row_of_rotation(q, 0), row_of_rotation(q, 1), row_of_rotation(q, 2)
+    return (
+        a[0] * v[0] + b[0] * v[1] + c[0] * v[2],
+        a[1] * v[0] + b[1] * v[1] + c[1] * v[2],
+        a[2] * v[0] + b[2] * v[1] + c[2] * v[2],
+    )
 
 
 @kernel

@@ -46,7 +46,7 @@ import math
 import numpy as np
 
 from towtank.core.arrays import Array, kernel
-from towtank.core.attitude import rotation_from_quaternion
+from towtank.core.attitude import to_body
 from towtank.core.layout import FORWARD_COLUMNS, FORWARD_ROWS, I_ASYMMETRY, I_FORWARD, I_LINEAR, N_FORWARD
 
 __all__ = [
@@ -131,11 +131,8 @@ def restoring_wrench(weight: float, moment: Array, k: Array) -> Array:
 @kernel
 def current_in_body(q: Array, current: Array) -> Array:
     """Return nu_c (6,) = [R^T v_c ; 0] for the attitude q (4,) and the current v_c (3,) [m/s], NED."""
-    R = rotation_from_quaternion(q)
     out = np.zeros(6)
-    for i in range(3):
-        for j in range(3):
-            out[i] += R[j, i] * current[j]
+    out[0], out[1], out[2] = to_body(q, current)
     return out
 
 

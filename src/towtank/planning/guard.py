@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from towtank.core.arrays import Array, kernel
+from towtank.core.attitude import row_of_rotation
 from towtank.core.layout import I_CONSTANT
 from towtank.core.rk4 import N_STATES, has_extra_terms, is_coupled, step_into
 from towtank.errors import InputError
@@ -189,7 +190,6 @@ def _bent_into(brake: Brake, x: Array, wanted: Array, braking: Array, shares: Ar
     m = out.shape[0]
     for j in range(m):
         out[j] = wanted[j]
-    qw, qx, qy, qz = x[3], x[4], x[5], x[6]
     for c in range(_N_LIMITS):
         share = shares[c]
         if share == 0.0:
@@ -207,12 +207,8 @@ def _bent_into(brake: Brake, x: Array, wanted: Array, braking: Array, shares: Ar
                 for j in range(m):
                     out[j] += share * brake.tilting[j, a] * left
             continue
-        if c == 0:
-            nx, ny, nz = 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy - qw * qz), 2.0 * (qx * qz + qw * qy)
-        elif c == 1:
-            nx, ny, nz = 2.0 * (qx * qy + qw * qz), 1.0 - 2.0 * (qx * qx + qz * qz), 2.0 * (qy * qz - qw * qx)
-        elif c == 2:
-            nx, ny, nz = 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
+        if c < 3:
+            nx, ny, nz = row_of_rotation(x[3:7], c)
         else:
             base = 7 if c == 3 else 10
             nx, ny, nz = x[base], x[base + 1], x[base + 2]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from towtank.core.arrays import Array, kernel
-from towtank.core.attitude import quaternion_from_euler
+from towtank.core.attitude import quaternion_from_euler, to_body
 from towtank.core.rk4 import N_STATES, has_extra_terms, is_coupled, step_into
 from towtank.core.zero_order_hold import ZeroOrderHold, force_integral_into, hold_force, new_zero_order_hold
 from towtank.simulation.inputs import initial_states
@@ -57,9 +57,7 @@ def correct_into(x: Array, lacking: Array, pose: Array, dt: float) -> None:
     sign = 2.0 if ew >= 0.0 else -2.0
     ex, ey, ez = sign * ex, sign * ey, sign * ez
     dx, dy, dz = pose[0] - x[0, 0], pose[1] - x[1, 0], pose[2] - x[2, 0]
-    u = (1.0 - 2.0 * (qy * qy + qz * qz)) * dx + 2.0 * (qx * qy + qw * qz) * dy + 2.0 * (qx * qz - qw * qy) * dz
-    v = 2.0 * (qx * qy - qw * qz) * dx + (1.0 - 2.0 * (qx * qx + qz * qz)) * dy + 2.0 * (qy * qz + qw * qx) * dz
-    c = 2.0 * (qx * qz + qw * qy) * dx + 2.0 * (qy * qz - qw * qx) * dy + (1.0 - 2.0 * (qx * qx + qy * qy)) * dz
+    u, v, c = to_body(x[3:7, 0], (dx, dy, dz))
     theta = math.exp(-_PLACE_RATE * dt)
     first, second, third = 1.0 - theta**3, 1.5 * (1.0 - theta) ** 2 * (1.0 + theta) / dt, (1.0 - theta) ** 3 / dt**2
     x[0, 0] += first * dx

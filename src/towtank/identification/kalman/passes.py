@@ -91,7 +91,7 @@ _STILL = 0.05  # deviations of the posterior that a coefficient may still move
 _MUCH_WORSE = 100.0  # of the log likelihood, that a pass may lose on the best one
 WAVE_PERIODS = (3.5, 5.0, 8.0)  # s, of waves that are tried beside that of the settings
 _WAVE = 0.03  # m/s: their size to begin with
-_WALKS, _WALK_GAIN = (3e-3, 1e-2, 3e-2), 10.0  # m/s per sqrt(s), of a current; of the log likelihood
+_WALKS, _WATER_GAIN = (3e-3, 1e-2, 3e-2), 10.0  # m/s per sqrt(s), of a current; of the log likelihood
 _PIECE = 10.0  # s of a recording that are linearised about one current
 _DISAGREE = 100.0  # times the variance, at most
 _TOLD = 1e-6  # of the prior's information: below, the data tell nothing
@@ -352,12 +352,12 @@ def joint_fit(
     Args:
         progress: gets the share done.
         since: theta (n,) that the first pass is linearised about, and levels, where fewer data have told both: the
-            prior's mean is not gone back to, and whether there are waves is not asked again.
+            prior's mean is not gone back to, and waves are not looked for where there are none.
     """
     progress = progress or (lambda share: None)
     few = problem.over(spread(problem.samples))
     if since is not None:
-        return _in_moving_water(few, _settled(few, *since, progress), progress)
+        return _in_likeliest_water(few, _settled(few, *since, progress), progress)[1]
     whole = sum(map(len, few.samples)) == sum(map(len, problem.samples))
     found, fit = _with_waves(few, lambda share: progress(share if whole else 0.5 * share))
     if not whole:
@@ -374,36 +374,44 @@ def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem
     """
     if not problem.settings.current or sum(each.duration for each in problem.samples) < _WAVES_SHOW:
         calm = _settled(problem, problem.prior.mean, problem.rough, progress)
-        return problem, _in_moving_water(problem, calm, progress)
+        return _in_likeliest_water(problem, calm, progress)
     wavy = replace(problem.rough, waves=np.full(3, _WAVE))
     calm = _settled(problem, problem.prior.mean, problem.rough, lambda share: progress(0.3 * share))
-    calm = _in_moving_water(problem, calm, lambda share: progress(0.3 + 0.1 * share))
+    _, calm = _in_likeliest_water(problem, calm, lambda share: progress(0.3 + 0.1 * share))
     fit = _settled(problem, problem.prior.mean, wavy, lambda share: progress(0.4 + 0.4 * share), only_in_waves=True)
     if not (fit.likelihood > calm.likelihood + _WAVES_GAIN and fit.levels.waves.max() > _SMALLEST_WAVE):
         return problem, calm
-    found = [(fit.likelihood, problem)]
-    for period in WAVE_PERIODS:
-        other = replace(problem, settings=replace(problem.settings, wave_period=period))
-        found.append((float(one_pass(other, fit.theta, fit.levels)[0].clock[0].log_likelihood), other))
-    _, best = max(found, key=lambda each: np.nan_to_num(each[0], nan=-np.inf))
-    fit = _settled(best, fit.theta, fit.levels, lambda share: progress(0.8 + 0.1 * share))
-    return best, _in_moving_water(best, fit, lambda share: progress(0.9 + 0.1 * share))
+    return _in_likeliest_water(problem, fit, lambda share: progress(0.8 + 0.2 * share))
 
 
-def _in_moving_water(problem: JointProblem, fit: JointFit, progress: Progress) -> JointFit:
-    """Return the posterior with a current that walks as fast as is likeliest: from place to place, or with the tide."""
-    best, levels = fit.likelihood + _WALK_GAIN, fit.levels
-    for walk in _WALKS if problem.settings.current else ():
-        if walk > fit.levels.current_walk:
-            tried = replace(fit.levels, current_walk=walk)
-            found = float(one_pass(problem, fit.theta, tried)[0].clock[0].log_likelihood)
-            if not found > best:
-                break
-            best, levels = found, tried
-    if levels is fit.levels:
-        return fit
-    other = _settled(problem, fit.theta, levels, progress)
-    return _in_moving_water(problem, other, progress) if _likelier(other, fit) else fit
+def _in_likeliest_water(problem: JointProblem, fit: JointFit, progress: Progress) -> tuple[JointProblem, JointFit]:
+    """Return the posterior in water that is far likelier than that of a fit, by one pass each, if any is; its question.
+
+    A current may walk faster, from place to place or with the tide; waves have another period, or be none but such a
+    current.
+    """
+    best, likeliest = fit.likelihood + _WATER_GAIN, None
+    for other, levels in _other_waters(problem, fit.levels) if problem.settings.current else ():
+        found = float(one_pass(other, fit.theta, levels)[0].clock[0].log_likelihood)
+        if found > best:
+            best, likeliest = found, (other, levels)
+        elif not fit.levels.waves.any():
+            break  # a current that walks faster yet is less likely yet
+    if likeliest is None:
+        return problem, fit
+    other, levels = likeliest
+    settled = _settled(other, fit.theta, levels, progress)
+    return _in_likeliest_water(other, settled, progress) if _likelier(settled, fit) else (problem, fit)
+
+
+def _other_waters(problem: JointProblem, levels: NoiseLevels) -> list[tuple[JointProblem, NoiseLevels]]:
+    walks = [replace(levels, current_walk=walk) for walk in _WALKS]
+    out = [(problem, each) for each in walks if each.current_walk > levels.current_walk]
+    if levels.waves.any():
+        out += [(problem, replace(each, waves=np.zeros(3))) for each in walks]
+        others = [replace(problem.settings, wave_period=each) for each in WAVE_PERIODS]
+        out += [(replace(problem, settings=each), levels) for each in others if each != problem.settings]
+    return out
 
 
 def _settled(

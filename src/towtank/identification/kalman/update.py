@@ -18,7 +18,7 @@ import math
 from typing import TYPE_CHECKING
 
 from towtank.core.arrays import Array, kernel, summing_kernel
-from towtank.core.attitude import euler_from_quaternion
+from towtank.core.attitude import euler_from_quaternion, row_of_rotation, to_body
 from towtank.core.rk4 import N_STATES, stage_into
 from towtank.identification.model.linearisation import linearise_into, turn_by
 from towtank.identification.model.measurements import (
@@ -39,10 +39,8 @@ from towtank.identification.model.measurements import (
     measurement_row_into,
     pace_of,
     residual_of,
-    row_of_rotation,
     specific_force,
     specific_force_row_into,
-    to_body,
     unit_error,
 )
 from towtank.identification.model.terms import N_FIXED
@@ -249,7 +247,7 @@ def to_linearised_current(state: JointState) -> None:
     for k in range(3):
         away[3 + k] = state.current[k] - state.current_at[k]
         state.water[k] -= away[3 + k]
-    away[0], away[1], away[2] = to_body(state.x, away[3:6])
+    away[0], away[1], away[2] = to_body(state.x[3:7], away[3:6])
     for i in range(3):
         state.x[7 + i] += away[i]
 
@@ -315,7 +313,7 @@ def carried_along(state: JointState, k: int) -> float:
     h, omega, size = state.H[k], state.settings[0].wave_frequency, state.P.shape[0]
     felt = 0.0
     for j in range(3):
-        share = -omega * row_of_rotation(state.x, j)[k]
+        share = -omega * row_of_rotation(state.x[3:7], j)[k]
         h[size - 3 + j] = share
         felt += share * state.wave[3 + j]
     return felt
@@ -353,7 +351,7 @@ def _position_off_origin(state: JointState, k: int) -> float:
     With an error e of the attitude in the body, R (e x r) = (r x R_k) . e for row k of R.
     """
     h, at, place, theta = state.H[k], state.linearised_at, state.place[_MARKER], state.theta
-    a, b, c = row_of_rotation(state.x, k)
+    a, b, c = row_of_rotation(state.x[3:7], k)
     x, y, z = at[place[0]], at[place[1]], at[place[2]]
     h[3] += y * c - z * b
     h[4] += z * a - x * c
@@ -367,7 +365,7 @@ def _position_off_origin(state: JointState, k: int) -> float:
 @kernel
 def _turned_with(state: JointState, k: int) -> float:
     """Return number k of R (omega x r) [m/s], NED, how fast a marker away from the origin goes with the turning."""
-    a, b, c = row_of_rotation(state.x, k)
+    a, b, c = row_of_rotation(state.x[3:7], k)
     omega, at = state.x[10:13], _MARKER
     return float(a * _across(state, omega, at, 0) + b * _across(state, omega, at, 1) + c * _across(state, omega, at, 2))
 

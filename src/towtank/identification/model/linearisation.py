@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 
 from towtank.core.arrays import Array, kernel
+from towtank.core.attitude import row_of_rotation
 from towtank.core.forces import add_extra_rate_into
 from towtank.core.inertia import bilinear_coriolis_into
 from towtank.core.layout import I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT, INFLOW, N_KINDS
@@ -98,18 +99,13 @@ def linearise_into(
     """
     n = theta.shape[0]
     A[:, :] = 0.0
-    qw, qx, qy, qz = x[3], x[4], x[5], x[6]
     u, v, ww, pp, q, r = x[7], x[8], x[9], x[10], x[11], x[12]
     nu = x[7:13]
     nu_dot = rate[7:13]
     w, unit = wrenches[0], wrenches[1]
-    r00, r01, r02 = 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy - qw * qz), 2.0 * (qx * qz + qw * qy)
-    r10, r11, r12 = 2.0 * (qx * qy + qw * qz), 1.0 - 2.0 * (qx * qx + qz * qz), 2.0 * (qy * qz - qw * qx)
-    k0, k1, k2 = 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
+    k0, k1, k2 = row_of_rotation(x[3:7], 2)
     for i in range(3):
-        a = r00 if i == 0 else (r10 if i == 1 else k0)
-        b = r01 if i == 0 else (r11 if i == 1 else k1)
-        c = r02 if i == 0 else (r12 if i == 1 else k2)
+        a, b, c = row_of_rotation(x[3:7], i)
         A[i, 6], A[i, 7], A[i, 8] = a, b, c
         # -R [v]x: row (a b c) times -[v]x
         A[i, 3] = -(b * ww - c * v)

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array, kernel
+from towtank.core.attitude import row_of_rotation, to_body
 from towtank.recording.axes import axes_shown
 from towtank.recording.standard import MEASURED, QUANTITIES, TRIPLES
 from towtank.vehicle.matrices import GRAVITY
@@ -49,11 +50,9 @@ __all__ = [
     "pace_of",
     "residual_of",
     "rotation_between",
-    "row_of_rotation",
     "shown_axes",
     "specific_force",
     "specific_force_row_into",
-    "to_body",
     "unit_error",
 ]
 
@@ -139,18 +138,15 @@ def residual_of(z: Array, x: Array, current: Array, bias: Array, sensor: int, k:
         return float(value - x[k])
     if sensor == ATTITUDE:
         if whole:
-            ex, ey, ez = attitude_error(x[3:7], z[3], z[4], z[5])
-            return float((ex if k == 0 else (ey if k == 1 else ez)) - bias[6 + k])
-        qw, qx, qy, qz = x[3], x[4], x[5], x[6]
-        ky, kz = 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
+            return float(attitude_error(x[3:7], z[3], z[4], z[5])[k] - bias[6 + k])
+        kx, ky, kz = row_of_rotation(x[3:7], 2)
         if k == 0:
             return _wrapped(value - math.atan2(ky, kz))
         if k == 1:
-            return float(value - math.atan2(2.0 * (qw * qy - qx * qz), math.hypot(ky, kz)))
-        return _wrapped(value - math.atan2(2.0 * (qx * qy + qw * qz), 1.0 - 2.0 * (qy * qy + qz * qz)))
+            return float(value - math.atan2(-kx, math.hypot(ky, kz)))
+        return _wrapped(value - math.atan2(row_of_rotation(x[3:7], 1)[0], row_of_rotation(x[3:7], 0)[0]))
     if sensor == VELOCITY:
-        c0, c1, c2 = to_body(x, current)
-        return float(value - x[7 + k] - (c0 if k == 0 else (c1 if k == 1 else c2)))
+        return float(value - x[7 + k] - to_body(x[3:7], current)[k])
     if sensor == RATES:
         return float(value - x[10 + k] - bias[k])
     return float(value - x[7 + k])
@@ -163,9 +159,8 @@ def measurement_row_into(x: Array, current: Array, flows: bool, sensor: int, k: 
     unit = unit_error(sensor, k, whole)
     if unit >= 0:
         h[unit] = 1.0
-    qw, qx, qy, qz = x[3], x[4], x[5], x[6]
     if sensor == ATTITUDE and not whole:
-        kx, ky, kz = 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
+        kx, ky, kz = row_of_rotation(x[3:7], 2)
         c2 = math.hypot(ky, kz)
         s1, c1 = ky / c2, kz / c2
         if k == 0:
@@ -175,27 +170,10 @@ def measurement_row_into(x: Array, current: Array, flows: bool, sensor: int, k: 
         else:
             h[4], h[5] = s1 / c2, c1 / c2
     elif sensor == VELOCITY and flows:
-        a, b, c = to_body(x, current)  # R^T v_c turns with the attitude: [c]x e
-        if k == 0:
-            h[18], h[19], h[20] = 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy + qw * qz), 2.0 * (qx * qz - qw * qy)
-            h[4], h[5] = -c, b
-        elif k == 1:
-            h[18], h[19], h[20] = 2.0 * (qx * qy - qw * qz), 1.0 - 2.0 * (qx * qx + qz * qz), 2.0 * (qy * qz + qw * qx)
-            h[3], h[5] = c, -a
-        else:
-            h[18], h[19], h[20] = 2.0 * (qx * qz + qw * qy), 2.0 * (qy * qz - qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
-            h[3], h[4] = -b, a
-
-
-@kernel
-def row_of_rotation(x: Array, k: int) -> tuple[float, float, float]:
-    """Return row k of R, which turns vectors from the body to NED, at the state x (13,)."""
-    qw, qx, qy, qz = x[3], x[4], x[5], x[6]
-    if k == 0:
-        return 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy - qw * qz), 2.0 * (qx * qz + qw * qy)
-    if k == 1:
-        return 2.0 * (qx * qy + qw * qz), 1.0 - 2.0 * (qx * qx + qz * qz), 2.0 * (qy * qz - qw * qx)
-    return 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
+        through, i, j = to_body(x[3:7], current), (k + 1) % 3, (k + 2) % 3
+        h[3 + i], h[3 + j] = -through[j], through[i]  # R^T v_c turns with the attitude: [c]x e
+        for n in range(3):
+            h[18 + n] = row_of_rotation(x[3:7], n)[k]
 
 
 @kernel
@@ -207,40 +185,30 @@ def pace_of(x: Array, current: Array, rate: Array, sensor: int, k: int) -> float
         x: state (13,). current: (3,) [m/s], NED. rate: acceleration (6,) [m/s^2, rad/s^2].
     """
     if sensor == POSITION:
-        a, b, c = row_of_rotation(x, k)
+        a, b, c = row_of_rotation(x[3:7], k)
         return float(a * x[7] + b * x[8] + c * x[9] + current[k])
     if sensor == ATTITUDE:
         return float(x[10 + k])
     if sensor == RATES:
         return float(rate[3 + k])
     if sensor == VELOCITY:  # R^T v_c turns with the body
-        through, i, j = to_body(x, current), (k + 1) % 3, (k + 2) % 3
+        through, i, j = to_body(x[3:7], current), (k + 1) % 3, (k + 2) % 3
         return float(rate[k] - (x[10 + i] * through[j] - x[10 + j] * through[i]))
     return float(rate[k])
-
-
-@kernel
-def _down_in_body(x: Array) -> tuple[float, float, float]:
-    """Return the direction of gravity in the body at the state x (13,)."""
-    return (
-        2.0 * (x[4] * x[6] - x[3] * x[5]),
-        2.0 * (x[5] * x[6] + x[3] * x[4]),
-        1.0 - 2.0 * (x[4] ** 2 + x[5] ** 2),
-    )
 
 
 @kernel
 def specific_force(x: Array, rate: Array, k: int) -> float:
     """Return number k of v_dot + omega x v - g k [m/s^2], body; `rate` is the state's derivative (13,) at x."""
     i, j = (k + 1) % 3, (k + 2) % 3
-    return float(rate[7 + k] + x[10 + i] * x[7 + j] - x[10 + j] * x[7 + i] - GRAVITY * _down_in_body(x)[k])
+    return float(rate[7 + k] + x[10 + i] * x[7 + j] - x[10 + j] * x[7 + i] - GRAVITY * row_of_rotation(x[3:7], 2)[k])
 
 
 @kernel
 def specific_force_row_into(x: Array, A: Array, k: int, h: Array) -> None:
     """Write H of number k of the specific force into `h`, for all errors and coefficients that `A` (12, 21 + n) has."""
     i, j = (k + 1) % 3, (k + 2) % 3
-    down = _down_in_body(x)
+    down = row_of_rotation(x[3:7], 2)
     for c in range(A.shape[1]):
         h[c] = A[6 + k, c]
     h[6 + j] += x[10 + i]
@@ -254,7 +222,8 @@ def specific_force_row_into(x: Array, A: Array, k: int, h: Array) -> None:
 @kernel
 def cosine_of_pitch(x: Array) -> float:
     """Return how far single Euler angles mean something: the cosine of pitch at the state x (13,)."""
-    return math.hypot(2.0 * (x[5] * x[6] + x[3] * x[4]), 1.0 - 2.0 * (x[4] * x[4] + x[5] * x[5]))
+    _, ky, kz = row_of_rotation(x[3:7], 2)
+    return math.hypot(ky, kz)
 
 
 @kernel
@@ -285,18 +254,6 @@ def rotation_between(q: Array, w: float, x: float, y: float, z: float) -> tuple[
     if ew < 0.0:
         scale = -scale
     return scale * ex, scale * ey, scale * ez
-
-
-@kernel
-def to_body(x: Array, v: Array) -> tuple[float, float, float]:
-    """Return R^T v, in the body (FRD), of a vector v (3,) in NED, at the state x (13,)."""
-    qw, qx, qy, qz = x[3], x[4], x[5], x[6]
-    a, b, c = v[0], v[1], v[2]
-    return (
-        (1.0 - 2.0 * (qy * qy + qz * qz)) * a + 2.0 * (qx * qy + qw * qz) * b + 2.0 * (qx * qz - qw * qy) * c,
-        2.0 * (qx * qy - qw * qz) * a + (1.0 - 2.0 * (qx * qx + qz * qz)) * b + 2.0 * (qy * qz + qw * qx) * c,
-        2.0 * (qx * qz + qw * qy) * a + 2.0 * (qy * qz - qw * qx) * b + (1.0 - 2.0 * (qx * qx + qy * qy)) * c,
-    )
 
 
 @kernel

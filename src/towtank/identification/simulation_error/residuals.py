@@ -185,15 +185,15 @@ def absorb_row_into(
         whole = sensor != ATTITUDE or math.isfinite(attitude[0])
         if sensor == ATTITUDE and not whole and not cosine_of_pitch(x) > _UPRIGHT:
             continue
-        ex, ey, ez = 0.0, 0.0, 0.0
+        turned = 0.0, 0.0, 0.0
         if sensor == ATTITUDE and whole:
-            ex, ey, ez = rotation_between(x[3:7], attitude[0], attitude[1], attitude[2], attitude[3])
+            turned = rotation_between(x[3:7], attitude[0], attitude[1], attitude[2], attitude[3])
         for k in range(3):
             column = 3 * sensor + k
             if not math.isfinite(z[column]):
                 continue
             if sensor == ATTITUDE and whole:
-                residual = ex if k == 0 else (ey if k == 1 else ez)
+                residual = turned[k]
             else:
                 residual = residual_of(z, x, space.current, space.bias, sensor, k, whole)
             unit = unit_error(sensor, k, whole)
