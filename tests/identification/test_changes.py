@@ -115,6 +115,7 @@ def test_a_payload_is_noticed_named_and_followed(loaded: tuple[tt.Learner, Recor
     learner, _ = loaded
     assert [event.kind for event in learner.events] == ["change"]
     event = learner.events[0]
+    assert event.details["settled"] == 1.0
     assert 0.0 < float(event.details["noticed"]) - WHEN < 3.0
     assert abs(event.t - WHEN) < 1.0
     assert "drag +" in event.text
@@ -275,10 +276,14 @@ def test_numbers_of_a_change_are_those_of_passes_that_follow_with_other_unknowns
     log = ChangeLog()
     log.add(Change(1.0, 2.0, verdict, fewer, Kept(tuple(names), before[0], np.eye(len(names)), step, step), before))
     assert float(log.events[0].details["X_uu"]) == 0.0
+    assert log.events[0].text.endswith("(settling)")
     log.revise(2.5, running)
     assert float(log.events[0].details["X_uu"]) == 0.0  # too soon
+    log.gone_over = True
     log.revise(3.5, running)
     [event] = log.events
+    assert event.details["settled"] == 1.0
+    assert "settling" not in event.text
     assert float(event.details["X_uu"]) == pytest.approx(-5.0)
     assert "surge drag +" in event.text
     assert "Y_vdot" not in event.details

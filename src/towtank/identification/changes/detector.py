@@ -404,6 +404,7 @@ class ChangeTracker:
 
     def gone_over(self, *, same: bool) -> None:
         """Begin anew with a filter that went over the samples once more; with `same` it has the same coordinates."""
+        self.change_log.gone_over = True
         if self.detector is not None:
             self.detector.restart(matching=same)
 

@@ -161,6 +161,7 @@ class ChangeLog:
         self.events: tuple[Event, ...] = ()
         self._open: tuple[Change, int] | None = None  # the last change, its place among the events
         self._again = _REVISED  # s after it was noticed that it is revised
+        self.gone_over = False  # by passes, since the last change
 
     def add(self, detected: Change | Recognised | OtherWater) -> None:
         """Add a change, a configuration that was recognised, or other water."""
@@ -186,8 +187,8 @@ class ChangeLog:
             self._open = replace(detected, t=before[0].t, noticed=before[0].noticed, before=before[0].before), before[1]
             self.revise(detected.noticed, detected.running)
             return
-        self._open, self._again = (detected, len(self.events)), _REVISED
-        self._put(_event(detected, detected.running))
+        self._open, self._again, self.gone_over = (detected, len(self.events)), _REVISED, False
+        self._put(_event(detected, detected.running, settled=False))
 
     def settle(self) -> None:
         """Leave the last change as it stands."""
@@ -207,7 +208,7 @@ class ChangeLog:
         self._again *= 2.0
         if self._again > _SETTLES:
             self._open = None
-        self.events = (*self.events[:place], _event(change, running), *self.events[place + 1 :])
+        self.events = (*self.events[:place], _event(change, running, settled=self.gone_over), *self.events[place + 1 :])
 
     def restore(self, events: tuple[Event, ...]) -> None:
         """Put in the events of another one."""
@@ -217,8 +218,11 @@ class ChangeLog:
         self.events = (*self.events, event)
 
 
-def _event(change: Change, running: Running) -> Event:
-    """Return a change as the filter knows it by now; one that went over the samples anew has other unknowns, too."""
+def _event(change: Change, running: Running, *, settled: bool) -> Event:
+    """Return a change as the filter knows it by now; one that went over the samples anew has other unknowns, too.
+
+    Before passes have, which is what `settled` says, it is linearised about the vehicle of before.
+    """
     names = [name for name in change.running.free.names if name in running.free.names]
     free = change.running.prior.only(names).free
     old = [change.running.free.names.index(name) for name in names]
@@ -226,9 +230,10 @@ def _event(change: Change, running: Running) -> Event:
     before = change.before[0][old], change.before[1][old]
     now = running.state.theta[new], (running.disagreement * coefficient_std(running.state))[new]
     verdict = change.verdict
-    text = change_words(free, before, now, thruster=verdict.thruster)
+    text = change_words(free, before, now, thruster=verdict.thruster) + ("" if settled else " (settling)")
     details: dict[str, float | str] = {
         "noticed": change.noticed,
+        "settled": float(settled),
         "log_evidence": verdict.evidence,
         "log_odds": float(np.nan_to_num(verdict.clear, posinf=99.0)),
         **({"thruster": verdict.thruster} if verdict.thruster else verdict.parts),

@@ -351,15 +351,13 @@ def _position_off_origin(state: JointState, k: int) -> float:
     With an error e of the attitude in the body, R (e x r) = (r x R_k) . e for row k of R.
     """
     h, at, place, theta = state.H[k], state.linearised_at, state.place[_MARKER], state.theta
-    a, b, c = row_of_rotation(state.x[3:7], k)
-    x, y, z = at[place[0]], at[place[1]], at[place[2]]
-    h[3] += y * c - z * b
-    h[4] += z * a - x * c
-    h[5] += x * b - y * a
-    h[N_FIXED + place[0]] += a
-    h[N_FIXED + place[1]] += b
-    h[N_FIXED + place[2]] += c
-    return float(a * theta[place[0]] + b * theta[place[1]] + c * theta[place[2]])
+    row, moved = row_of_rotation(state.x[3:7], k), 0.0
+    for i in range(3):
+        a, b = (i + 1) % 3, (i + 2) % 3
+        h[3 + i] += at[place[a]] * row[b] - at[place[b]] * row[a]
+        h[N_FIXED + place[i]] += row[i]
+        moved += row[i] * theta[place[i]]
+    return moved
 
 
 @kernel
