@@ -24,7 +24,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from towtank.core.arrays import Array, kernel
 from towtank.errors import InputError, nearest
@@ -172,6 +171,8 @@ class RisingCurrent:
 
 def _risen(t: Array, full: WaterMotion, begin: float, seconds: float) -> WaterMotion:
     """Return a motion as it comes up: its velocity times a share that goes smoothly from 0 to 1, from `begin` on."""
+    from scipy.integrate import cumulative_trapezoid  # slow to import, seldom needed
+
     angle = math.pi * np.clip((t - begin) / seconds, 0.0, 1.0)[:, None]
     share, rate = 0.5 - 0.5 * np.cos(angle), 0.5 * math.pi / seconds * np.sin(angle)
     velocity = share * full.velocity
