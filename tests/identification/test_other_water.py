@@ -122,6 +122,30 @@ def test_waves_that_were_supposed_in_calm_water_go_again() -> None:
     assert again.std == pytest.approx(calm.std, rel=0.05)
 
 
+@pytest.mark.parametrize(
+    ("water", "periods"),
+    [(Waves(0.08, 4.0), (3.5, 5.0)), (RisingCurrent((0.3, 0.3, 0.0), begin=5.0, seconds=15.0), ())],
+)
+def test_passes_that_suppose_long_waves_find_which_water_it_is(
+    water: Waves | RisingCurrent, periods: tuple[float, ...]
+) -> None:
+    """Waves of half their period, or none but a current."""
+    run = tt.simulate(
+        truth(), commands=commands(), dt=DT, duration=40.0, sensors=Mocap(rate=1.0 / DT), disturbance=FORCE,
+        waves=water, seed=3,
+    )  # fmt: skip
+    problem = joint_problem(LearningRequest(truth(), [prepared(run, truth())], free=FREE, delay=0.0))
+    problem = replace(problem, settings=replace(problem.settings, wave_period=8.0))
+    fit = joint_fit(problem, since=(problem.prior.mean, replace(problem.rough, waves=np.full(3, 0.1))))
+    assert bool(fit.levels.waves.any()) == bool(periods)
+    if periods:
+        assert fit.wave_period in periods
+    else:
+        assert fit.levels.current_walk > problem.rough.current_walk
+        assert np.abs(fit.state.current[:2] - 0.3).max() < 0.05
+    assert (np.abs(fit.theta - problem.free.theta(truth(), delay=0.0, lag=0.1)) < 4.0 * fit.std)[: len(FREE)].all()
+
+
 def test_a_checkpoint_after_other_water_goes_on_in_it(tmp_path: Path) -> None:
     run = run_in_waves()
     whole, first = (tt.Learner(truth(), free=FREE, delay=0.0) for _ in range(2))
