@@ -12,6 +12,7 @@ from typing import Any
 import numba
 import numpy as np
 import pytest
+from numba.core import event
 from numba.core.runtime import _nrt_python, rtsys
 
 from towtank.core import arrays
@@ -107,6 +108,31 @@ def test_what_kernels_call_is_compiled_into_them_and_nowhere_else(
     again = fresh()
     assert again.top(3.0) == 13.0
     assert sum(again.top.stats.cache_hits.values()) == 1
+
+
+@compiled
+def test_what_is_called_with_several_integers_is_compiled_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "numbered.py").write_text(
+        "from towtank.core.arrays import kernel\n"
+        "@kernel\ndef one(x, k):\n    return x[k]\n"
+        "@kernel\ndef top(x):\n    total = one(x, 0) + one(x, 1) + one(x, k=2)\n"
+        "    for k in range(3):\n        total += one(x, k)\n    return total\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    sys.modules.pop("numbered", None)
+    numbered = importlib.import_module("numbered")
+    names = list[str]()
+
+    class Heard(event.Listener):  # type: ignore[misc]
+        def on_start(self, each: Any) -> None:
+            names.append(each.data["dispatcher"].py_func.__name__)
+
+        def on_end(self, each: Any) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Heard()):
+        assert numbered.top(np.array([1.0, 2.0, 4.0])) == 14.0
+    assert names.count("one") == 1
 
 
 @compiled

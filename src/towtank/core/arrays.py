@@ -171,6 +171,11 @@ class _Woven(CompilerBase):  # type: ignore[misc]
         return [passes]
 
 
+def _any_integer(each: Any) -> Any:
+    """Return the type of an argument, of whatever value where that is an integer: Numba would compile for each anew."""
+    return each.literal_type if isinstance(each, types.IntegerLiteral) else each
+
+
 def _compiled(function: _F, **options: Any) -> _F:
     """Return the function compiled on first use, its machine code kept on disk; kernels that call it take a twin."""
     options = {"error_model": "numpy", "fastmath": _FAST} | options
@@ -178,7 +183,10 @@ def _compiled(function: _F, **options: Any) -> _F:
     bind_cache(compiled)
     if compiled is not function:
         twin = numba.njit(pipeline_class=_Woven, no_cfunc_wrapper=True, no_cpython_wrapper=True, **options)(function)
-        compiled.get_call_template, compiled.get_overload = twin.get_call_template, twin.get_overload
+        compiled.get_overload = twin.get_overload
+        compiled.get_call_template = lambda args, kws: twin.get_call_template(
+            tuple(map(_any_integer, args)), {name: _any_integer(each) for name, each in kws.items()}
+        )
     return cast(_F, compiled)
 
 

@@ -420,7 +420,9 @@ def joint_step(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> bo
                 begin_motion(state, held, t, state.shown)
                 update_row(state, z)
             else:
-                clock.waits_from, state.shown[:] = t, z
+                clock.waits_from = t
+                for k in range(z.shape[0]):  # an assignment of the whole takes 2 s to compile
+                    state.shown[k] = z[k]
         return False
     if not predict(state, held, t):
         _without_inflow(state)

@@ -352,11 +352,8 @@ class JointStream:
         self.changes.recovered(self._last_t)
 
     def _detect_change(self, buffer: Buffer, running: Running, t: float, z: Array) -> None:
-        """Go on with the filter that saw a change, where one did, and with what was known before as its prior.
-
-        Where nothing but a supposition tells how the water moves, what contradicts it is no change of the vehicle.
-        """
-        if not self.schedule.settled:
+        """Go on with the filter that saw a change, where one did, and with what was known before as its prior."""
+        if not self.schedule.settled:  # what contradicts a supposition of how the water moves is no change
             return
         found = self.changes.take_row(t, z, self.seen, running, buffer)
         if found is None:
