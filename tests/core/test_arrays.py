@@ -20,6 +20,12 @@ from towtank.core import arrays
 compiled = pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="there is no machine code")
 
 
+def fresh(name: str) -> Any:
+    """Import a module anew, as a new process does."""
+    sys.modules.pop(name, None)
+    return importlib.import_module(name)
+
+
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A small package: `top` imports `core.below`; `aside` imports nothing."""
@@ -73,16 +79,12 @@ def test_an_index_of_machine_code_that_cannot_be_read_is_none(tmp_path: Path, mo
     (tmp_path / "small.py").write_text("def double(x):\n    return 2.0 * x\n")
     monkeypatch.syspath_prepend(str(tmp_path))
 
-    def fresh() -> Any:
-        sys.modules.pop("small", None)
-        return arrays.kernel(importlib.import_module("small").double)
-
-    assert fresh()(2.0) == 4.0
+    assert arrays.kernel(fresh("small").double)(2.0) == 4.0
     [index] = tmp_path.rglob("*.nbi")
     version = index.read_bytes()[: len(pickle.dumps(numba.__version__))]
     assert pickle.loads(version) == numba.__version__
     index.write_bytes(version + b"cgone_module\nGone\n.")
-    assert fresh()(3.0) == 6.0
+    assert arrays.kernel(fresh("small").double)(3.0) == 6.0
 
 
 @compiled
@@ -97,15 +99,11 @@ def test_what_kernels_call_is_compiled_into_them_and_nowhere_else(
     )
     monkeypatch.syspath_prepend(str(tmp_path))
 
-    def fresh() -> Any:
-        sys.modules.pop("nested", None)
-        return importlib.import_module("nested")
-
-    nested = fresh()
+    nested = fresh("nested")
     assert nested.top(3.0) == 13.0
     assert [path.name.partition("-")[0] for path in tmp_path.rglob("*.nbc")] == ["nested.top"]
     assert nested.middle(3.0) == 7.0, "what was woven into another is called by itself"
-    again = fresh()
+    again = fresh("nested")
     assert again.top(3.0) == 13.0
     assert sum(again.top.stats.cache_hits.values()) == 1
 
@@ -119,8 +117,7 @@ def test_what_is_called_with_several_integers_is_compiled_once(tmp_path: Path, m
         "    for k in range(3):\n        total += one(x, k)\n    return total\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    sys.modules.pop("numbered", None)
-    numbered = importlib.import_module("numbered")
+    numbered = fresh("numbered")
     names = list[str]()
 
     class Heard(event.Listener):  # type: ignore[misc]
@@ -151,8 +148,7 @@ def test_what_borrows_its_arrays_counts_nothing_and_what_makes_some_gives_them_b
         "        out += makes(a)\n        out -= views(a)\n    return makes(a)\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    sys.modules.pop("borrowed", None)
-    borrowed = importlib.import_module("borrowed")
+    borrowed = fresh("borrowed")
     a, out = np.arange(6.0).reshape(2, 3), np.zeros(3)
     borrowed.top(a, out)  # compiled
     held = sys.getrefcount(a)

@@ -19,7 +19,6 @@ from towtank.core.attitude import (
     quaternions_from_eulers,
     rotation_from_euler,
     rotation_from_quaternion,
-    row_of_rotation,
     to_body,
 )
 
@@ -42,7 +41,6 @@ def test_rotation_of_a_quaternion_is_in_so3(q: np.ndarray) -> None:
     assert np.abs(R @ R.T - np.eye(3)).max() < 1e-14
     assert np.linalg.det(R) == pytest.approx(1.0, abs=1e-14)
     assert np.abs(R - rotation_of(q)).max() < 1e-14
-    assert np.abs(np.array([row_of_rotation(q, k) for k in range(3)]) - R).max() < 1e-14
 
 
 @proof

@@ -70,25 +70,8 @@ def quaternion_product(a: Array, b: Array) -> Array:
 
 
 @kernel
-def rotation_from_quaternion(q: Array) -> Array:
-    """Return R (3, 3), body to NED, of the unit quaternion q (4,)."""
-    w, x, y, z = q[0], q[1], q[2], q[3]
-    out = np.empty((3, 3))
-    out[0, 0] = 1.0 - 2.0 * (y * y + z * z)
-    out[0, 1] = 2.0 * (x * y - w * z)
-    out[0, 2] = 2.0 * (x * z + w * y)
-    out[1, 0] = 2.0 * (x * y + w * z)
-    out[1, 1] = 1.0 - 2.0 * (x * x + z * z)
-    out[1, 2] = 2.0 * (y * z - w * x)
-    out[2, 0] = 2.0 * (x * z - w * y)
-    out[2, 1] = 2.0 * (y * z + w * x)
-    out[2, 2] = 1.0 - 2.0 * (x * x + y * y)
-    return out
-
-
-@kernel
 def row_of_rotation(q: Array, k: int) -> tuple[float, float, float]:
-    """Return row k of R, body to NED, of the unit quaternion q (4,): for k = 2 the direction of gravity in the body."""
+    """Return row k of R, body FRD to NED, of the unit quaternion q (4,); for k = 2 gravity's direction in the body."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     if k == 0:
         return 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)
@@ -98,8 +81,17 @@ def row_of_rotation(q: Array, k: int) -> tuple[float, float, float]:
 
 
 @kernel
+def rotation_from_quaternion(q: Array) -> Array:
+    """Return R (3, 3), body to NED, of the unit quaternion q (4,)."""
+    out = np.empty((3, 3))
+    for k in range(3):
+        out[k, 0], out[k, 1], out[k, 2] = row_of_rotation(q, k)
+    return out
+
+
+@kernel
 def to_body(q: Array, v: Array | tuple[float, float, float]) -> tuple[float, float, float]:
-    """Return R^T v, in the body (FRD), of a vector v in NED, for the unit quaternion q (4,)."""
+    """Return R^T v, in the body (FRD) and the unit of v, of a vector v in NED, for the unit quaternion q (4,)."""
     a, b, c = row_of_rotation(q, 0), row_of_rotation(q, 1), row_of_rotation(q, 2)
     return (
         a[0] * v[0] + b[0] * v[1] + c[0] * v[2],
@@ -144,11 +136,8 @@ def euler_rates_matrix(phi: float, theta: float) -> Array:
 @kernel
 def gravity_direction(q: Array) -> Array:
     """Return k = R^T e_z (3,), the direction of gravity in the body: (-sin th, cos th sin phi, cos th cos phi)."""
-    w, x, y, z = q[0], q[1], q[2], q[3]
     out = np.empty(3)
-    out[0] = 2.0 * (x * z - w * y)
-    out[1] = 2.0 * (y * z + w * x)
-    out[2] = 1.0 - 2.0 * (x * x + y * y)
+    out[0], out[1], out[2] = row_of_rotation(q, 2)
     return out
 
 

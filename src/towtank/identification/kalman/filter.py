@@ -421,7 +421,7 @@ def joint_step(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> bo
                 update_row(state, z)
             else:
                 clock.waits_from = t
-                for k in range(z.shape[0]):  # an assignment of the whole takes 2 s to compile
+                for k in range(z.shape[0]):  # an assignment compiles a check of shapes, for seconds
                     state.shown[k] = z[k]
         return False
     if not predict(state, held, t):
