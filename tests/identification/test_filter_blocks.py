@@ -12,6 +12,7 @@ from scipy.linalg import expm
 
 from towtank.core.arrays import Array
 from towtank.core.attitude import quaternion_from_euler, rotation_from_euler
+from towtank.core.layout import I_MASS, I_MASS_INVERSE, I_MOMENT, I_WEIGHT
 from towtank.core.zero_order_hold import ZeroOrderHold, hold_force, new_zero_order_hold
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, samples_of
 from towtank.identification.kalman.filter import take_row
@@ -19,10 +20,12 @@ from towtank.identification.kalman.state import N_BIASES, N_WAVES, FilterSetting
 from towtank.identification.kalman.update import carried_along
 from towtank.identification.model.parameters import N_FIXED, free_parameters
 from towtank.simulation import simulate
+from towtank.simulation.integration import lifted
 from towtank.vehicle import Vehicle, configuration_matrix, load_vehicle
+from towtank.vehicle.matrices import GRAVITY
 from towtank.vehicle.records import Buoyancy
 
-PERIOD = 6.0  # s
+PERIOD, MEMORY = 6.0, 24.0  # s
 H = 0.02  # s
 LEVEL = np.array([0.10, 0.05, 0.02])  # m/s
 NOTHING = np.full(N_MEASURED, np.nan)  # measured
@@ -51,11 +54,16 @@ def advance(state: JointState, held: ZeroOrderHold, seconds: float, step: float 
 # -- waves
 
 WAVES = NoiseLevels(STILL.noise, STILL.disturbance, STILL.velocity_walk, LEVEL)
-TURN = np.array([[-1.0 / PERIOD, -2.0 * np.pi / PERIOD], [2.0 * np.pi / PERIOD, -1.0 / PERIOD]])  # of one axis
+TURN = np.array([[-1.0 / MEMORY, -2.0 * np.pi / PERIOD], [2.0 * np.pi / PERIOD, -1.0 / MEMORY]])  # of one axis
 
 
 def in_waves() -> tuple[JointState, ZeroOrderHold]:
     return at_rest(load_vehicle("vlbv300"), WAVES, FilterSettings(wave_period=PERIOD))
+
+
+def with_one_centre(state: JointState) -> None:
+    """Let it be neutrally buoyant: nothing lifts it but the water that moves."""
+    state.p[I_WEIGHT : I_MOMENT + 3] = 0.0
 
 
 def block(state: JointState, axis: int) -> Array:
@@ -90,6 +98,7 @@ def test_waves_begin_as_they_stay_on_average() -> None:
 def test_waves_move_the_vehicle() -> None:
     """Water that goes to and fro takes it along: its path is the integral of the water's velocity."""
     state, held = in_waves()
+    with_one_centre(state)
     state.wave[:] = [0.2, -0.1, 0.05, 0.0, 0.1, -0.05]
     start, seconds, step = state.wave.copy(), 2.5, 0.01
     advance(state, held, seconds, step)
@@ -104,15 +113,16 @@ def test_waves_move_the_vehicle() -> None:
 def test_the_path_is_as_uncertain_as_the_waves() -> None:
     """Var of int_0^t u ds of a stationary u: int int level^2 exp(-|s - r|/T) cos(omega (s - r))."""
     state, held = in_waves()
+    with_one_centre(state)
     seconds = 2.5
     advance(state, held, seconds, 0.01)
     omega = 2.0 * np.pi / PERIOD
 
     def lag(d: float) -> float:
-        return 2.0 * (seconds - d) * float(np.exp(-d / PERIOD) * np.cos(omega * d))
+        return 2.0 * (seconds - d) * float(np.exp(-d / MEMORY) * np.cos(omega * d))
 
     def lead(d: float) -> float:  # the wave at the end, and the path until then
-        return float(np.exp(-d / PERIOD) * np.cos(omega * d))
+        return float(np.exp(-d / MEMORY) * np.cos(omega * d))
 
     spread, common = quad(lag, 0.0, seconds)[0], quad(lead, 0.0, seconds)[0]
     for axis in range(3):
@@ -120,6 +130,51 @@ def test_the_path_is_as_uncertain_as_the_waves() -> None:
         assert state.P[axis, axis] == pytest.approx(LEVEL[axis] ** 2 * spread, rel=0.01)
         assert state.P[axis, first] == pytest.approx(LEVEL[axis] ** 2 * common, rel=0.02, abs=1e-5)
     np.testing.assert_array_equal(state.P, state.P.T)
+
+
+def heavy_in_waves() -> tuple[JointState, ZeroOrderHold]:
+    """A vehicle that is heavy at one end and floats at another, in full motion in waves that go on as they are."""
+    state, held = in_waves()
+    state.p[I_WEIGHT : I_MOMENT + 3] = (7.0, 0.9, -0.4, 2.3)
+    state.settings["wave_decay"] = 0.0
+    state.wave[:] = (0.08, -0.05, 0.03, -0.02, 0.06, 0.04)
+    state.x[3:7] = quaternion_from_euler(0.3, -0.4, 1.1)
+    state.x[7:13] = (0.3, -0.1, 0.2, 0.1, -0.2, 0.3)
+    return state, held
+
+
+def test_water_that_waves_accelerate_lifts_a_body_as_in_the_simulator() -> None:
+    """Gravity along -dv_w/dt, between the centres of buoyancy and gravity: M times what comes of it is that wrench."""
+    (state, held), (calm, held_in_calm) = heavy_in_waves(), heavy_in_waves()
+    calm.wave[3:] = 0.0
+    lift = -2.0 * np.pi / PERIOD * state.wave[3:] / GRAVITY
+    mass = state.p[I_MASS:I_MASS_INVERSE].reshape(6, 6)
+    attitude, h = state.x[3:7].copy(), 1e-4
+    advance(state, held, h, h)
+    advance(calm, held_in_calm, h, h)
+    more = mass @ (state.x[7:13] - calm.x[7:13]) / h
+    np.testing.assert_allclose(more, lifted(state.p, attitude, lift), rtol=1e-3, atol=1e-4)
+    assert np.abs(more).max() > 0.01
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_body_is_as_uncertain_as_what_lifts_it(axis: int) -> None:
+    """What differences of the motion say of a wave's quadrature, over a step, stands in the covariance."""
+    motions, h = [], 1e-3
+    for more in (0.0, 1.0):
+        state, held = heavy_in_waves()
+        state.wave[3 + axis] += more
+        advance(state, held, h, h)
+        motions.append(state.x[7:13].copy())
+    state, held = heavy_in_waves()
+    state.P[:] = 0.0
+    row = 3 + axis - N_WAVES
+    state.P[row, row] = 1.0
+    advance(state, held, h, h)
+    by_difference = (motions[1] - motions[0]) / h
+    np.testing.assert_allclose(state.P[6:12, row] / h, by_difference, rtol=2e-3, atol=1e-3)
+    np.testing.assert_allclose(state.P[6:12, 6:12] / h**2, np.outer(by_difference, by_difference), rtol=5e-3, atol=1e-3)
+    assert np.abs(by_difference).max() > 0.05
 
 
 # -- an attitude that wanders

@@ -2,7 +2,7 @@
 
 Filters that were split off go over their samples once more: in waves, or in a current that walks faster, instead of
 with wider coefficients. What the innovations gain on the first filter's is a log Bayes factor, as it is with these. A
-few seconds do not tell waves from a current that begins to flow (it looks like a wave of 8 s): later passes do.
+few seconds do not tell waves from a current that begins to flow (it looks like a long wave): later passes do.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from towtank.identification.kalman.state import JointState, coefficient_block, h
 
 __all__ = ["Waters"]
 
+_PERIODS = WAVE_PERIODS[::2]  # s: some seconds tell no more of it
 _SIZES, _WALKS = (0.03, 0.1), (0.03, 0.1)  # m/s of waves, m/s per sqrt(s) of a current, that may begin
 _LESS_LIKELY = 10.0  # of the log likelihood: water that has so much less than the best is not asked again
 
@@ -72,7 +73,7 @@ class Waters:
         levels = running.levels
         self._left = [_Water(0.0, 0.0, walk) for walk in _WALKS if walk > levels.current_walk]
         if not levels.waves.any():
-            self._left += [_Water(size, period, 0.0) for period, size in itertools.product(WAVE_PERIODS, _SIZES)]
+            self._left += [_Water(size, period, 0.0) for period, size in itertools.product(_PERIODS, _SIZES)]
         self._all = len(self._left)
 
     def weighed(

@@ -15,14 +15,14 @@ from typing import NamedTuple
 import numpy as np
 
 from towtank.core.arrays import Array, kernel
-from towtank.core.attitude import quaternion_from_euler
+from towtank.core.attitude import quaternion_from_euler, row_of_rotation
 from towtank.core.forces import add_inflow_damping_into
-from towtank.core.layout import I_INFLOW, I_LINEAR
+from towtank.core.layout import I_INFLOW, I_LINEAR, I_MASS_INVERSE
 from towtank.core.zero_order_hold import ZeroOrderHold, forces_now_into, hold_force, mean_forces_into
 from towtank.identification.data.samples import Samples
 from towtank.identification.kalman.state import INFORMATION_MEMORY, JointState
 from towtank.identification.kalman.update import product_of_rows, to_linearised_current, update_row
-from towtank.identification.model.linearisation import step_and_linearise, turn_by
+from towtank.identification.model.linearisation import pull_into, step_and_linearise, turn_by
 from towtank.identification.model.measurements import ATTITUDE, N_SENSORS, NEVER, SPEEDS
 from towtank.identification.model.parameters import IN_GAIN, N_FIXED, N_MOVING
 from towtank.vehicle.matrices import GRAVITY
@@ -30,6 +30,7 @@ from towtank.vehicle.matrices import GRAVITY
 __all__ = ["joint_events", "joint_step", "rows_of", "take_all", "take_row"]
 
 _DIST = 12
+_LIFT = 7  # rows of the scratch
 _TINY = 1e-30  # m^2/s^4
 _ATTITUDE_MEMORY = 30.0  # s: of the bias of an attitude that wanders
 _START = (0.3, 0.2, 0.3, 0.2)  # m, rad, m/s, rad/s: deviations at the start where a sensor has shown nothing
@@ -112,6 +113,25 @@ def _from_linearised_current(state: JointState) -> None:
 
 
 @kernel
+def _lift_into(state: JointState, total: Array) -> None:
+    """Add to the acceleration (6,) of the body what water does that waves accelerate: gravity along -dv_w/dt.
+
+    What accelerates the displaced water acts at the centre of buoyancy, the body's inertia at that of gravity. Writes,
+    too, what a quadrature of 1 m/s along each axis of NED does, (3, 6).
+    """
+    p, share, each = state.p, state.settings[0].wave_frequency / GRAVITY, state.scratch[_LIFT : _LIFT + 3]
+    wrench = state.scratch[_LIFT + 3]
+    for j in range(3):
+        a, b, c = row_of_rotation(state.x[3:7], j)
+        pull_into(p, share * a, share * b, share * c, wrench)
+        for i in range(6):
+            each[j, i] = 0.0
+            for k in range(6):
+                each[j, i] += p[I_MASS_INVERSE + 6 * i + k] * wrench[k]
+            total[i] += each[j, i] * state.wave[3 + j]
+
+
+@kernel
 def _product_into(F: Array, P: Array, out: Array) -> None:
     np.dot(F, P, out)
 
@@ -130,12 +150,18 @@ def _covariance(state: JointState, h: float) -> None:
                 if f != 0.0:
                     for j in range(size):
                         W[i, j] += f * P[size - 6 + k, j]
+                if i >= 6:
+                    f = h * state.scratch[_LIFT + k, i - 6]
+                    for j in range(size):
+                        W[i, j] += f * P[size - 3 + k, j]
     for i in range(N_MOVING):
         for j in range(i, N_MOVING):
             P[i, j] = product_of_rows(W, i, F, j, columns)
             if waves:
                 for k in range(3):
                     P[i, j] += W[i, size - 6 + k] * F[j, 18 + k]
+                    if j >= 6:
+                        P[i, j] += W[i, size - 3 + k] * h * state.scratch[_LIFT + k, j - 6]
         for j in range(N_MOVING, size):
             P[i, j] = W[i, j]
         for j in range(_DIST, _DIST + 6):
@@ -289,6 +315,8 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
         input_wrench_into(state, state.mean_force[0])
         for i in range(6):
             total[i] = mean * state.force[i]
+        if state.settings[0].waves > 0.0:
+            _lift_into(state, total)
         _with_inflow(state)
         to_linearised_current(state)
         step_and_linearise(

@@ -5,8 +5,9 @@ Errors stand in this order: position 3 (NED), attitude 3 (body), velocity 6 (rel
 and attitude 3; where there are waves, the velocity of the water in them 3 and its quadrature 3 (NED).
 
 A wave is a complex Ornstein-Uhlenbeck process z on each axis, z_dot = (-1/T + i omega) z + noise: its real part moves
-the water, its imaginary part is a quarter of a period behind. The attitude of an AHRS wanders: a bias with a memory of
-half a minute.
+the water, its imaginary part is a quarter of a period behind. T is four periods: half the motion lies within 4 % of the
+period, as of swell; with one, it would lie within 16 %, and a wave that goes on as it went would be a surprise each
+time. The attitude of an AHRS wanders: a bias with a memory of half a minute.
 
 Kernels of this package advance a `JointState` in place. What it counts and what it is set to stand in records, arrays
 whose elements have named fields of 8 bytes each: `state.clock[0].time`, `state.statistics["accepted"]`.
@@ -64,6 +65,7 @@ _RECOVERY_INFLATION = 4.0  # factor to the variances of a filter that had to rec
 _GYRO_BIAS, _ACCELEROMETER_BIAS = 0.02, 0.3  # rad/s, m/s^2: deviations at the start
 _CURRENT_STD = 0.15  # m/s, at the start
 _NO_CHANCE = 3.0  # deviations of a current, up to which it may be chance
+_WAVE_MEMORY = 4.0  # periods of a wave
 _ATTITUDE_BIAS = (0.009, 0.009, 0.03)  # rad: half a degree of tilt, a compass worse
 N_BIASES, N_WAVES = 9, 6  # errors
 
@@ -142,10 +144,15 @@ class FilterSettings:
         numbers = (
             *(self.time_constant, self.gate, self.huber, self.reacquire, self.gap, self.step, self.adapt),
             *(self.floor_force, self.floor_moment, float(self.current), self.bias_walk**2),
-            *(float(self.biases), 0.0, 2.0 * math.pi / self.wave_period, 1.0 / self.wave_period),
+            *(float(self.biases), 0.0, *_turning(self.wave_period)),
             *(0.0, _ATTITUDE_BIAS if self.wanders else (0.0, 0.0, 0.0)),
         )
         return np.array([numbers], dtype=SETTINGS)
+
+
+def _turning(period: float) -> tuple[float, float]:
+    """Return the angular frequency of waves [rad/s], and how fast they forget [1/s], for a period [s]."""
+    return 2.0 * math.pi / period, 1.0 / (_WAVE_MEMORY * period)
 
 
 class JointState(NamedTuple):
@@ -354,7 +361,8 @@ def in_waves(state: JointState, levels: Array, period: float) -> JointState:
     P, settings = np.zeros((size, size)), state.settings.copy()
     P[:-N_WAVES, :-N_WAVES] = state.P
     P[range(size - N_WAVES, size), range(size - N_WAVES, size)] = np.tile(levels**2, 2)
-    settings["waves"], settings["wave_frequency"], settings["wave_decay"] = 1.0, 2.0 * math.pi / period, 1.0 / period
+    settings["waves"] = 1.0
+    settings["wave_frequency"], settings["wave_decay"] = _turning(period)
     wider = {name: np.zeros((*getattr(state, name).shape[:-1], size)) for name in ("W", "H", "G")}
     wider |= {"dx": np.append(state.dx, np.zeros(N_WAVES)), "active": np.append(state.active, np.ones(N_WAVES))}
     own: dict[str, Any] = {"P": P, "settings": settings, "wave_level": np.array(levels), **wider}

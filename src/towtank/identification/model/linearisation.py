@@ -49,6 +49,15 @@ def turn_by(x: Array, ex: float, ey: float, ez: float) -> None:
 
 
 @kernel
+def pull_into(p: Array, k0: float, k1: float, k2: float, out: Array) -> None:
+    """Write the wrench (6,) [N, N m] of gravity and buoyancy along k in the body: [W - B; b x] k."""
+    weight = p[I_WEIGHT]
+    b0, b1, b2 = p[I_MOMENT], p[I_MOMENT + 1], p[I_MOMENT + 2]
+    out[0], out[1], out[2] = weight * k0, weight * k1, weight * k2
+    out[3], out[4], out[5] = b1 * k2 - b2 * k1, b2 * k0 - b0 * k2, b0 * k1 - b1 * k0
+
+
+@kernel
 def _by_mass(p: Array, A: Array, column: int, w: Array) -> None:
     """Add M^-1 w, most of which is zero as a rule, to the velocity rows of one column of `A`."""
     for j in range(6):
@@ -117,15 +126,11 @@ def linearise_into(
     A[4, 3], A[4, 5] = -r, pp
     A[5, 3], A[5, 4] = q, -pp
 
-    # Attitude: dk = k x e, the wrench of gravity [W - B; b x] dk.
-    weight = p[I_WEIGHT]
-    b0, b1, b2 = p[I_MOMENT], p[I_MOMENT + 1], p[I_MOMENT + 2]
-    for j in range(3):
+    for j in range(3):  # attitude: dk = k x e
         d0 = -k2 if j == 1 else (k1 if j == 2 else 0.0)
         d1 = k2 if j == 0 else (-k0 if j == 2 else 0.0)
         d2 = -k1 if j == 0 else (k0 if j == 1 else 0.0)
-        w[0], w[1], w[2] = weight * d0, weight * d1, weight * d2
-        w[3], w[4], w[5] = b1 * d2 - b2 * d1, b2 * d0 - b0 * d2, b0 * d1 - b1 * d0
+        pull_into(p, d0, d1, d2, w)
         _by_mass(p, A, 3 + j, w)
 
     # Velocity.
