@@ -4,7 +4,8 @@
 
 The paper drives one axis after the other in stairs: four steps up of two seconds each, then the same in reverse, 16 s
 an axis. Here that is done on every axis that the vehicle drives, each as strong as keeps it within the tank
-(5 x 5 x 2.5 m) and its limits, each begun in the middle. The plan is given the same time of manoeuvring. Both are
+(5 x 5 x 2.5 m) and its limits, each begun in the middle. The plan is driven for the same time: it ends where
+more of it would hardly tell more than the scale of the thrusters' force allows, and is then driven again. Both are
 forecast for the same vehicle (pose, a random force of 0.5 N, coefficients on the diagonal known to 30 %). Asked:
 deviations at most a third of those of the stairs, of inertias a fifth. The scale of the thrusters' force is in all
 deviations alike and no motion tells it: so they are shown with it, and beside thrusters that are known.
@@ -13,6 +14,7 @@ deviations alike and no motion tells it: so they are shown with it, and beside t
 from __future__ import annotations
 
 import sys
+from itertools import cycle, islice
 
 import numpy as np
 from plan_study import FORCE, SPACE, supposed
@@ -78,9 +80,11 @@ def main() -> int:
         theirs = known(outlook, vehicle, [stairs(outlook, vehicle, axis, radius) for axis in axes])
         minutes = LENGTH * len(axes) / 60.0
         made = plan(file, space=SPACE, force=FORCE, minutes=minutes, accuracy=1e-3, seed=1)
-        ours = known(outlook, vehicle, [commands_of(each.segment, file) for each in made.segments])
+        driven = [commands_of(each.segment, file) for each in made.segments]
+        count = round(60.0 * minutes * len(driven) / made.manoeuvring)
+        ours = known(outlook, vehicle, list(islice(cycle(driven), count)))
         wanted = tuple(each.name for each in made.expected)
-        table = Table(title=f"{name}: stairs {LENGTH * len(axes):g} s, plan {made.manoeuvring:g} s")
+        table = Table(title=f"{name}: stairs and plan, {60.0 * minutes:g} s each; the plan has {made.manoeuvring:g} s")
         for head in ("Coefficient", "stairs", "plan", "ratio", "stairs, gains known", "plan, gains known", "ratio"):
             table.add_column(head, justify="left" if head == "Coefficient" else "right")
         both = ours.relative(wanted), theirs.relative(wanted)

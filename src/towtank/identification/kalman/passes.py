@@ -375,7 +375,8 @@ def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem
     if not problem.settings.current or sum(each.duration for each in problem.samples) < _WAVES_SHOW:
         calm = _settled(problem, problem.prior.mean, problem.rough, progress)
         return _in_likeliest_water(problem, calm, progress)
-    wavy = replace(problem.rough, waves=np.full(3, _WAVE))
+    shown = np.repeat([problem.moving[:2].any(), problem.moving[2]], [2, 1])  # an axis that nothing shows has no waves
+    wavy = replace(problem.rough, waves=np.where(shown, _WAVE, 0.0))
     calm = _settled(problem, problem.prior.mean, problem.rough, lambda share: progress(0.3 * share))
     _, calm = _in_likeliest_water(problem, calm, lambda share: progress(0.3 + 0.1 * share))
     fit = _settled(problem, problem.prior.mean, wavy, lambda share: progress(0.4 + 0.4 * share), only_in_waves=True)

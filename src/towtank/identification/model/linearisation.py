@@ -27,7 +27,7 @@ from towtank.core.regressor import unit_wrench_into
 from towtank.core.rk4 import N_STATES, has_extra_terms, stage_into, step_into
 from towtank.identification.model.terms import IN_DELAY, IN_GAIN, IN_LAG, LOG, N_FIXED, N_MOVING, Codes
 
-__all__ = ["linearise_into", "step_and_linearise", "turn_by"]
+__all__ = ["linearise_into", "pull_into", "step_and_linearise", "turn_by"]
 
 _DIST, _CURRENT = 12, 18
 

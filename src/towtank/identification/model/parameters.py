@@ -110,14 +110,8 @@ class FreeParameters:
 
     def values(self, theta: Array) -> Array:
         """Return the coefficients (n,) of theta (n,): added inertias, not totals."""
-        out = np.array(theta, dtype=np.float64)
-        for k in range(len(self)):
-            transform = self.codes[k, 3]
-            if transform == LOG:
-                out[k] = math.exp(theta[k])
-            if self.codes[k, 0] == MASS:
-                out[k] = self.rigid[k] - out[k]
-        return out
+        out = np.exp(theta, out=np.array(theta, dtype=np.float64), where=self.codes[:, 3] == LOG)
+        return np.where(self.codes[:, 0] == MASS, self.rigid - out, out)
 
     @property
     def signs(self) -> Array:
@@ -126,14 +120,8 @@ class FreeParameters:
 
     def slopes(self, theta: Array) -> Array:
         """Return d coefficient / d theta (n,)."""
-        out = np.ones(len(self))
-        for k in range(len(self)):
-            transform = self.codes[k, 3]
-            if transform == LOG:
-                out[k] = math.exp(theta[k])
-            if self.codes[k, 0] == MASS:
-                out[k] = -out[k]
-        return out
+        out = np.exp(theta, out=np.ones(len(self)), where=self.codes[:, 3] == LOG)
+        return np.where(self.codes[:, 0] == MASS, -out, out)
 
     @property
     def bounds(self) -> tuple[Array, Array]:
