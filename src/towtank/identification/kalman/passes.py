@@ -49,16 +49,8 @@ from towtank.identification.kalman.state import (
     new_joint_state,
     surely_flows,
 )
-from towtank.identification.model.measurements import (
-    SPEEDS,
-    shown_axes,
-)
-from towtank.identification.model.parameters import (
-    IN_DELAY,
-    IN_LAG,
-    IN_LATENCY,
-    FreeParameters,
-)
+from towtank.identification.model.measurements import SPEEDS, shown_axes
+from towtank.identification.model.parameters import IN_DELAY, IN_LAG, IN_LATENCY, FreeParameters
 from towtank.identification.model.prior import Prior
 from towtank.identification.model.terms import DISTURBANCE
 from towtank.identification.posterior.physical import Region
@@ -392,12 +384,13 @@ def _in_likeliest_water(problem: JointProblem, fit: JointFit, progress: Progress
     current.
     """
     best, likeliest = fit.likelihood + _WATER_GAIN, None
-    for other, levels in _other_waters(problem, fit.levels) if problem.settings.current else ():
-        found = float(one_pass(other, fit.theta, levels)[0].clock[0].log_likelihood)
-        if found > best:
-            best, likeliest = found, (other, levels)
-        elif not fit.levels.waves.any():
-            break  # a current that walks faster yet is less likely yet
+    for row in _other_waters(problem, fit.levels) if problem.settings.current else ():
+        for other, levels in row:
+            found = float(one_pass(other, fit.theta, levels)[0].clock[0].log_likelihood)
+            if found > best:
+                best, likeliest = found, (other, levels)
+            elif levels.waves.any() == fit.levels.waves.any():
+                break  # what lies farther from the water of the fit is less likely yet
     if likeliest is None:
         return problem, fit
     other, levels = likeliest
@@ -405,14 +398,15 @@ def _in_likeliest_water(problem: JointProblem, fit: JointFit, progress: Progress
     return _in_likeliest_water(other, settled, progress) if _likelier(settled, fit) else (problem, fit)
 
 
-def _other_waters(problem: JointProblem, levels: NoiseLevels) -> list[tuple[JointProblem, NoiseLevels]]:
-    walks = [replace(levels, current_walk=walk) for walk in _WALKS]
-    out = [(problem, each) for each in walks if each.current_walk > levels.current_walk]
+def _other_waters(problem: JointProblem, levels: NoiseLevels) -> list[list[tuple[JointProblem, NoiseLevels]]]:
+    walks, now = [replace(levels, current_walk=walk) for walk in _WALKS], problem.settings.wave_period
+    rows = [[(problem, each) for each in walks if each.current_walk > levels.current_walk]]
     if levels.waves.any():
-        out += [(problem, replace(each, waves=np.zeros(3))) for each in walks]
-        others = [replace(problem.settings, wave_period=each) for each in WAVE_PERIODS]
-        out += [(replace(problem, settings=each), levels) for each in others if each != problem.settings]
-    return out
+        rows.append([(problem, replace(each, waves=np.zeros(3))) for each in walks])
+        for sign, periods in ((1, WAVE_PERIODS), (-1, WAVE_PERIODS[::-1])):  # longer ones, then shorter ones
+            others = [replace(problem.settings, wave_period=each) for each in periods if sign * each > sign * now]
+            rows.append([(replace(problem, settings=each), levels) for each in others])
+    return rows
 
 
 def _settled(
