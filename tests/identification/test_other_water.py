@@ -146,6 +146,18 @@ def test_passes_that_suppose_long_waves_find_which_water_it_is(
     assert (np.abs(fit.theta - problem.free.theta(truth(), delay=0.0, lag=0.1)) < 4.0 * fit.std)[: len(FREE)].all()
 
 
+def test_waves_are_not_looked_for_where_nothing_would_show_them() -> None:
+    """Of a craft on the surface nobody measures heave, and nothing drives it: what is supposed there is no evidence."""
+    seen = run_in(Waves(0.08, 4.0), 40.0).without("z", "phi", "theta")
+    problem = joint_problem(LearningRequest(truth(), [prepared(seen, truth())], free=FREE, delay=0.0))
+    assert problem.waving.tolist() == [True, True, False]
+    whole = joint_problem(LearningRequest(truth(), [prepared(run_in_waves(), truth())], free=FREE, delay=0.0))
+    assert whole.waving.all()
+    fit = joint_fit(problem, since=(problem.prior.mean, replace(problem.rough, waves=np.full(3, 0.1))))
+    assert fit.levels.waves[0] > 0.02
+    assert fit.levels.waves[2] == 0.0
+
+
 def test_a_checkpoint_after_other_water_goes_on_in_it(tmp_path: Path) -> None:
     run = run_in_waves()
     whole, first = (tt.Learner(truth(), free=FREE, delay=0.0) for _ in range(2))

@@ -116,8 +116,9 @@ def _from_linearised_current(state: JointState) -> None:
 def _lift_into(state: JointState, total: Array) -> None:
     """Add to the acceleration (6,) of the body what water does that waves accelerate: gravity along -dv_w/dt.
 
-    What accelerates the displaced water acts at the centre of buoyancy, the body's inertia at that of gravity. Writes,
-    too, what a quadrature of 1 m/s along each axis of NED does, (3, 6).
+    What accelerates the displaced water acts at the centre of buoyancy, the body's inertia at that of gravity
+    (Fossen 2021, section 10.2), of the coefficients that the motion is linearised about. In m/s^2 and rad/s^2, FRD.
+    Writes, too, what a quadrature of 1 m/s along each axis of NED does, (3, 6).
     """
     p, share, each = state.p, state.settings[0].wave_frequency / GRAVITY, state.scratch[_LIFT : _LIFT + 3]
     wrench = state.scratch[_LIFT + 3]

@@ -133,6 +133,11 @@ class JointProblem:
         return np.asarray(shown | (np.max(pushed, axis=0) > np.array(DISTURBANCE)))
 
     @property
+    def waving(self) -> NDArray[np.bool_]:
+        """Axes (3,), NED, along which waves can show; along others they would be what is supposed of them."""
+        return np.repeat([self.moving[:2].any(), self.moving[2]], [2, 1])
+
+    @property
     def rough(self) -> NoiseLevels:
         """The levels of the first pass: a disturbance far larger than it will be, so that little is rejected."""
         return NoiseLevels(self.own_noise, _ROUGH * np.array(DISTURBANCE))
@@ -367,8 +372,7 @@ def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem
     if not problem.settings.current or sum(each.duration for each in problem.samples) < _WAVES_SHOW:
         calm = _settled(problem, problem.prior.mean, problem.rough, progress)
         return _in_likeliest_water(problem, calm, progress)
-    shown = np.repeat([problem.moving[:2].any(), problem.moving[2]], [2, 1])  # an axis that nothing shows has no waves
-    wavy = replace(problem.rough, waves=np.where(shown, _WAVE, 0.0))
+    wavy = replace(problem.rough, waves=np.full(3, _WAVE))
     calm = _settled(problem, problem.prior.mean, problem.rough, lambda share: progress(0.3 * share))
     _, calm = _in_likeliest_water(problem, calm, lambda share: progress(0.3 + 0.1 * share))
     fit = _settled(problem, problem.prior.mean, wavy, lambda share: progress(0.4 + 0.4 * share), only_in_waves=True)
@@ -418,7 +422,8 @@ def _settled(
     is supposed; where a pose was doubted, they do without doubts. The likelier speaks each time.
     """
     most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
-    levels = replace(levels, disturbance=np.minimum(levels.disturbance, most))
+    waves = np.where(problem.waving, levels.waves, 0.0)
+    levels = replace(levels, disturbance=np.minimum(levels.disturbance, most), waves=waves)
     run = partial(_passes, problem, most=most, progress=progress, only_in_waves=only_in_waves)
     fit, lost, doubted = run(about, levels)
     late = np.isin(problem.free.codes[:, 0], (IN_DELAY, IN_LAG))
