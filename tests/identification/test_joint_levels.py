@@ -15,10 +15,9 @@ from towtank.identification.kalman import passes
 from towtank.identification.kalman.passes import JointProblem, one_pass
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state
 from towtank.identification.kalman.update import count_speed
-from towtank.identification.model.parameters import IN_DELAY, free_parameters
+from towtank.identification.model.parameters import free_parameters
 from towtank.identification.model.prior import prior_of
 from towtank.simulation import Ins, OrnsteinUhlenbeck, simulate
-from towtank.vehicle import load_vehicle
 
 from .runs import TRUTH, box, unknown, waves
 
@@ -122,20 +121,17 @@ def test_a_second_start_and_passes_without_doubts_speak_where_they_are_likelier(
     monkeypatch: pytest.MonkeyPatch, worth: dict[str, tuple[Any, ...]], speaks: str, made: list[str]
 ) -> None:
     began = []
+    log = simulate(box(), wrench=waves(300, 0.01, (0, 10.0, 1.2)), sensors=Ins())
+    prior = prior_of(box(), commands=False).only(("delay",))
+    problem, supposed = JointProblem([samples_of(log, box())], box(), prior, FilterSettings(), LEVELS.noise), prior.mean
 
     def stub(problem: Any, about: Any, levels: Any, *, doubts: bool = True, **rest: Any) -> tuple[Any, bool, bool]:
-        name = ("about" if about[0] == 0.1 else "sooner") + ("" if doubts else " trusting")
+        name = ("about" if about[0] == supposed[0] else "sooner") + ("" if doubts else " trusting")
         began.append(name)
         likelihood, lost, doubted = (*worth[name], False, False)[:3]
         return SimpleNamespace(name=name, likelihood=likelihood), lost, doubted
 
     monkeypatch.setattr(passes, "_passes", stub)
-    problem = SimpleNamespace(
-        samples=(),
-        vehicle=load_vehicle("vlbv300"),
-        free=SimpleNamespace(codes=np.array([[IN_DELAY, 0, 0, 0]])),
-        prior=SimpleNamespace(std=np.array([0.05])),
-    )
-    levels = NoiseLevels(np.ones(18), np.ones(6))
-    found: Any = passes._settled(problem, np.array([0.1]), levels, lambda share: None)  # type: ignore[arg-type]
+    levels = NoiseLevels(LEVELS.noise, np.ones(6))
+    found: Any = passes._settled(problem, supposed, levels, lambda share: None)
     assert (found.name, began) == (speaks, made)
