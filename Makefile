@@ -62,14 +62,15 @@ from_debian = command -v $(1) >/dev/null || [ "$$(id -u)" != 0 ] || ! command -v
 	echo '$(1) is missing: installing $(2)'; { apt-get -qq update && apt-get -qq install -y --no-install-recommends $(2); } >/dev/null 2>&1 || true; }
 
 # The environment: made from the lock, again only when the lock or the project's own metadata change. Byte code is made by
-# all processors, where pip would take one; what is no Python 3 among the libraries stays as it is.
+# all processors, where pip would take one, but for half of it that nobody imports: libraries' own tests, dialects, pip.
+# What is no Python 3 among the libraries stays as it is.
 $(READY): pyproject.toml requirements.lock
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
 	echo "towtank needs Python 3.11 or newer; '$(PYTHON)' is not. Choose another: make PYTHON=python3.12 ..."; exit 1; }
 	$(call quietly,setting up .venv (a minute or two),$(PYTHON) -m venv .venv)
 	$(call quietly,  libraries from requirements.lock,$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --requirement requirements.lock)
 	$(call quietly,  towtank itself,$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .)
-	$(call quietly,  byte code,$(BIN)/python -m compileall -qq -j 0 .venv/lib src || true)
+	$(call quietly,  byte code,$(BIN)/python -m compileall -qq -j 0 -x "/(tests|dialects|pip|setuptools)/" .venv/lib src || true)
 	@touch $@
 
 # The live page. Without npm there is none, and everything else works.

@@ -171,9 +171,9 @@ class _Woven(CompilerBase):  # type: ignore[misc]
         return [passes]
 
 
-def _any_integer(each: Any) -> Any:
-    """Return the type of an argument, of whatever value where that is an integer: Numba would compile for each anew."""
-    return each.literal_type if isinstance(each, types.IntegerLiteral) else each
+def _of_any_value(each: Any) -> Any:
+    """Return the type of an argument, whatever its value: for each number and truth Numba would compile anew."""
+    return each.literal_type if isinstance(each, types.IntegerLiteral | types.BooleanLiteral) else each
 
 
 def _compiled(function: _F, **options: Any) -> _F:
@@ -185,7 +185,7 @@ def _compiled(function: _F, **options: Any) -> _F:
         twin = numba.njit(pipeline_class=_Woven, no_cfunc_wrapper=True, no_cpython_wrapper=True, **options)(function)
         compiled.get_overload = twin.get_overload
         compiled.get_call_template = lambda args, kws: twin.get_call_template(
-            tuple(map(_any_integer, args)), {name: _any_integer(each) for name, each in kws.items()}
+            tuple(map(_of_any_value, args)), {name: _of_any_value(each) for name, each in kws.items()}
         )
     return cast(_F, compiled)
 

@@ -48,7 +48,9 @@ __all__ = [
     "simulate_run",
     "simulate_runs",
     "stage_into",
+    "stage_of_one_into",
     "step_into",
+    "step_of_one_into",
 ]
 
 N_STATES = 13
@@ -273,6 +275,22 @@ def _base_step_into(
         x[4, k] *= n
         x[5, k] *= n
         x[6, k] *= n
+
+
+@kernel
+def stage_of_one_into(p: Array, x: Array, tau: Array, current: Array, rate: Array, coupled: bool) -> None:
+    """As `stage_into` for one vehicle: p (170,), x (13,), tau (6,), rate (13,); compiled once for all callers."""
+    lane = rate.reshape(N_STATES, 1)
+    stage_into(p.reshape(N_PARAMETERS, 1), x.reshape(N_STATES, 1), tau.reshape(6, 1), current, lane, coupled)
+
+
+@kernel
+def step_of_one_into(
+    p: Array, x: Array, tau: Array, current: Array, dt: float, work: Array, coupled: bool, extra: bool
+) -> None:
+    """As `step_into` for one vehicle: p (170,), x (13,), tau (3, 6), work (3, 13); compiled once for all callers."""
+    lane, wrench, space = x.reshape(N_STATES, 1), tau.reshape(3, 6, 1), work.reshape(3, N_STATES, 1)
+    step_into(p.reshape(N_PARAMETERS, 1), lane, wrench, current, dt, space, coupled, extra)
 
 
 @inlined_kernel

@@ -338,7 +338,7 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
             state.scratch,
         )
         for i in range(6):
-            state.rate[i] = state.work[4, 7 + i, 0] + total[i]
+            state.rate[i] = state.work[4, 7 + i] + total[i]
         _from_linearised_current(state)
         _off_linearisation(state)
         _covariance(state, h)

@@ -212,7 +212,7 @@ class JointState(NamedTuple):
     wave_statistics: Record  # (3,) as those of the disturbance
     F: Array  # (12, 21 + n)
     A: Array  # (12, 21 + n)
-    work: Array  # (5, 13, 1)
+    work: Array  # (5, 13)
     scratch: Array  # (12, 6)
     W: Array  # (12, N)
     H: Array  # (3, N) of the sensor at hand
@@ -230,7 +230,7 @@ def transition_scratch(n: int) -> tuple[Array, Array, Array, Array]:
     return (
         np.zeros((N_MOVING, N_FIXED + n)),
         np.zeros((N_MOVING, N_FIXED + n)),
-        np.zeros((5, N_STATES, 1)),
+        np.zeros((5, N_STATES)),
         np.zeros((12, 6)),
     )
 

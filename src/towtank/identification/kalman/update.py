@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from towtank.core.arrays import Array, kernel, summing_kernel
 from towtank.core.attitude import euler_from_quaternion, row_of_rotation, to_body
-from towtank.core.rk4 import N_STATES, stage_into
+from towtank.core.rk4 import stage_of_one_into
 from towtank.identification.model.linearisation import linearise_into, turn_by
 from towtank.identification.model.measurements import (
     ATTITUDE,
@@ -258,13 +258,8 @@ def update_specific_force(state: JointState, z: Array) -> None:
     inject(state)
     to_linearised_current(state)
     x, A, away = state.x, state.A, state.away
-    lane = state.x.reshape(13, 1)
-    rate = state.work[4]
-    change = rate.reshape(N_STATES)
-    wrench = state.scratch[:1].reshape(6, 1)
-    for i in range(6):
-        wrench[i, 0] = state.tau[i]
-    stage_into(state.p.reshape(state.p.shape[0], 1), lane, wrench, state.water, rate, True)
+    change = state.work[4]
+    stage_of_one_into(state.p, x, state.tau, state.water, change, True)
     linearise_into(
         state.p, x, change, state.codes, state.linearised_at, state.B, state.mean_force, A, state.scratch[4:6]
     )

@@ -24,7 +24,7 @@ from towtank.core.forces import add_extra_rate_into
 from towtank.core.inertia import bilinear_coriolis_into
 from towtank.core.layout import I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT, INFLOW, N_KINDS
 from towtank.core.regressor import unit_wrench_into
-from towtank.core.rk4 import N_STATES, has_extra_terms, stage_into, step_into
+from towtank.core.rk4 import N_STATES, has_extra_terms, stage_of_one_into, step_of_one_into
 from towtank.identification.model.terms import IN_DELAY, IN_GAIN, IN_LAG, LOG, N_FIXED, N_MOVING, Codes
 
 __all__ = ["linearise_into", "pull_into", "step_and_linearise", "turn_by"]
@@ -208,30 +208,24 @@ def step_and_linearise(
     Args:
         tau: mean wrench over the step (6,). disturbance: mean acceleration (6,) beside it. current: (3,) NED.
         fade: 1/T of the disturbance [1/s].
-        A: scratch (12, 21 + n). work: scratch (5, 13, 1). scratch: (12, 6) at least.
+        A: scratch (12, 21 + n). work: scratch (5, 13). scratch: (12, 6) at least.
         Others as `linearise_into`.
     """
-    parameters = p.reshape(p.shape[0], 1)
-    lane = x.reshape(N_STATES, 1)
-    middle, rate = work[3], work[4]
-    wrench = scratch[:3].reshape(3, 6, 1)
+    middle, rate, wrench = work[3], work[4], scratch[:3]
     for j in range(6):
         total = tau[j]
         for k in range(6):
             total += p[I_MASS + 6 * j + k] * disturbance[k]
-        wrench[0, j, 0] = total
-        wrench[1, j, 0] = total
-        wrench[2, j, 0] = total
+        wrench[:, j] = total
+    middle[:] = x
+    extra = has_extra_terms(p.reshape(p.shape[0], 1))
+    step_of_one_into(p, x, wrench, current, h, work[:3], True, extra)
     for i in range(N_STATES):
-        middle[i, 0] = x[i]
-    extra = has_extra_terms(parameters)
-    step_into(parameters, lane, wrench, current, h, work[:3], True, extra)
-    for i in range(N_STATES):
-        middle[i, 0] = 0.5 * (middle[i, 0] + x[i])
-    stage_into(parameters, middle, wrench[0], current, rate, True)
+        middle[i] = 0.5 * (middle[i] + x[i])
+    stage_of_one_into(p, middle, wrench[0], current, rate, True)
     for j in range(6):
-        rate[7 + j, 0] -= disturbance[j]
-    linearise_into(p, middle.reshape(N_STATES), rate.reshape(N_STATES), codes, theta, shape, pushed, A, scratch[4:6])
+        rate[7 + j] -= disturbance[j]
+    linearise_into(p, middle, rate, codes, theta, shape, pushed, A, scratch[4:6])
     columns = A.shape[1]
     half = 0.5 * h * h
     for i in range(N_MOVING):

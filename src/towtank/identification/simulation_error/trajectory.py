@@ -27,7 +27,7 @@ import numpy as np
 from towtank.core.arrays import Array, inlined_kernel, kernel
 from towtank.core.forces import add_inflow_damping_into
 from towtank.core.layout import I_INFLOW, I_LINEAR, N_PARAMETERS
-from towtank.core.rk4 import N_STATES, has_extra_terms, is_coupled, stage_into, step_into
+from towtank.core.rk4 import N_STATES, has_extra_terms, is_coupled, stage_of_one_into, step_of_one_into
 from towtank.core.zero_order_hold import ZeroOrderHold, hold_force, mean_forces_into
 from towtank.identification.data.samples import N_MEASURED
 from towtank.identification.model.linearisation import linearise_into
@@ -162,7 +162,7 @@ class Workspace(NamedTuple):
     wrench: Array  # (3, 6)
     force: Array  # (3, m) mean force of each input, and its derivatives by delay and lag
     gain: Array  # (m,)
-    work: Array  # (3, 13, 1)
+    work: Array  # (3, 13)
     scratch: Array  # (6, 6)
     current: Array  # (3,)
     bias: Array  # (9,)
@@ -197,7 +197,7 @@ def new_workspace(columns: int, n: int, m: int) -> Workspace:
         wrench=np.zeros((3, 6)),
         force=np.zeros((3, m)),
         gain=np.ones(m),
-        work=np.zeros((3, N_STATES, 1)),
+        work=np.zeros((3, N_STATES)),
         scratch=np.zeros((6, 6)),
         current=np.zeros(3),
         bias=np.zeros(9),
@@ -234,9 +234,7 @@ def free_run_into(
     out.reach[:] = 0.0
     S, D, E, A, J = space.S, space.D, space.E, space.A, space.J
     p, x, middle, rate, wrench = space.p, space.x, space.middle, space.rate, space.wrench
-    p_lane, x_lane = p.reshape(N_PARAMETERS, 1), x.reshape(N_STATES, 1)  # as lanes of one vehicle
-    middle_lane, rate_lane = middle.reshape(N_STATES, 1), rate.reshape(N_STATES, 1)
-    wrench_lane = wrench.reshape(3, 6, 1)
+    lane = p.reshape(N_PARAMETERS, 1)
     force, gain, work, scratch, current = space.force, space.gain, space.work, space.scratch, space.current
     t, values, q, B, block = run.t, run.values, run.q, run.B, run.block
     codes, theta, states = unknowns.codes, unknowns.theta, unknowns.states
@@ -255,9 +253,9 @@ def free_run_into(
             hold.lag[:] = max(theta[c], 0.0)
         elif codes[c, 0] == IN_GAIN:
             gain[codes[c, 1]] = math.exp(theta[c])
-    extra, loss = has_extra_terms(p_lane), p[I_INFLOW] != 0.0
+    extra, loss = has_extra_terms(lane), p[I_INFLOW] != 0.0
     space.linear[:] = p[I_LINEAR : I_LINEAR + 36]
-    coupled, lagless, clock = loss or is_coupled(p_lane), not (hold.lag > 0.0).any(), hold.clock
+    coupled, lagless, clock = loss or is_coupled(lane), not (hold.lag > 0.0).any(), hold.clock
     k, n = estimated.shape[0], theta.shape[0]
     weighing, room = Weighing(run.noise, scale, gated), RowSpace(current, space.bias, space.h)
     force[:] = 0.0
@@ -295,10 +293,7 @@ def free_run_into(
                         _lose_by_inflow(B, force[0], space.linear, p)
                 for j in range(N_STATES):
                     middle[j] = x[j]
-                if coupled:
-                    step_into(p_lane, x_lane, wrench_lane, current, h, work, True, extra)
-                else:
-                    step_into(p_lane, x_lane, wrench_lane, current, h, work, False, extra)
+                step_of_one_into(p, x, wrench, current, h, work, coupled, extra)
                 if half_way and steady:
                     half_way = False  # the second step of a pair
                     _advance_into(S, D, E, h, 1.5 * h * h, moving)
@@ -307,7 +302,7 @@ def free_run_into(
                     share = 0.0 if half_way else 0.5
                     for j in range(N_STATES):
                         middle[j] = share * middle[j] + (1.0 - share) * x[j]
-                    stage_into(p_lane, middle_lane, wrench_lane[0], current, rate_lane, coupled)
+                    stage_of_one_into(p, middle, wrench[0], current, rate, coupled)
                     linearise_into(p, middle, rate, codes, theta, B, force, A, scratch)
                     _rates_into(A, S, k, n, moving, D, E)
                     _advance_into(S, D, E, h, 0.5 * h * h, moving)
@@ -323,7 +318,7 @@ def free_run_into(
                 _wrench_into(B, force, gain, wrench)
                 if loss:
                     _lose_by_inflow(B, force[0], space.linear, p)
-                stage_into(p_lane, x_lane, wrench_lane[0], current, rate_lane, coupled)
+                stage_of_one_into(p, x, wrench[0], current, rate, coupled)
                 linearise_into(p, x, rate, codes, theta, B, force, A, scratch)
                 absorb_specific_force_into(z, x, rate, A, S, room, weighing, sums)
         for i in range(N_MOVING):
