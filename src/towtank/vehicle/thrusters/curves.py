@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
@@ -239,6 +240,7 @@ class _Branch:
     bounded: bool
 
 
+@lru_cache(64)
 def _branch(curve: Curve, side: int, demand: float) -> _Branch | None:
     """Return the branch on one side, long enough for `demand` [N]; None where it has no length or no force."""
     start = curve.dead_band
@@ -276,7 +278,7 @@ def _branches(curve: Curve, demand: float) -> dict[int, _Branch]:
     """Return the branch that serves each sign of force (above the neutral command first)."""
     found: dict[int, _Branch] = {}
     for side in (1, -1):
-        branch = _branch(curve, side, demand)
+        branch = _branch(curve, side, demand if _end(curve, side) is None else 0.0)
         if branch is not None:
             found.setdefault(branch.sign, branch)
     return found
