@@ -47,7 +47,16 @@ import numpy as np
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import to_body
-from towtank.core.layout import FORWARD_COLUMNS, FORWARD_ROWS, I_ASYMMETRY, I_FORWARD, I_LINEAR, N_FORWARD
+from towtank.core.layout import (
+    FORWARD_COLUMNS,
+    FORWARD_ROWS,
+    I_ASYMMETRY,
+    I_FORWARD,
+    I_LINEAR,
+    I_MOMENT,
+    I_WEIGHT,
+    N_FORWARD,
+)
 
 __all__ = [
     "add_extra_force_into",
@@ -56,6 +65,7 @@ __all__ = [
     "current_acceleration",
     "current_in_body",
     "damping_force",
+    "pull_into",
     "restoring_wrench",
 ]
 
@@ -126,6 +136,15 @@ def restoring_wrench(weight: float, moment: Array, k: Array) -> Array:
     out[4] = -(moment[2] * k[0] - moment[0] * k[2])
     out[5] = -(moment[0] * k[1] - moment[1] * k[0])
     return out
+
+
+@kernel
+def pull_into(p: Array, k0: float, k1: float, k2: float, out: Array) -> None:
+    """Write the wrench (6,) [N, N m] of gravity and buoyancy along k in the body: [W - B; b x] k."""
+    weight = p[I_WEIGHT]
+    b0, b1, b2 = p[I_MOMENT], p[I_MOMENT + 1], p[I_MOMENT + 2]
+    out[0], out[1], out[2] = weight * k0, weight * k1, weight * k2
+    out[3], out[4], out[5] = b1 * k2 - b2 * k1, b2 * k0 - b0 * k2, b0 * k1 - b1 * k0
 
 
 @kernel

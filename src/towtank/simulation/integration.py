@@ -6,12 +6,15 @@ States are (13,) [x y z, qw qx qy qz, u v w p q r] with the velocity RELATIVE to
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from towtank.core.arrays import Array, kernel
-from towtank.core.forces import add_inflow_damping_into, current_in_body, restoring_wrench
-from towtank.core.layout import I_CONSTANT, I_INFLOW, I_LINEAR, I_MOMENT, I_QUADRATIC, I_WEIGHT, N_PARAMETERS
-from towtank.core.rk4 import N_STATES, has_extra_terms, is_coupled, step_into
+from towtank.core.attitude import to_body
+from towtank.core.forces import add_inflow_damping_into, pull_into
+from towtank.core.layout import I_INFLOW, N_PARAMETERS
+from towtank.core.rk4 import N_STATES, has_extra_terms, is_coupled, step_into, step_of_one_into
 
 __all__ = [
     "in_body",
@@ -39,21 +42,14 @@ def simulate_pieces(p: Array, state0: Array, tau: Array, pieces: Array, current:
     """
     m = pieces.shape[0]
     n = tau.shape[0] // m
-    parameters = np.empty((N_PARAMETERS, 1))
-    x = np.empty((N_STATES, 1))
-    work = np.empty((3, N_STATES, 1))
-    for j in range(N_PARAMETERS):
-        parameters[j, 0] = p[j]
-    out = np.empty((n + 1, N_STATES))
-    for j in range(N_STATES):
-        x[j, 0] = state0[j]
-        out[0, j] = state0[j]
-    coupled, extra = is_coupled(parameters), has_extra_terms(parameters)
+    lane = p.reshape(N_PARAMETERS, 1)
+    coupled, extra = is_coupled(lane), has_extra_terms(lane)
+    x, work, out = state0.copy(), np.empty((3, N_STATES)), np.empty((n + 1, N_STATES))
+    _keep(x, out, 0)
     for i in range(n):
         for k in range(m):
-            step_into(parameters, x, tau[i * m + k].reshape(3, 6, 1), current, pieces[k], work, coupled, extra)
-        for j in range(N_STATES):
-            out[i + 1, j] = x[j, 0]
+            step_of_one_into(p, x, tau[i * m + k], current, pieces[k], work, coupled, extra)
+        _keep(x, out, i + 1)
     return out
 
 
@@ -71,28 +67,13 @@ def simulate_thrusters(
     """
     m = pieces.shape[0]
     n = forces.shape[0] // m
-    parameters = np.empty((3, N_PARAMETERS))
-    x = np.empty((N_STATES, 1))
-    tau = np.empty((3, 6, 1))
-    work = np.empty((3, N_STATES, 1))
+    x, room = state0.copy(), Room(np.empty((3, N_PARAMETERS)), np.empty((3, 6)), np.empty((3, N_STATES)))
     out = np.empty((n + 1, N_STATES))
-    for s in range(3):
-        parameters[s] = p
-    for j in range(N_STATES):
-        x[j, 0] = state0[j]
-        out[0, j] = state0[j]
+    _keep(x, out, 0)
     for i in range(n * m):
-        for s in range(3):
-            parameters[s, I_LINEAR:I_QUADRATIC] = p[I_LINEAR:I_QUADRATIC]
-            add_inflow_damping_into(B, forces[i, s], p[I_INFLOW], parameters[s])
-            for a in range(6):
-                tau[s, a, 0] = push[i, a]
-                for j in range(B.shape[1]):
-                    tau[s, a, 0] += B[a, j] * forces[i, s, j]
-        step_into(parameters.reshape(3, N_PARAMETERS, 1), x, tau, current, pieces[i % m], work, True, True)
+        _push_into(p, x, push[i], forces[i], B, pieces[i % m], current, room)
         if (i + 1) % m == 0:
-            for j in range(N_STATES):
-                out[(i + 1) // m, j] = x[j, 0]
+            _keep(x, out, (i + 1) // m)
     return out
 
 
@@ -108,25 +89,67 @@ def simulate_in_waves(
         Others as `simulate_thrusters`; a wrench alone is that of six thrusters with B = 1, which lose nothing.
     """
     m = pieces.shape[0]
-    out = np.empty((lift.shape[0] // m + 1, N_STATES))
-    out[0] = x = state0
-    for i in range(lift.shape[0]):
-        piece, k = slice(i, i + 1), i % m
-        held = push[piece] + lifted(p, x[3:7], lift[i])
-        x = simulate_thrusters(p, x, held, forces[piece], B, pieces[k : k + 1], current)[1]
-        if k == m - 1:
-            out[i // m + 1] = x
+    n = forces.shape[0] // m
+    x, room = state0.copy(), Room(np.empty((3, N_PARAMETERS)), np.empty((3, 6)), np.empty((3, N_STATES)))
+    held, out = np.empty(6), np.empty((n + 1, N_STATES))
+    _keep(x, out, 0)
+    for i in range(n * m):
+        lifted_into(p, x[3:7], lift[i], held)
+        for a in range(6):
+            held[a] += push[i, a]
+        _push_into(p, x, held, forces[i], B, pieces[i % m], current, room)
+        if (i + 1) % m == 0:
+            _keep(x, out, (i + 1) // m)
     return out
 
 
 @kernel
-def lifted(p: Array, q: Array, lift: Array) -> Array:
-    """Return the wrench (6,) [N, N m] on a body in water that accelerates: that of gravity g(eta) along -dv_w/dt.
+def _keep(x: Array, out: Array, row: int) -> None:
+    """Write the states x (13,) into a row of `out`."""
+    for j in range(N_STATES):
+        out[row, j] = x[j]
+
+
+class Room(NamedTuple):
+    """Scratch of a step: parameters (3, 170), wrench (3, 6) and states (3, 13) at its start, middle and end."""
+
+    parameters: Array
+    tau: Array
+    work: Array
+
+
+@kernel
+def _push_into(p: Array, x: Array, push: Array, forces: Array, B: Array, h: float, current: Array, room: Room) -> None:
+    """Advance the states x (13,) by h [s] under a held wrench push (6,) and thrust (3, m) that loses to inflow."""
+    parameters, tau = room.parameters, room.tau
+    for s in range(3):
+        for j in range(N_PARAMETERS):
+            parameters[s, j] = p[j]
+        add_inflow_damping_into(B, forces[s], p[I_INFLOW], parameters[s])
+        for a in range(6):
+            tau[s, a] = push[a]
+            for j in range(B.shape[1]):
+                tau[s, a] += B[a, j] * forces[s, j]
+    lanes, wrench, work = parameters.reshape(3, N_PARAMETERS, 1), tau.reshape(3, 6, 1), room.work
+    step_into(lanes, x.reshape(N_STATES, 1), wrench, current, h, work.reshape(3, N_STATES, 1), True, True)
+
+
+@kernel
+def lifted_into(p: Array, q: Array, lift: Array, out: Array) -> None:
+    """Write the wrench (6,) [N, N m] on a body in water that accelerates: that of gravity along -dv_w/dt.
 
     Args:
         q: attitude (4,). lift: dv_w/dt as a share of gravity (3,), NED.
     """
-    return restoring_wrench(p[I_WEIGHT], p[I_MOMENT:I_CONSTANT], current_in_body(q, lift)[:3])
+    k0, k1, k2 = to_body(q, lift)
+    pull_into(p, -k0, -k1, -k2, out)
+
+
+def lifted(p: Array, q: Array, lift: Array) -> Array:
+    """Return what `lifted_into` writes."""
+    out = np.empty(6)
+    lifted_into(p, q, lift, out)
+    return out
 
 
 def relative_to_water(states: Array, water: Array, sign: float = -1.0) -> Array:

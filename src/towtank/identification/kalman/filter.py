@@ -16,13 +16,13 @@ import numpy as np
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import quaternion_from_euler, row_of_rotation
-from towtank.core.forces import add_inflow_damping_into
+from towtank.core.forces import add_inflow_damping_into, pull_into
 from towtank.core.layout import I_INFLOW, I_LINEAR, I_MASS_INVERSE
 from towtank.core.zero_order_hold import ZeroOrderHold, forces_now_into, hold_force, mean_forces_into
 from towtank.identification.data.samples import Samples
 from towtank.identification.kalman.state import INFORMATION_MEMORY, JointState
 from towtank.identification.kalman.update import product_of_rows, to_linearised_current, update_row
-from towtank.identification.model.linearisation import pull_into, step_and_linearise, turn_by
+from towtank.identification.model.linearisation import step_and_linearise, turn_by
 from towtank.identification.model.measurements import ATTITUDE, N_SENSORS, NEVER, SPEEDS
 from towtank.identification.model.parameters import IN_GAIN, N_FIXED, N_MOVING
 from towtank.vehicle.matrices import GRAVITY

@@ -583,7 +583,7 @@ def widened(readings: Sequence[Reading]) -> tuple[Array, float]:
     size = np.maximum(size, _TOLD)
     did, should = np.zeros(n), np.zeros(n)
     for (before, own_before), (after, own_after) in pairwise(views):
-        new = np.maximum(np.einsum("ij,ik,kj->j", axes, after - before, axes), 0.0)
+        new = np.maximum(np.einsum("ij,ij->j", axes, (after - before) @ axes), 0.0)
         did += (axes.T @ (own_after - own_before - (after - before) @ x)) ** 2
         should += np.maximum(new - new**2 / (1.0 + size), 0.0)
     weight = np.where(told, 1.0 / (1.0 + size), 0.0)

@@ -20,14 +20,14 @@ import math
 
 from towtank.core.arrays import Array, kernel
 from towtank.core.attitude import row_of_rotation
-from towtank.core.forces import add_extra_rate_into
+from towtank.core.forces import add_extra_rate_into, pull_into
 from towtank.core.inertia import bilinear_coriolis_into
-from towtank.core.layout import I_LINEAR, I_MASS, I_MASS_INVERSE, I_MOMENT, I_QUADRATIC, I_WEIGHT, INFLOW, N_KINDS
+from towtank.core.layout import I_LINEAR, I_MASS, I_MASS_INVERSE, I_QUADRATIC, INFLOW, N_KINDS
 from towtank.core.regressor import unit_wrench_into
 from towtank.core.rk4 import N_STATES, has_extra_terms, stage_of_one_into, step_of_one_into
 from towtank.identification.model.terms import IN_DELAY, IN_GAIN, IN_LAG, LOG, N_FIXED, N_MOVING, Codes
 
-__all__ = ["linearise_into", "pull_into", "step_and_linearise", "turn_by"]
+__all__ = ["linearise_into", "step_and_linearise", "turn_by"]
 
 _DIST, _CURRENT = 12, 18
 
@@ -46,15 +46,6 @@ def turn_by(x: Array, ex: float, ey: float, ez: float) -> None:
     k = qw * d + qx * b - qy * a + qz * c
     norm = 1.0 / math.sqrt(w * w + i * i + j * j + k * k)
     x[3], x[4], x[5], x[6] = w * norm, i * norm, j * norm, k * norm
-
-
-@kernel
-def pull_into(p: Array, k0: float, k1: float, k2: float, out: Array) -> None:
-    """Write the wrench (6,) [N, N m] of gravity and buoyancy along k in the body: [W - B; b x] k."""
-    weight = p[I_WEIGHT]
-    b0, b1, b2 = p[I_MOMENT], p[I_MOMENT + 1], p[I_MOMENT + 2]
-    out[0], out[1], out[2] = weight * k0, weight * k1, weight * k2
-    out[3], out[4], out[5] = b1 * k2 - b2 * k1, b2 * k0 - b0 * k2, b0 * k1 - b1 * k0
 
 
 @kernel
@@ -216,8 +207,10 @@ def step_and_linearise(
         total = tau[j]
         for k in range(6):
             total += p[I_MASS + 6 * j + k] * disturbance[k]
-        wrench[:, j] = total
-    middle[:] = x
+        for s in range(3):
+            wrench[s, j] = total
+    for i in range(N_STATES):
+        middle[i] = x[i]
     extra = has_extra_terms(p.reshape(p.shape[0], 1))
     step_of_one_into(p, x, wrench, current, h, work[:3], True, extra)
     for i in range(N_STATES):
