@@ -5,30 +5,45 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
+
+from towtank.app.cli import app
 
 from .commands import process
 
 
-def offered(words: str, cwd: Path) -> list[str]:
-    """Return what the Tab key offers behind some words, as bash asks for it."""
+def asked(words: str) -> dict[str, str]:
+    """Return the environment in which bash asks for what comes behind some words."""
     count = len(words.split()) - (0 if words.endswith(" ") else 1)
-    ran = process(cwd=cwd, COMP_WORDS=words, COMP_CWORD=str(count), _TOWTANK_COMPLETE="complete_bash")
-    assert ran.err == ""
-    return ran.out.split()
+    return {"COMP_WORDS": words, "COMP_CWORD": str(count), "_TOWTANK_COMPLETE": "complete_bash"}
 
 
-def test_the_tab_key_offers_commands_options_vehicles_and_files(tmp_path: Path) -> None:
-    folder = tmp_path
-    (folder / "mine.toml").write_text("")
-    assert offered("towtank le", folder) == ["learn"]
-    assert offered("towtank vehicle co", folder) == ["copy"]
-    assert offered("towtank learn --veh", folder) == ["--vehicle"]
-    assert {"seamor"} == set(offered("towtank learn --vehicle sea", folder))
-    assert "mine.toml" in offered("towtank validate m", folder)
-    assert offered("towtank learn x --method out", folder) == ["output-error"]
-    assert offered("towtank simulate seamor surge-sine --sensors ins", folder) == ["ins", "ins-water"]
-    assert "surge-sine" in offered("towtank simulate seamor surge-s", folder)
-    assert offered("towtank inspect d", folder) == []  # the shell itself offers files
+def offered(words: str) -> list[str]:
+    """Return what the Tab key offers behind some words, here and now."""
+    ran = CliRunner().invoke(app, [], env=asked(words), prog_name="towtank")
+    assert ran.stderr == ""
+    return ran.stdout.split()
+
+
+def test_a_shell_asks_by_starting_the_program(tmp_path: Path) -> None:
+    ran = process(cwd=tmp_path, **asked("towtank learn --vehicle sea"))
+    assert (ran.out.split(), ran.err) == (["seamor"], "")
+
+
+def test_the_tab_key_offers_commands_options_vehicles_and_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.toml").write_text("")
+    assert offered("towtank le") == ["learn"]
+    assert offered("towtank vehicle co") == ["copy"]
+    assert offered("towtank learn --veh") == ["--vehicle"]
+    assert {"seamor"} == set(offered("towtank learn --vehicle sea"))
+    assert "mine.toml" in offered("towtank validate m")
+    assert offered("towtank learn x --method out") == ["output-error"]
+    assert offered("towtank simulate seamor surge-sine --sensors ins") == ["ins", "ins-water"]
+    assert "surge-sine" in offered("towtank simulate seamor surge-s")
+    assert offered("towtank inspect d") == []  # the shell itself offers files
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

@@ -8,7 +8,7 @@ import pytest
 
 from towtank.vehicle import Coefficient, Configurations, load_vehicle, save_vehicle
 
-from .commands import command, document, process, refused
+from .commands import command, document, refused
 
 
 @pytest.fixture
@@ -114,10 +114,13 @@ def test_bad_input_is_one_line(stored: Path, models: Path, tmp_path: Path) -> No
     assert "gripper.toml:1:" in refused("config", "list", "--folder", stored)
 
 
-def test_the_folder_is_that_of_the_environment_or_the_usual_one(models: Path) -> None:
-    assert process("config", "save", models / "bare.toml", "--name", "a", cwd=models).code == 0
+def test_the_folder_is_that_of_the_environment_or_the_usual_one(models: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("TOWTANK_CONFIGURATIONS", raising=False)
+    monkeypatch.chdir(models)
+    assert command("config", "save", models / "bare.toml", "--name", "a").code == 0
     assert Configurations(models / "configurations").get("a").name == "a"
     elsewhere = models / "elsewhere"
-    ran = process("config", "save", "bare.toml", "--name", "b", cwd=models, TOWTANK_CONFIGURATIONS=str(elsewhere))
+    monkeypatch.setenv("TOWTANK_CONFIGURATIONS", str(elsewhere))
+    ran = command("config", "save", "bare.toml", "--name", "b")
     assert ran.code == 0, ran
     assert [each.name for each in Configurations(elsewhere).all()] == ["b"]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import json
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from towtank.app.demo import files
+from towtank.app.demo import run as demo
+from towtank.app.demo import stream as streaming
 from towtank.app.demo.progress import SETTLED, SETTLING, WAITING, LearningCurve, quantities, readings
 from towtank.app.demo.run import run_demo
 from towtank.app.demo.stream import pose_and_commands, stream
@@ -107,11 +112,22 @@ def test_the_model_and_the_logs_can_be_read_again(ran: Ran) -> None:
     assert read_parquet(ran.folder / "unseen_session.parquet").duration == 30.0
 
 
+@contextmanager
+def sketched() -> Iterator[None]:
+    """Run demos without their pictures and their warm-up, which `ran` has, and with one reading a second."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(files, "png", lambda figure: bytes(2000))
+        patch.setattr(demo, "warm_up", lambda: None)
+        patch.setattr(streaming, "_READING", 1.0)
+        yield
+
+
 @pytest.fixture(scope="module")
 def short(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     """The shortest session, on a terminal."""
     folder, shown = tmp_path_factory.mktemp("short"), console(terminal=True)
-    document = run_demo(folder, seconds=2.0, fast=True, browser=False, console=shown)
+    with sketched():
+        document = run_demo(folder, seconds=2.0, fast=True, browser=False, console=shown)
     return Ran(folder, text_of(shown), document)
 
 
@@ -128,7 +144,8 @@ def test_a_payload_is_noticed_told_and_learned(tmp_path: Path, monkeypatch: pyte
     assert tank.PAYLOAD_TAIL == 60.0
     monkeypatch.setattr(tank, "PAYLOAD_TAIL", 30.0)
     shown = console()
-    document = run_demo(tmp_path, seconds=12.0, fast=True, payload=True, console=shown)
+    with sketched():
+        document = run_demo(tmp_path, seconds=12.0, fast=True, payload=True, console=shown)
     assert document["seconds"] == 42.0
     (change,) = [event for event in document["events"] if event["kind"] == "change"]
     assert change["t"] == pytest.approx(27.0, abs=1.0)

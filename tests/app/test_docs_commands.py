@@ -21,6 +21,8 @@ import typer
 import towtank as tt
 from towtank import campaigns
 from towtank.app.cli import app
+from towtank.planning import plan as make_plan
+from towtank.planning.unsteered import unsteered
 from towtank.recording import Recording
 from towtank.simulation import Ins, manoeuvre, simulate
 
@@ -111,9 +113,9 @@ def bag(path: Path) -> None:
     write_bag1(path, said)
 
 
-def half_of_a_run(path: Path, *, tracked: bool) -> None:
+def half_of_a_run(path: Path, *, tracked: bool, seconds: float = 25.0) -> None:
     """Write what the autopilot logged of a run, or what motion capture saw of it on a clock of its own."""
-    run = driven("bluerov2_heavy", 3, seconds=25.0)
+    run = driven("bluerov2_heavy", 3, seconds)
     if tracked:
         t, pose = run["phi"].t - 12.345, [run[name].values for name in ("phi", "theta", "psi")]
         Recording.from_table(t, dict(zip(("phi", "theta", "psi"), pose, strict=True)), source="mocap").write(path)
@@ -144,7 +146,7 @@ def sdf(path: Path) -> None:
 
 def surge(path: Path, seed: int) -> None:
     truth = tt.load_vehicle("vlbv300")
-    commands = manoeuvre("surge-square", truth, duration=7.0, dt=0.05).commands
+    commands = manoeuvre("surge-square", truth, duration=5.0, dt=0.05).commands
     simulate(truth, commands=commands, dt=0.05, substeps=5, sensors=SLOW, seed=seed).write(path)
 
 
@@ -196,8 +198,8 @@ GIVEN: dict[str, Given] = {
     },
     "tank-day.md": {
         "bench.csv": partial(text, content=BENCH),
-        "tank.mcap": partial(half_of_a_run, tracked=False),
-        "kept.mcap": partial(half_of_a_run, tracked=False),
+        "tank.mcap": partial(half_of_a_run, tracked=False, seconds=12.0),
+        "kept.mcap": partial(half_of_a_run, tracked=False, seconds=12.0),
     },
     "your-log.md": {
         "yaw_1.bag": bag,
@@ -236,7 +238,14 @@ def begun(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return out
 
 
-@pytest.mark.usefixtures("hurried")
+@pytest.fixture
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plans are made with the least effort: what they are worth is no matter here."""
+    monkeypatch.setitem(make_plan.__kwdefaults__, "tries", 2)
+    monkeypatch.setitem(unsteered.__kwdefaults__, "vehicles", 50)
+
+
+@pytest.mark.usefixtures("at_once")
 @pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda page: page.name)
 def test_the_commands_of_a_page_run_in_order(
     page: Path, begun: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

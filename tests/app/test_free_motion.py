@@ -103,12 +103,12 @@ def test_where_nothing_counts(handled: Path, tmp_path: Path) -> None:
 def test_windows_of_one_log_and_of_all(workshop: Path) -> None:
     yaw, surge = workshop / "yaw.csv", workshop / "surge.csv"
     words = (*VEHICLE, "--free", "N_rdot", "--delay", 0)
-    found = document("learn", f"{yaw}@2,8@10,", surge, *words, "--window", "3,7")
+    found = document("learn", f"{yaw}@2,8@20,", surge, *words, "--window", "3,7")
     spans = [(each["log"], round(each["start_s"], 2), round(each["end_s"], 2)) for each in found["counted"]]
-    assert spans == [(str(yaw), 2.0, 8.0), (str(yaw), 10.0, 30.0), (str(surge), 3.0, 7.0)]
+    assert spans == [(str(yaw), 2.0, 8.0), (str(yaw), 20.0, 30.0), (str(surge), 3.0, 7.0)]
     assert found["logs"] == [str(yaw), str(surge)]
     assert found["left_out"] == []
-    words = ("validate", workshop / "learned.toml", f"{yaw}@0,12@14,26", "--folds", 2, "--method", "paper")
+    words = ("validate", workshop / "learned.toml", f"{yaw}@0,8@14,22", "--folds", 2, "--method", "paper")
     folds = document(*words)["cross_validation"]
     assert {each["log"] for fold in folds["folds"] for each in fold["windows"]} == {str(yaw)}
     assert document("inspect", f"{yaw}@5,20")["start_s"] == pytest.approx(5.0)

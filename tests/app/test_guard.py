@@ -103,9 +103,10 @@ def test_output_that_nobody_reads(tmp_path: Path) -> None:
         assert run.stderr == ""
 
 
-def test_piped_output_has_no_control_codes_and_fits_80_columns(tmp_path: Path) -> None:
-    for words in (["vehicle", "list"], ["vehicle", "show", "rexrov"], ["manoeuvre", "list"], ["learn", "--help"]):
-        ran = process(*words, cwd=tmp_path, COLUMNS="80")
+def test_piped_output_has_no_control_codes_and_fits_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    every = [command("vehicle", "list"), command("manoeuvre", "list"), command("learn", "--help")]
+    for ran in (*every, process("vehicle", "show", "rexrov", cwd=tmp_path)):
         assert ran.code == 0
         assert "\x1b" not in ran.out
         assert max(map(len, ran.out.splitlines())) <= 80

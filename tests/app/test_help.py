@@ -93,7 +93,7 @@ def test_the_list_of_commands_is_whole() -> None:
 
 
 def thinned(run: Recording) -> Recording:
-    """Return every fourth sample, so that examples learn from 25 a second."""
+    """Return every fourth sample, so that examples learn from a dozen a second."""
     return run.replace(
         [Channel(name, each.t[::4], each.values[::4], each.unit, each.frame) for name, each in run.channels.items()]
     )
@@ -104,7 +104,7 @@ def thinned(run: Recording) -> Recording:
 def test_examples_run(words: list[str], workshop: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("learned.toml", "bench.csv"):
         shutil.copy(workshop / name, tmp_path / name)
-    named = 28.0 if words == ["learn"] else 12.0  # the examples of learn name windows
+    named = 20.0 if words == ["learn"] else 8.0  # the examples of learn name windows
     thinned(read(workshop / "surge.csv").window(0.0, named)).write(tmp_path / "surge.csv")
     if words == ["import"]:
         export("lauv", "gz-sim", tmp_path)
@@ -124,7 +124,8 @@ def test_examples_run(words: list[str], workshop: Path, tmp_path: Path, monkeypa
 
 def test_the_first_example_is_a_whole_story(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert command("simulate", "vlbv300", "all-multisine", "-o", "another.csv", "--duration", 20).code == 0
+    words = ("simulate", "vlbv300", "all-multisine", "-o", "another.csv")
+    assert command(*words, "--duration", 12, "--rate", 25).code == 0
     story = re.findall(r"^ +(towtank .+)$", command("--help").out, re.MULTILINE)
     assert len(story) == 3
     for line in story:

@@ -83,7 +83,7 @@ def test_the_table_has_the_prior_and_how_late_sensors_are(
     assert re.search(r"^velocity arrives [\d.]+ ± [\d.]+ ms (late|early)$", table, re.MULTILINE)
     assert max(map(len, table.splitlines())) <= 80
     monkeypatch.setenv("COLUMNS", "80")
-    words = ["learn", workshop / "yaw.csv", "--vehicle", "vlbv300", "--window", "0,12", "--method", "paper"]
+    words = ["learn", workshop / "yaw.csv", "--vehicle", "vlbv300", "--window", "0,6", "--method", "paper"]
     assert re.search(r" Before +Unit", command(*words).out)
 
 
@@ -130,12 +130,13 @@ def test_every_method_says_what_it_used(method: str, workshop: Path) -> None:
     assert ("disturbance" in ran.out) is (method != "paper")
 
 
-TWO = ("--vehicle", "vlbv300", "--free", "N_rdot, N_rr", "--delay", 0)
+QUICK = ("--free", "N_rdot,N_rr", "--delay", 0, "--window", "0,10")
+TWO = ("--vehicle", "vlbv300", "--free", "N_rdot, N_rr", "--delay", 0, "--window", "0,15")
 
 
 @pytest.fixture(scope="module")
 def two(workshop: Path) -> dict:
-    """What `learn` says of `yaw.csv` where two coefficients are free."""
+    """What `learn` says of half of `yaw.csv` where two coefficients are free."""
     return document("learn", workshop / "yaw.csv", *TWO)
 
 
@@ -194,7 +195,7 @@ def test_a_learned_file_is_what_the_next_log_begins_with(workshop: Path) -> None
 def test_the_scale_of_thrust_is_within_every_deviation(tmp_path: Path, workshop: Path) -> None:
     vehicle = tmp_path / "v.toml"
     save_vehicle(load_vehicle("vlbv300").model_copy(update={"scale_std": 0.1}), vehicle)
-    words = ["learn", workshop / "yaw.csv", "--free", "N_rdot,N_rr", "--delay", 0, "--method", "paper"]
+    words = ["learn", workshop / "yaw.csv", *QUICK, "--method", "paper"]
     plain, unsure = document(*words, "--vehicle", "vlbv300"), document(*words, "--vehicle", vehicle)
     one, two = (found["coefficients"]["N_rr"] for found in (plain, unsure))
     assert two["value"] == pytest.approx(one["value"])
@@ -209,7 +210,7 @@ def test_a_scale_that_nothing_fixes_is_told(tmp_path: Path, workshop: Path) -> N
     known = load_vehicle("vlbv300")
     thrusters = tuple({**thruster.model_dump(), "curve": curve} for thruster in known.thrusters)
     save_vehicle(known.model_copy(update={"thrusters": thrusters}), vehicle)
-    words = ["learn", workshop / "yaw.csv", "--free", "N_rdot,N_rr", "--delay", 0, "--method", "paper"]
+    words = ["learn", workshop / "yaw.csv", *QUICK, "--method", "paper"]
     warned = document(*words, "--vehicle", vehicle)["warnings"]
     assert any("only ratios of the coefficients are known" in text for text in warned)
 
@@ -223,8 +224,8 @@ def test_only_what_is_free_is_learned(two: dict) -> None:
 def test_window_and_several_logs(workshop: Path) -> None:
     logs = [workshop / "yaw.csv", workshop / "surge.csv"]
     words = ("--free", "X_udot,X_uu,N_rdot,N_rr", "--delay", 0)
-    found = document("learn", *logs, "--vehicle", "vlbv300", "--window", "5,20", *words)
-    assert found["duration_s"] == pytest.approx(30.0, abs=0.2)
+    found = document("learn", *logs, "--vehicle", "vlbv300", "--window", "5,15", *words)
+    assert found["duration_s"] == pytest.approx(20.0, abs=0.2)
     assert found["coefficients"]["X_uu"]["identified"]
     assert found["coefficients"]["N_rr"]["identified"]
 
@@ -244,15 +245,15 @@ def test_validate(workshop: Path) -> None:
     assert found["rmse"].keys() == CHANNELS
     assert found["fit"]["r"] > 95.0
     assert found["window"] == pytest.approx([0.0, 30.0], abs=0.02)
-    ran = command("validate", workshop / "learned.toml", workshop / "yaw.csv", "--horizon", 5)
+    ran = command("validate", workshop / "learned.toml", workshop / "yaw.csv", "--horizon", 5, "--window", "0,12")
     assert ran.code == 0
     assert "RMS error" in ran.out
 
 
 def test_validate_in_windows(workshop: Path) -> None:
     words = ["validate", "vlbv300", workshop / "yaw.csv", workshop / "surge.csv"]
-    assert document(*words, "--window", "10,20")["window"] == pytest.approx([10.0, 20.0], abs=0.02)
-    assert document(*words, "--window", "-10,")["window"] == pytest.approx([20.0, 30.0], abs=0.02)
+    assert document(*words, "--window", "10,16")["window"] == pytest.approx([10.0, 16.0], abs=0.02)
+    assert document(*words, "--window", "-6,")["window"] == pytest.approx([24.0, 30.0], abs=0.02)
 
 
 @pytest.mark.parametrize(
@@ -338,7 +339,7 @@ def test_the_verdict_of_a_sound_log_says_which_axes_are_known(workshop: Path) ->
     assert found["verdict"].startswith(told)
     assert "Next" not in found["verdict"]  # nothing but yaw was asked for
     assert "surge, sway, heave, roll and pitch were not driven" in found["verdict"]
-    assert "cannot be right" not in command(*words, "--delay", 0).out
+    assert "cannot be right" not in command(*words, "--delay", 0, "--window", "0,12").out
 
 
 def test_inspect_says_it_before_learning(contradictory: Path, workshop: Path) -> None:

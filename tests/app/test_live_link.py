@@ -149,9 +149,9 @@ def test_the_terminal_tells_of_a_dead_link_in_time(log: Path, tmp_path: Path) ->
 def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Status, Reading]:
     """How a session stands that has learned some forty coefficients."""
     vehicle = load_vehicle("bluerov2_heavy")
-    plan = manoeuvre("all-multisine", vehicle, duration=20.0, dt=0.02, seed=1)
+    plan = manoeuvre("all-multisine", vehicle, duration=20.0, dt=0.04, seed=1)
     path = tmp_path_factory.mktemp("whole") / "all.csv"
-    simulate(vehicle, commands=plan.commands, dt=0.02, sensors=Mocap(rate=50.0), seed=1).write(path)
+    simulate(vehicle, commands=plan.commands, dt=0.04, sensors=Mocap(rate=25.0), seed=1).write(path)
     text = f"replay:{path}@0"
     session = Session([(text, open_source(text, vehicle))], vehicle, new_learner(vehicle, "joint"), epoch=0.0)
     readings = Readings(session, vehicle)

@@ -20,7 +20,8 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with one run in two files: gyro and commands, and the attitude in degrees on a clock of its own."""
     folder = tmp_path_factory.mktemp("dive")
     whole = folder / "whole.csv"
-    command("simulate", "bluerov2_heavy", "all-multisine", "-o", whole, "--duration", 30, "--sensors", "ins")
+    words = ("simulate", "bluerov2_heavy", "all-multisine", "-o", whole)
+    command(*words, "--duration", 30, "--rate", 50, "--sensors", "ins")
     run = tt.read(whole)
     Recording({name: run[name] for name in run if name.startswith("cmd_") or name in "pqr"}).write(folder / "dive.csv")
     t = run["phi"].t - OFFSET

@@ -43,7 +43,7 @@ def test_learning_is_the_command_s(learned: LearnedModel, learned_document: dict
 
 
 def test_recordings_and_paths_are_alike(workshop: Path) -> None:
-    log, known = workshop / "yaw.csv", {"free": "N_rdot,N_rr", "delay": 0.0}
+    log, known = workshop / "yaw.csv", {"free": "N_rdot,N_rr", "delay": 0.0, "window": (0.0, 12.0)}
     learned = tt.learn(log, "vlbv300", **known)
     again = tt.learn([tt.read(log)], tt.load_vehicle("vlbv300"), **known)
     assert again.estimate.values.tolist() == learned.estimate.values.tolist()
@@ -52,12 +52,12 @@ def test_recordings_and_paths_are_alike(workshop: Path) -> None:
 
 def test_windows_free_names_and_prior_are_passed_on(learned: LearnedModel, workshop: Path) -> None:
     known = {"free": "N_rdot,N_rr", "delay": 0.0}
-    part = tt.learn(workshop / "yaw.csv", "vlbv300", window=(None, 15.0), prior=learned, **known)
+    part = tt.learn(workshop / "yaw.csv", "vlbv300", window=(None, 8.0), prior=learned, **known)
     told = document(
-        *("learn", workshop / "yaw.csv", "--vehicle", "vlbv300", "--window", ",15", "--delay", 0),
+        *("learn", workshop / "yaw.csv", "--vehicle", "vlbv300", "--window", ",8", "--delay", 0),
         *("--free", "N_rdot,N_rr", "--prior", _saved(learned, workshop / "before.toml")),
     )
-    assert part.estimate.duration == told["duration_s"] < 16.0
+    assert part.estimate.duration == told["duration_s"] < 9.0
     assert {name: each.value for name, each in part.coefficients.items()} == {
         name: pytest.approx(each["value"], rel=1e-9) for name, each in told["coefficients"].items()
     }
@@ -101,8 +101,8 @@ def test_judging_is_the_command_s(judged: Judgement, learned: LearnedModel, work
 def test_a_fit_that_is_required_is_told_by_both(judged: Judgement, workshop: Path) -> None:
     log = workshop / "yaw.csv"
     for percent, code in ((-1e9, 0), (99.9, 1)):
-        ran = command("validate", "vlbv300", log, "--require", percent, "--json")
-        mine = tt.validate("vlbv300", log, require=percent)
+        ran = command("validate", "vlbv300", log, "--require", percent, "--window", "0,8", "--json")
+        mine = tt.validate("vlbv300", log, require=percent, window=(0.0, 8.0))
         told = json.loads(ran.out)
         assert ran.code == code
         assert mine.met is (code == 0)

@@ -36,7 +36,7 @@ def test_every_command_fits_80_columns(workshop: Path, monkeypatch: pytest.Monke
 
 
 def test_a_pipe_of_an_old_terminal_gets_plain_ascii(workshop: Path) -> None:
-    ran = process("validate", "learned.toml", "yaw.csv", cwd=workshop, COLUMNS="80", PYTHONIOENCODING="ascii")
+    ran = process("validate", "learned.toml", "yaw.csv@0,8", cwd=workshop, COLUMNS="80", PYTHONIOENCODING="ascii")
     assert_fits(ran)
     assert ran.out.isascii()
     assert "Error over time" in ran.out

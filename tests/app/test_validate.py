@@ -75,7 +75,7 @@ def test_a_fault_is_told_in_words(workshop: Path, wrong: Path, monkeypatch: pyte
 
 
 def test_a_delay_can_be_given(workshop: Path) -> None:
-    words = ["validate", "vlbv300", workshop / "yaw.csv"]
+    words = ["validate", "vlbv300", workshop / "yaw.csv", "--window", "0,12"]
     as_is, late = document(*words), document(*words, "--delay", 0.3)
     assert as_is["delay_s"] is None
     assert late["delay_s"] == 0.3
@@ -86,8 +86,8 @@ def test_a_delay_can_be_given(workshop: Path) -> None:
 
 def test_models_against_each_other(workshop: Path, wrong: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     log = workshop / "long.csv"
-    made = ["simulate", "vlbv300", "surge-multisine", "-o", log, "--duration", 90, "--sensors", "ins", "--seed", 2]
-    ran = command(*made)
+    made = ["simulate", "vlbv300", "surge-multisine", "-o", log, "--duration", 90, "--rate", 25]
+    ran = command(*made, "--sensors", "ins", "--seed", 2)
     assert ran.code == 0, ran
     words = ["validate", wrong, log, "--against", "vlbv300", "--against", "vlbv300_as_published"]
     found = document(*words)
@@ -100,7 +100,7 @@ def test_models_against_each_other(workshop: Path, wrong: Path, monkeypatch: pyt
     assert surge["others"][str(wrong)]["real"] is True
     assert surge["others"][str(wrong)]["behind"] > 5.0
     assert "residuals" in found
-    out = narrow(*words, monkeypatch=monkeypatch)
+    out = narrow(*words, "--window", "0,30", monkeypatch=monkeypatch)
     assert "Models on the same logs" in out
     assert "worse (p" in out
 
@@ -125,17 +125,17 @@ def test_folds(workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     yaw = folds["coefficients"]["N_rr"]
     assert yaw.keys() == {"value", "std", "unit", "folds", "folds_std", "p", "overconfident"}
     assert len(yaw["folds"]) == 3
-    out = narrow(*words, monkeypatch=monkeypatch)
+    out = narrow(*words, "--window", "0,15", monkeypatch=monkeypatch)
     assert "learned on the others" in out
     assert "N_rr" in out
 
 
 def test_folds_of_several_logs_and_a_window(workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words = ["validate", "vlbv300", workshop / "yaw.csv", workshop / "surge.csv", "--method", "paper", "--delay", 0]
-    out = narrow(*words, "--folds", 3, "--window", "0,12", monkeypatch=monkeypatch)
+    out = narrow(*words, "--folds", 3, "--window", "0,9", monkeypatch=monkeypatch)
     assert "log 1: yaw.csv" in " ".join(out.split())
     assert "log 2: " in out
-    found = document(*words, "--folds", 3, "--window", "0,12")
+    found = document(*words, "--folds", 3, "--window", "0,9")
     assert [len(fold["windows"]) for fold in found["cross_validation"]["folds"]] == [1, 2, 1]
 
 

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import os
-import signal
-import time
 from dataclasses import replace
 from pathlib import Path
 
 from towtank.campaigns import Failure, Outcome, Result, Store, Task
 from towtank.campaigns.tasks import Options
 
-__all__ = ["abrupt", "campaign", "doubled", "environment", "log", "quick", "tasks", "unlucky"]
+__all__ = ["abrupt", "campaign", "log", "quick", "tasks"]
 
 STUDY = """kind = "simulate-learn"
 vehicle = "vlbv300"
@@ -55,30 +53,6 @@ def tasks(count: int) -> list[Task]:
     """Return so many tasks of nothing."""
     first = Task("", "learn", "", "one", "none", "", Options())
     return [replace(first, id=f"{k:032x}", label=f"run-{k:03d}", number=(0, k)) for k in range(count)]
-
-
-def doubled(number: int) -> int:
-    """Return twice a number, from a process that dies over 13 and raises over 14."""
-    if number == 13:
-        os.kill(os.getpid(), signal.SIGKILL)
-    if number == 14:
-        raise KeyError("fourteen")
-    return 2 * number
-
-
-def environment(name: str) -> str | None:
-    """Return a variable of the process."""
-    return os.environ.get(name)
-
-
-def unlucky(number: int, mark: str) -> int:
-    """Return a number, from a process that dies the first time that it is asked."""
-    path = Path(mark)
-    if not path.exists():
-        path.touch()
-        time.sleep(0.1)
-        os.abort()
-    return number
 
 
 def quick(task: Task, uri: str) -> Outcome:

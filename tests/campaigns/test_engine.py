@@ -15,7 +15,7 @@ from towtank.campaigns.engines.local import Local, perform_all
 
 sys.path.append(str(Path(__file__).parent))  # processes that are started import it too
 
-from campaign_pieces import doubled, environment, unlucky
+from small_jobs import doubled, environment, unlucky
 
 
 def test_every_job_is_answered_and_one_that_dies_or_raises_takes_nothing_along() -> None:

@@ -24,7 +24,7 @@ proof = settings(
     deadline=None,
     derandomize=True,
     database=None,
-    max_examples=sized(200, 60),
+    max_examples=sized(100, 60),
     suppress_health_check=[HealthCheck.too_slow],
 )
 

@@ -63,8 +63,12 @@ def in_this_process(words: Sequence[str]) -> tuple[int, bytes]:
     return ran.exit_code, ran.stdout_bytes + ran.stderr_bytes
 
 
-def test_no_command_hands_a_terminal_what_a_log_would_have_it_do(tmp_path: Path) -> None:
-    """On a terminal each command has a process of its own; without one it runs here."""
+def test_no_command_hands_a_terminal_what_a_log_would_have_it_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a terminal each command has a process of its own; without one it runs here. The log is of 5 s."""
+    made = attack_page.hostile_recording
+    monkeypatch.setattr(attack_page, "hostile_recording", lambda *words: made(*words).window(0.0, 5.0))
     paths = attack_page.file_names(tmp_path)[-1:]
     assert wrong(attack_page.command_checks(tmp_path, paths, in_this_process), 17) == []
 

@@ -218,7 +218,8 @@ def test_without_a_token_nobody_begins(browser: Any, led: Led) -> None:
     page.context.close()
 
 
-def test_without_a_plan_the_page_says_what_narrows_most(browser: Any) -> None:
+def test_without_a_plan_the_page_says_what_narrows_most(browser: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("towtank.app.live.coaching._FIRST", 3.0)
     with Led(None) as led:
         led.link.drives = False
         wait_until(lambda: led.plan.get("movements"), 90.0)

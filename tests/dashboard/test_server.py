@@ -369,10 +369,10 @@ def state_of(url: str) -> dict[str, Any]:
 
 def test_live_serves_its_page(tmp_path: Path) -> None:
     vehicle = load_vehicle("seamor")
-    plan = manoeuvre("surge-sine", vehicle, duration=30.0, dt=0.02, seed=1)
+    plan = manoeuvre("surge-sine", vehicle, duration=9.0, dt=0.02, seed=1)
     simulate(vehicle, commands=plan.commands, dt=0.02, sensors="mocap", seed=1).write(tmp_path / "a.csv")
     told = Told()
-    options = LiveOptions((f"replay:{tmp_path / 'a.csv'}@4",), "seamor", free=("X_udot", "X_uu"), page="127.0.0.1:0")
+    options = LiveOptions((f"replay:{tmp_path / 'a.csv'}@2",), "seamor", free=("X_udot", "X_uu"), page="127.0.0.1:0")
     run = threading.Thread(target=run_live, args=(options, told))
     run.start()
     wait_until(lambda: told.address, 60.0)

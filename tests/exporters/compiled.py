@@ -55,15 +55,13 @@ void run_commands(int n, m_real *x, const m_real *commands, const m_real *curren
 """
 
 
-def built(
-    vehicle: Vehicle, folder: Path, compiler: str = "gcc", *, single: bool = False, flags: tuple[str, ...] = ()
-) -> Path:
+def built(vehicle: Vehicle, folder: Path, compiler: str = "gcc", *, single: bool = False, level: str = "-O2") -> Path:
     """Return the shared library of a vehicle's header, compiled with every warning as an error."""
     folder.joinpath("model.h").write_text(header_text(vehicle, single=single, prefix="m"))
     source, library = folder / "driver.c", folder / f"{compiler}.so"
     source.write_text(_DRIVER)
     thrusters = ("-DWITH_THRUSTERS",) if vehicle.thrusters else ()
-    command = [*COMPILERS[compiler], "-O2", *STRICT, *thrusters, "-fPIC", "-shared", str(source)]
+    command = [*COMPILERS[compiler], level, *STRICT, *thrusters, "-fPIC", "-shared", str(source)]
     subprocess.run([*command, "-x", "none", "-o", str(library), "-lm"], check=True, capture_output=True, text=True)
     return library
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import platform
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -31,19 +32,40 @@ def version(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
+Units = Callable[[str], Unit]
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], Path]:
+    """The file of a vehicle for a version of the standard, compiled once."""
+
+    @cache
+    def of_vehicle(name: str, version: str) -> Path:
+        folder = tmp_path_factory.mktemp("exported")
+        return export(vehicle_of(name), "fmu", folder / "a.fmu", target_version=version).files[0]
+
+    return of_vehicle
+
+
 @pytest.fixture
-def unit(version: str, tmp_path: Path) -> Iterator[Unit]:
-    made = unit_of(whole(), version, tmp_path)
+def unit_of(exported: Callable[[str, str], Path], version: str, tmp_path: Path) -> Units:
+    """What loads a vehicle by its name as a unit of its own."""
+    return lambda name: Unit(exported(name, version), tmp_path)
+
+
+@pytest.fixture
+def unit(unit_of: Units) -> Iterator[Unit]:
+    made = unit_of("whole")
     yield made
     made.close()
 
 
+def vehicle_of(name: str) -> Vehicle:
+    return whole() if name == "whole" else load_vehicle(name)
+
+
 def whole() -> Vehicle:
     return whole_vehicle().model_copy(update={"command_delay": 0.0})
-
-
-def unit_of(vehicle: Vehicle, version: str, folder: Path) -> Unit:
-    return Unit(export(vehicle, "fmu", folder / "a.fmu", target_version=version).files[0], folder)
 
 
 def held(vehicle: Vehicle, steps: int) -> Array:
@@ -66,9 +88,8 @@ def of(run: Recording) -> Array:
 
 
 @pytest.mark.parametrize("name", ["whole", "bluerov2_heavy", "rexrov"])
-def test_it_moves_as_the_simulator_does(name: str, version: str, tmp_path: Path) -> None:
-    vehicle = whole() if name == "whole" else load_vehicle(name)
-    unit = unit_of(vehicle, version, tmp_path)
+def test_it_moves_as_the_simulator_does(name: str, unit_of: Units) -> None:
+    vehicle, unit = vehicle_of(name), unit_of(name)
     commands = held(vehicle, 1000)
     start = {"z_0": 3.0, "phi_0": 0.2, "psi_0": -1.0, "u_0": 0.4, "r_0": 0.3}
     water = dict(zip(("current_north", "current_east", "current_down"), CURRENT, strict=True))
@@ -89,9 +110,8 @@ def test_it_moves_as_the_simulator_does(name: str, version: str, tmp_path: Path)
     unit.close()
 
 
-def test_a_wrench_moves_it_and_long_steps_are_cut(version: str, tmp_path: Path) -> None:
-    vehicle = load_vehicle("seamor")
-    unit = unit_of(vehicle, version, tmp_path)
+def test_a_wrench_moves_it_and_long_steps_are_cut(unit_of: Units) -> None:
+    vehicle, unit = vehicle_of("seamor"), unit_of("seamor")
     tau = {"X": 20.0, "Y": -5.0, "Z": 3.0, "K": 0.1, "M": -0.2, "N": 1.0}
     assert unit.start({**tau, "step": 0.02}) == OK
     run = simulate(vehicle, wrench=np.tile(list(tau.values()), (100, 1)), dt=0.02)

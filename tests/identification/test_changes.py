@@ -26,7 +26,8 @@ from towtank.simulation import Mocap, OrnsteinUhlenbeck, Waves, manoeuvre
 from towtank.vehicle import Coefficient, Vehicle
 
 FREE = ("X_udot", "X_uu", "Y_vdot", "Y_vv", "N_rdot", "N_rr")
-LEARNED, CALM, AFTER, DT = 45.0, 6.0, 8.0, 0.04
+LEARNED, CALM, AFTER, DT = 28.0, 6.0, 8.0, 0.04
+COMMANDED = 79.0  # s
 FORCE = OrnsteinUhlenbeck(std=(0.25, 0.25, 0.25, 0.025, 0.025, 0.025), time_constant=2.0)
 
 
@@ -47,7 +48,7 @@ def truth() -> Vehicle:
 def commands() -> Array:
     """Thruster commands (n, m) on surge, sway and yaw together."""
     random = np.random.default_rng(4)
-    steps = round((LEARNED + CALM + AFTER + 20.0) / 0.8)
+    steps = round(COMMANDED / 0.8)
     held = np.repeat(random.choice([-25.0, 25.0], (steps, 3)), round(0.8 / DT), axis=0)
     vehicle = truth()
     wrench = np.zeros((len(held), 6))
@@ -144,7 +145,7 @@ def test_streaming_and_logs_notice_the_same(loaded: tuple[tt.Learner, Recording]
 def test_the_water_stays_known_where_the_vehicle_changes() -> None:
     """What follows a change is short at first: of its few samples neither waves nor levels could be told anew."""
     run = tt.simulate(
-        truth(), commands=commands(), dt=DT, duration=WHEN + AFTER, sensors=Mocap(rate=1.0 / DT), disturbance=FORCE,
+        truth(), commands=commands(), dt=DT, duration=WHEN + 7.0, sensors=Mocap(rate=1.0 / DT), disturbance=FORCE,
         waves=Waves(0.06, 5.0), seed=3, changes=[(WHEN, payload())],
     )  # fmt: skip
     learner = learned(run)
@@ -163,7 +164,7 @@ def test_the_water_stays_known_where_the_vehicle_changes() -> None:
 def test_waves_are_asked_for_after_an_early_change_too() -> None:
     """A change that is noticed before the water was asked about: the first passes know of no waves to begin with."""
     run = tt.simulate(
-        truth(), commands=commands(), dt=DT, duration=60.0, sensors=Mocap(rate=1.0 / DT), disturbance=FORCE,
+        truth(), commands=commands(), dt=DT, duration=50.0, sensors=Mocap(rate=1.0 / DT), disturbance=FORCE,
         waves=Waves(0.06, 5.0), seed=3, changes=[(20.0, weak(1))],
     )  # fmt: skip
     learner = learned(run)

@@ -61,7 +61,7 @@ def vessel(lag: float = 0.0) -> Vehicle:
     return vehicle.model_copy(update={"thrusters": thrusters})
 
 
-def orders(vehicle: Vehicle, hold: int, seconds: float = 30.0) -> np.ndarray:
+def orders(vehicle: Vehicle, hold: int, seconds: float = 15.0) -> np.ndarray:
     commands = manoeuvre("all-telegraph", vehicle, duration=seconds, seed=1).commands
     assert commands is not None
     return np.repeat(commands[::hold], hold, axis=0)[: len(commands)]
@@ -72,7 +72,9 @@ def orders(vehicle: Vehicle, hold: int, seconds: float = 30.0) -> np.ndarray:
 @pytest.mark.parametrize("delay", [0.0, 0.037, 0.15])
 def test_the_delay_is_found(delay: float, hold: int, sensors: str | Mocap) -> None:
     vehicle = vessel()
-    log = simulate(vehicle, commands=orders(vehicle, hold), delay=delay, sensors=sensors, disturbance=TANK, seed=2)
+    log = simulate(
+        vehicle, commands=orders(vehicle, hold, seconds=30.0), delay=delay, sensors=sensors, disturbance=TANK, seed=2
+    )
     learning = learn_paper(vehicle, [log], instruments=False)
     assert learning.delay == pytest.approx(delay, abs=0.010)
     assert learning.model.command_delay == learning.delay

@@ -135,11 +135,12 @@ def test_the_model_is_the_vehicle_with_what_was_found() -> None:
     assert "Y_rdot" not in learner.estimate
 
 
-def trial(seed: int) -> list[Recording]:
+def trial(seed: int, rate: float = 100.0) -> list[Recording]:
     """Surge and yaw in a tank: mocap noise, jumps, a slow disturbance."""
-    pushes = [waves(2000, 0.01, row, square=True) for row in ((0, 25.0, 1.25), (5, 3.0, 1.25))]
+    dt = 1.0 / rate
+    pushes = [waves(round(20.0 * rate), dt, row, square=True) for row in ((0, 25.0, 1.25), (5, 3.0, 1.25))]
     return [
-        simulate(box(), wrench=push, sensors=Mocap(), disturbance=TANK, seed=2 * seed + k)
+        simulate(box(), wrench=push, dt=dt, sensors=Mocap(rate=rate), disturbance=TANK, seed=2 * seed + k)
         for k, push in enumerate(pushes)
     ]
 
@@ -164,7 +165,7 @@ def streamed() -> tuple[np.ndarray, np.ndarray]:
 @pytest.fixture(scope="module")
 def instrumented() -> tuple[np.ndarray, np.ndarray]:
     """Values and deviations (20, 4) by command-driven instruments."""
-    found = [outcome(learn_paper(box(), trial(seed), free=WATCHED, delay=0.0).estimate) for seed in range(20)]
+    found = [outcome(learn_paper(box(), trial(seed, 50.0), free=WATCHED, delay=0.0).estimate) for seed in range(20)]
     values, stds = zip(*found, strict=True)
     return np.array(values), np.array(stds)
 

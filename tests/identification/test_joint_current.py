@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+
 import numpy as np
 import pytest
 
-from towtank.identification import Estimate, Learner, LogLearning, learn_recordings
+from towtank.identification import Estimate, LogLearning, learn_recordings
 from towtank.identification.kalman import passes
 from towtank.identification.online.joint import JointLearner
 from towtank.live.pipeline.instants import Instants, rows_of
@@ -21,10 +23,11 @@ FREE = ("X_udot", "Y_vdot", "N_rdot", "X_uu", "Y_vv", "N_rr")
 WATER = (0.15, -0.1, 0.0)
 
 
-def _dive(current: tuple[float, float, float], seed: int = 1) -> Recording:
-    commands = manoeuvre("all-multisine", TRUTH, duration=30.0, dt=0.01).commands
+def _dive(current: tuple[float, float, float], seed: int = 1, rate: float = 50.0) -> Recording:
+    dt, sensors = 1.0 / rate, Ins(imu_rate=rate)
+    commands = manoeuvre("all-multisine", TRUTH, duration=30.0, dt=dt).commands
     push = OrnsteinUhlenbeck(std=(0.25, 0.25, 0.25, 0.02, 0.02, 0.02), time_constant=2.0)
-    return simulate(TRUTH, commands=commands, dt=0.01, sensors=Ins(), seed=seed, current=current, disturbance=push)
+    return simulate(TRUTH, commands=commands, dt=dt, sensors=sensors, seed=seed, current=current, disturbance=push)
 
 
 @pytest.fixture(scope="module")
@@ -37,12 +40,19 @@ def along(flowing: Recording) -> LogLearning:
     return learn_recordings(TRUTH, [flowing], free=FREE, delay=0.0)
 
 
+@pytest.fixture(scope="module")
+def streamed(flowing: Recording) -> JointLearner:
+    learner = JointLearner(TRUTH, free=FREE, delay=0.0)
+    learner.run(flowing)
+    return learner
+
+
 def test_a_current_that_changes_along_the_way_is_no_drag() -> None:
     """Linearised about one current for the whole log, what the other does looked like drag, at 4 to 7 deviations."""
-    commands = manoeuvre("all-multisine", TRUTH, duration=60.0, dt=0.01).commands
+    commands = manoeuvre("all-multisine", TRUTH, duration=60.0, dt=0.02).commands
     push = OrnsteinUhlenbeck(std=(0.25, 0.25, 0.25, 0.02, 0.02, 0.02), time_constant=2.0)
     turn = RisingCurrent((0.25, -0.1, 0.0), begin=25.0, seconds=15.0)
-    run = simulate(TRUTH, commands=commands, dt=0.01, sensors=Ins(), seed=1, waves=turn, disturbance=push)
+    run = simulate(TRUTH, commands=commands, dt=0.02, sensors=Ins(imu_rate=50.0), seed=1, waves=turn, disturbance=push)
     found = learn_recordings(TRUTH, [run], free=(*FREE, "X_u", "Y_v"), delay=0.0)
     for each in found.estimate.coefficients:
         if each.identified:
@@ -89,17 +99,16 @@ def test_two_recordings_have_water_of_their_own(flowing: Recording) -> None:
         assert found.value == pytest.approx(TRUTH.coefficient(name), rel=0.08)
 
 
-def test_a_stream_learns_it_along(flowing: Recording) -> None:
-    learner = Learner(TRUTH, free=FREE, delay=0.0)
-    learner.run(flowing)
-    assert learner.current is not None  # type: ignore[attr-defined]
-    assert learner.current.velocity == pytest.approx(WATER, abs=0.01)  # type: ignore[attr-defined]
-    assert learner.estimate["X_uu"].value == pytest.approx(TRUTH.coefficient("X_uu"), rel=0.08)
+def test_a_stream_learns_it_along(streamed: JointLearner) -> None:
+    assert streamed.current is not None
+    assert streamed.current.velocity == pytest.approx(WATER, abs=0.01)
+    assert streamed.estimate["X_uu"].value == pytest.approx(TRUTH.coefficient("X_uu"), rel=0.08)
 
 
-def test_a_stretch_of_the_same_session_is_in_the_same_water_and_another_dive_is_not(flowing: Recording) -> None:
-    learner = JointLearner(TRUTH, free=FREE, delay=0.0)
-    learner.run(flowing)
+def test_a_stretch_of_the_same_session_is_in_the_same_water_and_another_dive_is_not(
+    flowing: Recording, streamed: JointLearner
+) -> None:
+    learner = deepcopy(streamed)
     known = learner.current
     assert known is not None
     rows = [(t, names, values) for t, names, values in rows_of(flowing)][:20]
@@ -116,12 +125,7 @@ def test_a_stretch_of_the_same_session_is_in_the_same_water_and_another_dive_is_
     assert (deviation[3600.0][:2] > 5.0 * known.std[:2]).all()
 
 
-@pytest.fixture(scope="module")
-def unbroken(flowing: Recording) -> Estimate:
-    return _learned(flowing, None)
-
-
-def _learned(flowing: Recording, broken: int | None) -> Estimate:
+def _learned(flowing: Recording, broken: int) -> Estimate:
     learner = JointLearner(TRUTH, free=FREE, delay=0.0)
     instants = Instants(TRUTH)
     for k, (t, names, values) in enumerate(rows_of(flowing)):
@@ -133,8 +137,12 @@ def _learned(flowing: Recording, broken: int | None) -> Estimate:
 
 
 def test_a_break_in_a_session_costs_less_than_another_dive_would(
-    flowing: Recording, unbroken: Estimate, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    flowing = _dive(WATER, rate=100.0)
+    learner = JointLearner(TRUTH, free=FREE, delay=0.0)
+    learner.run(flowing)
+    unbroken = learner.estimate
     session = _learned(flowing, 400)
     monkeypatch.setattr(passes, "_SAME_WATER", -1.0)
     dives = _learned(flowing, 400)

@@ -20,6 +20,8 @@ from towtank.vehicle import Coefficient, Vehicle, load_vehicle
 
 TRUTH = load_vehicle("vlbv300").with_coefficients({"inflow_loss": Coefficient(value=0.0, std=1e-3)})
 FREE = ("N_rdot", "N_rr")
+RATE, DT = 50, 0.02  # Hz, s
+INS = Ins(imu_rate=RATE, gyro_bias=0.0)
 
 
 def _late(lag: float) -> Vehicle:
@@ -32,8 +34,8 @@ def _yaw(lag: float, seconds: float = 30.0) -> Recording:
     signs = np.random.default_rng(1).choice([-1.0, 1.0], int(seconds))
     turn = [np.cross(each.position, each.direction)[2] for each in TRUTH.thrusters]
     turning = np.where(np.abs(turn) > 1e-3, np.sign(turn), 0.0)
-    commands = 60.0 * np.repeat(signs, 100)[:, None] * turning
-    run = simulate(_late(lag), commands=commands, dt=0.01, sensors=Ins(gyro_bias=0.0), seed=1)
+    commands = 60.0 * np.repeat(signs, RATE)[:, None] * turning
+    run = simulate(_late(lag), commands=commands, dt=DT, sensors=INS, seed=1)
     return run.without("x", "y", "z", "phi", "theta", "psi", "u", "v", "w", "ax", "ay", "az")
 
 
@@ -61,9 +63,9 @@ def test_a_filter_that_lost_itself_goes_on_from_what_it_knew() -> None:
     stream, before = learner._stream, learner.estimate
     assert stream.running is not None
     stream.running.state.P[9, 9] = np.nan
-    for k in range(1000):  # held commands: the last ones go on
-        rates = [run[name].values[1000 + k] if k % 2 else np.nan for name in "pqr"]
-        learner.update(10.01 + 0.01 * k, velocity=[np.nan, np.nan, np.nan, *rates])
+    for k in range(500):  # held commands: the last ones go on
+        rates = [run[name].values[500 + k] if k % 2 else np.nan for name in "pqr"]
+        learner.update(10.0 + DT * (k + 1), velocity=[np.nan, np.nan, np.nan, *rates])
         if stream.recoveries:
             break
     assert k < 100
@@ -86,14 +88,14 @@ def test_axes_that_nothing_measures_stay_at_the_prior() -> None:
 
 def test_a_coefficient_that_becomes_known_late_calls_for_a_reestimation() -> None:
     """Yaw begins after 20 s: until the one at 32 s its drag was linearised about a guess six times too large."""
-    still, moving = np.zeros((2000, len(TRUTH.thrusters))), _yaw(0.0, 10.0)
-    rest = simulate(TRUTH, commands=still, dt=0.01, sensors=Ins(gyro_bias=0.0), seed=2)
+    still, moving = np.zeros((20 * RATE, len(TRUTH.thrusters))), _yaw(0.0, 10.0)
+    rest = simulate(TRUTH, commands=still, dt=DT, sensors=INS, seed=2)
     moved = np.column_stack([moving[f"cmd_{each.name}"].values for each in TRUTH.thrusters])
-    commands = np.vstack([still, moved])[:3000]
-    rates = np.column_stack([np.concatenate([rest[name].values[:2000], moving[name].values]) for name in "pqr"])
+    commands = np.vstack([still, moved])[: 30 * RATE]
+    rates = np.column_stack([np.concatenate([rest[name].values[: 20 * RATE], moving[name].values]) for name in "pqr"])
     learner = JointLearner(TRUTH.with_coefficients({"N_rr": -2.0}), free=FREE, delay=0.0)
     for k in range(len(commands)):
-        learner.update(0.01 * k, velocity=[np.nan, np.nan, np.nan, *rates[k]], commands=commands[k])
+        learner.update(DT * k, velocity=[np.nan, np.nan, np.nan, *rates[k]], commands=commands[k])
     found = {each.name: each.value for each in learner.estimate.coefficients}
     assert found["N_rr"] == pytest.approx(TRUTH.coefficient("N_rr"), rel=0.05)
 
@@ -110,7 +112,7 @@ def test_reestimations_beside_the_stream_end_where_looks_within_it_do() -> None:
     run, start = _yaw(0.0, 12.0), TRUTH.with_coefficients({"N_rr": -1.0, "N_rdot": -0.3})
     within, beside = JointLearner(start, free=FREE), JointLearner(start, free=FREE, background=True)
     _fed(within, run)
-    for first in range(0, 1200, 25):  # a stream is not as fast as a computer
+    for first in range(0, 12 * RATE, 25):  # a stream is not as fast as a computer
         _fed(beside, run, first, first + 25)
         beside.settle()
     assert beside._stream.rows > 0
@@ -118,7 +120,7 @@ def test_reestimations_beside_the_stream_end_where_looks_within_it_do() -> None:
         assert other.value == pytest.approx(one.value, abs=one.std)
 
 
-@pytest.mark.parametrize("cut", [300, 1100])
+@pytest.mark.parametrize("cut", [3 * RATE, 11 * RATE])
 def test_a_checkpoint_goes_on_as_if_nothing_had_happened(cut: int, tmp_path: Path) -> None:
     run = _yaw(0.0, 12.0)
     whole, first = JointLearner(TRUTH, free=FREE), JointLearner(TRUTH, free=FREE)
@@ -176,7 +178,7 @@ def test_what_goes_from_the_buffer_stays_in_the_prior(monkeypatch: pytest.Monkey
     run, start = _yaw(0.0, 20.0), TRUTH.with_coefficients({"N_rr": -0.5})
     whole, short = JointLearner(start, free=FREE, changes=False), JointLearner(start, free=FREE, changes=False)
     whole.run(run)
-    monkeypatch.setattr("towtank.identification.online.reestimation._MOST_ROWS", 800)
+    monkeypatch.setattr("towtank.identification.online.reestimation._MOST_ROWS", 8 * RATE)
     short.run(run)
     assert short._stream.kept is not None
     for one, other in zip(whole.estimate.coefficients, short.estimate.coefficients, strict=True):

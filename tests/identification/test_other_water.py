@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -160,7 +161,7 @@ def test_waves_are_not_looked_for_where_nothing_would_show_them() -> None:
 
 def test_a_checkpoint_after_other_water_goes_on_in_it(tmp_path: Path) -> None:
     run = run_in_waves()
-    whole, first = (tt.Learner(truth(), free=FREE, delay=0.0) for _ in range(2))
+    first = tt.Learner(truth(), free=FREE, delay=0.0)
     cut = round(76.0 / DT)
     poses = np.column_stack([run[name].values for name in ("x", "y", "z", "phi", "theta", "psi")])
     held = np.column_stack([run[f"cmd_{thruster.name}"].values for thruster in truth().thrusters])
@@ -171,10 +172,11 @@ def test_a_checkpoint_after_other_water_goes_on_in_it(tmp_path: Path) -> None:
 
     give(first, 0, cut)
     assert [each.kind for each in first.events] == ["water"]
+    whole = deepcopy(first)
     first.save(tmp_path / "kept.npz")
     second = tt.Learner.load(tmp_path / "kept.npz", truth())
     give(second, cut, len(poses))
-    give(whole, 0, len(poses))
+    give(whole, cut, len(poses))
     assert second.events == whole.events
     for one, other in zip(second.estimate.coefficients, whole.estimate.coefficients, strict=True):
         assert one.value == pytest.approx(other.value, abs=1e-3 * other.std)

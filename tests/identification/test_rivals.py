@@ -34,12 +34,13 @@ sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studie
 from pushed_box import flight, true_box
 
 LACKS = "the model lacks something"
+SECONDS = 40.0
 
 
 def asked(case: str, seed: int = 1) -> tuple[JointProblem, JointFit]:
     """The question of a run, and the filter's answer with a slow disturbance."""
     vehicle = unknown(true_box())
-    recording = prepared(flight(case, seed), vehicle)
+    recording = prepared(flight(case, seed).window(0.0, SECONDS), vehicle)
     problem = joint_problem(LearningRequest(vehicle, [recording], [samples_of(recording, vehicle)]))
     return problem, joint_fit(problem)
 
@@ -193,7 +194,7 @@ def test_no_rival_lies_further_off_than_the_deviation_of_the_prior(
 
 
 def test_learning_says_so_and_is_less_sure(monkeypatch: pytest.MonkeyPatch) -> None:
-    recording, vehicle = flight("quick water", 1), unknown(true_box())
+    recording, vehicle = flight("quick water", 1).window(0.0, SECONDS), unknown(true_box())
     monkeypatch.setattr(rivals, "CONTRADICTED", 1.0)
     with_it = learn_recordings(vehicle, [recording], free_runs=False)
     assert any(LACKS in remark for remark in with_it.remarks)

@@ -32,10 +32,10 @@ def craft() -> Vehicle:
 
 def spins(seconds: float, seed: int = 0) -> Recording:
     """A run of `craft` with square waves of different periods on both thrusters."""
-    t = np.arange(round(100 * seconds)) * 0.01
+    t = np.arange(round(50 * seconds)) * 0.02
     commands = 0.5 * np.column_stack([np.sign(np.sin(1.1 * t)), np.sign(np.sin(0.7 * t + 1.0))])
     force = OrnsteinUhlenbeck(std=(0.5, 0.5, 0.5, 0.05, 0.05, 0.05))
-    return simulate(craft(), commands=commands, dt=0.01, sensors=Mocap(), disturbance=force, seed=seed)
+    return simulate(craft(), commands=commands, dt=0.02, sensors=Mocap(rate=50.0), disturbance=force, seed=seed)
 
 
 def found_in(run: Recording, supposed: Vehicle) -> Wiring:
@@ -86,8 +86,8 @@ def test_nothing_is_said_where_all_is_right() -> None:
 def test_every_axis_of_a_recorded_wrench(axis: int) -> None:
     amplitude = 25.0 if axis < 3 else 1.0
     # at one frequency alone a righting moment and a reversed sign look alike
-    wrench = waves(4000, 0.01, (axis, amplitude, 0.7), (axis, 0.8 * amplitude, 3.1), (axis, amplitude, 1.7))
-    run = simulate(box(), wrench=wrench, sensors=Mocap())
+    wrench = waves(2000, 0.02, (axis, amplitude, 0.7), (axis, 0.8 * amplitude, 3.1), (axis, amplitude, 1.7))
+    run = simulate(box(), wrench=wrench, dt=0.02, sensors=Mocap(rate=50.0))
     samples = samples_of(run, box())
     assert not of_samples(run, samples, unknown(box()))
     samples.input_force[:, axis] *= -1.0

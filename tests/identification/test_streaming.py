@@ -109,7 +109,7 @@ def test_a_pickled_learner_goes_on() -> None:
 
 
 def test_memory_is_bounded_and_blocks_keep_every_row() -> None:
-    dt, n = 0.05, 200_000
+    dt, n = 0.05, 100_000
     push = waves(n, dt, (0, 30.0, 0.8), square=True)
     log = simulate(box(), wrench=push, dt=dt, disturbance=OrnsteinUhlenbeck(std=(0.5, 0, 0, 0, 0, 0)), seed=1)
     learner = PaperLearner(box(), free=("X_udot", "X_uu"))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from towtank import load_vehicle
+from towtank.identification import Estimate
 from towtank.live import Raw, Sample
 from towtank.live.learning import Recent, Silence, recording_of
 from towtank.live.links.source import SourceState
@@ -136,22 +137,32 @@ def test_a_session_says_so_and_learns_on_when_they_are_back(vehicle: Vehicle, ru
     assert wrong(status) < wrong(learned(vehicle, run, (10.0, 15.0), heed=False))
 
 
-@pytest.mark.parametrize("heed", [True, False])
-def test_what_a_link_lost_with_the_commands_is_not_made_up(vehicle: Vehicle, run: Recording, *, heed: bool) -> None:
-    away = (12.0, 12.4)  # half a swing of the thrusters
+def told_of(vehicle: Vehicle, run: Recording, away: tuple[float, float], *, heed: bool = True) -> Estimate:
+    """Learn from a run of which nothing at all is told for a while."""
     rows = [each for each in rows_of(run) if not away[0] <= each[0] < away[1]]
     samples = [Sample("test", "all", EPOCH + t, EPOCH + t, names, values) for t, names, values in rows]
-    whole = [Sample("test", "all", EPOCH + t, EPOCH + t, names, values) for t, names, values in rows_of(run)]
-    found = []
-    for part in (whole, samples):
-        learner = new_learner(vehicle, "joint", ("X_udot", "X_uu"), background=False)
-        session = Session([("test", Link(part))], vehicle, learner, epoch=EPOCH)
-        if not heed:
-            session.learning._silence.lost = lambda seconds: False  # type: ignore[method-assign]
-        session.open()
-        session.run(threading.Event())
-        found.append(learner.estimate)
-    change = np.abs(found[1].values - found[0].values) / found[0].std
+    learner = new_learner(vehicle, "joint", ("X_udot", "X_uu"), background=False)
+    session = Session([("test", Link(samples))], vehicle, learner, epoch=EPOCH)
+    if not heed:
+        session.learning._silence.lost = lambda seconds: False  # type: ignore[method-assign]
+    session.open()
+    session.run(threading.Event())
+    return learner.estimate
+
+
+@pytest.fixture(scope="module")
+def whole(vehicle: Vehicle, run: Recording) -> Estimate:
+    """What is learned where nothing is lost."""
+    return told_of(vehicle, run, (0.0, 0.0))
+
+
+@pytest.mark.parametrize("heed", [True, False])
+def test_what_a_link_lost_with_the_commands_is_not_made_up(
+    vehicle: Vehicle, run: Recording, whole: Estimate, *, heed: bool
+) -> None:
+    away = (12.0, 12.4)  # half a swing of the thrusters
+    found = told_of(vehicle, run, away, heed=heed)
+    change = np.abs(found.values - whole.values) / whole.std
     assert bool(change.max() < 0.5) == heed
 
 

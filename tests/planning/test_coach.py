@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -32,6 +33,7 @@ class Pilot:
         self.vehicle, self.coach, self.late, self.share = vehicle, coach, late, share
         self.t, self.happened = 0.0, [""]
         self.shown = [(0.0, np.zeros(6))]
+        self.commands = cache(lambda wrench: allocate(vehicle, np.array(wrench)))
 
     def asked(self) -> Array:
         wrench, view = np.zeros(6), self.coach.view(self.t)
@@ -46,7 +48,7 @@ class Pilot:
             self.shown.append((self.t, self.asked()))
             wrench = next(w for at, w in reversed(self.shown) if at <= max(self.t - self.late, 0.0) + 1e-9)
             wrench = self.share * wrench if sticks is None else sticks
-            self.coach.see(self.t, {"commands": allocate(self.vehicle, wrench)})
+            self.coach.see(self.t, {"commands": self.commands(tuple(wrench.tolist()))})
             text = self.coach.tick(self.t, able)
             if text:
                 self.happened.append(text)

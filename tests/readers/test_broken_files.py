@@ -1,4 +1,4 @@
-"""A few hundred broken files of each kind: nothing escapes but one line that says why (the study has 10,000)."""
+"""A hundred broken files of each kind: nothing escapes but one line that says why (the study has 10,000)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studie
 from mutations import MUTATIONS, mutated
 from small_logs import SMALL_LOGS, small_logs
 
-RUNS = 200
+RUNS = 100
 LONGEST = 2.0  # s
 
 

@@ -155,6 +155,7 @@ from towtank.recording.mcap.log import McapLog, Quantity
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 log = McapLog.open(sys.argv[1])
 log.source("gyro", [Quantity("r", "rad/s", "FRD")])
+log.source("many", [Quantity(f"force_{k}", "N") for k in range(60)])
 def some(start, end):
     for k in range(start, end):
         log.write("gyro", 1e-3 * k, float(k))
@@ -169,7 +170,9 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 assert some(3000, 4000) and not log.trouble       # what waited is written now
 resource.setrlimit(resource.RLIMIT_FSIZE, (8500, hard))
 if len(sys.argv) > 2:
-    assert not some(4000, 1_000_000)              # more than it keeps waiting
+    for k in range(80_000):                       # more than it keeps waiting
+        log.write("many", 1e-3 * k, *range(60))
+    assert not log.flush()
     assert log.lost > 10_000
 resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 log.close()

@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-import math
 import os
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.studies.ending import root_or_end
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
 
 import runner
 from trial import Trial
-
-
-def root_or_end(value: float) -> float:
-    if value == 4.0:
-        os.abort()
-    return math.sqrt(value)
 
 
 def test_a_task_that_ends_its_process_is_one_result_among_the_others():
