@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 
 import numpy as np
 
@@ -158,7 +158,8 @@ def _directions(d: int) -> Array:
     return np.asarray(out / np.linalg.norm(out, axis=1, keepdims=True))
 
 
-def families(vehicle: Vehicle, names: Sequence[str]) -> tuple[Family, ...]:
+@lru_cache(16)
+def families(vehicle: Vehicle, names: tuple[str, ...]) -> tuple[Family, ...]:
     """Return the matrices that depend on the coefficients `names` (n,); any that are no hydrodynamic ones do nothing.
 
     A row of a matrix is left out where its diagonal is neither free nor known, or is unsound in the vehicle itself.
@@ -309,7 +310,7 @@ def consistent(vehicle: Vehicle, names: Sequence[str], values: Array, covariance
     C[unknown] = 0.0
     C[:, unknown] = 0.0
     C = np.nan_to_num(0.5 * (C + C.T))
-    found = families(vehicle, names)
+    found = families(vehicle, tuple(names))
     projection = _Projection(x0, square_root(C), found, Coupled(found, n))
     projection.run()
     x, pressing = projection.x, projection.pressing()
