@@ -63,6 +63,9 @@ def commands(seconds: float) -> dict[str, list[str]]:
         "live": ["live", "replay:log.csv@0", "--vehicle", "vlbv300"],
         "validate": ["validate", "model.toml", "log.csv"],
         "inspect": ["inspect", "log.csv", "--vehicle", "vlbv300"],
+        "free runs": ["learn", "log.csv", "--vehicle", "vlbv300", "--method", "output-error", "-o", "free.toml"],
+        "waves": ["simulate", "vlbv300", "all-telegraph", "--waves", "0.05,6", "--duration", "2", "-o", "waves.csv"],
+        "plan": ["plan", "vlbv300", "--space", "5x5x2.5", "--minutes", "0.1", "-o", "plan.toml"],
     }
 
 
