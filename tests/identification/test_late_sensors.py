@@ -185,3 +185,20 @@ def test_a_pass_ends_with_the_commands_after_its_last_row_too() -> None:
     _, held, *_ = one_pass(problem.over([later]), problem.prior.mean, levels)
     assert held.counters[0].received == later.input_t.size
     np.testing.assert_array_equal(held.values[later.input_t.size - 1], force[0])
+
+
+def test_a_speed_just_before_all_else_begins_a_log_as_one_beside_it_does() -> None:
+    """Thrusters that were asked for something before: the start waits until they have forgotten it. Where the Doppler
+    log speaks a millisecond before that, it does not wait for the next time, so that passes on both sides of a latency
+    of nothing take the same and can be compared."""
+    vehicle = load_vehicle("vlbv300")
+    lagged = tuple(each.model_copy(update={"time_constant": 0.1}) for each in vehicle.thrusters)
+    problem, levels = asked(vehicle.model_copy(update={"thrusters": lagged}), dive(Ins(), 2.0))
+    assert problem.samples[0].input_force[0].any()
+    k, about, taken = problem.free.names.index("latency_velocity"), problem.prior.mean.copy(), []
+    for late in (-1e-3, 0.0, 1e-3):
+        about[k] = late
+        state, *_ = one_pass(problem, about, levels)
+        taken.append([int(state.statistics[3 * sensor].accepted) for sensor in (ATTITUDE, VELOCITY, RATES)])
+    assert np.ptp(taken, axis=0).max() <= 1
+    assert taken[1][-1] > 140  # of 200 in 2 s, of which the first half a second waits

@@ -38,6 +38,7 @@ _TURNING = 1.0  # rad/s: of rates that the next attitudes tell: a stretch may be
 _UNKNOWN_POSITION = 100.0  # m^2: variance of it
 _ANSWERED = 0.5  # s after which thrusters have forgotten what they did before the first command
 _SHOWN = 1.0  # s for which a start waits for a speed that is measured: drag at another tells wrongly of all else
+_JUST_NOW = 0.06  # s: a speed that is no older counts as shown with what comes after it
 
 
 class Rows(NamedTuple):
@@ -442,13 +443,13 @@ def joint_step(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> bo
         clock.waited = t
         for k in range(z.shape[0]):
             state.shown[k] = z[k] if math.isfinite(z[k]) else state.shown[k]
-        shows_speed = _shows_speed(z)
+        shows_speed = _shows_speed(state.shown if t - clock.waits_from < _JUST_NOW else z)
         clock.speeds = 1.0 if shows_speed else clock.speeds
         if shows_speed or clock.speeds == 0.0 or not t - clock.waits_from < _SHOWN:
             if _inputs_known(held, t):
                 begin_motion(state, held, t, state.shown)
                 update_row(state, z)
-            else:
+            elif not t - clock.waits_from < _JUST_NOW:
                 clock.waits_from = t
                 for k in range(z.shape[0]):  # an assignment compiles a check of shapes, for seconds
                     state.shown[k] = z[k]
