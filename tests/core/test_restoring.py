@@ -8,6 +8,7 @@ from hypothesis import given
 
 from towtank.core.attitude import gravity_direction, quaternion_from_euler
 from towtank.core.forces import restoring_wrench
+from towtank.core.layout import I_CONSTANT, I_MOMENT, I_WEIGHT, N_PARAMETERS
 
 from .independent import Body, derivative, rates_to_omega, rotation
 from .proof import eulers, numbers, proof, vectors
@@ -15,7 +16,9 @@ from .proof import eulers, numbers, proof, vectors
 
 def wrench(W: float, B: float, r_G: np.ndarray, r_B: np.ndarray, euler: np.ndarray) -> np.ndarray:
     k = gravity_direction(np.array(quaternion_from_euler(*euler)))
-    return restoring_wrench(W - B, W * r_G - B * r_B, k)
+    p = np.zeros(N_PARAMETERS)
+    p[I_WEIGHT], p[I_MOMENT:I_CONSTANT] = W - B, W * r_G - B * r_B
+    return restoring_wrench(p, k)
 
 
 def body(W: float, B: float, r_G: np.ndarray, r_B: np.ndarray) -> Body:

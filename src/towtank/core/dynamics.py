@@ -17,7 +17,6 @@ from towtank.core.layout import (
     I_LINEAR,
     I_MASS,
     I_MASS_INVERSE,
-    I_MOMENT,
     I_QUADRATIC,
     I_WEIGHT,
     N_PARAMETERS,
@@ -63,7 +62,7 @@ def net_wrench(p: Array, q: Array, nu: Array) -> Array:
     out = coriolis_force(p[I_MASS:I_MASS_INVERSE].reshape(6, 6), nu)
     out -= damping_force(p[I_LINEAR:I_QUADRATIC].reshape(6, 6), p[I_QUADRATIC:I_WEIGHT].reshape(6, 6), nu)
     add_extra_force_into(p, nu, -1.0, out)
-    out += restoring_wrench(p[I_WEIGHT], p[I_MOMENT:I_CONSTANT], gravity_direction(q))
+    out += restoring_wrench(p, gravity_direction(q))
     out -= p[I_CONSTANT : I_CONSTANT + 6]
     return out
 

@@ -121,26 +121,22 @@ def add_inflow_damping_into(B: Array, forces: Array, loss: float, p: Array) -> N
 
 
 @kernel
-def restoring_wrench(weight: float, moment: Array, k: Array) -> Array:
-    """Return g(eta) (6,) [N, N m] of (8); the wrench that acts on the vehicle is its opposite.
+def restoring_wrench(p: Array, k: Array) -> Array:
+    """Return g(eta) (6,) [N, N m] of (8), body FRD; the wrench that acts on the vehicle is its opposite, `pull_into`.
 
     Args:
-        weight: W - B [N].
-        moment: b = r_G W - r_B B (3,) [N m], body FRD.
+        p: kernel parameters (170,), of which W - B [N] and b = r_G W - r_B B (3,) [N m], body FRD.
         k: direction of gravity in the body (3,), see `towtank.core.attitude.gravity_direction`.
     """
     out = np.empty(6)
-    for i in range(3):
-        out[i] = -weight * k[i]
-    out[3] = -(moment[1] * k[2] - moment[2] * k[1])
-    out[4] = -(moment[2] * k[0] - moment[0] * k[2])
-    out[5] = -(moment[0] * k[1] - moment[1] * k[0])
+    pull_into(p, -k[0], -k[1], -k[2], out)
     return out
 
 
 @kernel
 def pull_into(p: Array, k0: float, k1: float, k2: float, out: Array) -> None:
-    """Write the wrench (6,) [N, N m] of gravity and buoyancy along k in the body: [W - B; b x] k."""
+    """Write the wrench (6,) [N, N m] of gravity and buoyancy along k in the body, FRD: [(W - B) k; b x k], -g(eta) of
+    Fossen (4.5)."""
     weight = p[I_WEIGHT]
     b0, b1, b2 = p[I_MOMENT], p[I_MOMENT + 1], p[I_MOMENT + 2]
     out[0], out[1], out[2] = weight * k0, weight * k1, weight * k2

@@ -136,7 +136,7 @@ def _push_into(p: Array, x: Array, push: Array, forces: Array, B: Array, h: floa
 
 @kernel
 def lifted_into(p: Array, q: Array, lift: Array, out: Array) -> None:
-    """Write the wrench (6,) [N, N m] on a body in water that accelerates: that of gravity along -dv_w/dt.
+    """Write the wrench (6,) [N, N m], FRD, on a body in water that accelerates: that of gravity along -dv_w/dt.
 
     Args:
         q: attitude (4,). lift: dv_w/dt as a share of gravity (3,), NED.
@@ -146,7 +146,7 @@ def lifted_into(p: Array, q: Array, lift: Array, out: Array) -> None:
 
 
 def lifted(p: Array, q: Array, lift: Array) -> Array:
-    """Return what `lifted_into` writes."""
+    """Return what `lifted_into` writes: a wrench (6,) [N, N m], body FRD, of the same arguments."""
     out = np.empty(6)
     lifted_into(p, q, lift, out)
     return out
