@@ -138,6 +138,16 @@ class JointProblem:
         return np.repeat([self.moving[:2].any(), self.moving[2]], [2, 1])
 
     @property
+    def stiff(self) -> Array | None:
+        """Theta (n,) of a stiff vehicle; None where it is measured how it leans, or somebody said how stiff it is.
+
+        Gyros alone tell stiffness by what swings. Passes from too soft a vehicle end where inertia makes up for it.
+        """
+        about, unseen = self.prior.mean.copy(), not np.any([each.measured[3:5] for each in self.samples])
+        stiff = np.array([name == "BG_z" for name in self.prior.names]) & (self.prior.std > np.abs(about)) & unseen
+        return np.asarray(about + stiff * self.prior.std) if stiff.any() else None
+
+    @property
     def rough(self) -> NoiseLevels:
         """The levels of the first pass: a disturbance far larger than it will be, so that little is rejected."""
         return NoiseLevels(self.own_noise, _ROUGH * np.array(DISTURBANCE))
@@ -236,10 +246,8 @@ def inputs_of(samples: Samples, free: FreeParameters, theta: Array, delay: float
 
 def latencies_of(free: FreeParameters, theta: Array) -> Array:
     """Return the latency (6,) [s] of each sensor at theta (n,), 0 where it is no unknown."""
-    out = np.zeros(6)
-    for k in range(len(free)):
-        if free.codes[k, 0] == IN_LATENCY:
-            out[free.codes[k, 1]] = theta[k]
+    out, late = np.zeros(6), free.codes[:, 0] == IN_LATENCY
+    out[free.codes[late, 1]] = theta[late]
     return out
 
 
@@ -419,19 +427,21 @@ def _settled(
     """Return what passes from theta (n,) `about` come to; with `only_in_waves` they may end where there are none.
 
     Where the first one rejects much of a sensor, they begin a second time, with inputs that act a deviation sooner than
-    is supposed; where a pose was doubted, they do without doubts. The likelier speaks each time.
+    is supposed; from a `stiff` vehicle, too; where a pose was doubted, without doubts. The likelier speaks each time.
     """
     most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
     waves = np.where(problem.waving, levels.waves, 0.0)
     levels = replace(levels, disturbance=np.minimum(levels.disturbance, most), waves=waves)
     run = partial(_passes, problem, most=most, progress=progress, only_in_waves=only_in_waves)
     fit, lost, doubted = run(about, levels)
+    others = [] if problem.stiff is None else [(problem.stiff, problem.rough)]
     late = np.isin(problem.free.codes[:, 0], (IN_DELAY, IN_LAG))
     if lost and late.any():
-        sooner = np.where(late, np.maximum(about - problem.prior.std, _SOONEST * about), about)
-        other, _, doubted_too = run(sooner, levels)
+        others.append((np.where(late, np.maximum(about - problem.prior.std, _SOONEST * about), about), levels))
+    for other_about, other_levels in others:
+        other, _, doubted_too = run(other_about, other_levels)
         if _likelier(other, fit):
-            fit, about, doubted = other, sooner, doubted_too
+            fit, about, levels, doubted = other, other_about, other_levels, doubted_too
     if doubted:
         other, *_ = run(about, levels, doubts=False)
         fit = other if _likelier(other, fit) else fit
@@ -483,10 +493,9 @@ def _passes(
         adapted = replace(adapted, disturbance=np.minimum(adapted.disturbance, most))
         moved = np.abs(fit.theta - about) / (fit.std + 1e-9)
         best, at_best = fit, about
-        if k > 0 and bool((moved <= _STILL).all()) and converged(adapted, levels):
-            return fit, lost, doubted
         calms = k >= _CALM_AFTER and levels.waves.any() and adapted.waves.max() < _SMALLEST_WAVE
-        if calms and only_in_waves:
+        still = k > 0 and bool((moved <= _STILL).all()) and converged(adapted, levels)
+        if still or (calms and only_in_waves):
             return fit, lost, doubted
         worth = fit.likelihood - 0.5 * float(moved @ moved)  # linearised elsewhere, it is another model's likelihood
         if likeliest is None or worth > most_worth:

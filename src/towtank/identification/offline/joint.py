@@ -135,7 +135,7 @@ def _learned(
     """
     vehicle, free = request.vehicle, fit.free
     duration = sum(each.duration for each in problem.samples)
-    base = vehicle.with_coefficients(problem_base(request, problem))
+    base = problem.vehicle
     estimate, messages = estimate_of(
         base, fit.prior, fit.theta, fit.covariance, duration, fit.rows, problem.learned, undoubted
     )
@@ -164,7 +164,7 @@ def _learned(
         delay_std=float(std.get(DELAY, math.nan)),
         lag=lag,
         lag_std=float(std.get("lag", math.nan)),
-        levels=_in_newtons(fit, model),
+        levels=replace(fit.levels, disturbance=fit.levels.disturbance * np.diag(model.mass_matrix)),  # N, N m
         current=current,
         gains=gains,
         latency=latency,
@@ -174,17 +174,6 @@ def _learned(
         narrowed=dict(zip(free.names, (fit.std / without_data(fit.prior, fit.theta)).tolist(), strict=True)),
         remarks=(*_remarks(request, problem, fit, current), *said),
     )
-
-
-def problem_base(request: LearningRequest, problem: JointProblem) -> dict[str, float]:
-    """Return the prior's means of all coefficients, by name."""
-    commands = all(each.commands for each in problem.samples)
-    return prior_of(request.vehicle, commands=commands, beside=request.prior).vehicle_values
-
-
-def _in_newtons(fit: JointFit, model: Vehicle) -> NoiseLevels:
-    """Return the levels with the disturbance as the force [N, N m] that it is on this vehicle."""
-    return replace(fit.levels, disturbance=fit.levels.disturbance * np.diag(model.mass_matrix))
 
 
 def _current(fit: JointFit) -> Current | None:

@@ -1,0 +1,96 @@
+"""A vehicle that swings: is its stiffness found by gyros and depth alone, where nobody said anything of it?
+
+    python benchmarks/studies/swing_study.py [--runs 20] [--only stiff] [--output swing.json]
+
+A hull of 35 kg, 1.7 m long, with a propeller and four tunnels, is driven along all axes but roll for 60 s in water that
+stirs it; gyros at 50 Hz and a depth sensor at 10 Hz measure. Told are mass, inertia and thrusters. `stiff`: the centre
+of buoyancy lies 3 cm above that of gravity, and roll swings once a second; `soft`: 5 mm, once in 3 s. Of every
+coefficient that is called identified: how far from the truth, in deviations that are stated.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from by_case import by_case
+from place_study import Found, row
+from summary import Check
+
+from towtank.identification import learn_recordings
+from towtank.recording import Recording
+from towtank.simulation import Ins, OrnsteinUhlenbeck, simulate
+from towtank.vehicle import Vehicle, load_vehicle
+
+CASES = {"stiff": 0.03, "soft": 0.005}  # m, of the centre of buoyancy above that of gravity
+WATER = OrnsteinUhlenbeck((0.4, 0.6, 0.6, 0.013, 0.2, 0.2), 2.0, ("X", "Y", "Z", "K", "M", "N"))
+MEASURED = ("p", "q", "r", "z")
+_DT = 0.02
+_TUNNELS = ("up_bow", "up_stern")
+_TERMS = {
+    "X_udot": -1.9, "Y_vdot": -33.0, "Z_wdot": -31.0, "K_pdot": -0.05, "M_qdot": -6.4, "N_rdot": -6.6,
+    "X_u": -2.5, "Y_v": -24.0, "Z_w": -22.0, "K_p": -0.5, "M_q": -9.0, "N_r": -10.0,
+    "X_uu": -7.0, "Y_vv": -160.0, "Z_ww": -150.0, "K_pp": -0.3, "M_qq": -28.0, "N_rr": -30.0,
+}  # fmt: skip
+
+
+def hull(above: float) -> Vehicle:
+    """Return the vehicle as it is, its centre of buoyancy so far [m] above that of gravity."""
+    vehicle = load_vehicle(Path(__file__).with_name("torpedo.toml"))
+    upright = tuple(
+        each.model_copy(update={"name": name, "direction": (0.0, 0.0, 1.0)})
+        for each, name in zip(vehicle.thrusters[1:], _TUNNELS, strict=True)
+    )
+    buoyancy = vehicle.buoyancy.model_copy(update={"centre": (0.0, 0.0, -above)})
+    given = {"hydrodynamics": _TERMS, "thrusters": (*vehicle.thrusters, *upright), "buoyancy": buoyancy}
+    return vehicle.model_copy(update=given)
+
+
+def told(vehicle: Vehicle) -> Vehicle:
+    """Return what is known of a vehicle beforehand: mass, inertia, thrusters."""
+    buoyancy = vehicle.buoyancy.model_copy(update={"centre": vehicle.rigid_body.centre_of_gravity})
+    return vehicle.model_copy(update={"hydrodynamics": {}, "buoyancy": buoyancy})
+
+
+def driven(vehicle: Vehicle, seed: int, seconds: float = 60.0) -> Recording:
+    """Return a run: every thruster rests, or pushes for a second or so; commands, gyros and depth."""
+    random = np.random.default_rng(seed)
+    levels = np.zeros((round(seconds / _DT), len(vehicle.thrusters)))
+    for column in levels.T:
+        k = round(1.0 / _DT)
+        while k < column.size:
+            held = int(random.uniform(0.7, 4.0) / _DT)
+            column[k : k + held] = random.choice([-1.0, 1.0]) * random.choice([40.0, 60.0, 80.0, 100.0])
+            column[k : k + held] *= random.random() < 0.6
+            k += held
+    run = simulate(vehicle, commands=levels, dt=_DT, disturbance=WATER, sensors=Ins(), seed=seed)
+    return run.without(*(name for name in run if name not in MEASURED and not name.startswith("cmd_")))
+
+
+def learned(case: str, seed: int) -> Found:
+    """Return of every coefficient identified: relative error, and error in deviations."""
+    truth = hull(CASES[case])
+    out = {}
+    for each in learn_recordings(told(truth), [driven(truth, seed)]).estimate.coefficients:
+        if each.identified:
+            true = truth.coefficient(each.name)
+            error = each.value - true
+            out[each.name] = (error / true if true else float("nan"), error / each.std)
+    return out
+
+
+def checks(case: str, found: Sequence[Found]) -> list[Check]:
+    """Return what must hold of one case."""
+    off = np.abs([deviations for run in found for _, deviations in run.values()])
+    return [
+        Check(f"{case}: 95 % intervals that hold", float(np.mean(off < 1.96)), 0.9, 0.99),
+        Check(f"{case}: beyond 4 deviations", float(np.mean(off > 4.0)), -math.inf, 0.005),
+        Check(f"{case}: identified a run", float(off.size / len(found))),
+    ]
+
+
+if __name__ == "__main__":
+    sys.exit(by_case("swing", __doc__ or "", CASES, learned, row, checks))
