@@ -19,6 +19,7 @@ import numpy as np
 from by_case import by_case
 from place_study import Found, row
 from summary import Check
+from undriven_study import told
 
 from towtank.identification import learn_recordings
 from towtank.recording import Recording
@@ -47,12 +48,6 @@ def hull(above: float) -> Vehicle:
     buoyancy = vehicle.buoyancy.model_copy(update={"centre": (0.0, 0.0, -above)})
     given = {"hydrodynamics": _TERMS, "thrusters": (*vehicle.thrusters, *upright), "buoyancy": buoyancy}
     return vehicle.model_copy(update=given)
-
-
-def told(vehicle: Vehicle) -> Vehicle:
-    """Return what is known of a vehicle beforehand: mass, inertia, thrusters."""
-    buoyancy = vehicle.buoyancy.model_copy(update={"centre": vehicle.rigid_body.centre_of_gravity})
-    return vehicle.model_copy(update={"hydrodynamics": {}, "buoyancy": buoyancy})
 
 
 def driven(vehicle: Vehicle, seed: int, seconds: float = 60.0) -> Recording:

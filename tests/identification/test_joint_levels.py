@@ -115,6 +115,9 @@ def test_a_dvl_s_noise_and_the_disturbance_are_told_apart(seed: int) -> None:
             "about",
             ["about", "sooner", "about trusting"],
         ),
+        ({"about": (3.0, False, False, 0.02)}, "about", ["about"]),  # no inputs sooner than at once: by little
+        ({"about": (3.0, False, False, 0.2), "sooner": (1.0,)}, "about", ["about", "sooner"]),
+        ({"about": (3.0, False, False, 0.2, 2.5), "sooner": (1.0,)}, "sooner", ["about", "sooner"]),  # likelier by that
     ],
 )
 def test_a_second_start_and_passes_without_doubts_speak_where_they_are_likelier(
@@ -128,8 +131,14 @@ def test_a_second_start_and_passes_without_doubts_speak_where_they_are_likelier(
     def stub(problem: Any, about: Any, levels: Any, *, doubts: bool = True, **rest: Any) -> tuple[Any, bool, bool]:
         name = ("about" if about[0] == supposed[0] else "sooner") + ("" if doubts else " trusting")
         began.append(name)
-        likelihood, lost, doubted = (*worth[name], False, False)[:3]
-        return SimpleNamespace(name=name, likelihood=likelihood), lost, doubted
+        told: tuple[Any, ...] = worth[name]
+        likelihood, lost, doubted, sooner, forbidden = told + (0.0, False, False, 0.0, 0.0)[len(told) :]
+        mean, theta = np.array([-sooner * prior.std[0]]), np.zeros(1)
+        return (
+            SimpleNamespace(name=name, likelihood=likelihood, mean=mean, theta=theta, forbidden=forbidden),
+            lost,
+            doubted,
+        )
 
     monkeypatch.setattr(passes, "_passes", stub)
     levels = NoiseLevels(LEVELS.noise, np.ones(6))

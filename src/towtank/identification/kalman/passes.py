@@ -58,6 +58,7 @@ from towtank.recording.grids.stretches import spread
 from towtank.vehicle import Vehicle
 
 __all__ = [
+    "FAR_LIKELIER",
     "WAVE_PERIODS",
     "JointFit",
     "JointProblem",
@@ -75,9 +76,11 @@ _SAME_WATER = 600.0  # s after which a stretch of one session may be in another 
 _WINDOWS, _LEAST_WINDOW = 16, 25  # of a pass, that must agree; rows
 _PASSES = 16
 _ROUGH = 20.0  # times the usual disturbance, in the first pass
+_FOLLOWS = 0.07  # share of a sensor's samples beyond the gate, up to which motion follows the prior's mean
 _LONGEST_STEP = 1.5  # deviations of the prior
 _PATIENCE = 4  # passes after the likeliest one
 _SOONEST = 0.2  # of the delay and the lag that are supposed, in a second beginning
+_TOO_SOON = 0.1  # deviations of both in the prior, by which data ask for less of them than physics allows
 _DAMPED = 0.5  # share of a step that goes back on the last one
 _STILL = 0.05  # deviations of the posterior that a coefficient may still move
 _MUCH_WORSE = 100.0  # of the log likelihood, that a pass may lose on the best one
@@ -85,6 +88,7 @@ WAVE_PERIODS = (3.5, 4.2, 5.0, 6.0, 7.2, 8.6)  # s, of waves that are tried besi
 _WAVE = 0.03  # m/s: their size to begin with
 _WALKS, _WATER_GAIN = (3e-3, 1e-2, 3e-2), 10.0  # m/s per sqrt(s), of a current; of the log likelihood
 _PIECE = 10.0  # s of a recording that are linearised about one current
+FAR_LIKELIER = 20.0  # of the log likelihood: far beyond chance with two numbers for each axis
 _DISAGREE = 100.0  # times the variance, at most
 _TOLD = 1e-6  # of the prior's information: below, the data tell nothing
 _ALONE = 0.3  # of a direction's information, that is the least that others could contradict
@@ -213,6 +217,13 @@ class JointFit:
     def wider(self) -> Array:
         """Factors (n,) to the deviations that the filter itself states, by what windows disagree about."""
         return np.asarray(np.maximum(self.std / np.maximum(coefficient_std(self.state), 1e-300), 1.0))
+
+    @property
+    def forbidden(self) -> float:
+        """By how much likelier [log] data and prior are at `mean`, where physics forbids that, than at `theta`."""
+        learned = np.flatnonzero(self.state.learns > 0.0)
+        away = (self.mean - self.theta)[learned]
+        return 0.5 * float(away @ np.linalg.solve(coefficient_block(self.state)[np.ix_(learned, learned)], away))
 
     @property
     def narrowed(self) -> Array:
@@ -377,16 +388,28 @@ def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem
 
     Waves stand in the model from the first pass on: a disturbance that has to stand for them hides them.
     """
+    first = _first_levels(problem)
     if not problem.settings.current or sum(each.duration for each in problem.samples) < _WAVES_SHOW:
-        calm = _settled(problem, problem.prior.mean, problem.rough, progress)
+        calm = _settled(problem, problem.prior.mean, first, progress)
         return _in_likeliest_water(problem, calm, progress)
-    wavy = replace(problem.rough, waves=np.full(3, _WAVE))
-    calm = _settled(problem, problem.prior.mean, problem.rough, lambda share: progress(0.3 * share))
+    wavy = replace(first, waves=np.full(3, _WAVE))
+    calm = _settled(problem, problem.prior.mean, first, lambda share: progress(0.3 * share))
     _, calm = _in_likeliest_water(problem, calm, lambda share: progress(0.3 + 0.1 * share))
     fit = _settled(problem, problem.prior.mean, wavy, lambda share: progress(0.4 + 0.4 * share), only_in_waves=True)
     if not (fit.likelihood > calm.likelihood + _WAVES_GAIN and fit.levels.waves.max() > _SMALLEST_WAVE):
         return problem, calm
     return _in_likeliest_water(problem, fit, lambda share: progress(0.8 + 0.2 * share))
+
+
+def _first_levels(problem: JointProblem) -> NoiseLevels:
+    """Return the levels of the first pass: of the usual disturbance where the prior's mean follows the data even so.
+
+    A disturbance that is far larger than it will be is a large push on heavy damping, where nothing else pushes.
+    """
+    usual = replace(problem.rough, disturbance=np.array(DISTURBANCE))
+    state = one_pass(problem, problem.prior.mean, usual, windows=1)[0]
+    follows = np.isfinite(state.theta).all() and rejected_share(state).max() < _FOLLOWS
+    return usual if follows else problem.rough
 
 
 def _in_likeliest_water(problem: JointProblem, fit: JointFit, progress: Progress) -> tuple[JointProblem, JointFit]:
@@ -426,8 +449,9 @@ def _settled(
 ) -> JointFit:
     """Return what passes from theta (n,) `about` come to; with `only_in_waves` they may end where there are none.
 
-    Where the first one rejects much of a sensor, they begin a second time, with inputs that act a deviation sooner than
-    is supposed; from a `stiff` vehicle, too; where a pose was doubted, without doubts. The likelier speaks each time.
+    Where the first one rejects much of a sensor, or inputs should act sooner than physics allows, they begin a second
+    time, with inputs that act a deviation sooner than is supposed; from a `stiff` vehicle, too; where a pose was
+    doubted, without doubts. The likelier speaks each time.
     """
     most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
     waves = np.where(problem.waving, levels.waves, 0.0)
@@ -436,7 +460,8 @@ def _settled(
     fit, lost, doubted = run(about, levels)
     others = [] if problem.stiff is None else [(problem.stiff, problem.rough)]
     late = np.isin(problem.free.codes[:, 0], (IN_DELAY, IN_LAG))
-    if lost and late.any():
+    asked = float((fit.mean - fit.theta)[late].sum())  # a vehicle of much drag and little inertia lags as thrusters do
+    if late.any() and (lost or asked < -_TOO_SOON * math.sqrt(np.sum(problem.prior.std[late] ** 2))):
         others.append((np.where(late, np.maximum(about - problem.prior.std, _SOONEST * about), about), levels))
     for other_about, other_levels in others:
         other, _, doubted_too = run(other_about, other_levels)
@@ -449,8 +474,9 @@ def _settled(
 
 
 def _likelier(one: JointFit, other: JointFit) -> bool:
-    """Return whether a fit is likelier than another; one that came to nothing is not."""
-    return bool(np.nan_to_num(one.likelihood, nan=-np.inf) > np.nan_to_num(other.likelihood, nan=-np.inf))
+    """Return whether what physics allows of a fit is likelier than that of another; what came to nothing is not."""
+    allowed = np.array([one.likelihood - one.forbidden, other.likelihood - other.forbidden])
+    return bool(np.greater(*np.nan_to_num(allowed, nan=-np.inf)))
 
 
 def _passes(
@@ -471,7 +497,7 @@ def _passes(
     """
     best: JointFit | None = None
     likeliest: JointFit | None = None
-    most_worth, last = -math.inf, np.zeros(len(problem.free))
+    highest, last = -math.inf, np.zeros(len(problem.free))
     region = Region(problem.vehicle, problem.free)
     at_best, about = about, region.nearest(about, _movable(problem.prior.covariance, problem.learned))
     lost = doubted = False
@@ -497,9 +523,8 @@ def _passes(
         still = k > 0 and bool((moved <= _STILL).all()) and converged(adapted, levels)
         if still or (calms and only_in_waves):
             return fit, lost, doubted
-        worth = fit.likelihood - 0.5 * float(moved @ moved)  # linearised elsewhere, it is another model's likelihood
-        if likeliest is None or worth > most_worth:
-            likeliest, most_worth = fit, worth
+        if likeliest is None or fit.likelihood > highest:
+            likeliest, highest = fit, fit.likelihood
         elif k + 1 - likeliest.passes >= _PATIENCE:
             return likeliest, lost, doubted
         step = fit.theta - about
@@ -510,7 +535,7 @@ def _passes(
         about = about + share * step
         levels = replace(adapted, currents=currents)
         if calms:
-            levels, most_worth = replace(levels, waves=np.zeros(3)), -math.inf
+            levels, highest = replace(levels, waves=np.zeros(3)), -math.inf
     if likeliest is None:
         prior = problem.prior
         return replace(fit, mean=prior.mean, theta=prior.mean, covariance=prior.covariance), lost, doubted

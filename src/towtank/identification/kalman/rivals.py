@@ -28,8 +28,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import Samples
-from towtank.identification.kalman.passes import JointFit, JointProblem, joint_fit, one_pass
-from towtank.identification.kalman.state import coefficient_block
+from towtank.identification.kalman.passes import FAR_LIKELIER, JointFit, JointProblem, joint_fit, one_pass
 from towtank.identification.model.parameters import IN_GAIN, FreeParameters
 from towtank.identification.model.prior import Prior
 from towtank.identification.model.terms import AXES, LOG
@@ -42,7 +41,6 @@ CONTRADICTED = 1.3  # factor by which windows differ more than they state, from 
 _QUICK = 0.2  # s: time constant of a quick disturbance
 _LATER, _SHARE = (0.1, 0.25), 0.3  # s by which a share of the force is late; deviation of the share, before any data
 _UNIT = 1e-3  # N or N m of a late force's unit, so small that what is lost to inflow does not count
-_MORE = 20.0  # of the log likelihood: far beyond chance with two numbers for each axis
 _EITHER = 0.5  # weight of a rival beside the picture that speaks
 _LOST = 1000.0  # of it, that one pass loses only where it has lost the motion
 
@@ -64,17 +62,10 @@ def likeliest_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
 
 
 def forbidden_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
-    """Return what data and prior come to, where that is likelier by far than the likeliest point that physics allows.
-
-    By d^T P^-1 d / 2, with d from that point to it and P its covariance.
-    """
-    learned = np.flatnonzero(problem.learned)
-    away = (fit.mean - fit.theta)[learned]
-    gain = 0.5 * float(away @ np.linalg.solve(coefficient_block(fit.state)[np.ix_(learned, learned)], away))
-    if not gain > _MORE:
+    """Return what data and prior come to, where that is likelier by far than what physics allows of it."""
+    if not fit.forbidden > FAR_LIKELIER:
         return None
-    _, known = _few(problem, fit)
-    found = replace(fit, likelihood=known + gain)
+    found = replace(fit, likelihood=_few(problem, fit)[1] + fit.forbidden)
     return Rival(found, fit.mean, fit.std, "the data are likelier with what physics forbids")
 
 
@@ -105,10 +96,10 @@ def late_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
     late = replace(few, samples=samples, prior=_LatePrior.of(problem.prior, few.samples[0].B.shape[1], axes))
     about = np.concatenate([fit.theta, np.zeros(more)])
     gain = float(one_pass(late, about, fit.levels, windows=1)[0].clock[0].log_likelihood) - known
-    if -_LOST < gain < _MORE:
+    if -_LOST < gain < FAR_LIKELIER:
         return None
     found = joint_fit(late, since=(about, fit.levels))
-    if not found.likelihood > known + _MORE:
+    if not found.likelihood > known + FAR_LIKELIER:
         return None
     shares = np.expm1(found.theta[n:]).reshape(len(_LATER), len(axes))
     sure = np.abs(shares) / found.std[n:].reshape(shares.shape)

@@ -149,6 +149,7 @@ def _learned(
     latency = {
         name.removeprefix("latency_"): (float(theta[name]), float(std[name])) for name in LATENCIES if name in theta
     }
+    repaired = [f"{grid.source or 'recording'}: {grid.repairs.summary}" for grid in grids if grid.repairs]
     places = {name: (float(theta[name]), float(std[name])) for name in PLACES if name in theta}
     return LogLearning(
         vehicle=vehicle,
@@ -159,7 +160,7 @@ def _learned(
         delay_given=request.delay is not None,
         grids=grids,
         sources=tuple(Sources.of(grid.pose, grid.velocity, grid.acceleration) for grid in grids),
-        warnings=(*_of_grids(grids), *messages, *scale_remarks(vehicle)),
+        warnings=(*repaired, *messages, *scale_remarks(vehicle)),
         method=method,
         delay_std=float(std.get(DELAY, math.nan)),
         lag=lag,
@@ -215,7 +216,3 @@ def _placed(fit: JointFit) -> list[str]:
         said = f"{estimate_text(100.0 * value, 100.0 * std)} cm along {name[-1]}"
         off.setdefault(whose_place(name), []).append(said)
     return [f"{sensor} is not at the body's origin: {', '.join(said)}" for sensor, said in off.items()]
-
-
-def _of_grids(grids: Sequence[Grid]) -> list[str]:
-    return [f"{grid.source or 'recording'}: {grid.repairs.summary}" for grid in grids if grid.repairs]

@@ -1,4 +1,4 @@
-"""What nobody measures and nobody was told: how stiff a vehicle is that only gyros see swing."""
+"""Where passes begin: from a stiff vehicle, from the disturbance that is usual, from inputs that act sooner."""
 
 from __future__ import annotations
 
@@ -6,14 +6,19 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from towtank.identification.data.samples import samples_of
 from towtank.identification.logs import learn_recordings
 from towtank.identification.offline.joint import LearningRequest, joint_problem
+from towtank.simulation import Ins
+from towtank.vehicle import load_vehicle
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
 
-from swing_study import CASES, driven, hull, told
+import undriven_study as undriven
+from swing_study import CASES, driven, hull
+from undriven_study import told
 
 
 def test_gyros_alone_tell_the_stiffness_of_what_nobody_pushes() -> None:
@@ -45,3 +50,23 @@ def test_passes_begin_stiff_too_where_nothing_shows_how_the_vehicle_leans_and_no
     }
     assert stiff(True, False) is None
     assert stiff(False, True) is None
+
+
+def test_what_only_the_water_drives_is_not_taken_for_a_large_push_on_heavy_damping() -> None:
+    """From a disturbance twenty times too large, passes ended at twice the push in surge, and X_uu 8 deviations off."""
+    truth = undriven.lagging("vlbv300")
+    run = undriven.driven(truth, *undriven.CASES["yaw ins"], undriven.PUSH, 6)
+    found = learn_recordings(told(truth), [run], free_runs=False)
+    assert found.levels is not None
+    assert np.max(np.abs(list(undriven.errors(truth, found).values()))) < 4.0
+    assert found.levels.disturbance == pytest.approx(undriven.PUSH, rel=0.6)
+
+
+def test_a_vehicle_of_much_drag_and_little_inertia_is_not_taken_for_thrusters_that_lag() -> None:
+    """Yaw stops within 0.11 s, thrusters lag by 0.05 s. From the lag that is supposed, 0.1 s, passes found it the other
+    way round, and were stopped by the rigid body's own inertia: N_rdot 25 deviations off."""
+    truth = load_vehicle("bluerov2")
+    run = undriven.driven(truth, "yaw-square", Ins(), (0.5, 0.5, 0.5, 0.035, 0.035, 0.035), 1)
+    found = learn_recordings(told(truth), [run], free_runs=False)
+    assert abs(undriven.errors(truth, found)["N_rdot"]) < 4.0
+    assert found.lag == pytest.approx(truth.thrusters[0].time_constant, abs=0.01)
