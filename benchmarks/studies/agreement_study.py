@@ -94,10 +94,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         inside = sum(abs(value) <= _WITHIN for value in z.values())
         show(f"{name} ({one.method}, {other.method}): {inside} of {len(z)} agree; apart: {far}")
     size, every = np.abs(np.array(all_z)), np.abs(np.array(straight_logs(data)))
-    show(
-        f"boat, every pair of its straight logs: {np.mean(every <= _WITHIN):.0%} of {every.size} within {_WITHIN}, "
-        f"the furthest {every.max():.1f}"
-    )
+    far = f"{np.sum(every <= _WITHIN)} within {_WITHIN}, the furthest {every.max():.1f}" if every.size else "none apart"
+    show(f"boat, every pair of its straight logs: {every.size} coefficients known twice, {far}")
     at_sea = [each.estimate["BG_z"] for name, *both in found if name.startswith("sea") for each in both]
     odd = implausible([each for _, one, other in found for each in (one, other)])
     checks = [

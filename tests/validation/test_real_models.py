@@ -96,7 +96,7 @@ def test_sea_surge_of_the_second_half(first_half_at_sea: tuple[LogLearning, Sequ
 
 
 def test_boat_is_learned_in_the_plane(boat_logs: Learned) -> None:
-    learning = boat_logs.learn("222")
+    learning = boat_logs.learn("222", "223")
     assert not any(each.what == "thrusters" for each in learning.findings)
     out_of_plane = [c for c in learning.estimate.coefficients if c.name[0] in "ZKM" or c.name == "W_minus_B"]
     claimed = [c.name for c in out_of_plane if c.identified]

@@ -1,9 +1,9 @@
 """The joint filter over whole recordings: from the prior, pass after pass, until nothing moves any more.
 
 Every pass starts from the prior itself, linearised about what the last pass found, so that data count once however
-many passes there are: Gauss and Newton's way to the mode of the posterior. A first pass takes the disturbance for far
-larger than it will be, so that a start that is far off is led by the data's large features alone; one that rejects much
-of a sensor even so has a rival that begins with the largest that motion and inputs allow. Between passes the
+many passes there are: Gauss and Newton's way to the mode of the posterior. Where motion does not follow the prior's mean, a first
+pass takes the disturbance for far larger than it will be, so that it is led by the data's large features alone; what
+that misleads has other beginnings, and the likelier speaks (`_settled`). Between passes the
 levels of noise and disturbance follow what the pass shows (`kalman.noise_adaptation`), sensors that are late are moved
 back by what their latency is found to be, and no step is longer than the prior allows. What a pass finds is brought
 to the likeliest point that physics allows (`posterior.physical`): a delay of -0.2 s undoes a lag of 0.2 s to first
@@ -149,7 +149,7 @@ class JointProblem:
         """
         about, unseen = self.prior.mean.copy(), not np.any([each.measured[3:5] for each in self.samples])
         stiff = np.array([name == "BG_z" for name in self.prior.names]) & (self.prior.std > np.abs(about)) & unseen
-        return np.asarray(about + stiff * self.prior.std) if stiff.any() else None
+        return np.asarray(about + stiff * self.prior.std) if (stiff & self.learned).any() else None
 
     @property
     def rough(self) -> NoiseLevels:
@@ -460,12 +460,13 @@ def _settled(
     fit, lost, doubted = run(about, levels)
     others = [] if problem.stiff is None else [(problem.stiff, problem.rough)]
     late = np.isin(problem.free.codes[:, 0], (IN_DELAY, IN_LAG))
-    asked = float((fit.mean - fit.theta)[late].sum())  # a vehicle of much drag and little inertia lags as thrusters do
-    if late.any() and (lost or asked < -_TOO_SOON * math.sqrt(np.sum(problem.prior.std[late] ** 2))):
+    most_asked = -_TOO_SOON * math.sqrt(np.sum(problem.prior.std[late] ** 2))
+    too_soon = bool((fit.mean - fit.theta)[late].sum() < most_asked)  # a vehicle of much drag lags as thrusters do
+    if late.any() and (lost or too_soon):
         others.append((np.where(late, np.maximum(about - problem.prior.std, _SOONEST * about), about), levels))
     for other_about, other_levels in others:
         other, _, doubted_too = run(other_about, other_levels)
-        if _likelier(other, fit):
+        if _likelier(other, fit, as_allowed=too_soon):
             fit, about, levels, doubted = other, other_about, other_levels, doubted_too
     if doubted:
         other, *_ = run(about, levels, doubts=False)
@@ -473,10 +474,10 @@ def _settled(
     return fit
 
 
-def _likelier(one: JointFit, other: JointFit) -> bool:
-    """Return whether what physics allows of a fit is likelier than that of another; what came to nothing is not."""
-    allowed = np.array([one.likelihood - one.forbidden, other.likelihood - other.forbidden])
-    return bool(np.greater(*np.nan_to_num(allowed, nan=-np.inf)))
+def _likelier(one: JointFit, other: JointFit, *, as_allowed: bool = False) -> bool:
+    """Return whether a fit, or what physics allows of it, is likelier than another; what came to nothing is not."""
+    found = [each.likelihood - (each.forbidden if as_allowed else 0.0) for each in (one, other)]
+    return bool(np.greater(*np.nan_to_num(found, nan=-np.inf)))
 
 
 def _passes(
