@@ -1,13 +1,12 @@
 """The joint filter over whole recordings: from the prior, pass after pass, until nothing moves any more.
 
 Every pass starts from the prior itself, linearised about what the last pass found, so that data count once however
-many passes there are: Gauss and Newton's way to the mode of the posterior. Where motion does not follow the prior's mean, a first
-pass takes the disturbance for far larger than it will be, so that it is led by the data's large features alone; what
-that misleads has other beginnings, and the likelier speaks (`_settled`). Between passes the
-levels of noise and disturbance follow what the pass shows (`kalman.noise_adaptation`), sensors that are late are moved
-back by what their latency is found to be, and no step is longer than the prior allows. What a pass finds is brought
-to the likeliest point that physics allows (`posterior.physical`): a delay of -0.2 s undoes a lag of 0.2 s to first
-order, and only so.
+many passes there are: Gauss and Newton's way to the mode of the posterior. Where motion does not follow the prior's
+mean, a first pass takes the disturbance for far larger than it will be, so that it is led by the data's large features
+alone; what that misleads has other beginnings, and the likelier speaks (`_settled`). Between passes the levels of noise
+and disturbance follow what the pass shows (`kalman.noise_adaptation`), sensors that are late are moved back by what
+their latency is found to be, and no step is longer than the prior allows. What a pass finds is brought to the likeliest
+point that physics allows (`posterior.physical`): a delay of -0.2 s undoes a lag of 0.2 s to first order, and only so.
 
 Drag is far from linear in a current. So the motion is linearised about the current of each recording, too, as far as
 the last pass has found that it surely flows.
