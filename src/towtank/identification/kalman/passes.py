@@ -152,7 +152,7 @@ class JointProblem:
 
     @property
     def rough(self) -> NoiseLevels:
-        """The levels of the first pass: a disturbance far larger than it will be, so that little is rejected."""
+        """Levels of a first pass far off: a disturbance far larger than it will be, so that little is rejected."""
         return NoiseLevels(self.own_noise, _ROUGH * np.array(DISTURBANCE))
 
     def over(self, samples: Sequence[Samples]) -> JointProblem:
