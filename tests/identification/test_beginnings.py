@@ -11,8 +11,6 @@ import pytest
 from towtank.identification.data.samples import samples_of
 from towtank.identification.logs import learn_recordings
 from towtank.identification.offline.joint import LearningRequest, joint_problem
-from towtank.simulation import Ins
-from towtank.vehicle import load_vehicle
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
 
@@ -22,9 +20,10 @@ from undriven_study import told
 
 
 def test_gyros_alone_tell_the_stiffness_of_what_nobody_pushes() -> None:
-    """Roll swings once a second. From the prior's mean, once in 3 s, passes end at an inertia 9 deviations off."""
-    truth = hull(CASES["stiff"])
-    found = learn_recordings(told(truth), [driven(truth, 1, seconds=40.0)], free_runs=False).estimate
+    """Roll swings once a second. From the prior's mean, once in 2 s, passes end at an inertia 8 deviations off."""
+    above, seconds = CASES["short"]
+    truth = hull(above)
+    found = learn_recordings(told(truth), [driven(truth, 7, seconds)], free_runs=False).estimate
     for name in ("K_pdot", "BG_z"):
         assert found[name].identified
         assert abs(found[name].value - truth.coefficient(name)) < 4.0 * found[name].std
@@ -32,7 +31,7 @@ def test_gyros_alone_tell_the_stiffness_of_what_nobody_pushes() -> None:
 
 
 def test_passes_begin_stiff_too_where_nothing_shows_how_the_vehicle_leans_and_nobody_said_how_stiff_it_is() -> None:
-    truth = hull(CASES["stiff"])
+    truth = hull(CASES["stiff"][0])
     seen = driven(truth, 1, seconds=5.0)
 
     def stiff(vehicle_is_told: bool, attitude: bool) -> np.ndarray | None:
@@ -54,8 +53,7 @@ def test_passes_begin_stiff_too_where_nothing_shows_how_the_vehicle_leans_and_no
 
 def test_what_only_the_water_drives_is_not_taken_for_a_large_push_on_heavy_damping() -> None:
     """From a disturbance twenty times too large, passes ended at twice the push in surge, and X_uu 8 deviations off."""
-    truth = undriven.lagging("vlbv300")
-    run = undriven.driven(truth, *undriven.CASES["yaw ins"], undriven.PUSH, 6)
+    truth, run = undriven.driven("yaw ins", 6)
     found = learn_recordings(told(truth), [run], free_runs=False)
     assert found.levels is not None
     assert np.max(np.abs(list(undriven.errors(truth, found).values()))) < 4.0
@@ -65,8 +63,7 @@ def test_what_only_the_water_drives_is_not_taken_for_a_large_push_on_heavy_dampi
 def test_a_vehicle_of_much_drag_and_little_inertia_is_not_taken_for_thrusters_that_lag() -> None:
     """Yaw stops within 0.11 s, thrusters lag by 0.05 s. From the lag that is supposed, 0.1 s, passes found it the other
     way round, and were stopped by the rigid body's own inertia: N_rdot 25 deviations off."""
-    truth = load_vehicle("bluerov2")
-    run = undriven.driven(truth, "yaw-square", Ins(), (0.5, 0.5, 0.5, 0.035, 0.035, 0.035), 1)
+    truth, run = undriven.driven("drag ins", 1)
     found = learn_recordings(told(truth), [run], free_runs=False)
     assert abs(undriven.errors(truth, found)["N_rdot"]) < 4.0
     assert found.lag == pytest.approx(truth.thrusters[0].time_constant, abs=0.01)

@@ -10,13 +10,13 @@ from towtank.core.arrays import Array
 from towtank.core.layout import N_KINDS
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import N_MEASURED, samples_of
-from towtank.identification.kalman.passes import Reading, widened
 from towtank.identification.model.measurements import shown_axes
 from towtank.identification.model.parameters import free_parameters
 from towtank.identification.model.prior import prior_of
 from towtank.identification.offline.free_runs import contradiction, worth_less
 from towtank.identification.offline.joint import LearningRequest, joint_problem
 from towtank.identification.posterior.physical import _INSIDE, Region
+from towtank.identification.posterior.statistics import Reading, widened
 from towtank.recording import Recording
 from towtank.recording.standard import MEASURED
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, manoeuvre, simulate

@@ -13,10 +13,10 @@ from towtank.core.arrays import Array
 from towtank.identification import LogLearning, learn_recordings
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels
 from towtank.identification.kalman import passes
-from towtank.identification.kalman.passes import Reading, widened
 from towtank.identification.model.parameters import MARKER_PLACE
 from towtank.identification.model.prior import prior_of
 from towtank.identification.posterior.result import NARROWED
+from towtank.identification.posterior.statistics import Reading, widened
 from towtank.recording import Recording
 from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle, save_vehicle

@@ -22,7 +22,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +52,7 @@ from towtank.identification.model.parameters import IN_DELAY, IN_LAG, IN_LATENCY
 from towtank.identification.model.prior import Prior
 from towtank.identification.model.terms import DISTURBANCE
 from towtank.identification.posterior.physical import Region
+from towtank.identification.posterior.statistics import Reading, widened
 from towtank.recording.grids.stretches import spread
 from towtank.vehicle import Vehicle
 
@@ -88,9 +88,6 @@ _WAVE = 0.03  # m/s: their size to begin with
 _WALKS, _WATER_GAIN = (3e-3, 1e-2, 3e-2), 10.0  # m/s per sqrt(s), of a current; of the log likelihood
 _PIECE = 10.0  # s of a recording that are linearised about one current
 FAR_LIKELIER = 20.0  # of the log likelihood: far beyond chance with two numbers for each axis
-_DISAGREE = 100.0  # times the variance, at most
-_TOLD = 1e-6  # of the prior's information: below, the data tell nothing
-_ALONE = 0.3  # of a direction's information, that is the least that others could contradict
 _WAVES_GAIN = 20.0  # of the log likelihood: far beyond chance with four numbers
 _WAVES_SHOW = 20.0  # s: of shorter data a wave is no more than a slow force
 _SMALLEST_WAVE = 0.015  # m/s: below, a wave stands for what the model lacks
@@ -158,17 +155,6 @@ class JointProblem:
     def over(self, samples: Sequence[Samples]) -> JointProblem:
         """Return the same question about other samples."""
         return replace(self, samples=samples)
-
-
-class Reading(NamedTuple):
-    """What a pass knew at some time: mean (n,) and covariance (n, n) of theta.
-
-    t: time since the beginning [s], recordings one after the other.
-    """
-
-    t: float
-    theta: Array
-    covariance: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -434,7 +420,7 @@ def _in_likeliest_water(problem: JointProblem, fit: JointFit, progress: Progress
 
 def _other_waters(problem: JointProblem, levels: NoiseLevels) -> list[list[tuple[JointProblem, NoiseLevels]]]:
     walks, now = [replace(levels, current_walk=walk) for walk in _WALKS], problem.settings.wave_period
-    rows = [[(problem, each) for each in walks if each.current_walk > levels.current_walk]]
+    rows = [[(problem, each)] for each in walks if each.current_walk > levels.current_walk]  # any may be
     if levels.waves.any():
         rows.append([(problem, replace(each, waves=np.zeros(3))) for each in walks])
         for sign, periods in ((1, WAVE_PERIODS), (-1, WAVE_PERIODS[::-1])):  # longer ones, then shorter ones
@@ -583,52 +569,3 @@ def _fit_of(
         nis=nis,
         state=state,
     )
-
-
-def widened(readings: Sequence[Reading]) -> tuple[Array, float]:
-    """Return the covariance (n, n) after the last window, widened by what windows contradict each other, and by what.
-
-    In the coordinates x in which the prior is of unit covariance, window k adds the information L_k = P_k^-1 -
-    P_(k-1)^-1, and has a view of its own, eta_k = P_k^-1 x_k - P_(k-1)^-1 x_(k-1), so that s_k = eta_k - L_k x is how
-    it alone would pull the final x. If the model is right s_k has the covariance L_k, less L_k^2 / (1 + sum L_k) for
-    what the window has told the final x itself. Where it is not, windows pull farther: along each eigenvector u_j of
-    sum L_k, of eigenvalue l_j, by a factor f_j^2, and the data are worth l_j / f_j^2 there (White 1982; the middle of
-    the sandwich, in its principal axes). What one window tells alone nothing contradicts; so no f_j^2 is below what all
-    directions have in common, each by the share that data have in it (Wedderburn 1974), nor below 1.
-    What the data do not tell stays with the prior, and what they tell together stays together: a covariance whose
-    deviations were scaled one by one would know the common scale of force from nothing.
-
-    Args:
-        readings: before the first window and after each.
-
-    Returns:
-        The covariance, and the factor f that all have in common.
-    """
-    n, last = readings[-1].theta.size, readings[-1].covariance
-    try:
-        whole = np.asarray(np.linalg.cholesky(readings[0].covariance), dtype=np.float64)
-        views = [_in_units_of(whole, reading) for reading in readings]
-    except np.linalg.LinAlgError:
-        return last, 1.0
-    information = views[-1][0]
-    size, axes = np.linalg.eigh(information - views[0][0])
-    x = np.linalg.solve(information, views[-1][1])
-    told = size > _TOLD
-    size = np.maximum(size, _TOLD)
-    did, should = np.zeros(n), np.zeros(n)
-    for (before, own_before), (after, own_after) in pairwise(views):
-        new = np.maximum(np.einsum("ij,ij->j", axes, (after - before) @ axes), 0.0)
-        did += (axes.T @ (own_after - own_before - (after - before) @ x)) ** 2
-        should += np.maximum(new - new**2 / (1.0 + size), 0.0)
-    weight = np.where(told, 1.0 / (1.0 + size), 0.0)
-    common = min(max(float(weight @ did) / max(float(weight @ should), _TOLD), 1.0), _DISAGREE)
-    ratio = np.where(told, np.clip(did / np.maximum(should, _ALONE * size), common, _DISAGREE), 1.0)
-    root = whole @ axes / np.sqrt(1.0 + size / ratio)
-    return np.asarray(root @ root.T), math.sqrt(common)
-
-
-def _in_units_of(root: Array, reading: Reading) -> tuple[Array, Array]:
-    """Return information (n, n) and information times mean (n,) in the coordinates x of theta = root x."""
-    factor: Array = np.asarray(np.linalg.solve(np.linalg.cholesky(reading.covariance), root), dtype=np.float64)
-    information = factor.T @ factor
-    return information, information @ np.linalg.solve(root, reading.theta)

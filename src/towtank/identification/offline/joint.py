@@ -135,16 +135,16 @@ def _learned(
     """
     vehicle, free = request.vehicle, fit.free
     duration = sum(each.duration for each in problem.samples)
-    base = problem.vehicle
     estimate, messages = estimate_of(
-        base, fit.prior, fit.theta, fit.covariance, duration, fit.rows, problem.learned, undoubted
+        problem.vehicle, fit.prior, fit.theta, fit.covariance, duration, fit.rows, problem.learned, undoubted
     )
     theta, std = dict(zip(free.names, fit.theta, strict=True)), dict(zip(free.names, fit.std, strict=True))
     method = "output-error" if free_runs else "joint"
     delay = max(0.0, float(theta[DELAY])) if DELAY in theta else problem.delay
     lag = float(theta["lag"]) if "lag" in theta else math.nan
     gains = learned_gains(vehicle, free, fit.theta, fit.std)
-    model = model_of(base, estimate, f"learned by towtank, method {method}", delay=delay, lag=lag, gains=gains)
+    source = f"learned by towtank, method {method}"
+    model = model_of(problem.vehicle, estimate, source, delay=delay, lag=lag, gains=gains)
     current = _current(fit)
     latency = {
         name.removeprefix("latency_"): (float(theta[name]), float(std[name])) for name in LATENCIES if name in theta

@@ -1,4 +1,4 @@
-"""The likeliest point that keeps linear bounds, and what correlated scores add up to.
+"""The likeliest point that keeps linear bounds, what correlated scores add up to, and what windows contradict.
 
 The likeliest point minimises (x - x0)^T C^-1 (x - x0) subject to G x >= h. With C = S S^T and x = x0 + S y this is
 least-distance programming, min |y| subject to G S y >= h - G x0, solved by non-negative least squares (Lawson and
@@ -7,16 +7,23 @@ Hanson, Solving Least Squares Problems, 1974, chapter 23). C may be singular: wh
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from towtank.core.arrays import Array
 
-__all__ = ["NearestPoint", "conditional_covariance", "long_run", "nearest_point", "square_root"]
+__all__ = ["NearestPoint", "Reading", "conditional_covariance", "long_run", "nearest_point", "square_root", "widened"]
 
 _SINGULAR = 1e-13
 _UNREACHABLE = 1e-9
+_DISAGREE = 100.0  # times the variance, at most
+_TOLD = 1e-6  # of the prior's information: below, the data tell nothing
+_ALONE = 0.3  # of a direction's information, that is the least that others could contradict
 _SLOWEST = 0.97  # largest correlation of neighbouring blocks that is taken out beforehand
 
 
@@ -30,6 +37,17 @@ class NearestPoint:
     x: Array
     multipliers: Array
     reachable: bool
+
+
+class Reading(NamedTuple):
+    """What a pass knew at some time: mean (n,) and covariance (n, n) of theta.
+
+    t: time since the beginning [s], recordings one after the other.
+    """
+
+    t: float
+    theta: Array
+    covariance: Array
 
 
 def square_root(covariance: Array) -> Array:
@@ -105,3 +123,52 @@ def long_run(scores: Array, lags: int) -> Array:
         product = rest[lag:].T @ rest[:-lag]
         S += (1.0 - lag / (lags + 1.0)) * (product + product.T)
     return S / (1.0 - rho) ** 2
+
+
+def widened(readings: Sequence[Reading]) -> tuple[Array, float]:
+    """Return the covariance (n, n) after the last window, widened by what windows contradict each other, and by what.
+
+    In the coordinates x in which the prior is of unit covariance, window k adds the information L_k = P_k^-1 -
+    P_(k-1)^-1, and has a view of its own, eta_k = P_k^-1 x_k - P_(k-1)^-1 x_(k-1), so that s_k = eta_k - L_k x is how
+    it alone would pull the final x. If the model is right s_k has the covariance L_k, less L_k^2 / (1 + sum L_k) for
+    what the window has told the final x itself. Where it is not, windows pull farther: along each eigenvector u_j of
+    sum L_k, of eigenvalue l_j, by a factor f_j^2, and the data are worth l_j / f_j^2 there (White 1982; the middle of
+    the sandwich, in its principal axes). What one window tells alone nothing contradicts; so no f_j^2 is below what all
+    directions have in common, each by the share that data have in it (Wedderburn 1974), nor below 1.
+    What the data do not tell stays with the prior, and what they tell together stays together: a covariance whose
+    deviations were scaled one by one would know the common scale of force from nothing.
+
+    Args:
+        readings: before the first window and after each.
+
+    Returns:
+        The covariance, and the factor f that all have in common.
+    """
+    n, last = readings[-1].theta.size, readings[-1].covariance
+    try:
+        whole = np.asarray(np.linalg.cholesky(readings[0].covariance), dtype=np.float64)
+        views = [_in_units_of(whole, reading) for reading in readings]
+    except np.linalg.LinAlgError:
+        return last, 1.0
+    information = views[-1][0]
+    size, axes = np.linalg.eigh(information - views[0][0])
+    x = np.linalg.solve(information, views[-1][1])
+    told = size > _TOLD
+    size = np.maximum(size, _TOLD)
+    did, should = np.zeros(n), np.zeros(n)
+    for (before, own_before), (after, own_after) in pairwise(views):
+        new = np.maximum(np.einsum("ij,ij->j", axes, (after - before) @ axes), 0.0)
+        did += (axes.T @ (own_after - own_before - (after - before) @ x)) ** 2
+        should += np.maximum(new - new**2 / (1.0 + size), 0.0)
+    weight = np.where(told, 1.0 / (1.0 + size), 0.0)
+    common = min(max(float(weight @ did) / max(float(weight @ should), _TOLD), 1.0), _DISAGREE)
+    ratio = np.where(told, np.clip(did / np.maximum(should, _ALONE * size), common, _DISAGREE), 1.0)
+    root = whole @ axes / np.sqrt(1.0 + size / ratio)
+    return np.asarray(root @ root.T), math.sqrt(common)
+
+
+def _in_units_of(root: Array, reading: Reading) -> tuple[Array, Array]:
+    """Return information (n, n) and information times mean (n,) in the coordinates x of theta = root x."""
+    factor: Array = np.asarray(np.linalg.solve(np.linalg.cholesky(reading.covariance), root), dtype=np.float64)
+    information = factor.T @ factor
+    return information, information @ np.linalg.solve(root, reading.theta)
