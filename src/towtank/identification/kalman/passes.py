@@ -420,7 +420,7 @@ def _in_likeliest_water(problem: JointProblem, fit: JointFit, progress: Progress
 
 def _other_waters(problem: JointProblem, levels: NoiseLevels) -> list[list[tuple[JointProblem, NoiseLevels]]]:
     walks, now = [replace(levels, current_walk=walk) for walk in _WALKS], problem.settings.wave_period
-    rows = [[(problem, each)] for each in walks if each.current_walk > levels.current_walk]  # any may be
+    rows = [[(problem, each) for each in walks if each.current_walk > levels.current_walk]]
     if levels.waves.any():
         rows.append([(problem, replace(each, waves=np.zeros(3))) for each in walks])
         for sign, periods in ((1, WAVE_PERIODS), (-1, WAVE_PERIODS[::-1])):  # longer ones, then shorter ones
