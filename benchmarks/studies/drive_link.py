@@ -132,7 +132,8 @@ class Driven:
     def begin(self, seconds: float = 15.0) -> bool:
         """Switch on, begin a segment and hold the key; return whether the vehicle is being driven."""
         self.holds = False
-        self.until(lambda: self.stage is Stage.OFF, 2.0)
+        if not self.until(lambda: self.stage is Stage.OFF, 2.0):  # an attempt before this one came no farther than on
+            self.driving.ask("drive-off")
         time.sleep(0.3)
         self.link.sub.place(np.array([3.0, 1.0, 2.0, 0.0, 0.0, 1.0]))
         time.sleep(0.3)
