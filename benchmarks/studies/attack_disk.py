@@ -44,7 +44,7 @@ from towtank.simulation import Mocap, manoeuvre, simulate
 VEHICLE, RATE, FREE = "vlbv300", 100.0, "X_udot,X_uu"  # the cases learn little: they are about files
 SAID = 2.0  # s
 _FULL = 1 << 20  # bytes of a small disk
-_RAW = "/raw/"
+_RAW, _MAGIC = "/raw/", 8  # bytes that a file begins with; a record has an opcode and 8 bytes of its length
 _TOLD = 4.0  # s that a case goes on before and after its blow
 Feed = Sequence[tuple[float, bytes]]
 
@@ -302,8 +302,13 @@ def stays_full(feed: Feed, folder: Path) -> Blow:
 
 
 def _filled(session: Session, disk: Path) -> bytes:
+    """Fill the disk; return what is recorded by then: a record that it cuts short at this moment is not, yet."""
     fill(disk)
-    return session.target.read_bytes()
+    data = session.target.read_bytes()
+    end = _MAGIC
+    while (after := end + 9 + int.from_bytes(data[end + 1 : end + 9], "little")) <= len(data):
+        end = after
+    return data[:end]
 
 
 def folder_removed(feed: Feed, folder: Path) -> Blow:
