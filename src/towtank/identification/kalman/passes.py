@@ -86,6 +86,7 @@ _MUCH_WORSE = 100.0  # of the log likelihood, that a pass may lose on the best o
 WAVE_PERIODS = (3.5, 4.2, 5.0, 6.0, 7.2, 8.6)  # s, of waves that are tried beside that of the settings
 _WAVE = 0.03  # m/s: their size to begin with
 _WALKS, _WATER_GAIN = (3e-3, 1e-2, 3e-2), 10.0  # m/s per sqrt(s), of a current; of the log likelihood
+_FAR_FEWER = 0.7  # of the rows: with so many of them passes begin, and end with all
 _PIECE = 10.0  # s of a recording that are linearised about one current
 FAR_LIKELIER = 20.0  # of the log likelihood: far beyond chance with two numbers for each axis
 _WAVES_GAIN = 20.0  # of the log likelihood: far beyond chance with four numbers
@@ -359,13 +360,30 @@ def joint_fit(
     few = problem.over(spread(problem.samples))
     if since is not None:
         return _in_likeliest_water(few, _settled(few, *since, progress), progress)[1]
-    whole = sum(map(len, few.samples)) == sum(map(len, problem.samples))
-    found, fit = _with_waves(few, lambda share: progress(share if whole else 0.5 * share))
+    few = _coarse(few)
+    whole = _rows(few) == _rows(problem)
+    found, fit = _with_waves(few, lambda share: progress(share if whole else 0.7 * share))
     if not whole:
         found = found.over(problem.samples)
-        fit = _settled(found, fit.theta, fit.levels, lambda share: progress(0.5 + 0.5 * share))
+        fit = _settled(found, fit.theta, fit.levels, lambda share: progress(0.7 + 0.3 * share), anew=False)
     progress(1.0)
     return fit
+
+
+def _coarse(problem: JointProblem) -> JointProblem:
+    """Return a problem with no more rows than it has steps of integration, where that are far fewer.
+
+    Only where a sensor sees the ground, and there is much to ask about the water. From half of what an accelerometer
+    shows of thrusters that are off, passes come to levels that are less likely with all of it.
+    """
+    if not problem.settings.current:
+        return problem
+    thinned = problem.over([each.thinned(problem.settings.step) for each in problem.samples])
+    return thinned if _rows(thinned) < _FAR_FEWER * _rows(problem) else problem
+
+
+def _rows(problem: JointProblem) -> int:
+    return sum(map(len, problem.samples))
 
 
 def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem, JointFit]:
@@ -430,11 +448,17 @@ def _other_waters(problem: JointProblem, levels: NoiseLevels) -> list[list[tuple
 
 
 def _settled(
-    problem: JointProblem, about: Array, levels: NoiseLevels, progress: Progress, *, only_in_waves: bool = False
+    problem: JointProblem,
+    about: Array,
+    levels: NoiseLevels,
+    progress: Progress,
+    *,
+    only_in_waves: bool = False,
+    anew: bool = True,
 ) -> JointFit:
     """Return what passes from theta (n,) `about` come to; with `only_in_waves` they may end where there are none.
 
-    Where the first one rejects much of a sensor, or inputs should act sooner than physics allows, they begin a second
+    With `anew`, where the first one rejects much of a sensor, or inputs should act sooner than physics allows, they begin a second
     time, with inputs that act a deviation sooner than is supposed; from a `stiff` vehicle, too; where a pose was
     doubted, without doubts. The likelier speaks each time.
     """
@@ -443,11 +467,11 @@ def _settled(
     levels = replace(levels, disturbance=np.minimum(levels.disturbance, most), waves=waves)
     run = partial(_passes, problem, most=most, progress=progress, only_in_waves=only_in_waves)
     fit, lost, doubted = run(about, levels)
-    others = [] if problem.stiff is None else [(problem.stiff, problem.rough)]
+    others = [] if not anew or problem.stiff is None else [(problem.stiff, problem.rough)]
     late = np.isin(problem.free.codes[:, 0], (IN_DELAY, IN_LAG))
     most_asked = -_TOO_SOON * math.sqrt(np.sum(problem.prior.std[late] ** 2))
     too_soon = bool((fit.mean - fit.theta)[late].sum() < most_asked)  # a vehicle of much drag lags as thrusters do
-    if late.any() and (lost or too_soon):
+    if anew and late.any() and (lost or too_soon):
         others.append((np.where(late, np.maximum(about - problem.prior.std, _SOONEST * about), about), levels))
     for other_about, other_levels in others:
         other, _, doubted_too = run(other_about, other_levels)
