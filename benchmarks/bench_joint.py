@@ -6,7 +6,8 @@
 First the stream must find every inertia within 2 % and every coefficient within four of its deviations. One core.
 "pass" is the filter alone over rows that are all there. "stream" is `Learner.run` from the first sample on, with its
 re-estimations, per sample of the whole: of five minutes, and of the first minute, in which it looks back most;
-"watched" the latter with the watch over changes of the vehicle.
+"watched" the latter with the watch over changes of the vehicle. "log" is all passes over that minute as a log, beside
+passes that take all rows from the first one on; both must come to the same within a fifth of a deviation.
 Beside it, a Kalman filter of the same size in NumPy: covariance by matrix products, six updates by scalars, and no
 model at all.
 
@@ -23,12 +24,14 @@ import time
 from collections.abc import Sequence
 from multiprocessing import get_context
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 from figures import Figure, interleaved, report
 
 from towtank.identification import Learner
-from towtank.identification.kalman.passes import one_pass
+from towtank.identification.kalman import passes
+from towtank.identification.kalman.passes import JointFit, JointProblem, joint_fit, one_pass
 from towtank.identification.offline.joint import LearningRequest, joint_problem
 from towtank.recording import Recording, write_csv
 from towtank.simulation import manoeuvre, simulate
@@ -37,7 +40,7 @@ from towtank.vehicle import Vehicle, save_vehicle
 
 DURATION, LONG = 60.0, 300.0  # s
 LIMIT = 150.0  # us per sample
-INERTIA, DEVIATIONS = 0.02, 4.0
+INERTIA, DEVIATIONS, SAME = 0.02, 4.0, 0.2
 HOUR, HOUR_LIMIT, MEMORY_LIMIT = 3600.0, 180.0, 500.0  # s, s, MB
 
 
@@ -74,6 +77,20 @@ def peer(rows: int, size: int) -> None:
         P *= 0.5
 
 
+def with_all_rows(problem: JointProblem) -> JointFit:
+    """Learn from all rows in every pass."""
+    with patch.object(passes, "_coarse", lambda whole: whole):
+        return joint_fit(problem)
+
+
+def require_same(one: JointFit, other: JointFit) -> None:
+    """Raise where two fits differ by more than a share of their deviations."""
+    away = np.abs(one.theta - other.theta) / one.std
+    if not away.max() <= SAME:
+        k = int(np.argmax(away))
+        raise SystemExit(f"{one.free.names[k]}: {away[k]:.2f} deviations apart, expected {SAME} at most")
+
+
 def measured() -> Sequence[Figure]:
     truth, known, recording = session()
     problem = joint_problem(LearningRequest(known, [recording]))
@@ -81,6 +98,7 @@ def measured() -> Sequence[Figure]:
     learner = Learner(known)
     learner.run(recording)
     proved(learner, truth)
+    require_same(joint_fit(problem), with_all_rows(problem))
     rows, size, long = len(problem.samples[0]), 36 + len(problem.free), session(LONG)[2]
     took = interleaved(
         {
@@ -88,6 +106,8 @@ def measured() -> Sequence[Figure]:
             "stream": lambda: Learner(known, changes=False).run(long),
             "minute": lambda: Learner(known, changes=False).run(recording),
             "watched": lambda: Learner(known).run(recording),
+            "log": lambda: joint_fit(problem),
+            "all rows": lambda: with_all_rows(problem),
             "peer": lambda: peer(rows // 10, size),
         },
         repeats=3,
@@ -101,6 +121,8 @@ def measured() -> Sequence[Figure]:
         Figure("joint_stream_us_per_sample", each["stream"], "us", LIMIT, note="with re-estimation, 300 s"),
         Figure("joint_minute_us_per_sample", each["minute"], "us", note="the first minute of it"),
         Figure("joint_watched_us_per_sample", each["watched"], "us", note="that, with the watch over changes"),
+        Figure("joint_log_us_per_sample", each["log"], "us", note="all passes over that minute"),
+        Figure("joint_log_ratio", each["log"] / each["all rows"], "", note="of passes that take all rows at once"),
         Figure("joint_numpy_peer_us_per_sample", each["peer"], "us", note="NumPy, same size, without the model"),
         Figure("joint_ratio_to_numpy_peer", each["peer"] / each["pass"], "", note="times faster than the peer"),
     )

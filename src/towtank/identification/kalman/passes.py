@@ -458,9 +458,9 @@ def _settled(
 ) -> JointFit:
     """Return what passes from theta (n,) `about` come to; with `only_in_waves` they may end where there are none.
 
-    With `anew`, where the first one rejects much of a sensor, or inputs should act sooner than physics allows, they begin a second
-    time, with inputs that act a deviation sooner than is supposed; from a `stiff` vehicle, too; where a pose was
-    doubted, without doubts. The likelier speaks each time.
+    With `anew`, where the first one rejects much of a sensor, or inputs should act sooner than physics allows, they
+    begin a second time, with inputs that act a deviation sooner than is supposed; from a `stiff` vehicle, too; where a
+    pose was doubted, without doubts. The likelier speaks each time.
     """
     most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
     waves = np.where(problem.waving, levels.waves, 0.0)
