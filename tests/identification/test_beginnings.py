@@ -1,4 +1,5 @@
-"""Where passes begin: from a stiff vehicle, from the disturbance that is usual, from inputs that act sooner."""
+"""Where passes begin: from a stiff vehicle, from the disturbance that is usual, from inputs that act sooner; with fewer
+rows than steps."""
 
 from __future__ import annotations
 
@@ -9,8 +10,10 @@ import numpy as np
 import pytest
 
 from towtank.identification.data.samples import samples_of
+from towtank.identification.kalman import passes
 from towtank.identification.logs import learn_recordings
 from towtank.identification.offline.joint import LearningRequest, joint_problem
+from towtank.simulation.tank import tank_session
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
 
@@ -67,3 +70,32 @@ def test_a_vehicle_of_much_drag_and_little_inertia_is_not_taken_for_thrusters_th
     found = learn_recordings(told(truth), [run], free_runs=False)
     assert abs(undriven.errors(truth, found)["N_rdot"]) < 4.0
     assert found.lag == pytest.approx(truth.thrusters[0].time_constant, abs=0.01)
+
+
+def test_passes_begin_with_a_row_a_step_and_end_with_all_where_a_sensor_sees_the_ground(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    session = tank_session(20.0)
+    problem = joint_problem(LearningRequest(session.known, [session.recording]))
+    taken, one_pass = list[int](), passes.one_pass
+
+    def counting(asked: passes.JointProblem, *words: object, **options: object) -> object:
+        taken.append(sum(map(len, asked.samples)))
+        return one_pass(asked, *words, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(passes, "one_pass", counting)
+    rows = len(problem.samples[0])
+    found = passes.joint_fit(problem)
+    assert taken[0] == pytest.approx(rows / 2, abs=2)
+    assert sorted(taken) == taken
+    assert taken[-1] == rows
+    monkeypatch.setattr(passes, "_coarse", lambda whole: whole)
+    assert np.all(np.abs(found.theta - passes.joint_fit(problem).theta) < 0.2 * found.std)
+
+
+def test_gyros_alone_are_taken_row_by_row_from_the_first_pass_on() -> None:
+    session = tank_session(3.0)
+    samples = samples_of(session.recording, session.known)
+    samples.values[:, :9] = np.nan
+    problem = joint_problem(LearningRequest(session.known, [session.recording], [samples]))
+    assert passes._coarse(problem) is problem
