@@ -14,11 +14,13 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 import json
 import os
 import shutil
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
@@ -44,7 +46,8 @@ from towtank.simulation import Mocap, manoeuvre, simulate
 VEHICLE, RATE, FREE = "vlbv300", 100.0, "X_udot,X_uu"  # the cases learn little: they are about files
 SAID = 2.0  # s
 _FULL = 1 << 20  # bytes of a small disk
-_RAW, _MAGIC = "/raw/", 8  # bytes that a file begins with; a record has an opcode and 8 bytes of its length
+_RAW = "/raw/"
+_TORN = (McapError, EOFError, struct.error)  # by the reader of the package mcap, where a file ends within a record
 _TOLD = 4.0  # s that a case goes on before and after its blow
 Feed = Sequence[tuple[float, bytes]]
 
@@ -165,7 +168,7 @@ def opened(target: Path) -> tuple[int, int]:
     """Return samples and packets that the reader of the package mcap finds, up to a record that was torn."""
     topics: dict[int, str] = {}
     found = [0, 0]
-    with target.open("rb") as stream, contextlib.suppress(McapError, EOFError):
+    with target.open("rb") as stream, contextlib.suppress(*_TORN):
         for record in StreamReader(stream, validate_crcs=True).records:
             if isinstance(record, Channel):
                 topics[record.id] = record.topic
@@ -304,10 +307,10 @@ def stays_full(feed: Feed, folder: Path) -> Blow:
 def _filled(session: Session, disk: Path) -> bytes:
     """Fill the disk; return what is recorded by then: a record that it cuts short at this moment is not, yet."""
     fill(disk)
-    data = session.target.read_bytes()
-    end = _MAGIC
-    while (after := end + 9 + int.from_bytes(data[end + 1 : end + 9], "little")) <= len(data):
-        end = after
+    data, end = session.target.read_bytes(), 0
+    with io.BytesIO(data) as stream, contextlib.suppress(*_TORN):
+        for _ in StreamReader(stream, validate_crcs=True).records:
+            end = stream.tell()
     return data[:end]
 
 

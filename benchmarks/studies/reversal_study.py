@@ -1,6 +1,6 @@
 """What the pool's thrusters do when they are reversed: nothing for a moment, one way and not the other?
 
-    python benchmarks/studies/reversal_study.py [--output reversal.json]
+    python benchmarks/studies/reversal_study.py [--output reversal.json]          (five minutes)
 
 In each run, and in those that are predicted, commands are put to neutral for a time after a thruster is told to push
 ahead that pushed astern, or the other way. By how much likelier the filter finds the run so, what it takes for delay,
@@ -24,11 +24,11 @@ from towtank.identification import learn_recordings
 from towtank.identification.data.samples import prepared
 from towtank.identification.kalman.passes import joint_fit
 from towtank.identification.offline.joint import LearningRequest, joint_problem
-from towtank.recording import Recording, standard_channel
+from towtank.recording import Recording, held_at, standard_channel
 from towtank.vehicle import Thruster, curve_force
 
 PAUSES = ((0.0, 0.0), (0.2, 0.0), (0.0, 0.2), (0.15, 0.15))  # s: to ahead, to astern
-RUNS, AXIS = ("yaw_1", "yaw_2", "yaw_3", "pitch_roll_1"), "N_rdot"
+RUNS, INERTIA = ("yaw_1", "yaw_2", "yaw_3", "pitch_roll_1"), "N_rdot"
 
 
 def with_pauses(recording: Recording, thrusters: Sequence[Thruster], ahead: float, astern: float) -> Recording:
@@ -49,7 +49,7 @@ def _paused(t: Array, values: Array, thruster: Thruster, ahead: float, astern: f
     begins = t[reversed_at]
     ends = begins + np.where(way[reversed_at] > 0.0, ahead, astern)
     stamps = np.unique(np.concatenate([t, ends]))
-    held = values[np.maximum(np.searchsorted(t, stamps, "right") - 1, 0)]
+    held = held_at(t, values[:, None], stamps)[:, 0]
     for begin, end in zip(begins, ends, strict=True):
         held[(begin <= stamps) & (stamps < end)] = thruster.curve.rest
     return stamps, held
@@ -59,7 +59,7 @@ def found(runs: Learned, name: str, recording: Recording) -> dict[str, float | s
     """Return what the joint filter finds in a run."""
     fit = joint_fit(joint_problem(LearningRequest(runs.vehicle, [recording])))
     at = {each: (float(x), float(s)) for each, x, s in zip(fit.free.names, fit.theta, fit.std, strict=True)}
-    inertia, std = np.exp(at[AXIS][0]), at[AXIS][1]
+    inertia, std = np.exp(at[INERTIA][0]), at[INERTIA][1]  # the logarithm of the total
     numbers = {"likelihood": fit.likelihood, "delay": at["delay"][0], "lag": at["lag"][0]}
     return {"run": name, **numbers, "inertia": float(inertia), "inertia_std": float(inertia * std)}
 
@@ -102,7 +102,7 @@ def _study(data: Path, output: Path | None) -> int:
             {"ahead": ahead, "astern": astern, **{case.name: fit for case, fit in zip(cases, fits, strict=True)}}
         )
     show(table, predicted)
-    write_json(output, rows)
+    write_json(output, {"rows": rows})
     return 0
 
 

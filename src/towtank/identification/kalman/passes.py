@@ -371,7 +371,7 @@ def joint_fit(
 
 
 def _coarse(problem: JointProblem) -> JointProblem:
-    """Return a problem with no more rows than it has steps of integration, where that are far fewer.
+    """Return a problem with one sample of each sensor per step of integration, where that leaves far fewer rows.
 
     Only where a sensor sees the ground, and there is much to ask about the water. From half of what an accelerometer
     shows of thrusters that are off, passes come to levels that are less likely with all of it.
