@@ -5,8 +5,9 @@
 A hull of 35 kg, 1.7 m long, with a propeller and four tunnels and without fins, is driven along all axes but roll for
 60 s in water that stirs it; gyros at 50 Hz and a depth sensor at 10 Hz measure. Told are mass, inertia and thrusters.
 `stiff`: the centre of buoyancy lies 3 cm above that of gravity, and roll swings once a second; `soft`: 5 mm, once in
-2 s; `short`: the stiff one for 25 s. Of every coefficient that is called identified: how far from the truth, in
-deviations that are stated.
+2 s; `short`: the stiff one for 25 s; `rolled`: the stiff one, which the water rolls by a degree or two against its
+weight, before a camera. Of every coefficient that is called identified: how far from the truth, in deviations that are
+stated.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from by_case import by_case
@@ -24,13 +26,26 @@ from undriven_study import errors, row_of_errors, told
 from towtank.identification import learn_recordings
 from towtank.identification.model.terms import AHEAD
 from towtank.recording import Recording
-from towtank.simulation import Ins, OrnsteinUhlenbeck, simulate
+from towtank.simulation import Ins, Mocap, OrnsteinUhlenbeck, simulate
 from towtank.vehicle import Vehicle, load_vehicle
 
-# m, of the centre of buoyancy above that of gravity; s
-CASES = {"stiff": (0.03, 60.0), "soft": (0.005, 60.0), "short": (0.03, 25.0)}
-WATER = OrnsteinUhlenbeck((0.4, 0.6, 0.6, 0.013, 0.2, 0.2), 2.0, ("X", "Y", "Z", "K", "M", "N"))
-MEASURED = ("p", "q", "r", "z")
+
+class Case(NamedTuple):
+    """A run: the centre of buoyancy above that of gravity [m], seconds, moment in roll by the water [N m], sensors."""
+
+    above: float
+    seconds: float = 60.0
+    rolls: float = 0.013
+    sensors: Ins | Mocap = Ins()
+
+
+CASES = {
+    "stiff": Case(0.03),
+    "soft": Case(0.005),
+    "short": Case(0.03, 25.0),
+    "rolled": Case(0.03, rolls=0.3, sensors=Mocap(rate=50.0)),
+}
+MEASURED = ("p", "q", "r", "z")  # of `Ins`
 _DT = 0.02
 _TUNNELS = ("up_bow", "up_stern")
 
@@ -48,10 +63,10 @@ def hull(above: float) -> Vehicle:
     return vehicle.model_copy(update=given)
 
 
-def driven(vehicle: Vehicle, seed: int, seconds: float) -> Recording:
-    """Return a run: every thruster rests, or pushes for a second or so; commands, gyros and depth."""
-    random = np.random.default_rng(seed)
-    levels = np.zeros((round(seconds / _DT), len(vehicle.thrusters)))
+def driven(case: Case, seed: int) -> Recording:
+    """Return a run: every thruster rests, or pushes for a second or so; commands, gyros and depth, or the pose."""
+    vehicle, random = hull(case.above), np.random.default_rng(seed)
+    levels = np.zeros((round(case.seconds / _DT), len(vehicle.thrusters)))
     for column in levels.T:
         k = round(1.0 / _DT)
         while k < column.size:
@@ -59,15 +74,17 @@ def driven(vehicle: Vehicle, seed: int, seconds: float) -> Recording:
             column[k : k + held] = random.choice([-1.0, 1.0]) * random.choice([40.0, 60.0, 80.0, 100.0])
             column[k : k + held] *= random.random() < 0.6
             k += held
-    run = simulate(vehicle, commands=levels, dt=_DT, disturbance=WATER, sensors=Ins(), seed=seed)
+    water = OrnsteinUhlenbeck((0.4, 0.6, 0.6, case.rolls, 0.2, 0.2), 2.0, ("X", "Y", "Z", "K", "M", "N"))
+    run = simulate(vehicle, commands=levels, dt=_DT, disturbance=water, sensors=case.sensors, seed=seed)
+    if isinstance(case.sensors, Mocap):
+        return run
     return run.without(*(name for name in run if name not in MEASURED and not name.startswith("cmd_")))
 
 
 def learned(case: str, seed: int) -> dict[str, float]:
     """Return the error of every coefficient that is identified, in deviations that are stated."""
-    above, seconds = CASES[case]
-    truth = hull(above)
-    return errors(truth, learn_recordings(told(truth), [driven(truth, seed, seconds)]))
+    truth = hull(CASES[case].above)
+    return errors(truth, learn_recordings(told(truth), [driven(CASES[case], seed)]))
 
 
 def checks(case: str, found: Sequence[dict[str, float]]) -> list[Check]:

@@ -114,8 +114,8 @@ def _from_linearised_current(state: JointState) -> None:
 
 
 @kernel
-def _lift_into(state: JointState, total: Array) -> None:
-    """Add to the acceleration (6,) of the body what water does that waves accelerate: gravity along -dv_w/dt.
+def _lift_into(state: JointState, lift: Array) -> None:
+    """Write the acceleration (6,) of the body by water that waves accelerate: gravity along -dv_w/dt.
 
     What accelerates the displaced water acts at the centre of buoyancy, the body's inertia at that of gravity
     (Fossen 2021, section 10.2), of the coefficients that the motion is linearised about. In m/s^2 and rad/s^2, FRD.
@@ -123,6 +123,8 @@ def _lift_into(state: JointState, total: Array) -> None:
     """
     p, share, each = state.p, state.settings[0].wave_frequency / GRAVITY, state.scratch[_LIFT : _LIFT + 3]
     wrench = state.scratch[_LIFT + 3]
+    for i in range(6):
+        lift[i] = 0.0
     for j in range(3):
         a, b, c = row_of_rotation(state.x[3:7], j)
         pull_into(p, share * a, share * b, share * c, wrench)
@@ -130,7 +132,7 @@ def _lift_into(state: JointState, total: Array) -> None:
             each[j, i] = 0.0
             for k in range(6):
                 each[j, i] += p[I_MASS_INVERSE + 6 * i + k] * wrench[k]
-            total[i] += each[j, i] * state.wave[3 + j]
+            lift[i] += each[j, i] * state.wave[3 + j]
 
 
 @kernel
@@ -309,23 +311,24 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
     T = state.settings[0].time_constant
     fade = math.exp(-h / T)
     mean = (1.0 - fade) * T / h
-    total = state.scratch[11]
+    disturbance, lift = state.scratch[11], state.scratch[12]
     for k in range(steps):
         end = t if k == steps - 1 else clock.time + h
         if not mean_forces_into(held, end, state.mean_force):
             return False
         input_wrench_into(state, state.mean_force[0])
         for i in range(6):
-            total[i] = mean * state.force[i]
+            disturbance[i] = mean * state.force[i]
         if state.settings[0].waves > 0.0:
-            _lift_into(state, total)
+            _lift_into(state, lift)
         _with_inflow(state)
         to_linearised_current(state)
         step_and_linearise(
             state.p,
             state.x,
             state.tau,
-            total,
+            disturbance,
+            lift,
             state.water,
             h,
             1.0 / T,
@@ -339,7 +342,7 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
             state.scratch,
         )
         for i in range(6):
-            state.rate[i] = state.work[4, 7 + i] + total[i]
+            state.rate[i] = state.work[4, 7 + i]
         _from_linearised_current(state)
         _off_linearisation(state)
         _covariance(state, h)

@@ -61,6 +61,7 @@ __all__ = [
     "WAVE_PERIODS",
     "JointFit",
     "JointProblem",
+    "coarse",
     "inputs_of",
     "joint_fit",
     "latencies_of",
@@ -79,7 +80,7 @@ _FOLLOWS = 0.07  # share of a sensor's samples beyond the gate, up to which moti
 _LONGEST_STEP = 1.5  # deviations of the prior
 _PATIENCE = 4  # passes after the likeliest one
 _SOONEST = 0.2  # of the delay and the lag that are supposed, in a second beginning
-_TOO_SOON = 0.1  # deviations of both in the prior, by which data ask for less of them than physics allows
+_TOO_SOON = 0.05  # deviations of both in the prior, by which data ask for less of them than physics allows
 _DAMPED = 0.5  # share of a step that goes back on the last one
 _STILL = 0.05  # deviations of the posterior that a coefficient may still move
 _MUCH_WORSE = 100.0  # of the log likelihood, that a pass may lose on the best one
@@ -360,7 +361,7 @@ def joint_fit(
     few = problem.over(spread(problem.samples))
     if since is not None:
         return _in_likeliest_water(few, _settled(few, *since, progress), progress)[1]
-    few = _coarse(few)
+    few = coarse(few)
     whole = _rows(few) == _rows(problem)
     found, fit = _with_waves(few, lambda share: progress(share if whole else 0.7 * share))
     if not whole:
@@ -370,7 +371,7 @@ def joint_fit(
     return fit
 
 
-def _coarse(problem: JointProblem) -> JointProblem:
+def coarse(problem: JointProblem) -> JointProblem:
     """Return a problem with one sample of each sensor per step of integration, where that leaves far fewer rows.
 
     Only where a sensor sees the ground, and there is much to ask about the water. From half of what an accelerometer

@@ -10,10 +10,14 @@ The filter looks at stretches in which the inputs change most, each by itself, a
 wiring of the file asks for. No model is right about all of a recording: what it lacks lasts for about half a second, so
 that ten samples tell as much as one, and a stretch holds no more than `_NONSENSE` nats against any wiring.
 
-Where linear responses are sure of a wiring, and the filter agrees, that is it; else the likeliest by both together, if
-it is likelier than the file's by `_SURE` nats. Each thruster that is turned costs some, all of them at once no more
-than one, and a swap; a thruster of which linear responses see nothing, for no axis that it moves shows its speed, costs
-more: one judge alone is fooled more easily.
+What linear responses are sure of is asked about, and the likeliest by both together, if it is likelier than the file's
+by `_SURE` nats. Each thruster that is turned costs some, all of them at once no more than one, and a swap; a thruster
+of which linear responses see nothing, for no axis that it moves shows its speed, costs more: one judge alone is fooled
+more easily.
+
+The filter's one pass is about what is supposed. A vehicle far from that, four times as heavy in heave as it should be,
+follows no wiring there, and none best of all. So wirings that differ from the file's are learned with, pass after
+pass, and so is the file's, which stays where it is likelier then; else the likeliest speaks.
 
 Thrusters are turned or their outputs swapped; none is moved.
 """
@@ -30,7 +34,7 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import NoiseLevels, Samples
 from towtank.identification.kalman.noise_adaptation import adapt_noise, most_disturbed
-from towtank.identification.kalman.passes import JointProblem, one_pass
+from towtank.identification.kalman.passes import JointProblem, joint_fit, one_pass
 from towtank.identification.offline.axis_responses import axis_responses, likelihood_of
 from towtank.recording.grids.stretches import cuts
 from towtank.vehicle.thrusters.wiring import Wiring
@@ -39,7 +43,8 @@ __all__ = ["wiring_of"]
 
 _TURN, _SWAP, _CHOICE = 6.0, 8.0, 3.0  # nats that a turned thruster costs, a swap, and the logarithm of their number
 _UNSEEN = 25.0  # nats that a turned thruster costs more where linear responses do not see it
-_SURE, _ALONE, _AGREES = 12.0, 20.0, 5.0  # nats ahead of the file: by both judges, by the first; and then by the filter
+_SURE, _ALONE = 12.0, 20.0  # nats ahead of the file: by both judges, by the first alone
+_REFUTED = 5.0  # nats by which what is learned is likelier with the file's
 _PIECE, _PIECES = 10.0, 12  # s of a stretch; as many at most
 _APART, _ALIKE = 0.05, 10.0  # s between two samples of a sensor that are looked at; so many tell as much as one
 _NONSENSE = 10.0  # nats that a stretch holds against a wiring at most
@@ -72,11 +77,14 @@ def wiring_of(problem: JointProblem) -> Wiring:
         ways += swaps
     look = _Look(problem.over(pieces))
     best = int(np.argmax(found))
-    if found[best] > found[0] + _ALONE and np.subtract(*look.at([ways[best], ways[0]])) > _AGREES:
-        return ways[best]
+    alone = [ways[best]] if found[best] > found[0] + _ALONE else []
     found[0] += _SURE
-    likeliest = np.argsort(-found, kind="stable")[:_LOOKED_AT]
-    return look.likeliest([ways[k] for k in likeliest], found[likeliest])
+    few = np.argsort(-found, kind="stable")[:_LOOKED_AT]
+    asked = {way: look.learned(way) for way in (look.likeliest([ways[k] for k in few], found[few]), *alone) if way}
+    if not asked:
+        return Wiring()
+    likeliest = max(asked, key=lambda way: asked[way])
+    return Wiring() if (look.learned(ways[0]) - asked[likeliest]) / _ALIKE > _REFUTED else likeliest
 
 
 def _signs(used: Sequence[int]) -> list[Wiring]:
@@ -126,11 +134,6 @@ class _Look:
         """Args: problem: over the stretches, the inputs wired as the file has it."""
         self.problem = problem
 
-    def at(self, ways: Sequence[Wiring]) -> Array:
-        """Return the log likelihood of each way (h,), beside that of the likeliest of them."""
-        told = [self._told(ways, k) for k in range(len(self.problem.samples))]
-        return np.asarray(np.sum(told, axis=0))
-
     def likeliest(self, ways: Sequence[Wiring], found: Array) -> Wiring:
         """Return the likeliest wiring by what was found (h,) and by the filter.
 
@@ -152,10 +155,17 @@ class _Look:
 
     def _likelihood(self, way: Wiring, k: int) -> float:
         """Return the log likelihood of stretch k; very small where none can be computed."""
-        piece = self.problem.samples[k]
-        rewired = self.problem.over([replace(piece, B=np.ascontiguousarray(way.matrix(piece.B)))])
+        rewired = self._rewired(way, self.problem.samples[k : k + 1])
         found = float(one_pass(rewired, self.problem.prior.mean, self._levels, windows=1)[0].clock[0].log_likelihood)
         return found if np.isfinite(found) else -1e9
+
+    def learned(self, way: Wiring) -> float:
+        """Return the log likelihood of all stretches by what is learned from them."""
+        fit = joint_fit(self._rewired(way, self.problem.samples), since=(self.problem.prior.mean, self._levels))
+        return fit.likelihood if np.isfinite(fit.likelihood) else -1e9
+
+    def _rewired(self, way: Wiring, samples: Sequence[Samples]) -> JointProblem:
+        return self.problem.over([replace(each, B=np.ascontiguousarray(way.matrix(each.B))) for each in samples])
 
     @cached_property
     def _levels(self) -> NoiseLevels:
