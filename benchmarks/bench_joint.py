@@ -79,7 +79,7 @@ def peer(rows: int, size: int) -> None:
 
 def with_all_rows(problem: JointProblem) -> JointFit:
     """Learn from all rows in every pass."""
-    with patch.object(passes, "coarse", lambda whole: whole):
+    with patch.object(passes, "_coarse", lambda whole: whole):
         return joint_fit(problem)
 
 

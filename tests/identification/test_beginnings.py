@@ -9,12 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from towtank.identification import Learner
 from towtank.identification.data.samples import samples_of
 from towtank.identification.kalman import passes
 from towtank.identification.logs import learn_recordings
 from towtank.identification.offline.joint import LearningRequest, joint_problem
-from towtank.identification.online import reestimation
 from towtank.simulation.tank import tank_session
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
@@ -89,30 +87,8 @@ def test_passes_begin_with_a_row_a_step_and_end_with_all_where_a_sensor_sees_the
     assert taken[0] == pytest.approx(rows / 2, abs=2)
     assert sorted(taken) == taken
     assert taken[-1] == rows
-    monkeypatch.setattr(passes, "coarse", lambda whole: whole)
+    monkeypatch.setattr(passes, "_coarse", lambda whole: whole)
     assert np.all(np.abs(found.theta - passes.joint_fit(problem).theta) < 0.2 * found.std)
-
-
-def test_a_stream_goes_back_with_a_row_a_step_and_over_all_rows_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    session = tank_session(4.0)
-    fitted, gone_over = list[int](), list[int]()
-    joint_fit, one_pass = reestimation.joint_fit, reestimation.one_pass
-
-    def fit(asked: passes.JointProblem, *words: object, **options: object) -> object:
-        fitted.append(sum(map(len, asked.samples)))
-        return joint_fit(asked, *words, **options)  # type: ignore[arg-type]
-
-    def over(asked: passes.JointProblem, *words: object, **options: object) -> object:
-        gone_over.append(sum(map(len, asked.samples)))
-        return one_pass(asked, *words, **options)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(reestimation, "joint_fit", fit)
-    monkeypatch.setattr(reestimation, "one_pass", over)
-    learner = Learner(session.known)
-    learner.run(session.recording)
-    assert len(fitted) == len(gone_over) > 2
-    assert np.array(fitted) == pytest.approx(np.array(gone_over) / 2, abs=2)
-    assert learner.estimate.samples > gone_over[-1]
 
 
 def test_gyros_alone_are_taken_row_by_row_from_the_first_pass_on() -> None:
@@ -120,4 +96,4 @@ def test_gyros_alone_are_taken_row_by_row_from_the_first_pass_on() -> None:
     samples = samples_of(session.recording, session.known)
     samples.values[:, :9] = np.nan
     problem = joint_problem(LearningRequest(session.known, [session.recording], [samples]))
-    assert passes.coarse(problem) is problem
+    assert passes._coarse(problem) is problem

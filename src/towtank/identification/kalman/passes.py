@@ -61,7 +61,6 @@ __all__ = [
     "WAVE_PERIODS",
     "JointFit",
     "JointProblem",
-    "coarse",
     "inputs_of",
     "joint_fit",
     "latencies_of",
@@ -361,7 +360,7 @@ def joint_fit(
     few = problem.over(spread(problem.samples))
     if since is not None:
         return _in_likeliest_water(few, _settled(few, *since, progress), progress)[1]
-    few = coarse(few)
+    few = _coarse(few)
     whole = _rows(few) == _rows(problem)
     found, fit = _with_waves(few, lambda share: progress(share if whole else 0.7 * share))
     if not whole:
@@ -371,7 +370,7 @@ def joint_fit(
     return fit
 
 
-def coarse(problem: JointProblem) -> JointProblem:
+def _coarse(problem: JointProblem) -> JointProblem:
     """Return a problem with one sample of each sensor per step of integration, where that leaves far fewer rows.
 
     Only where a sensor sees the ground, and there is much to ask about the water. From half of what an accelerometer

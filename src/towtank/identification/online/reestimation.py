@@ -25,7 +25,6 @@ from towtank.identification.kalman.filter import take_all
 from towtank.identification.kalman.noise_adaptation import filter_settings
 from towtank.identification.kalman.passes import (
     JointProblem,
-    coarse,
     inputs_of,
     joint_fit,
     latencies_of,
@@ -146,16 +145,14 @@ class Reestimation:
         if self.last is not None and about is not None:
             since = about, self.last.levels
             problem = replace(problem, settings=self.last.settings)
-        few = coarse(problem)  # passes need no more; all rows are gone over once, at the end
-        fit = joint_fit(few, since=since)
+        fit = joint_fit(problem, since=since)
         gone = 0
         if since is None and fit.rejected.max() > _REJECTED and stretches[0].duration > _LONG_ENOUGH:
             gone = int(np.searchsorted(stretches[0].t, stretches[0].t[0] + _FALSE_START))
             later = [stretches[0].stretch(gone, len(stretches[0])), *stretches[1:]]
-            begun_later = coarse(problem.over(later))
-            other = joint_fit(begun_later)
+            other = joint_fit(problem.over(later))
             if other.rejected.max() < 0.5 * fit.rejected.max():
-                fit, few, problem, stretches = other, begun_later, problem.over(later), later
+                fit, problem, stretches = other, problem.over(later), later
             else:
                 gone = 0
         problem = replace(problem, settings=replace(problem.settings, wave_period=fit.wave_period))
@@ -164,9 +161,9 @@ class Reestimation:
             return None
         wider, apart = fit.wider, np.zeros(fit.theta.size)
         remarks = [each.said for each in smooth_speeds([each.recorded for each in stretches])]
-        rival = likeliest_rival(few, fit)
+        rival = likeliest_rival(problem, fit)
         if rival is not None:
-            apart, text = apart_from(few, fit, rival)
+            apart, text = apart_from(problem, fit, rival)
             remarks.append(text)
         if self.kept is not None:  # nor does what has gone tell more than it told
             before = dict(zip(self.kept.names, zip(self.kept.disagreement, self.kept.apart, strict=True), strict=True))
