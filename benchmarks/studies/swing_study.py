@@ -31,21 +31,22 @@ from towtank.vehicle import Vehicle, load_vehicle
 
 
 class Case(NamedTuple):
-    """A run: the centre of buoyancy above that of gravity [m], seconds, moment in roll by the water [N m], sensors."""
+    """A run: the centre of buoyancy above that of gravity [m], seconds, moment in roll by the water [N m], sensors, and
+    which of their channels are kept."""
 
     above: float
     seconds: float = 60.0
     rolls: float = 0.013
     sensors: Ins | Mocap = Ins()
+    measured: tuple[str, ...] = ("p", "q", "r", "z")
 
 
 CASES = {
     "stiff": Case(0.03),
     "soft": Case(0.005),
     "short": Case(0.03, 25.0),
-    "rolled": Case(0.03, rolls=0.3, sensors=Mocap(rate=50.0)),
+    "rolled": Case(0.03, rolls=0.3, sensors=Mocap(rate=50.0), measured=("x", "y", "z", "phi", "theta", "psi")),
 }
-MEASURED = ("p", "q", "r", "z")  # of `Ins`
 _DT = 0.02
 _TUNNELS = ("up_bow", "up_stern")
 
@@ -76,9 +77,7 @@ def driven(case: Case, seed: int) -> Recording:
             k += held
     water = OrnsteinUhlenbeck((0.4, 0.6, 0.6, case.rolls, 0.2, 0.2), 2.0, ("X", "Y", "Z", "K", "M", "N"))
     run = simulate(vehicle, commands=levels, dt=_DT, disturbance=water, sensors=case.sensors, seed=seed)
-    if isinstance(case.sensors, Mocap):
-        return run
-    return run.without(*(name for name in run if name not in MEASURED and not name.startswith("cmd_")))
+    return run.without(*(name for name in run if name not in case.measured and not name.startswith("cmd_")))
 
 
 def learned(case: str, seed: int) -> dict[str, float]:

@@ -14,6 +14,7 @@ import pytest
 from towtank.core.arrays import Array
 from towtank.core.attitude import rotation_from_quaternion, row_of_rotation
 from towtank.core.dynamics import forward_dynamics
+from towtank.core.layout import I_MASS, I_MASS_INVERSE
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, prepared, samples_of
 from towtank.identification.kalman.state import N_FIXED, FilterSettings, JointState, new_joint_state
@@ -37,7 +38,7 @@ sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studie
 from place_study import CASES, learned
 from tumbling import named, tumble
 
-VEHICLE = load_vehicle("vlbv300")
+VEHICLE = load_vehicle("vlbv300").with_coefficients({"Y_rdot": 0.7, "X_qdot": -0.4})  # so that axes are coupled
 LATE = tuple(LATENCIES[s] for s in (POSITION, VELOCITY))
 PRIOR = prior_of(VEHICLE, more=(*LATE, *PLACES)).only(("X_udot", "N_rdot", "M_qdot", "X_uu", "N_r", *LATE, *PLACES))
 AT = np.where(np.isin(PRIOR.names, PLACES), 0.0, PRIOR.mean)
@@ -88,6 +89,19 @@ def test_what_a_sensor_away_from_the_origin_shows_is_the_motion_of_its_place(sen
     np.testing.assert_allclose(away - origin, more[sensor], atol=1e-10)
 
 
+def test_an_accelerometer_feels_a_disturbance_as_six_forces_about_the_origin() -> None:
+    """Each the axis' own inertia times it; what inertia couples with it moves, too."""
+    assert np.count_nonzero(VEHICLE.mass_matrix) > 6
+    a = np.array([0.3, -0.2, 0.1, 0.5, -0.4, 0.7])
+    calm, pushed = _moving(AT, AT), _moving(AT, AT)
+    pushed.force[:] = a
+    M = calm.p[I_MASS:I_MASS_INVERSE].reshape(6, 6)
+    moves = np.linalg.solve(M, np.diag(M) * a)
+    r = AT[-9:-6]
+    more = _expected(SPECIFIC_FORCE, pushed)[0] - _expected(SPECIFIC_FORCE, calm)[0]
+    np.testing.assert_allclose(more, moves[:3] + np.cross(moves[3:], r), atol=1e-10)
+
+
 @pytest.mark.parametrize("sensor", SHOWN)
 def test_coefficients_and_place_away_from_where_they_are_linearised_count_to_first_order(sensor: int) -> None:
     """What is left is of second order, half as far away a quarter; and the rows stay those of the linearisation."""
@@ -109,7 +123,7 @@ def test_the_rows_are_its_derivative(sensor: int) -> None:
         derivative = (above - below) / (2.0 * step)
         if name not in LATE:  # what is shown late is told from beside what is shown
             np.testing.assert_allclose(rows[:, N_FIXED + c], derivative, rtol=1e-5, atol=1e-4, err_msg=name)
-    for i in range(12 if sensor != SPECIFIC_FORCE else 0):  # its own: test_measurements.py
+    for i in range(18) if sensor != SPECIFIC_FORCE else range(12, 18):  # of its own motion: test_measurements.py
         shown = []
         for sign in (1.0, -1.0):
             state = _moving(AT, AT)

@@ -157,7 +157,7 @@ def test_what_the_judges_find_stays_only_where_what_is_learned_is_likelier_with_
     turned: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A flat vehicle of 7 kg, 7 times as heavy in heave, was taken for one of which two thrusters push the other way:
-    about what is supposed, the filter followed best what did not push at all. All inertias were 24 % off."""
+    about what is supposed, the filter followed best what did not push at all."""
     vehicle, run = craft(), spins(20.0)
 
     def fooled(ways: list[Wiring], *others: object) -> np.ndarray:

@@ -186,6 +186,8 @@ def test_a_disturbance_says_nothing_of_the_inertia_of_its_axis(vehicle: Vehicle)
     step.disturbance *= 5.0
     none.disturbance *= 0.0
     x, F = step.linearised()
+    found = _by_differences(step)
+    assert (np.abs(F - found) <= 1e-3 * np.abs(found).max(axis=0)).all()
     np.testing.assert_allclose(F[6:, 12:18], H * np.eye(6), atol=0.03 * H)  # damping and Coriolis within the step
     np.testing.assert_allclose(_difference(x, none.linearised()[0])[6:], H * step.disturbance, atol=5e-4)
     # stated in newtons, it would be among the accelerations that inertia takes part in

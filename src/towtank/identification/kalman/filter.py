@@ -30,7 +30,7 @@ from towtank.vehicle.matrices import GRAVITY
 __all__ = ["joint_events", "joint_step", "rows_of", "take_all", "take_row"]
 
 _DIST = 12
-_LIFT = 7  # rows of the scratch
+_LIFT, _LIFTED = 7, 6  # rows of the scratch: by each axis of NED, and in all
 _TINY = 1e-30  # m^2/s^4
 _ATTITUDE_MEMORY = 30.0  # s: of the bias of an attitude that wanders
 _START = (0.3, 0.2, 0.3, 0.2)  # m, rad, m/s, rad/s: deviations at the start where a sensor has shown nothing
@@ -115,7 +115,7 @@ def _from_linearised_current(state: JointState) -> None:
 
 @kernel
 def _lift_into(state: JointState, lift: Array) -> None:
-    """Write the acceleration (6,) of the body by water that waves accelerate: gravity along -dv_w/dt.
+    """Add to `lift` (6,) the acceleration of the body by water that waves accelerate: gravity along -dv_w/dt.
 
     What accelerates the displaced water acts at the centre of buoyancy, the body's inertia at that of gravity
     (Fossen 2021, section 10.2), of the coefficients that the motion is linearised about. In m/s^2 and rad/s^2, FRD.
@@ -123,8 +123,6 @@ def _lift_into(state: JointState, lift: Array) -> None:
     """
     p, share, each = state.p, state.settings[0].wave_frequency / GRAVITY, state.scratch[_LIFT : _LIFT + 3]
     wrench = state.scratch[_LIFT + 3]
-    for i in range(6):
-        lift[i] = 0.0
     for j in range(3):
         a, b, c = row_of_rotation(state.x[3:7], j)
         pull_into(p, share * a, share * b, share * c, wrench)
@@ -311,7 +309,7 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
     T = state.settings[0].time_constant
     fade = math.exp(-h / T)
     mean = (1.0 - fade) * T / h
-    disturbance, lift = state.scratch[11], state.scratch[12]
+    disturbance, lift = state.scratch[11], state.scratch[_LIFTED]
     for k in range(steps):
         end = t if k == steps - 1 else clock.time + h
         if not mean_forces_into(held, end, state.mean_force):
@@ -319,6 +317,7 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
         input_wrench_into(state, state.mean_force[0])
         for i in range(6):
             disturbance[i] = mean * state.force[i]
+            lift[i] = 0.0
         if state.settings[0].waves > 0.0:
             _lift_into(state, lift)
         _with_inflow(state)

@@ -213,7 +213,7 @@ class JointState(NamedTuple):
     F: Array  # (12, 21 + n)
     A: Array  # (12, 21 + n)
     work: Array  # (5, 13)
-    scratch: Array  # (13, 6)
+    scratch: Array  # (12, 6)
     W: Array  # (12, N)
     H: Array  # (3, N) of the sensor at hand
     G: Array  # (3, N) P H^T
@@ -231,7 +231,7 @@ def transition_scratch(n: int) -> tuple[Array, Array, Array, Array]:
         np.zeros((N_MOVING, N_FIXED + n)),
         np.zeros((N_MOVING, N_FIXED + n)),
         np.zeros((5, N_STATES)),
-        np.zeros((13, 6)),
+        np.zeros((12, 6)),
     )
 
 
