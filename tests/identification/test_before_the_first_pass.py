@@ -75,10 +75,7 @@ def test_a_disturbance_is_at_most_what_motion_and_inputs_show() -> None:
     values[:, 6:12] = 0.0
     most = most_disturbed([samples(values, force=60.0)], np.array(body.parameters))
     assert most[0] == pytest.approx(60.0 / body.mass_matrix[0, 0] + DISTURBANCE[0])  # something holds it in place
-    np.testing.assert_allclose(most[[1, 2, 5]], np.array(DISTURBANCE)[[1, 2, 5]])
-    np.testing.assert_allclose(most[3:5], DISTURBANCE[3:5])
-    values[:, 3:6] = 0.0  # the weight may hold it upright, and how it leans is seen
-    assert np.isinf(most_disturbed([samples(values)], np.array(body.parameters))[3:5]).all()
+    np.testing.assert_allclose(most[1:], DISTURBANCE[1:])
 
 
 def test_thrusters_that_answer_at_once_where_a_lag_is_supposed() -> None:

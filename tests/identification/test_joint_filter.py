@@ -178,7 +178,6 @@ class Reference:
             self.x,
             self.samples.B @ self.pushed[0],
             mean * self.disturbance,
-            np.zeros(6),
             np.zeros(3),
             h,
             0.5,

@@ -30,7 +30,7 @@ from towtank.vehicle.matrices import GRAVITY
 __all__ = ["joint_events", "joint_step", "rows_of", "take_all", "take_row"]
 
 _DIST = 12
-_LIFT, _LIFTED = 7, 6  # rows of the scratch: by each axis of NED, and in all
+_LIFT = 7  # rows of the scratch
 _TINY = 1e-30  # m^2/s^4
 _ATTITUDE_MEMORY = 30.0  # s: of the bias of an attitude that wanders
 _START = (0.3, 0.2, 0.3, 0.2)  # m, rad, m/s, rad/s: deviations at the start where a sensor has shown nothing
@@ -114,8 +114,8 @@ def _from_linearised_current(state: JointState) -> None:
 
 
 @kernel
-def _lift_into(state: JointState, lift: Array) -> None:
-    """Add to `lift` (6,) the acceleration of the body by water that waves accelerate: gravity along -dv_w/dt.
+def _lift_into(state: JointState, total: Array) -> None:
+    """Add to the acceleration (6,) of the body what water does that waves accelerate: gravity along -dv_w/dt.
 
     What accelerates the displaced water acts at the centre of buoyancy, the body's inertia at that of gravity
     (Fossen 2021, section 10.2), of the coefficients that the motion is linearised about. In m/s^2 and rad/s^2, FRD.
@@ -130,7 +130,7 @@ def _lift_into(state: JointState, lift: Array) -> None:
             each[j, i] = 0.0
             for k in range(6):
                 each[j, i] += p[I_MASS_INVERSE + 6 * i + k] * wrench[k]
-            lift[i] += each[j, i] * state.wave[3 + j]
+            total[i] += each[j, i] * state.wave[3 + j]
 
 
 @kernel
@@ -309,25 +309,23 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
     T = state.settings[0].time_constant
     fade = math.exp(-h / T)
     mean = (1.0 - fade) * T / h
-    disturbance, lift = state.scratch[11], state.scratch[_LIFTED]
+    total = state.scratch[11]
     for k in range(steps):
         end = t if k == steps - 1 else clock.time + h
         if not mean_forces_into(held, end, state.mean_force):
             return False
         input_wrench_into(state, state.mean_force[0])
         for i in range(6):
-            disturbance[i] = mean * state.force[i]
-            lift[i] = 0.0
+            total[i] = mean * state.force[i]
         if state.settings[0].waves > 0.0:
-            _lift_into(state, lift)
+            _lift_into(state, total)
         _with_inflow(state)
         to_linearised_current(state)
         step_and_linearise(
             state.p,
             state.x,
             state.tau,
-            disturbance,
-            lift,
+            total,
             state.water,
             h,
             1.0 / T,
@@ -341,7 +339,7 @@ def predict(state: JointState, held: ZeroOrderHold, t: float) -> bool:
             state.scratch,
         )
         for i in range(6):
-            state.rate[i] = state.work[4, 7 + i]
+            state.rate[i] = state.work[4, 7 + i] + total[i]
         _from_linearised_current(state)
         _off_linearisation(state)
         _covariance(state, h)

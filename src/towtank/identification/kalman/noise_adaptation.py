@@ -162,8 +162,7 @@ def most_disturbed(samples: Sequence[Samples], p: Array) -> Array:
 
     What pushes an axis shows in its motion, or inputs stand against it: so it is not larger than the accelerations of
     both, and the usual one. Without that, a large push on heavy damping looks like a small one on light damping, and
-    passes go on from one to the other. In roll and pitch the weight stands against it, too: where the lean is seen, it
-    tells how much.
+    passes go on from one to the other.
 
     Args:
         p: kernel parameters (170,): the inertia that inputs move.
@@ -174,7 +173,6 @@ def most_disturbed(samples: Sequence[Samples], p: Array) -> Array:
         pushed = each.input_force @ each.B.T / inertia
         own = np.sqrt(np.mean(pushed**2, axis=0)) if len(pushed) else 0.0
         most = np.maximum(most, accelerations_of(each) + own)
-        most[3:5] += np.where(each.measured[3:5], np.inf, 0.0)
     return np.asarray(most + np.array(DISTURBANCE), dtype=np.float64)
 
 

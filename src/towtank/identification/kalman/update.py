@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING
 
 from towtank.core.arrays import Array, kernel, summing_kernel
 from towtank.core.attitude import euler_from_quaternion, row_of_rotation, to_body
-from towtank.core.layout import I_MASS
 from towtank.core.rk4 import stage_of_one_into
 from towtank.identification.model.linearisation import linearise_into, turn_by
 from towtank.identification.model.measurements import (
@@ -259,12 +258,8 @@ def update_specific_force(state: JointState, z: Array) -> None:
     inject(state)
     to_linearised_current(state)
     x, A, away = state.x, state.A, state.away
-    change, wrench = state.work[4], state.scratch[6]
-    for i in range(6):
-        wrench[i] = state.tau[i] + state.p[I_MASS + 7 * i] * state.force[i]
-    stage_of_one_into(state.p, x, wrench, state.water, change, True)
-    for i in range(6):
-        change[7 + i] -= state.force[i]
+    change = state.work[4]
+    stage_of_one_into(state.p, x, state.tau, state.water, change, True)
     linearise_into(
         state.p, x, change, state.codes, state.linearised_at, state.B, state.mean_force, A, state.scratch[4:6]
     )

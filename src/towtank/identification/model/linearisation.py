@@ -5,17 +5,13 @@ With x the state and everything taken at the middle of the step,
 
     d p_dot  = R dv - R [v]x e + d v_c
     d e_dot  = -[omega]x e + d omega
-    d nu_dot = M^-1 { D d nu + [W - B; S(b)] ([k]x e) - sum Phi_j d c_j + diag(M) d a }
+    d nu_dot = M^-1 { D d nu + [W - B; S(b)] ([k]x e) - sum Phi_j d c_j } + d a
     D        = L + 2 Q |nu| + 2 A nu + d(u F nu - C(nu) nu)/d nu
 
 C(nu) nu is bilinear, so its derivative is C(dnu) nu + C(nu) dnu in Kirchhoff's form; Phi is the regressor of (8),
-Phi c = tau along the motion, whence the last term but one. The step's matrix is F = I + A h + A^2 h^2 / 2.
-
-The disturbance a is stated as an acceleration and acts as six forces about the origin, each the axis' own inertia times
-it. Acting as an acceleration it would move no axis but its own, while the weight that holds a vehicle against it moves
-all that inertia couples: a vehicle that leans under a steady moment would be pushed sideways. Stated in newtons it
-would fix the scale of all forces by the accelerations that it could cause. So Phi is without a: no inertia is told by
-what is only guessed. Nor by water that waves accelerate, which is an acceleration at the coefficients as they are.
+Phi c = tau along the motion, whence the last term. The disturbance a is an acceleration: one that is stated in newtons
+would fix the scale of all forces by the accelerations that it could cause. So Phi is without what a does to nu_dot. The
+step's matrix is F = I + A h + A^2 h^2 / 2.
 """
 
 from __future__ import annotations
@@ -93,7 +89,7 @@ def linearise_into(
 ) -> None:
     """Write A (12, 21 + n), the derivative of the error's rate, at the state x (13,).
 
-    `rate` (13,) is its derivative, less what disturbance and waves do.
+    `rate` (13,) is its derivative by the forces that the model knows, without the disturbance.
 
     Args:
         p: kernel parameters (170,), theta (n,) already put in.
@@ -148,7 +144,7 @@ def linearise_into(
         _by_mass(p, A, 6 + j, w)
     for i in range(6):
         for j in range(6):
-            A[6 + i, _DIST + j] = p[I_MASS_INVERSE + 6 * i + j] * p[I_MASS + 7 * j]
+            A[6 + i, _DIST + j] = 1.0 if i == j else 0.0
 
     # Coefficients.
     gravity = unit
@@ -186,7 +182,6 @@ def step_and_linearise(
     x: Array,
     tau: Array,
     disturbance: Array,
-    lift: Array,
     current: Array,
     h: float,
     fade: float,
@@ -202,17 +197,16 @@ def step_and_linearise(
     """Advance the state x (13,) by h [s] in place and write the step's matrix F (12, 21 + n).
 
     Args:
-        tau: mean wrench over the step (6,). disturbance: that beside it (6,) [m/s^2, rad/s^2]. lift: acceleration (6,)
-            by water that waves accelerate. current: (3,) NED.
+        tau: mean wrench over the step (6,). disturbance: mean acceleration (6,) beside it. current: (3,) NED.
         fade: 1/T of the disturbance [1/s].
-        A: scratch (12, 21 + n). work: scratch (5, 13). scratch: (5, 6) at least.
+        A: scratch (12, 21 + n). work: scratch (5, 13). scratch: (12, 6) at least.
         Others as `linearise_into`.
     """
     middle, rate, wrench = work[3], work[4], scratch[:3]
     for j in range(6):
-        total = tau[j] + p[I_MASS + 7 * j] * disturbance[j]
+        total = tau[j]
         for k in range(6):
-            total += p[I_MASS + 6 * j + k] * lift[k]
+            total += p[I_MASS + 6 * j + k] * disturbance[k]
         for s in range(3):
             wrench[s, j] = total
     for i in range(N_STATES):
@@ -223,10 +217,8 @@ def step_and_linearise(
         middle[i] = 0.5 * (middle[i] + x[i])
     stage_of_one_into(p, middle, wrench[0], current, rate, True)
     for j in range(6):
-        rate[7 + j] -= disturbance[j] + lift[j]
-    linearise_into(p, middle, rate, codes, theta, shape, pushed, A, scratch[3:5])
-    for j in range(6):
-        rate[7 + j] += disturbance[j] + lift[j]
+        rate[7 + j] -= disturbance[j]
+    linearise_into(p, middle, rate, codes, theta, shape, pushed, A, scratch[4:6])
     columns = A.shape[1]
     half = 0.5 * h * h
     for i in range(N_MOVING):
