@@ -195,10 +195,15 @@ def test_a_speed_just_before_all_else_begins_a_log_as_one_beside_it_does() -> No
     lagged = tuple(each.model_copy(update={"time_constant": 0.1}) for each in vehicle.thrusters)
     problem, levels = asked(vehicle.model_copy(update={"thrusters": lagged}), dive(Ins(), 2.0))
     assert problem.samples[0].input_force[0].any()
+    first = problem.over([problem.samples[0].stretch(0, 53)])
     k, about, taken = problem.free.names.index("latency_velocity"), problem.prior.mean.copy(), []
+    speeds = []
     for late in (-1e-3, 0.0, 1e-3):
         about[k] = late
         state, *_ = one_pass(problem, about, levels)
         taken.append([int(state.statistics[3 * sensor].accepted) for sensor in (ATTITUDE, VELOCITY, RATES)])
+        state, *_ = one_pass(first, about, levels)
+        speeds.append(np.sqrt(np.diag(state.P)[6:9]))
     assert np.ptp(taken, axis=0).max() <= 1
+    np.testing.assert_allclose(speeds[1:], speeds[:-1], rtol=0.15)  # as well known from the first moment on
     assert taken[1][-1] > 140  # of 200 in 2 s, of which the first half a second waits

@@ -21,7 +21,7 @@ from towtank.core.layout import I_INFLOW, I_LINEAR, I_MASS_INVERSE
 from towtank.core.zero_order_hold import ZeroOrderHold, forces_now_into, hold_force, mean_forces_into
 from towtank.identification.data.samples import Samples
 from towtank.identification.kalman.state import INFORMATION_MEMORY, JointState
-from towtank.identification.kalman.update import product_of_rows, to_linearised_current, update_row
+from towtank.identification.kalman.update import expect, product_of_rows, to_linearised_current, update, update_row
 from towtank.identification.model.linearisation import step_and_linearise, turn_by
 from towtank.identification.model.measurements import ATTITUDE, N_SENSORS, NEVER, SPEEDS
 from towtank.identification.model.parameters import IN_GAIN, N_FIXED, N_MOVING
@@ -38,7 +38,8 @@ _TURNING = 1.0  # rad/s: of rates that the next attitudes tell: a stretch may be
 _UNKNOWN_POSITION = 100.0  # m^2: variance of it
 _ANSWERED = 0.5  # s after which thrusters have forgotten what they did before the first command
 _SHOWN = 1.0  # s for which a start waits for a speed that is measured: drag at another tells wrongly of all else
-_JUST_NOW = 0.06  # s: a speed that is no older counts as shown with what comes after it
+_JUST_NOW = 0.06  # s: a speed that is no older is good enough to begin with,
+_SINCE = 0.05  # m/s: off by what the vehicle has gained since, as a deviation
 
 
 class Rows(NamedTuple):
@@ -430,6 +431,25 @@ def _shows_speed(z: Array) -> bool:
 
 
 @kernel
+def _take_last_speeds(state: JointState, z: Array) -> None:
+    """Take the speeds that were shown just before the row z (18,): less sure, by what has been gained since."""
+    for sensor in SPEEDS:
+        first, whole, again = 3 * sensor, True, False
+        for k in range(first, first + 3):
+            whole = whole and math.isfinite(state.shown[k])
+            again = again or math.isfinite(z[k])
+        if again or not math.isfinite(state.shown[first]):
+            continue
+        sure = state.noise[first], state.noise[first + 1], state.noise[first + 2]
+        for k in range(3):
+            state.noise[first + k] = math.hypot(sure[k], _SINCE)
+        expect(state, state.shown, sensor, whole)
+        update(state, state.shown, sensor)
+        for k in range(3):
+            state.noise[first + k] = sure[k]
+
+
+@kernel
 def joint_step(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> bool:
     """Take the row z (18,) of time t [s]; return whether it was of use: in order, and the inputs known."""
     clock = state.clock[0]
@@ -448,6 +468,8 @@ def joint_step(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> bo
         if shows_speed or clock.speeds == 0.0 or not t - clock.waits_from < _SHOWN:
             if _inputs_known(held, t):
                 begin_motion(state, held, t, state.shown)
+                if t - clock.waits_from < _JUST_NOW:
+                    _take_last_speeds(state, z)
                 update_row(state, z)
             elif not t - clock.waits_from < _JUST_NOW:
                 clock.waits_from = t
