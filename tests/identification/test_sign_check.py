@@ -166,3 +166,16 @@ def test_what_the_judges_find_stays_only_where_what_is_learned_is_likelier_with_
     monkeypatch.setattr(wiring, "likelihood_of", fooled)
     supposed = unknown(rewired(vehicle, Wiring((0,)))) if turned else unknown(vehicle)
     assert bool(found_in(run, supposed)) == turned
+
+
+def test_what_the_judges_leave_open_is_decided_by_what_is_learned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both find the file's wiring likelier: what a swap does to a vehicle that is not known may be small."""
+    vehicle, run, wrong = craft(), spins(10.0), Wiring((0,))
+
+    def unsure(ways: list[Wiring], *others: object) -> np.ndarray:
+        return np.array([{Wiring(): 20.0, wrong: 0.0}.get(way, -1000.0) for way in ways])
+
+    monkeypatch.setattr(wiring, "likelihood_of", unsure)
+    monkeypatch.setattr(wiring._Look, "_told", lambda look, ways, k: np.zeros(len(ways)))
+    assert found_in(run, unknown(rewired(vehicle, wrong)))
+    assert not found_in(run, unknown(vehicle))

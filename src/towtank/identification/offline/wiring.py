@@ -10,14 +10,13 @@ The filter looks at stretches in which the inputs change most, each by itself, a
 wiring of the file asks for. No model is right about all of a recording: what it lacks lasts for about half a second, so
 that ten samples tell as much as one, and a stretch holds no more than `_NONSENSE` nats against any wiring.
 
-What linear responses are sure of is asked about, and the likeliest by both together, if it is likelier than the file's
-by `_SURE` nats. Each thruster that is turned costs some, all of them at once no more than one, and a swap; a thruster
-of which linear responses see nothing, for no axis that it moves shows its speed, costs more: one judge alone is fooled
-more easily.
+Each thruster that is turned costs some, all of them at once no more than one, and a swap; a thruster of which linear
+responses see nothing, for no axis that it moves shows its speed, costs more: one judge alone is fooled more easily.
 
-The filter's one pass is about what is supposed. A vehicle far from that, four times as heavy in heave as it should be,
-follows no wiring there, and none best of all. So wirings that differ from the file's are learned with, pass after
-pass, and so is the file's, which stays where it is likelier then; else the likeliest speaks.
+Both judges look at what is supposed. A vehicle far from that, four times as heavy in heave as it should be, follows no
+wiring there, and none best of all; and what a swap does to 30 s of a vehicle that is not known may be small. So what
+linear responses are sure of, and the few that both together leave, are learned with, pass after pass, and so is the
+file's wiring, which stays unless another is likelier then by more than it costs.
 
 Thrusters are turned or their outputs swapped; none is moved.
 """
@@ -43,8 +42,8 @@ __all__ = ["wiring_of"]
 
 _TURN, _SWAP, _CHOICE = 6.0, 8.0, 3.0  # nats that a turned thruster costs, a swap, and the logarithm of their number
 _UNSEEN = 25.0  # nats that a turned thruster costs more where linear responses do not see it
-_SURE, _ALONE = 12.0, 20.0  # nats ahead of the file: by both judges, by the first alone
-_REFUTED = 5.0  # nats by which what is learned is likelier with the file's
+_FILE, _ALONE = 12.0, 20.0  # nats by which the file is likelier beforehand; by which the first judge alone is sure
+_MOST = 3  # wirings beside the file's that are learned with
 _PIECE, _PIECES = 10.0, 12  # s of a stretch; as many at most
 _APART, _ALIKE = 0.05, 10.0  # s between two samples of a sensor that are looked at; so many tell as much as one
 _NONSENSE = 10.0  # nats that a stretch holds against a wiring at most
@@ -78,13 +77,15 @@ def wiring_of(problem: JointProblem) -> Wiring:
     look = _Look(problem.over(pieces))
     best = int(np.argmax(found))
     alone = [ways[best]] if found[best] > found[0] + _ALONE else []
-    found[0] += _SURE
+    found[0] += _FILE
     few = np.argsort(-found, kind="stable")[:_LOOKED_AT]
-    asked = {way: look.learned(way) for way in (look.likeliest([ways[k] for k in few], found[few]), *alone) if way}
+    left = [way for way in look.likeliest([ways[k] for k in few], found[few]) if way][:_MOST]
+    price = dict(zip(ways, _price(ways, used, used), strict=True))  # what is learned sees what both have not
+    asked = {way: look.learned(way) - price[way] for way in dict.fromkeys((*left, *alone))}
     if not asked:
         return Wiring()
     likeliest = max(asked, key=lambda way: asked[way])
-    return Wiring() if (look.learned(ways[0]) - asked[likeliest]) / _ALIKE > _REFUTED else likeliest
+    return likeliest if asked[likeliest] > look.learned(Wiring()) else Wiring()
 
 
 def _signs(used: Sequence[int]) -> list[Wiring]:
@@ -134,19 +135,17 @@ class _Look:
         """Args: problem: over the stretches, the inputs wired as the file has it."""
         self.problem = problem
 
-    def likeliest(self, ways: Sequence[Wiring], found: Array) -> Wiring:
-        """Return the likeliest wiring by what was found (h,) and by the filter.
+    def likeliest(self, ways: Sequence[Wiring], found: Array) -> list[Wiring]:
+        """Return the likeliest wirings by what was found (h,) and by the filter, likeliest first.
 
-        Stretch by stretch those are left out that have fallen far behind, or that the rest cannot bring back.
+        Stretch by stretch those are left out that have fallen far behind.
         """
-        left, found = np.arange(len(ways)), found.copy()
-        for done in range(len(self.problem.samples) + 1):
-            to_come = _NONSENSE * (len(self.problem.samples) - done)
-            left = left[found[left] >= found[left].max() - min(to_come, _BEHIND)]
-            if len(left) == 1 or not to_come:
-                break
-            found[left] += self._told([ways[k] for k in left], done)
-        return ways[int(left[np.argmax(found[left])])]
+        left, found = np.flatnonzero(found >= found.max() - _BEHIND - _NONSENSE), found.copy()
+        for k in range(len(self.problem.samples)):
+            if len(left) > 1:
+                found[left] += self._told([ways[int(w)] for w in left], k)
+                left = left[found[left] >= found[left].max() - _BEHIND]
+        return [ways[int(w)] for w in left[np.argsort(-found[left], kind="stable")]]
 
     def _told(self, ways: Sequence[Wiring], k: int) -> Array:
         """Return what stretch k says of each way (h,), beside the likeliest of them."""
@@ -160,9 +159,9 @@ class _Look:
         return found if np.isfinite(found) else -1e9
 
     def learned(self, way: Wiring) -> float:
-        """Return the log likelihood of all stretches by what is learned from them."""
+        """Return how likely all stretches are by what is learned from them [nats]."""
         fit = joint_fit(self._rewired(way, self.problem.samples), since=(self.problem.prior.mean, self._levels))
-        return fit.likelihood if np.isfinite(fit.likelihood) else -1e9
+        return fit.likelihood / _ALIKE if np.isfinite(fit.likelihood) else -1e9
 
     def _rewired(self, way: Wiring, samples: Sequence[Samples]) -> JointProblem:
         return self.problem.over([replace(each, B=np.ascontiguousarray(way.matrix(each.B))) for each in samples])
