@@ -15,8 +15,8 @@ responses see nothing, for no axis that it moves shows its speed, costs more: on
 
 Both judges look at what is supposed. A vehicle far from that, four times as heavy in heave as it should be, follows no
 wiring there, and none best of all; and what a swap does to 30 s of a vehicle that is not known may be small. So what
-linear responses are sure of, and the few that both together leave, are learned with, pass after pass, and so is the
-file's wiring, which stays unless another is likelier then by more than it costs.
+linear responses are sure of, and the few for which both together speak, be it by less than they cost, are learned with,
+pass after pass, and so is the file's wiring, which stays unless another is likelier then by more than it costs.
 
 Thrusters are turned or their outputs swapped; none is moved.
 """
@@ -43,7 +43,7 @@ __all__ = ["wiring_of"]
 _TURN, _SWAP, _CHOICE = 6.0, 8.0, 3.0  # nats that a turned thruster costs, a swap, and the logarithm of their number
 _UNSEEN = 25.0  # nats that a turned thruster costs more where linear responses do not see it
 _FILE, _ALONE = 12.0, 20.0  # nats by which the file is likelier beforehand; by which the first judge alone is sure
-_MOST = 3  # wirings beside the file's that are learned with
+_SPEAK, _MOST = 1.0, 3  # nats by which data speak for a wiring that is learned with; as many at most
 _PIECE, _PIECES = 10.0, 12  # s of a stretch; as many at most
 _APART, _ALIKE = 0.05, 10.0  # s between two samples of a sensor that are looked at; so many tell as much as one
 _NONSENSE = 10.0  # nats that a stretch holds against a wiring at most
@@ -69,19 +69,23 @@ def wiring_of(problem: JointProblem) -> Wiring:
     used = [int(k) for k in np.flatnonzero(first.B.any(axis=0) & (np.ptp(forces, axis=0) > 0.0))]
     seen = [k for k in used if first.B[[each.axis for each in responses], k].any()]
     ways = _signs(used)
-    found = likelihood_of(ways, responses, first.B, inertia) - _price(ways, used, seen)
+    price = _price(ways, used, seen)
+    found = likelihood_of(ways, responses, first.B, inertia) - price
     if first.commands:
         swaps = _swaps(ways[int(np.argmax(found))], first.B)
-        found = np.append(found, likelihood_of(swaps, responses, first.B, inertia) - _price(swaps, used, seen))
+        price = np.append(price, _price(swaps, used, seen))
         ways += swaps
+        found = likelihood_of(ways, responses, first.B, inertia) - price
     look = _Look(problem.over(pieces))
     best = int(np.argmax(found))
     alone = [ways[best]] if found[best] > found[0] + _ALONE else []
-    found[0] += _FILE
-    few = np.argsort(-found, kind="stable")[:_LOOKED_AT]
-    left = [way for way in look.likeliest([ways[k] for k in few], found[few]) if way][:_MOST]
-    price = dict(zip(ways, _price(ways, used, used), strict=True))  # what is learned sees what both have not
-    asked = {way: look.learned(way) - price[way] for way in dict.fromkeys((*left, *alone))}
+    few = np.argsort(-found - _FILE * (np.arange(len(ways)) == 0), kind="stable")[:_LOOKED_AT]
+    told = look.likeliest({ways[k]: float(found[k] + _FILE * (k == 0)) for k in few})
+    cost = dict(zip(ways, price, strict=True))
+    without = told.get(Wiring(), -np.inf) - _FILE + _SPEAK
+    left = [way for way in told if way and told[way] + cost[way] > without][:_MOST]
+    cost = dict(zip(ways, _price(ways, used, used), strict=True))  # what is learned sees what both have not
+    asked = {way: look.learned(way) - cost[way] for way in dict.fromkeys((*left, *alone))}
     if not asked:
         return Wiring()
     likeliest = max(asked, key=lambda way: asked[way])
@@ -135,17 +139,19 @@ class _Look:
         """Args: problem: over the stretches, the inputs wired as the file has it."""
         self.problem = problem
 
-    def likeliest(self, ways: Sequence[Wiring], found: Array) -> list[Wiring]:
-        """Return the likeliest wirings by what was found (h,) and by the filter, likeliest first.
+    def likeliest(self, found: dict[Wiring, float]) -> dict[Wiring, float]:
+        """Return the likeliest wirings by what was found and by the filter, likeliest first [nats].
 
         Stretch by stretch those are left out that have fallen far behind.
         """
-        left, found = np.flatnonzero(found >= found.max() - _BEHIND - _NONSENSE), found.copy()
+        behind = _BEHIND + _NONSENSE
         for k in range(len(self.problem.samples)):
-            if len(left) > 1:
-                found[left] += self._told([ways[int(w)] for w in left], k)
-                left = left[found[left] >= found[left].max() - _BEHIND]
-        return [ways[int(w)] for w in left[np.argsort(-found[left], kind="stable")]]
+            found = {way: nats for way, nats in found.items() if nats >= max(found.values()) - behind}
+            behind = _BEHIND
+            if len(found) > 1:
+                ways = list(found)
+                found = {way: found[way] + told for way, told in zip(ways, self._told(ways, k), strict=True)}
+        return dict(sorted(found.items(), key=lambda each: -each[1]))
 
     def _told(self, ways: Sequence[Wiring], k: int) -> Array:
         """Return what stretch k says of each way (h,), beside the likeliest of them."""
