@@ -142,12 +142,11 @@ class _Look:
     def likeliest(self, found: dict[Wiring, float]) -> dict[Wiring, float]:
         """Return the likeliest wirings by what was found and by the filter, likeliest first [nats].
 
-        Stretch by stretch those are left out that have fallen far behind.
+        Stretch by stretch those are left out that have fallen far behind, or that all of them would not bring back.
         """
-        behind = _BEHIND + _NONSENSE
+        behind = min(_NONSENSE * len(self.problem.samples), _BEHIND)
         for k in range(len(self.problem.samples)):
             found = {way: nats for way, nats in found.items() if nats >= max(found.values()) - behind}
-            behind = _BEHIND
             if len(found) > 1:
                 ways = list(found)
                 found = {way: found[way] + told for way, told in zip(ways, self._told(ways, k), strict=True)}
