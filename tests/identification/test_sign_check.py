@@ -170,7 +170,7 @@ def test_what_the_judges_find_stays_only_where_what_is_learned_is_likelier_with_
 
 def test_what_the_judges_leave_open_is_decided_by_what_is_learned(monkeypatch: pytest.MonkeyPatch) -> None:
     """Data speak for another wiring by less than it costs: what it does to a vehicle that is not known may be small."""
-    vehicle, run, wrong = craft(), spins(10.0), Wiring((0,))
+    vehicle, run, wrong = craft(), spins(20.0), Wiring((0,))
 
     def unsure(ways: list[Wiring], *others: object) -> np.ndarray:
         return np.array([{Wiring(): 0.0, wrong: 2.0}.get(way, -1000.0) for way in ways])
