@@ -432,7 +432,11 @@ def _shows_speed(z: Array) -> bool:
 
 @kernel
 def _take_last_speeds(state: JointState, z: Array) -> None:
-    """Take the speeds that were shown just before the row z (18,): less sure, by what has been gained since."""
+    """Take the speeds [m/s] that were shown just before the row z (18,): less sure, by what has been gained since.
+
+    Over ground or through the water, FRD, as the row itself would show them; nothing has passed since the last ones.
+    """
+    state.clock[0].since_accepted = 0.0
     for sensor in SPEEDS:
         first, whole, again = 3 * sensor, True, False
         for k in range(first, first + 3):

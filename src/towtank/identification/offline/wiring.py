@@ -69,21 +69,23 @@ def wiring_of(problem: JointProblem) -> Wiring:
     used = [int(k) for k in np.flatnonzero(first.B.any(axis=0) & (np.ptp(forces, axis=0) > 0.0))]
     seen = [k for k in used if first.B[[each.axis for each in responses], k].any()]
     ways = _signs(used)
-    price = _price(ways, used, seen)
-    found = likelihood_of(ways, responses, first.B, inertia) - price
+    data, price = likelihood_of(ways, responses, first.B, inertia), _price(ways, used, seen)
     if first.commands:
-        swaps = _swaps(ways[int(np.argmax(found))], first.B)
+        swaps = _swaps(ways[int(np.argmax(data - price))], first.B)
+        data = np.append(data, likelihood_of(swaps, responses, first.B, inertia))
         price = np.append(price, _price(swaps, used, seen))
         ways += swaps
-        found = likelihood_of(ways, responses, first.B, inertia) - price
-    look = _Look(problem.over(pieces))
+    price[0] = -_FILE
+    found = data - price
     best = int(np.argmax(found))
-    alone = [ways[best]] if found[best] > found[0] + _ALONE else []
-    few = np.argsort(-found - _FILE * (np.arange(len(ways)) == 0), kind="stable")[:_LOOKED_AT]
-    told = look.likeliest({ways[k]: float(found[k] + _FILE * (k == 0)) for k in few})
-    cost = dict(zip(ways, price, strict=True))
-    without = told.get(Wiring(), -np.inf) - _FILE + _SPEAK
-    left = [way for way in told if way and told[way] + cost[way] > without][:_MOST]
+    alone = [ways[best]] if found[best] > data[0] + _ALONE else []
+    few = np.argsort(-found, kind="stable")[:_LOOKED_AT]
+    look = _Look(problem.over(pieces))
+    told = look.likeliest({ways[k]: float(found[k]) for k in few})
+    beforehand = dict(zip(ways, price, strict=True))
+    spoken = {way: nats + beforehand[way] for way, nats in told.items()}  # by data alone
+    least = spoken.get(Wiring(), -np.inf) + _SPEAK
+    left = [way for way in told if way and spoken[way] > least][:_MOST]
     cost = dict(zip(ways, _price(ways, used, used), strict=True))  # what is learned sees what both have not
     asked = {way: look.learned(way) - cost[way] for way in dict.fromkeys((*left, *alone))}
     if not asked:
