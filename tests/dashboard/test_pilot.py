@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from towtank.app.live.coaching import Coaching
+from towtank.app.live.coaching import Coaching, plan_document
 from towtank.core.arrays import Array
 from towtank.dashboard import About, Address
 from towtank.dashboard.live_feed import LiveFeed
@@ -229,4 +229,6 @@ def test_without_a_plan_the_page_says_what_narrows_most(browser: Any, monkeypatc
         page.goto(led.page.url)
         until(page, "document.body.dataset.sequence && !document.querySelector('#plan').hidden")
         assert rows(page)
+        monkeypatch.setattr("towtank.app.live.coaching.plan_document", lambda view: plan_document(view) | {"axes": []})
+        until(page, "document.querySelector('#plan thead').getBoundingClientRect().height === 0")  # all is known
         page.context.close()

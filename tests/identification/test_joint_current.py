@@ -144,9 +144,9 @@ def test_a_break_in_a_session_costs_less_than_another_dive_would(
     learner = JointLearner(TRUTH, free=FREE, delay=0.0)
     learner.run(flowing)
     unbroken = learner.estimate
-    session = _learned(flowing, 400)
+    session = _learned(flowing, 2200)
     monkeypatch.setattr(passes, "_SAME_WATER", -1.0)
-    dives = _learned(flowing, 400)
+    dives = _learned(flowing, 2200)
     assert (np.abs(session.values - unbroken.values) < 2.0 * unbroken.std).all()
     assert gmean(session.std / unbroken.std) < 1.2
     assert gmean(dives.std / session.std) > 1.2

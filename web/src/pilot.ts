@@ -16,7 +16,8 @@ export class Pilot {
   private readonly place = byId("plan");
   private readonly begin = byId<HTMLButtonElement>("plan-begin");
   private readonly hold = byId<HTMLButtonElement>("plan-hold");
-  private readonly body = this.place.querySelector("tbody")!;
+  private readonly table = this.place.querySelector("table")!;
+  private readonly body = this.table.tBodies[0];
   private readonly line = byId("plan-line");
   private plan: Plan | null = null;
   private came = 0; // when the plan's clock was told, on the page's clock [ms]
@@ -59,6 +60,7 @@ export class Pilot {
     const clock = plan.clock_s === null ? null : plan.clock_s + (performance.now() - this.came) / 1000;
     if (plan.stage === "count" && clock !== null) write(byId("plan-text"), `Segment ${plan.segment} begins in ${Math.max(Math.ceil(-clock), 0)}.`);
     fill(this.body, plan.axes.map((axis) => this.row(plan, axis, clock)), [2, 4]);
+    this.table.hidden = plan.axes.length === 0; // nothing is left to drive
     [...this.body.children].forEach((row, k) => {
       (row as HTMLElement).dataset.active = String(this.now(plan, plan.axes[k], clock) !== undefined);
     });

@@ -16,7 +16,8 @@ responses see nothing, for no axis that it moves shows its speed, costs more: on
 Both judges look at what is supposed. A vehicle far from that, four times as heavy in heave as it should be, follows no
 wiring there, and none best of all; and what a swap does to 30 s of a vehicle that is not known may be small. So what
 linear responses are sure of, and the few for which both together speak, be it by less than they cost, are learned with,
-pass after pass, and so is the file's wiring, which stays unless another is likelier then by more than it costs.
+pass after pass, and so is the file's wiring, which stays unless another is likelier then by more than it costs; what
+both judges found likelier, for all that it costs, has paid, and only has to be no less likely than `_STAYS`.
 
 Thrusters are turned or their outputs swapped; none is moved.
 """
@@ -43,6 +44,7 @@ __all__ = ["wiring_of"]
 _TURN, _SWAP, _CHOICE = 6.0, 8.0, 3.0  # nats that a turned thruster costs, a swap, and the logarithm of their number
 _UNSEEN = 25.0  # nats that a turned thruster costs more where linear responses do not see it
 _FILE, _ALONE = 12.0, 20.0  # nats by which the file is likelier beforehand; by which the first judge alone is sure
+_STAYS = 5.0  # nats by which the file must be likelier, learned with, to stay where both judges found another
 _SPEAK, _MOST = 1.0, 3  # nats by which data speak for a wiring that is learned with; as many at most
 _PIECE, _PIECES = 10.0, 12  # s of a stretch; as many at most
 _APART, _ALIKE = 0.05, 10.0  # s between two samples of a sensor that are looked at; so many tell as much as one
@@ -87,6 +89,7 @@ def wiring_of(problem: JointProblem) -> Wiring:
     least = spoken.get(Wiring(), -np.inf) + _SPEAK
     left = [way for way in told if way and spoken[way] > least][:_MOST]
     cost = dict(zip(ways, _price(ways, used, used), strict=True))  # what is learned sees what both have not
+    cost[next(iter(told))] = -_STAYS
     asked = {way: look.learned(way) - cost[way] for way in dict.fromkeys((*left, *alone))}
     if not asked:
         return Wiring()
