@@ -370,6 +370,19 @@ def joint_fit(
     return fit
 
 
+def first_passes(problem: JointProblem, passes: int, since: tuple[Array, NoiseLevels] | None = None) -> JointFit:
+    """Return the likeliest of at most so many passes: whereabouts the posterior is, in the water that is supposed.
+
+    Args:
+        since: as of `joint_fit`; the prior's mean and rough levels without.
+    """
+    about, levels = since or (problem.prior.mean, problem.rough)
+    most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
+    levels = replace(levels, disturbance=np.minimum(levels.disturbance, most))
+    run = partial(_passes, problem, most=most, progress=lambda share: None, only_in_waves=False, passes=passes)
+    return run(about, levels)[0]
+
+
 def _coarse(problem: JointProblem) -> JointProblem:
     """Return a problem with one sample of each sensor per step of integration, where that leaves far fewer rows.
 
@@ -498,8 +511,9 @@ def _passes(
     progress: Progress,
     only_in_waves: bool,
     doubts: bool = True,
+    passes: int = _PASSES,
 ) -> tuple[JointFit, bool, bool]:
-    """Run passes from theta (n,) `about` until nothing moves any more; the likeliest one where that never comes.
+    """Run passes from theta (n,) `about` until nothing moves any more, else the likeliest of `passes`.
 
     Where none can be computed, nothing was learned. No disturbance rises above `most` (6,). Waves that become too small
     to be any go from the levels; with `only_in_waves` the passes end there. Returns, too, whether the first rejected
@@ -511,7 +525,7 @@ def _passes(
     region = Region(problem.vehicle, problem.free)
     at_best, about = about, region.nearest(about, _movable(problem.prior.covariance, problem.learned))
     lost = doubted = False
-    for k in range(_PASSES):
+    for k in range(passes):
         state, _, readings, currents = one_pass(problem, about, levels, partial(_share_of_all, progress, k))
         lost = lost or (k == 0 and diverged(state))
         fit = _fit_of(problem, region, state, levels, k + 1, readings)
@@ -519,7 +533,7 @@ def _passes(
         if not finite and best is None:  # no motion can be computed with these coefficients, or none so smooth
             if np.allclose(about, problem.prior.mean):
                 levels = replace(levels, disturbance=_ROUGH * levels.disturbance)
-            about = 0.5 * (about + problem.prior.mean) if k < _PASSES // 2 else problem.prior.mean
+            about = 0.5 * (about + problem.prior.mean) if k < passes // 2 else problem.prior.mean
             continue
         if best is not None and not (finite and fit.likelihood > best.likelihood - _MUCH_WORSE):
             about, levels = 0.5 * (about + at_best), levels.midway_to(best.levels)

@@ -3,28 +3,28 @@
 Outputs may be swapped, propellers turn the other way. Two judges, who err about different things, say how likely each
 way of wiring is. Linear responses of each speed to the forces (`offline.axis_responses`) know nothing of the vehicle;
 they look at every set of signs. The joint filter knows all that is supposed of it, all axes at once and every sensor,
-an autopilot that answers the motion, weight and righting moments: one pass about what is supposed, with the inputs so
-wired, says how likely what was measured is. It looks at the wirings that are still possible.
+an autopilot that answers the motion, weight and righting moments: one pass with the inputs so wired says how likely
+what was measured is. It looks at the wirings that the first has not ruled out.
 
-The filter looks at stretches in which the inputs change most, each by itself, at the level of disturbance that the
-wiring of the file asks for. No model is right about all of a recording: what it lacks lasts for about half a second, so
-that ten samples tell as much as one, and a stretch holds no more than `_NONSENSE` nats against any wiring.
+The filter looks at stretches in which the inputs change most, each by itself, linearised about where a first few passes
+with the file's wiring have come to: what is supposed may be far off, four times too light in heave, and follows no
+wiring there, and none best of all. No model is right about all of a recording: what it lacks lasts for about half a
+second, so that ten samples tell as much as one, and a stretch holds no more than `_NONSENSE` nats against any wiring.
 
 Each thruster that is turned costs some, all of them at once no more than one, and a swap; a thruster of which linear
 responses see nothing, for no axis that it moves shows its speed, costs more: one judge alone is fooled more easily.
 
-Both judges look at what is supposed. A vehicle far from that, four times as heavy in heave as it should be, follows no
-wiring there, and none best of all; and what a swap does to 30 s of a vehicle that is not known may be small. So what
-linear responses are sure of, and the few for which both together speak, be it by less than they cost, are learned with,
-pass after pass, and so is the file's wiring, which stays unless another is likelier then by more than it costs; what
-both judges found likelier, for all that it costs, has paid, and only has to be no less likely than `_STAYS`.
+Where the file's wiring falls far behind, both have decided. Else what linear responses are sure of, and the few for
+which the data speak, be it by less than they cost, are learned with, pass after pass, for what a swap does to 30 s of a
+vehicle that is not known may be small. The file's wiring is learned with, too, and stays unless another is likelier by
+more than it costs; what both judges found likelier, for all that it costs, need only be no less likely than `_STAYS`.
 
 Thrusters are turned or their outputs swapped; none is moved.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import combinations
@@ -32,9 +32,8 @@ from itertools import combinations
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.data.samples import NoiseLevels, Samples
-from towtank.identification.kalman.noise_adaptation import adapt_noise, most_disturbed
-from towtank.identification.kalman.passes import JointProblem, joint_fit, one_pass
+from towtank.identification.data.samples import Samples
+from towtank.identification.kalman.passes import JointFit, JointProblem, first_passes, joint_fit, one_pass
 from towtank.identification.offline.axis_responses import axis_responses, likelihood_of
 from towtank.recording.grids.stretches import cuts
 from towtank.vehicle.thrusters.wiring import Wiring
@@ -45,13 +44,14 @@ _TURN, _SWAP, _CHOICE = 6.0, 8.0, 3.0  # nats that a turned thruster costs, a sw
 _UNSEEN = 25.0  # nats that a turned thruster costs more where linear responses do not see it
 _FILE, _ALONE = 12.0, 20.0  # nats by which the file is likelier beforehand; by which the first judge alone is sure
 _STAYS = 5.0  # nats by which the file must be likelier, learned with, to stay where both judges found another
+_NEAR = 10.0  # nats below what it costs that call for a second look
 _SPEAK, _MOST = 1.0, 3  # nats by which data speak for a wiring that is learned with; as many at most
 _PIECE, _PIECES = 10.0, 12  # s of a stretch; as many at most
 _APART, _ALIKE = 0.05, 10.0  # s between two samples of a sensor that are looked at; so many tell as much as one
 _NONSENSE = 10.0  # nats that a stretch holds against a wiring at most
-_LEVELS = 4  # passes that find the level of disturbance
+_FIRST, _PASSES = 4, 10  # passes that find whereabouts the vehicle is, and the level of disturbance; that learn
 _MANY = 12  # inputs, above which not every set of signs is tried
-_LOOKED_AT, _BEHIND = 60, 40.0  # wirings that the filter looks at, at most, and nats behind the likeliest: no longer
+_LOOKED_AT, _BEHIND = 40, 40.0  # wirings that the filter looks at, at most, and nats behind the likeliest: no longer
 
 
 def wiring_of(problem: JointProblem) -> Wiring:
@@ -81,20 +81,18 @@ def wiring_of(problem: JointProblem) -> Wiring:
     found = data - price
     best = int(np.argmax(found))
     alone = [ways[best]] if found[best] > data[0] + _ALONE else []
-    few = np.argsort(-found, kind="stable")[:_LOOKED_AT]
+    data[0] = max(data[0], found[best] - _ALONE)  # how far behind the file's is alone, it takes both to say
+    few = [k for k in np.argsort(price - data, kind="stable") if data[k] >= data[0] - _ALONE][:_LOOKED_AT]
     look = _Look(problem.over(pieces))
-    told = look.likeliest({ways[k]: float(found[k]) for k in few})
+    told = look.likeliest({ways[k]: float(data[k]) for k in few})
+    left = [way for way in told if way and told[way] > told.get(Wiring(), -np.inf) + _SPEAK][:_MOST]
     beforehand = dict(zip(ways, price, strict=True))
-    spoken = {way: nats + beforehand[way] for way, nats in told.items()}  # by data alone
-    least = spoken.get(Wiring(), -np.inf) + _SPEAK
-    left = [way for way in told if way and spoken[way] > least][:_MOST]
+    judged = max(told, key=lambda way: told[way] - beforehand[way])
+    if Wiring() not in told:
+        return judged
     cost = dict(zip(ways, _price(ways, used, used), strict=True))  # what is learned sees what both have not
-    cost[next(iter(told))] = -_STAYS
-    asked = {way: look.learned(way) - cost[way] for way in dict.fromkeys((*left, *alone))}
-    if not asked:
-        return Wiring()
-    likeliest = max(asked, key=lambda way: asked[way])
-    return likeliest if asked[likeliest] > look.learned(Wiring()) else Wiring()
+    paid = {judged: -_STAYS} if judged else {}
+    return look.choice({way: cost[way] for way in dict.fromkeys((*left, *alone))}, paid)
 
 
 def _signs(used: Sequence[int]) -> list[Wiring]:
@@ -147,11 +145,13 @@ class _Look:
     def likeliest(self, found: dict[Wiring, float]) -> dict[Wiring, float]:
         """Return the likeliest wirings by what was found and by the filter, likeliest first [nats].
 
-        Stretch by stretch those are left out that have fallen far behind, or that all of them would not bring back.
+        Stretch by stretch those are left out that have fallen far behind, or that those to come would not bring before
+        the file's.
         """
-        behind = min(_NONSENSE * len(self.problem.samples), _BEHIND)
-        for k in range(len(self.problem.samples)):
-            found = {way: nats for way, nats in found.items() if nats >= max(found.values()) - behind}
+        stretches = len(self.problem.samples)
+        for k in range(stretches):
+            least = max(max(found.values()) - _BEHIND, found.get(Wiring(), -np.inf) - _NONSENSE * (stretches - k))
+            found = {way: nats for way, nats in found.items() if nats >= least}
             if len(found) > 1:
                 ways = list(found)
                 found = {way: found[way] + told for way, told in zip(ways, self._told(ways, k), strict=True)}
@@ -165,24 +165,39 @@ class _Look:
     def _likelihood(self, way: Wiring, k: int) -> float:
         """Return the log likelihood of stretch k; very small where none can be computed."""
         rewired = self._rewired(way, self.problem.samples[k : k + 1])
-        found = float(one_pass(rewired, self.problem.prior.mean, self._levels, windows=1)[0].clock[0].log_likelihood)
+        found = float(one_pass(rewired, self._file.theta, self._file.levels, windows=1)[0].clock[0].log_likelihood)
         return found if np.isfinite(found) else -1e9
 
-    def learned(self, way: Wiring) -> float:
-        """Return how likely all stretches are by what is learned from them [nats]."""
-        fit = joint_fit(self._rewired(way, self.problem.samples), since=(self.problem.prior.mean, self._levels))
+    def choice(self, cost: Mapping[Wiring, float], paid: Mapping[Wiring, float]) -> Wiring:
+        """Return the likeliest way, learned with: the file's, or one that is likelier by more than it costs [nats].
+
+        All begin where the file's has come to; those that come near it, and the file's, begin a second time where all
+        was supposed to be, and are asked all that a log is asked. The likelier counts.
+
+        Args:
+            cost: of each of a few ways. paid: what is asked of some of them in its place.
+        """
+        found = {way: self._learned(way, whole=False) for way in (Wiring(), *cost)} if cost else {}
+        least = {way: paid.get(way, nats) for way, nats in cost.items()}
+        near = [way for way in cost if found[way] > found[Wiring()] + least[way] - _NEAR]
+        for way in (Wiring(), *near) if near else ():
+            found[way] = max(found[way], self._learned(way, whole=True))
+        likelier = [way for way in near if found[way] > found[Wiring()] + least[way]]
+        return max(likelier, key=lambda way: found[way] - cost[way], default=Wiring())
+
+    def _learned(self, way: Wiring, *, whole: bool) -> float:
+        """Return how likely stretches are by what is learned from them [nats], `whole` as a log is."""
+        rewired, file = self._rewired(way, self.problem.samples), self._file
+        if whole:
+            fit = joint_fit(rewired, since=(self.problem.prior.mean, file.levels))
+        else:
+            fit = first_passes(rewired, _PASSES, since=(file.theta, file.levels))
         return fit.likelihood / _ALIKE if np.isfinite(fit.likelihood) else -1e9
 
     def _rewired(self, way: Wiring, samples: Sequence[Samples]) -> JointProblem:
         return self.problem.over([replace(each, B=np.ascontiguousarray(way.matrix(each.B))) for each in samples])
 
     @cached_property
-    def _levels(self) -> NoiseLevels:
-        """The noise and disturbance that stretches ask for, linearised about what is supposed."""
-        problem = self.problem
-        levels, most = problem.rough, most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
-        for _ in range(_LEVELS):
-            state, *_ = one_pass(problem, problem.prior.mean, levels)
-            levels = adapt_noise(state, levels, problem.settings, problem.own_noise, neighbours=True)
-            levels = replace(levels, disturbance=np.minimum(levels.disturbance, most))
-        return levels
+    def _file(self) -> JointFit:
+        """Where a first few passes have the vehicle, wired as the file says, and how much noise and disturbance."""
+        return first_passes(self.problem, _FIRST)
