@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from wiring_study import case
 
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import Samples, samples_of
@@ -179,3 +180,20 @@ def test_what_the_judges_leave_open_is_decided_by_what_is_learned(monkeypatch: p
     monkeypatch.setattr(wiring._Look, "_told", lambda look, ways, k: np.zeros(len(ways)))
     assert found_in(run, unknown(rewired(vehicle, wrong)))
     assert not found_in(run, unknown(vehicle))
+
+
+def test_where_both_judges_leave_the_file_far_behind_they_decide(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At sea other optima of the same fit are further apart than wirings: what is learned is not asked then."""
+    vehicle, run, wrong = craft(), spins(40.0), Wiring((0,))
+    asked: list[Wiring] = []
+    monkeypatch.setattr(wiring._Look, "_learned", lambda look, way, whole: float(asked.append(way) or 0.0))
+    monkeypatch.setattr(wiring, "_BEHIND", 25.0)
+    assert found_in(run, unknown(rewired(vehicle, wrong))) == wrong
+    assert not asked
+
+
+def test_the_filter_looks_where_passes_have_come_to() -> None:
+    """About the prior's mean this log tells too little of its swap to be learned with it."""
+    found = case("VECTORED_6DOF", Wiring((), (5, 7)), 2035)
+    assert found.said
+    assert found.right

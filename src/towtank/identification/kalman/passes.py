@@ -377,10 +377,8 @@ def first_passes(problem: JointProblem, passes: int, since: tuple[Array, NoiseLe
         since: as of `joint_fit`; the prior's mean and rough levels without.
     """
     about, levels = since or (problem.prior.mean, problem.rough)
-    most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
-    levels = replace(levels, disturbance=np.minimum(levels.disturbance, most))
-    run = partial(_passes, problem, most=most, progress=lambda share: None, only_in_waves=False, passes=passes)
-    return run(about, levels)[0]
+    levels, most = _bounded(problem, levels)
+    return _passes(problem, about, levels, most=most, passes=passes)[0]
 
 
 def _coarse(problem: JointProblem) -> JointProblem:
@@ -475,9 +473,7 @@ def _settled(
     begin a second time, with inputs that act a deviation sooner than is supposed; from a `stiff` vehicle, too; where a
     pose was doubted, without doubts. The likelier speaks each time.
     """
-    most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
-    waves = np.where(problem.waving, levels.waves, 0.0)
-    levels = replace(levels, disturbance=np.minimum(levels.disturbance, most), waves=waves)
+    levels, most = _bounded(problem, levels)
     run = partial(_passes, problem, most=most, progress=progress, only_in_waves=only_in_waves)
     fit, lost, doubted = run(about, levels)
     others = [] if not anew or problem.stiff is None else [(problem.stiff, problem.rough)]
@@ -496,6 +492,13 @@ def _settled(
     return fit
 
 
+def _bounded(problem: JointProblem, levels: NoiseLevels) -> tuple[NoiseLevels, Array]:
+    """Return levels with waves where any can show, and no disturbance above (6,) the most that motion allows; that."""
+    most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
+    waves = np.where(problem.waving, levels.waves, 0.0)
+    return replace(levels, disturbance=np.minimum(levels.disturbance, most), waves=waves), most
+
+
 def _likelier(one: JointFit, other: JointFit, *, as_allowed: bool = False) -> bool:
     """Return whether a fit, or what physics allows of it, is likelier than another; what came to nothing is not."""
     found = [each.likelihood - (each.forbidden if as_allowed else 0.0) for each in (one, other)]
@@ -508,8 +511,8 @@ def _passes(
     levels: NoiseLevels,
     *,
     most: Array,
-    progress: Progress,
-    only_in_waves: bool,
+    progress: Progress = lambda share: None,
+    only_in_waves: bool = False,
     doubts: bool = True,
     passes: int = _PASSES,
 ) -> tuple[JointFit, bool, bool]:

@@ -85,14 +85,13 @@ def wiring_of(problem: JointProblem) -> Wiring:
     few = [k for k in np.argsort(price - data, kind="stable") if data[k] >= data[0] - _ALONE][:_LOOKED_AT]
     look = _Look(problem.over(pieces))
     told = look.likeliest({ways[k]: float(data[k]) for k in few})
-    left = [way for way in told if way and told[way] > told.get(Wiring(), -np.inf) + _SPEAK][:_MOST]
     beforehand = dict(zip(ways, price, strict=True))
     judged = max(told, key=lambda way: told[way] - beforehand[way])
     if Wiring() not in told:
         return judged
+    left = [way for way in told if way and told[way] > told[Wiring()] + _SPEAK][:_MOST]
     cost = dict(zip(ways, _price(ways, used, used), strict=True))  # what is learned sees what both have not
-    paid = {judged: -_STAYS} if judged else {}
-    return look.choice({way: cost[way] for way in dict.fromkeys((*left, *alone))}, paid)
+    return look.choice({way: cost[way] for way in dict.fromkeys((*left, *alone))}, judged)
 
 
 def _signs(used: Sequence[int]) -> list[Wiring]:
@@ -168,17 +167,17 @@ class _Look:
         found = float(one_pass(rewired, self._file.theta, self._file.levels, windows=1)[0].clock[0].log_likelihood)
         return found if np.isfinite(found) else -1e9
 
-    def choice(self, cost: Mapping[Wiring, float], paid: Mapping[Wiring, float]) -> Wiring:
+    def choice(self, cost: Mapping[Wiring, float], judged: Wiring) -> Wiring:
         """Return the likeliest way, learned with: the file's, or one that is likelier by more than it costs [nats].
 
         All begin where the file's has come to; those that come near it, and the file's, begin a second time where all
         was supposed to be, and are asked all that a log is asked. The likelier counts.
 
         Args:
-            cost: of each of a few ways. paid: what is asked of some of them in its place.
+            cost: of each of a few ways. judged: what both judges found, which has paid.
         """
         found = {way: self._learned(way, whole=False) for way in (Wiring(), *cost)} if cost else {}
-        least = {way: paid.get(way, nats) for way, nats in cost.items()}
+        least = {way: -_STAYS if way == judged else nats for way, nats in cost.items()}
         near = [way for way in cost if found[way] > found[Wiring()] + least[way] - _NEAR]
         for way in (Wiring(), *near) if near else ():
             found[way] = max(found[way], self._learned(way, whole=True))
