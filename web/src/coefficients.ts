@@ -76,8 +76,9 @@ export class Coefficients {
       }
       const { reference, earlier } = hello.coefficients[k];
       const since = hello.reference_since ?? -Infinity;
-      chart.settings.range = () => spread(course.t, middle, low, high, reference);
-      chart.set([course.t, middle, course.t.map((t) => (t < since ? earlier : reference)), low, high]);
+      const t = [...course.t]; // the course itself grows before the chart is drawn again
+      chart.settings.range = () => spread(t, middle, low, high, reference);
+      chart.set([t, middle, t.map((at) => (at < since ? earlier : reference)), low, high]);
     });
   }
 }
