@@ -197,3 +197,15 @@ def test_the_filter_looks_where_passes_have_come_to() -> None:
     found = case("VECTORED_6DOF", Wiring((), (5, 7)), 2035)
     assert found.said
     assert found.right
+
+
+def test_wirings_that_make_the_same_of_all_inputs_are_looked_at_once() -> None:
+    """Ahead alone, two thrusters beside each other may be swapped, or not; turning one of them is seen as it is."""
+    B = np.array([[1.0, 1.0], [0.3, -0.3]])
+    ways = [Wiring(), Wiring((), (0, 1)), Wiring((0,)), Wiring((1,)), Wiring((0, 1)), Wiring((0, 1), (0, 1))]
+    pushes = np.sin(np.arange(50.0))
+    ahead = np.column_stack([pushes, pushes])
+    assert wiring._different(ways, range(6), B, ahead) == [0, 2, 3, 4]
+    turning = np.column_stack([pushes, np.cos(np.arange(50.0))])
+    assert wiring._different(ways, range(6), B, turning) == [0, 1, 2, 3, 4, 5]
+    assert wiring._different(ways, [1, 0], B, ahead) == [1]  # the first of them as they come, the cheapest

@@ -84,14 +84,13 @@ def wiring_of(problem: JointProblem) -> Wiring:
     data[0] = max(data[0], found[best] - _ALONE)  # how far behind the file's is alone, it takes both to say
     few = [k for k in np.argsort(price - data, kind="stable") if data[k] >= data[0] - _ALONE][:_LOOKED_AT]
     look = _Look(problem.over(pieces))
-    told = look.likeliest({ways[k]: float(data[k]) for k in few})
-    beforehand = dict(zip(ways, price, strict=True))
-    judged = max(told, key=lambda way: told[way] - beforehand[way])
+    told = look.likeliest({ways[k]: float(data[k]) for k in _different(ways, few, first.B, forces)})
+    judged = max(told, key=lambda way: told[way] - price[ways.index(way)])
     if Wiring() not in told:
         return judged
     left = [way for way in told if way and told[way] > told[Wiring()] + _SPEAK][:_MOST]
-    cost = dict(zip(ways, _price(ways, used, used), strict=True))  # what is learned sees what both have not
-    return look.choice({way: cost[way] for way in dict.fromkeys((*left, *alone))}, judged)
+    rivals = [*dict.fromkeys((*left, *alone))]
+    return look.choice(dict(zip(rivals, _price(rivals, used, used), strict=True)), judged)  # sees what both have not
 
 
 def _signs(used: Sequence[int]) -> list[Wiring]:
@@ -126,6 +125,13 @@ def _price(ways: Sequence[Wiring], used: Sequence[int], seen: Sequence[int]) -> 
     return np.array(turned) + swap * np.array([bool(way.swapped) for way in ways])
 
 
+def _different(ways: Sequence[Wiring], few: Sequence[int], B: Array, forces: Array) -> list[int]:
+    """Return those of a few ways that do not make of the inputs what one before them makes."""
+    shown = np.linalg.qr(forces).R.T  # two matrices make the same of these columns where they do of all inputs
+    made = {tuple(np.round(ways[k].matrix(B) @ shown, 6).ravel() + 0.0): k for k in reversed(few)}
+    return [*reversed(made.values())]
+
+
 def _pieces(samples: Sequence[Samples], inertia: Array) -> list[Samples]:
     """Return the stretches to look at: those whose inputs would change the motion most, most first."""
     found = [each.stretch(a, b).thinned(_APART) for each in samples for a, b in cuts(each.t, _PIECE)]
@@ -147,8 +153,7 @@ class _Look:
         Stretch by stretch those are left out that have fallen far behind, or that those to come would not bring before
         the file's.
         """
-        stretches = len(self.problem.samples)
-        for k in range(stretches):
+        for k in range(stretches := len(self.problem.samples)):
             least = max(max(found.values()) - _BEHIND, found.get(Wiring(), -np.inf) - _NONSENSE * (stretches - k))
             found = {way: nats for way, nats in found.items() if nats >= least}
             if len(found) > 1:
@@ -163,7 +168,8 @@ class _Look:
 
     def _likelihood(self, way: Wiring, k: int) -> float:
         """Return the log likelihood of stretch k; very small where none can be computed."""
-        rewired = self._rewired(way, self.problem.samples[k : k + 1])
+        coarse = replace(self.problem.settings, step=_APART)
+        rewired = replace(self._rewired(way, self.problem.samples[k : k + 1]), settings=coarse)
         found = float(one_pass(rewired, self._file.theta, self._file.levels, windows=1)[0].clock[0].log_likelihood)
         return found if np.isfinite(found) else -1e9
 
