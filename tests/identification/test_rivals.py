@@ -55,7 +55,9 @@ def stirred() -> tuple[JointProblem, JointFit]:
     return asked("quick water")
 
 
-def test_where_windows_agree_nobody_asks(slow: tuple[JointProblem, JointFit], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_windows_agree_and_one_pass_speaks_against_it_nobody_asks(
+    slow: tuple[JointProblem, JointFit], monkeypatch: pytest.MonkeyPatch
+) -> None:
     problem, fit = slow
     assert fit.disagreement < rivals.CONTRADICTED
     monkeypatch.setattr(rivals, "joint_fit", None)  # asked, it would fail
@@ -68,9 +70,12 @@ def test_slow_water_is_likelier_with_a_slow_disturbance(slow: tuple[JointProblem
 
 
 def test_quick_water_is_likelier_with_a_quick_disturbance(stirred: tuple[JointProblem, JointFit]) -> None:
+    """Whether windows contradict each other or not, and though a current that walks has stood for what is quick."""
     problem, fit = stirred
-    rival = quick_rival(problem, replace(fit, disagreement=2.0))
+    agreed = replace(fit, disagreement=1.0, levels=replace(fit.levels, current_walk=0.03))
+    rival = quick_rival(problem, agreed)
     assert rival is not None
+    assert rival.fit.levels.current_walk < 0.01
     assert rival.fit.likelihood > fit.likelihood + 100.0
     assert rival.fit.free.names == fit.free.names
     assert rival.fit.disagreement < 1.2  # its picture of what is random is right: windows agree

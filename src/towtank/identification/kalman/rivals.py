@@ -5,8 +5,8 @@ one lag. What a model lacks may be otherwise. Then inertias and lags stand for i
 differently in each recording. Windows of the data need not contradict each other: what all of them share shows in none.
 So the question is asked once more in other ways, each where the data may speak for it:
 
-quick   a disturbance that changes within a fifth of a second, where windows contradict each other: motors that reverse
-        in two steps, drag of another shape, a frame that gives.
+quick   a disturbance that changes within a fifth of a second, where windows contradict each other, or one pass speaks
+        for it: motors that reverse in two steps, drag of another shape, a frame that gives, water that forgets sooner.
 late    a share of each axis' force that acts later than the rest, or too soon where it is negative; asked by one pass,
         and by as many as it takes where that one speaks for it.
 forbidden
@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.identification.data.samples import Samples
+from towtank.identification.data.samples import NoiseLevels, Samples
 from towtank.identification.kalman.passes import FAR_LIKELIER, JointFit, JointProblem, joint_fit, one_pass
 from towtank.identification.model.parameters import IN_GAIN, FreeParameters
 from towtank.identification.model.prior import Prior
@@ -70,18 +70,14 @@ def forbidden_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
 
 
 def quick_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
-    """Return the rival with a quick disturbance, where windows contradict each other and it is likelier; else None."""
-    if fit.disagreement < CONTRADICTED:
-        return None
+    """Return the rival with a quick disturbance, where it is likelier; else None."""
     few, known = _few(problem, fit)
-    quick = replace(few, settings=replace(few.settings, time_constant=_QUICK))
-    levels = replace(quick.rough, waves=fit.levels.waves, current_walk=fit.levels.current_walk)
-    found = joint_fit(quick, since=(fit.theta, levels))
-    if not found.likelihood > known:
+    quick, slow = replace(few, settings=replace(few.settings, time_constant=_QUICK)), problem.settings.time_constant
+    if fit.disagreement < CONTRADICTED and not _by_one_pass(quick, fit.theta, fit.levels) > known + FAR_LIKELIER:
         return None
-    slow = problem.settings.time_constant
+    found = joint_fit(quick, since=(fit.theta, replace(quick.rough, waves=fit.levels.waves)))
     picture = f"a disturbance that changes within {_QUICK:g} s is likelier than one within {slow:g} s"
-    return Rival(found, found.theta, found.std, picture)
+    return Rival(found, found.theta, found.std, picture) if found.likelihood > known else None
 
 
 def late_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
@@ -95,8 +91,7 @@ def late_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
     samples = [_with_late_forces(each, axes) for each in few.samples]
     late = replace(few, samples=samples, prior=_LatePrior.of(problem.prior, few.samples[0].B.shape[1], axes))
     about = np.concatenate([fit.theta, np.zeros(more)])
-    gain = float(one_pass(late, about, fit.levels, windows=1)[0].clock[0].log_likelihood) - known
-    if -_LOST < gain < FAR_LIKELIER:
+    if -_LOST < _by_one_pass(late, about, fit.levels) - known < FAR_LIKELIER:
         return None
     found = joint_fit(late, since=(about, fit.levels))
     if not found.likelihood > known + FAR_LIKELIER:
@@ -135,7 +130,11 @@ def _few(problem: JointProblem, fit: JointFit) -> tuple[JointProblem, float]:
     few = replace(problem, samples=spread(problem.samples), settings=settings)
     if sum(map(len, few.samples)) == sum(map(len, problem.samples)):
         return few, fit.likelihood
-    return few, float(one_pass(few, fit.theta, fit.levels, windows=1)[0].clock[0].log_likelihood)
+    return few, _by_one_pass(few, fit.theta, fit.levels)
+
+
+def _by_one_pass(problem: JointProblem, about: Array, levels: NoiseLevels) -> float:
+    return float(one_pass(problem, about, levels, windows=1)[0].clock[0].log_likelihood)
 
 
 def _with_late_forces(samples: Samples, axes: Sequence[int]) -> Samples:
