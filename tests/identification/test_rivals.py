@@ -69,11 +69,14 @@ def test_slow_water_is_likelier_with_a_slow_disturbance(slow: tuple[JointProblem
     assert quick_rival(problem, replace(fit, disagreement=2.0)) is None
 
 
-def test_quick_water_is_likelier_with_a_quick_disturbance(stirred: tuple[JointProblem, JointFit]) -> None:
+@pytest.mark.parametrize("disagreement", [1.0, 2.0])
+def test_quick_water_is_likelier_with_a_quick_disturbance(
+    stirred: tuple[JointProblem, JointFit], disagreement: float
+) -> None:
     """Whether windows contradict each other or not, and though a current that walks has stood for what is quick."""
     problem, fit = stirred
-    agreed = replace(fit, disagreement=1.0, levels=replace(fit.levels, current_walk=0.03))
-    rival = quick_rival(problem, agreed)
+    levels = replace(fit.levels, current_walk=0.03)
+    rival = quick_rival(problem, replace(fit, disagreement=disagreement, levels=levels))
     assert rival is not None
     assert rival.fit.levels.current_walk < 0.01
     assert rival.fit.likelihood > fit.likelihood + 100.0
