@@ -91,7 +91,8 @@ def test_a_recording_outlives(name: str) -> None:
 @pytest.mark.usefixtures("short_cases")
 def test_a_session_that_is_killed_loses_less_than_a_second(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(attack_kills, "Live", lambda *words: attack_disk.Live(*words, *LITTLE))
-    run = attack_kills.killed(attack_disk.messages(6.0), tmp_path / "a.mcap", [3.0])
+    soon = [1.2, 2.4]  # after it has begun, and gone on
+    run = attack_kills.killed(attack_disk.messages(6.0), tmp_path / "a.mcap", soon)
     assert run.missing <= attack_kills.MISSING
     assert run.unread == 0
     assert run.recorded >= 0.8 * run.sent

@@ -15,6 +15,7 @@ from collections import deque
 
 __all__ = ["HostClock", "SourceClock", "steady_time"]
 
+_SETTLES = 0.4  # s for which samples wait for the offset: what waits is lost where the process is killed
 _BLOCK = 1.0  # s of which the quickest message is kept
 _BLOCKS = 30
 _FEWEST = 8  # blocks that tell a drift
@@ -59,8 +60,9 @@ class HostClock:
 class SourceClock:
     """Turns the stamps of one source into our times.
 
-    In the first second the offset falls with every quicker message, so that stamps had better wait until it has
-    `settled`; later it moves by a millisecond a second at most, and no instant jumps against its neighbour.
+    In the first second the offset falls with every quicker message, mostly in the first tenths, so that stamps had
+    better wait until it has `settled`; later it moves by a millisecond a second at most, and no instant jumps against
+    its neighbour.
 
     Attributes:
         offset: ours less the source's clock [s], as applied last; NaN before the first stamp.
@@ -79,8 +81,8 @@ class SourceClock:
 
     @property
     def settled(self) -> bool:
-        """Whether the offset is known well enough to be followed slowly from here on, and nothing contradicts it."""
-        return self._first is None or (self._last - self._first > _BLOCK and not self._in_a_row)
+        """Whether the offset is known well enough for what comes to be placed, and nothing contradicts it."""
+        return self._first is None or (self._last - self._first > _SETTLES and not self._in_a_row)
 
     def is_of(self, t: float, received: float) -> bool:
         """Whether a stamp t [s] can be of this clock: as late as usual, or near the newest of what a link held up."""
