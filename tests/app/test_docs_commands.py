@@ -210,7 +210,7 @@ GIVEN: dict[str, Given] = {
         "pool-rov.toml": partial(vehicle, name="bluerov_2016"),
         "bench.csv": partial(text, content=BENCH),
         "pool.toml": partial(block, page="docs/your-log.md", word='psi = { from = "yaw_deg"'),
-        **{f"pool{name}.csv": partial(pool, seed=k) for k, name in enumerate(("", "_1", "_2", "_3"))},
+        **{f"pool_{k}.csv": partial(pool, seed=k) for k in (1, 2, 3)},
     },
 }
 
