@@ -76,8 +76,8 @@ def run(
     output = Output(json=json)
     who = _engine(engine, output)
     asked = read_campaign(campaign)
-    kept = Store.at(store)
-    with output.progress("looking at the logs") as progress:
+    with output.progress("looking at store and logs") as progress:
+        kept = Store.at(store)
         tasks = tasks_of(asked)
         kept.begin(asked, tasks)
 
@@ -105,7 +105,8 @@ def status(store: _STORE, json: Json = False) -> None:
     from towtank.campaigns import Store
 
     output = Output(json=json)
-    found = status_document(Store.opened(store))
+    with output.progress("reading"):
+        found = status_document(Store.opened(store))
     show_status(found, output)
     output.document(found)
 
@@ -132,8 +133,7 @@ def table(
     from towtank.campaigns import Store
 
     output = Output(json=json)
-    with output.progress("reading") as progress:
-        progress("reading", 0.0)
+    with output.progress("reading"):
         rows = Store.opened(store).table()
     if file is not None:
         write_table(rows, file)
@@ -174,13 +174,13 @@ def pool(
     from towtank.campaigns.pooling import pool as pooled
 
     output = Output(json=json)
-    opened = Store.opened(store)
-    models = opened.models()
-    if not models:
-        raise InputError(
-            f"{opened.place.name}: holds no model yet; towtank campaign status says what is left, and what failed"
-        )
     with output.progress("reading models") as progress:
+        opened = Store.opened(store)
+        models = opened.models()
+        if not models:
+            raise InputError(
+                f"{opened.place.name}: holds no model yet; towtank campaign status says what is left, and what failed"
+            )
         runs = []
         for k, each in enumerate(models):
             progress("reading models", 0.3 * k / len(models))
