@@ -205,6 +205,8 @@ def test_nothing_lies_over_anything(browser: Any, led: Led, width: int) -> None:
     sizes = page.evaluate(f"{boxes}.map((box) => [box.top, box.bottom])")
     for (_, bottom), (top, _) in itertools.pairwise(sizes[1:]):
         assert top >= bottom - 0.5
+    table = "document.querySelector('#plan .scroll')"
+    assert page.evaluate(f"{table}.scrollWidth <= {table}.clientWidth")  # what comes next is in sight
     page.context.close()
 
 

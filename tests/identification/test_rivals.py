@@ -115,7 +115,7 @@ def test_data_that_ask_for_what_physics_forbids_are_another_picture(
     if rival is not None:
         np.testing.assert_array_equal(rival.theta, beyond)
         assert rival.fit.likelihood == pytest.approx(fit.likelihood + 0.5 * deviations**2)
-        apart, text = apart_from(problem, fit, rival)
+        apart, [text] = apart_from(problem, fit, rival)
         assert "physics forbids" in text
         assert np.hypot(fit.std, apart)[k] > 3.0 * np.sqrt(known[k, k])
 
@@ -184,11 +184,21 @@ def test_a_rival_widens_by_how_far_it_lies_off_and_nothing_else(slow: tuple[Join
     d = np.zeros(len(fit.free))
     one, two = fit.free.names.index("N_rdot"), fit.free.names.index("X_uu")
     d[one], d[two] = 0.4 * fit.prior.std[one], -0.2 * fit.prior.std[two]
-    apart, text = apart_from(problem, fit, Rival(fit, fit.theta - d, fit.std, ""))
+    apart, [text] = apart_from(problem, fit, Rival(fit, fit.theta - d, fit.std, ""))
     np.testing.assert_allclose(np.outer(apart, apart), 0.5 * np.outer(d, d), atol=1e-12)
     assert "N_rdot would come out" in text
     agreeing, _ = apart_from(problem, fit, Rival(fit, fit.theta, fit.std, ""))
     assert not agreeing.any()
+
+
+@pytest.mark.parametrize(("deviations", "said"), [(0.3, 0), (3.0, 1)])
+def test_a_picture_that_says_nearly_the_same_is_not_worth_a_word(
+    slow: tuple[JointProblem, JointFit], deviations: float, said: int
+) -> None:
+    problem, fit = slow
+    apart, texts = apart_from(problem, fit, Rival(fit, fit.theta + deviations * fit.std, fit.std, "another picture"))
+    assert apart.any()
+    assert len(texts) == said
 
 
 def test_no_rival_lies_further_off_than_the_deviation_of_the_prior(

@@ -42,6 +42,7 @@ _QUICK = 0.2  # s: time constant of a quick disturbance
 _LATER, _SHARE = (0.1, 0.25), 0.3  # s by which a share of the force is late; deviation of the share, before any data
 _UNIT = 1e-3  # N or N m of a late force's unit, so small that what is lost to inflow does not count
 _EITHER = 0.5  # weight of a rival beside the picture that speaks
+_SAID = 0.5  # common deviations of the coefficient farthest away, below which a rival is not worth a word
 _LOST = 1000.0  # of it, that one pass loses only where it has lost the motion
 
 
@@ -105,8 +106,8 @@ def late_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
     return Rival(found, found.theta[:n], found.std[:n], f"what pushes in {axis} is likelier to act with {what}")
 
 
-def apart_from(problem: JointProblem, fit: JointFit, rival: Rival) -> tuple[Array, str]:
-    """Return d (n,), by which a posterior is less sure because of how far a rival lies from it, and both in a sentence.
+def apart_from(problem: JointProblem, fit: JointFit, rival: Rival) -> tuple[Array, list[str]]:
+    """Return d (n,), by which a posterior is less sure because of how far a rival lies off, and what to say of it.
 
     Either picture may be nearer to the truth: beside the covariance C of one stands that between both, d d^T, d being
     the way between them over the root of 2 (the law of total covariance with equal weights, about the one that speaks).
@@ -120,7 +121,7 @@ def apart_from(problem: JointProblem, fit: JointFit, rival: Rival) -> tuple[Arra
         f"{rival.picture}, so the model lacks something: {name} would come out {apart[most]:.1f} common deviations "
         "away, others less, and deviations are widened by such differences"
     )
-    return np.clip(away, -fit.prior.std, fit.prior.std) * math.sqrt(_EITHER), text
+    return np.clip(away, -fit.prior.std, fit.prior.std) * math.sqrt(_EITHER), [text] if apart[most] > _SAID else []
 
 
 def _few(problem: JointProblem, fit: JointFit) -> tuple[JointProblem, float]:

@@ -91,7 +91,7 @@ def learn_joint(request: LearningRequest, progress: Progress | None = None) -> L
     if rival is not None:
         apart, text = apart_from(problem, fit, rival)
         fit = replace(fit, covariance=fit.covariance + np.outer(apart, apart))
-        said.append(text)
+        said += text
     report("what is known", 0.95)
     better = verdict is not None and verdict.better
     return _learned(request, problem, fit, undoubted, grids, said, free_runs=better)

@@ -164,7 +164,7 @@ class Reestimation:
         rival = likeliest_rival(problem, fit)
         if rival is not None:
             apart, text = apart_from(problem, fit, rival)
-            remarks.append(text)
+            remarks += text
         if self.kept is not None:  # nor does what has gone tell more than it told
             before = dict(zip(self.kept.names, zip(self.kept.disagreement, self.kept.apart, strict=True), strict=True))
             was = np.array([before.get(name, (1.0, 0.0)) for name in problem.prior.names])
