@@ -110,6 +110,31 @@ def test_before_anything_is_learned_it_says_what_to_drive(vehicle: Vehicle) -> N
         assert judge.text.endswith(f" Next: drive {named}, each by itself, up and down in steps.")
 
 
+def test_it_does_not_go_on_saying_that_nothing_is_known(
+    vehicle: Vehicle, run: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Until something is identified it looks again soon, then in its own time."""
+    monkeypatch.setattr("towtank.app.live.judge._SOON", 0.01)
+    monkeypatch.setattr("towtank.app.live.judge._PERIOD", 1000.0)
+    before, after = Learner(vehicle, method="paper"), Learner(vehicle, method="paper")
+    after.run(run)
+    looks: list[bool] = []
+    third = threading.Event()
+
+    def look() -> Moment:
+        looks.append(len(looks) >= 2)
+        if looks[-1]:
+            third.set()
+        learner = after if looks[-1] else before
+        return Moment(learner.model(), learner.estimate, run if looks[-1] else None, ())
+
+    judge = Judge(vehicle, look)
+    with judge:
+        assert third.wait(60.0)
+    assert judge.text.startswith("Usable")
+    assert looks == [False, False, True]
+
+
 def test_a_thruster_that_pushes_the_other_way_is_an_event_and_in_the_verdict(vehicle: Vehicle, run: Recording) -> None:
     wrong = rewired(vehicle, Wiring((0,)))
     judge, session = judged(wrong, run)

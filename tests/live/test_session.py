@@ -440,6 +440,25 @@ def test_samples_that_come_before_a_clock_has_settled_stand_on_it_all_the_same(v
     assert only.offset == pytest.approx(500.01, abs=1e-3)
 
 
+def test_a_link_that_is_held_up_when_it_begins_stands_right_as_soon_as_it_is_not(vehicle: Vehicle) -> None:
+    """What follows lies earlier by as much as it was held up, and is learned from in order."""
+
+    class Live(Told):
+        keeps_time = False
+
+    def sent(k: int) -> Sample:
+        late = 0.06 if k < 35 else 0.01
+        return Sample("t", "p", EPOCH - 500.0 + 0.02 * k, EPOCH + 0.02 * k + late, ("x",), (1.0 * k,))
+
+    made, learner = session_of(Live([[sent(k)] for k in range(150)], patient=True), vehicle=vehicle)
+    status = made.run(threading.Event())
+    assert status.samples == 150
+    assert np.all(np.diff(learner.seen) > 0.0)
+    assert len(learner.seen) >= 145  # a few share an instant with those before
+    assert learner.seen[-1] == pytest.approx(0.02 * 149 + 0.01, abs=1e-3)
+    assert not any(each.kind == "clock" for each in status.events)
+
+
 def test_a_clock_that_was_set_anew_is_an_event_and_a_new_stretch(vehicle: Vehicle) -> None:
     link = Told([[of_pose(0.1 * k, 1.0 * k)] for k in range(5)], restarts=1)
     made, _ = session_of(link, vehicle=vehicle)

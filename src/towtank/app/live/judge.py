@@ -29,7 +29,7 @@ from towtank.vehicle import Vehicle, allocatable_axes
 
 __all__ = ["Driven", "Judge", "Moment"]
 
-_PERIOD = 2.0  # s between two verdicts
+_PERIOD, _SOON = 2.0, 0.5  # s between two verdicts; while nothing is identified, which may change any moment
 _DUE = (30.0, 60.0, 120.0, 240.0)  # s of driving after which the wiring is looked at
 _STEP = 0.04  # s between two samples that are kept of one kind
 _SHORTEST = 5.0  # s; what is shorter tells nothing of wiring
@@ -88,7 +88,7 @@ class Driven:
 
 
 class Judge:
-    """Judges a stream every two seconds while it is entered.
+    """Judges a stream every two seconds while it is entered, oftener until something is identified.
 
     Args:
         vehicle: as the learner was given it.
@@ -115,6 +115,7 @@ class Judge:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="judge", daemon=True)
         self.text = ""
+        self._known = False  # whether anything was identified when it was judged last
         self.use: Usability | None = None
         self.findings: tuple[Finding, ...] = ()
 
@@ -130,13 +131,14 @@ class Judge:
         while True:
             with contextlib.suppress(TimeoutError):
                 (self.judge if self._shown else self._look_at_wiring)()
-            if self._stop.wait(_PERIOD):
+            if self._stop.wait(_PERIOD if self._known or not self._shown else _SOON):
                 return
 
     def judge(self) -> None:
         """Look once; the wiring where it is due. Raises TimeoutError where the learner is too busy to be asked."""
         self._look_at_wiring()
         now = self._look()
+        self._known = any(now.estimate.identified)
         recording = _since_the_change(now)
         driven: tuple[bool, ...] = ()
         use = _nothing_yet(self._vehicle)
@@ -144,7 +146,7 @@ class Judge:
             with contextlib.suppress(InputError):  # no motion, or no inputs, in it
                 run = prepared(recording, self._vehicle)
                 driven = driven_axes([samples_of(run, self._vehicle)])
-                if run.duration >= SHORTEST and any(now.estimate.identified):
+                if run.duration >= SHORTEST and self._known:
                     use = usability(now.model, [align(run)])
         span = 0.0 if recording is None else recording.duration
         self.text = learn_verdict(now.estimate, {}, f"the last {span:.0f} s", self.findings, driven, use).text

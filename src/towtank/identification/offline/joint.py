@@ -89,9 +89,9 @@ def learn_joint(request: LearningRequest, progress: Progress | None = None) -> L
     rival = likeliest_rival(problem, by_filter)
     undoubted = fit.covariance
     if rival is not None:
-        apart, text = apart_from(problem, fit, rival)
+        apart, texts = apart_from(problem, fit, rival)
         fit = replace(fit, covariance=fit.covariance + np.outer(apart, apart))
-        said += text
+        said += texts
     report("what is known", 0.95)
     better = verdict is not None and verdict.better
     return _learned(request, problem, fit, undoubted, grids, said, free_runs=better)

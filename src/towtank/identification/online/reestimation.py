@@ -163,8 +163,8 @@ class Reestimation:
         remarks = [each.said for each in smooth_speeds([each.recorded for each in stretches])]
         rival = likeliest_rival(problem, fit)
         if rival is not None:
-            apart, text = apart_from(problem, fit, rival)
-            remarks += text
+            apart, texts = apart_from(problem, fit, rival)
+            remarks += texts
         if self.kept is not None:  # nor does what has gone tell more than it told
             before = dict(zip(self.kept.names, zip(self.kept.disagreement, self.kept.apart, strict=True), strict=True))
             was = np.array([before.get(name, (1.0, 0.0)) for name in problem.prior.names])

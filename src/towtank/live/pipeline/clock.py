@@ -61,8 +61,8 @@ class SourceClock:
     """Turns the stamps of one source into our times.
 
     In the first second the offset falls with every quicker message, mostly in the first tenths, so that stamps had
-    better wait until it has `settled`; later it moves by a millisecond a second at most, and no instant jumps against
-    its neighbour.
+    better wait until it has `settled`; after that second it moves by a millisecond a second at most, and no instant
+    jumps against its neighbour.
 
     Attributes:
         offset: ours less the source's clock [s], as applied last; NaN before the first stamp.
