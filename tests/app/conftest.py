@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import pickle
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from towtank.identification import logs
 from towtank.vehicle import load_vehicle, save_vehicle
+from towtank.vehicle.thrusters.wiring import Wiring
 
 from .commands import command, document
 
@@ -19,6 +23,20 @@ BENCH = "pwm,force_N\n" + "".join(
 
 
 SENSED = ("--sensors", "ins", "--disturbance", 0.3, "--seed", 1)
+
+
+_asked = logs.wiring_of
+
+
+@lru_cache
+def _wiring_of(question: bytes) -> Wiring:
+    return _asked(pickle.loads(question))
+
+
+@pytest.fixture(autouse=True)
+def _a_wiring_is_asked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Dozens of commands are given the same log, and each asks for as long as it learns how the thrusters are wired."""
+    monkeypatch.setattr(logs, "wiring_of", lambda problem: _wiring_of(pickle.dumps(problem)))
 
 
 @pytest.fixture(scope="session")

@@ -274,7 +274,8 @@ def test_validate_in_windows(workshop: Path) -> None:
         (["--vehicle", "seamo"], 'did you mean "seamor"?'),
     ],
 )
-def test_wrong_options(words: list[str], expected: str, workshop: Path) -> None:
+def test_wrong_options(words: list[str], expected: str, workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("towtank.identification.logs.wiring_of", lambda problem: pytest.fail("it was looked at"))
     start = [] if "--vehicle" in words else ["--vehicle", "vlbv300"]
     assert expected in refused("learn", workshop / "yaw.csv", *start, *words)
 

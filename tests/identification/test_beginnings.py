@@ -17,9 +17,17 @@ from towtank.simulation.tank import tank_session
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studies"))
 
+import optimum_study as optimum
 import undriven_study as undriven
 from swing_study import CASES, driven, hull
 from undriven_study import told
+
+
+def test_a_tank_session_comes_to_what_the_truth_comes_to() -> None:
+    """Passes ended with a yaw that is pushed a hundred times too hard, and knew 1.6 times less."""
+    found = optimum.learned("bluerov2_heavy, tank-session", 1)
+    assert found.short < optimum.SHORT
+    assert found.wider < 1.1
 
 
 def test_gyros_alone_tell_the_stiffness_of_what_nobody_pushes() -> None:

@@ -74,6 +74,15 @@ def test_a_pause_between_two_samples_tells_nothing_of_the_noise() -> None:
     assert state.statistics[6].neighbours == 0.0
 
 
+def test_what_a_model_that_is_off_leaves_tells_nothing_of_the_noise() -> None:
+    state = counting(STEP)
+    for nu in (0.1, 5.0, 5.0, 0.1, 0.1):  # of variance 1
+        count_speed(state, 6, nu, 1.0, 0.5)
+    own = state.statistics[6]
+    assert own.neighbours == 1.0
+    assert own.neighbour_sum == pytest.approx(0.5 * 0.1**2 - 0.1**2)
+
+
 def test_speeds_of_two_recordings_are_no_neighbours() -> None:
     wrench = waves(300, 0.01, (0, 10.0, 1.2))
     logs = [samples_of(simulate(box(), wrench=wrench, sensors=Ins(), seed=seed), box()) for seed in range(2)]

@@ -86,6 +86,8 @@ def learn_recordings(
     except InputError:
         samples = ()  # learning says it, and says more
     found, driven = _findings_of(recordings, samples), driven_axes(samples)
+    if progress is not None:
+        progress("how thrusters are wired", 0.0)
     request, of_wiring = as_wired(replace(request, vehicle=vehicle, recordings=recordings, samples=samples))
     vehicle = request.vehicle
     if method == "paper":
@@ -159,7 +161,8 @@ def as_wired(request: LearningRequest, done: str = _USED) -> tuple[LearningReque
     vehicle, samples = request.vehicle, request.samples
     if not samples:
         return request, ()
-    wiring = wiring_of(joint_problem(replace(request, free=None)))
+    problem = joint_problem(request)  # a name that is no coefficient is told at once
+    wiring = wiring_of(problem if request.free is None else joint_problem(replace(request, free=None)))
     if not wiring:
         return request, ()
     if not samples[0].commands:

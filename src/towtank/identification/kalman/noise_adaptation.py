@@ -38,6 +38,7 @@ _USUAL_FOR = 2.0  # effective samples of the disturbance that the usual level co
 _MODEL_OFF = 0.3  # share of a sensor's samples beyond the gate, from which the model is off
 _CONTRADICTED = 0.1  # that share of a pose beside its own speed, from which it is worse than it shows
 _LONG_RUN = 10.0  # s of data from which that says something
+_FORESEEN = 0.8  # times the square that is expected of innovations, below which levels are too high
 _COUNTED = 50.0  # samples from which innovations say something of a level
 _WALK_SURE = 4.0  # deviations by which innovations must be too large for a velocity walk
 _SMOOTHER = 0.9  # times a velocity walk that was too large: it hid the disturbance, whose level may rise but not fall
@@ -59,6 +60,9 @@ def adapt_noise(
 ) -> NoiseLevels:
     """Return the levels that the pass's own innovations and disturbances speak for.
 
+    Where a column is foreseen better than its levels allow for, its noise does not rise; of a speed, the disturbance
+    along its axis falls, whatever it was taken for: what an unknown of that axis is off by has passed for one.
+
     Args:
         own_noise: (18,) that samples show by themselves. Innovations beyond it are the model's, not the sensors'.
         neighbours: of speeds, part noise and velocity walk by neighbouring innovations. That takes several passes to
@@ -67,12 +71,14 @@ def adapt_noise(
     """
     noise = levels.noise.copy()
     measured = state.statistics["accepted"] > 0.0
+    nis = state.statistics["nis_sum"] / np.maximum(state.statistics["accepted"], 1.0)
+    foreseen = measured & (nis < _FORESEEN)
     for j, own in enumerate(state.statistics):
         by_neighbours = neighbours and 6 <= j < 12
         count, total = (own.neighbours, own.neighbour_sum) if by_neighbours else (own.noise_samples, own.noise_sum)
         if count > _COUNTED:
             square = total / count
-            noise[j] = np.sqrt(np.clip(square, noise[j] ** 2 / 4.0, noise[j] ** 2 * 4.0))
+            noise[j] *= np.sqrt(np.clip(square / noise[j] ** 2, 0.25, 1.0 if foreseen[j] else 4.0))
     doubted = contradicted(state) & doubts
     for j in range(N_MEASURED):
         if j < 6 and measured[6 + j]:
@@ -88,6 +94,8 @@ def adapt_noise(
         expected = disturbance[i] ** 2 * shown.time - shown.variance  # what d_hat^2 should have added up to
         if shown.time > 0.0 and expected > 1e-3 * disturbance[i] ** 2 * shown.time:
             ratio = float(np.clip(shown.square / expected, 1.0 / _SWING, _SWING))
+            if foreseen[6 + i] and noise[6 + i] > _NOISE_AT_LEAST * own_noise[6 + i]:  # else the noise is too large
+                ratio = min(ratio, max(nis[6 + i], 1.0 / _SWING))
             disturbance[i] *= min(np.sqrt(ratio), ratio)  # down at twice the pace: a high level hides what lowers it
         if usual[i] > 0.0:
             weight = shown.effective_samples / (shown.effective_samples + _USUAL_FOR)

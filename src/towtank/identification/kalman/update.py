@@ -164,15 +164,17 @@ def count_speed(state: JointState, column: int, nu: float, S: float, gain: float
 
     With e the error before the sample and v its noise, nu = e + v, and the error at the next one is e - K nu + w. So
     (1 - K) nu^2 - nu nu' is v nu on average, R, whatever the gain K, and whatever the filter takes the walk for
-    (Mehra 1970); one sample alone shows R and the walk only together. Of a random walk of variance q per second
-    behind a filter of gain K, the steady state has dS/dq = h / (K (2 - K)).
+    (Mehra 1970); one sample alone shows R and the walk only together. What a model that is off leaves is large, and
+    alike from one sample to the next, so that R would come out negative: beyond the gate it does not count. Of a random
+    walk of variance q per second behind a filter of gain K, the steady state has dS/dq = h / (K (2 - K)).
     """
     own, since = state.statistics[column], state.clock[0].since_accepted
-    if own.has_last > 0.0 and since < _NEIGHBOURS:
+    within = 1.0 if nu * nu <= state.settings[0].gate ** 2 * S else 0.0
+    if within * own.has_last > 0.0 and since < _NEIGHBOURS:
         last = own.last_innovation
         own.neighbours += 1.0
         own.neighbour_sum += (1.0 - own.last_gain) * last * last - nu * last
-    own.last_innovation, own.last_gain, own.has_last = nu, gain, 1.0
+    own.last_innovation, own.last_gain, own.has_last = nu, gain, within
     slope = since / max(gain * (2.0 - gain), _LEAST_SLOPE)
     own.steady_score += slope * (min(nu * nu, _CLIPPED_SQUARE * S) - S) / (S * S)
     own.steady_information += slope * slope / (S * S)
