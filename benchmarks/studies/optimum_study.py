@@ -34,10 +34,12 @@ SHORT = 100.0  # nats, that passes may stop short of the other optimum
 
 
 class Learned(NamedTuple):
-    """By how many nats the truth's side is likelier, how much wider deviations are than there, passes of both sides."""
+    """By how many nats the truth's side is likelier, how much wider deviations are than there, and how much larger the
+    disturbance along the axis where it is most so; passes of both sides."""
 
     short: float
     wider: float
+    pushed: float
     passes: tuple[int, int]
 
 
@@ -58,7 +60,9 @@ def learned(case: str, seed: int) -> Learned:
     calm = replace(problem.rough, disturbance=np.array(DISTURBANCE))
     known_nothing, knew_all = joint_fit(problem), joint_fit(problem, since=(about, calm))
     wider = float(np.exp(np.mean(np.log(known_nothing.std / knew_all.std))))
-    return Learned(knew_all.likelihood - known_nothing.likelihood, wider, (known_nothing.passes, knew_all.passes))
+    pushed = float(np.max(known_nothing.levels.disturbance / knew_all.levels.disturbance))
+    passes = known_nothing.passes, knew_all.passes
+    return Learned(knew_all.likelihood - known_nothing.likelihood, wider, pushed, passes)
 
 
 def row(found: Learned) -> dict[str, str]:
@@ -66,6 +70,7 @@ def row(found: Learned) -> dict[str, str]:
     return {
         "nats short of it": f"{found.short:+.0f}",
         "deviations": f"{found.wider:.2f} times",
+        "largest push": f"{found.pushed:.3g} times",
         "passes, from the prior and from the truth": "{} and {}".format(*found.passes),
     }
 

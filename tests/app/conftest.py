@@ -28,7 +28,7 @@ SENSED = ("--sensors", "ins", "--disturbance", 0.3, "--seed", 1)
 _asked = logs.wiring_of
 
 
-@lru_cache
+@lru_cache(16)  # questions are megabytes
 def _wiring_of(question: bytes) -> Wiring:
     return _asked(pickle.loads(question))
 

@@ -421,17 +421,25 @@ def test_a_patient_session_ends_after_so_many_seconds_of_samples(vehicle: Vehicl
     assert math.isnan(status.epoch)
 
 
-def test_samples_that_come_before_a_clock_has_settled_stand_on_it_all_the_same(vehicle: Vehicle) -> None:
-    """A source whose clock shows 500 s less, and whose first messages come late."""
+class Live(Told):
+    """A link whose messages bear the clock of their source."""
 
-    class Live(Told):
-        keeps_time = False
+    keeps_time = False
+
+
+def held_up(n: int, *, every: float, first: int, late: float) -> Live:
+    """Messages, so many s apart, of a source whose clock shows 500 s less; the first ones are late, others by 10 ms."""
 
     def sent(k: int) -> Sample:
-        late = 0.05 if k < 3 else 0.01
-        return Sample("t", "p", EPOCH - 500.0 + 0.05 * k, EPOCH + 0.05 * k + late, ("x",), (1.0 * k,))
+        delay = late if k < first else 0.01
+        return Sample("t", "p", EPOCH - 500.0 + every * k, EPOCH + every * k + delay, ("x",), (1.0 * k,))
 
-    made, learner = session_of(Live([[sent(k)] for k in range(60)], patient=True), vehicle=vehicle)
+    return Live([[sent(k)] for k in range(n)], patient=True)
+
+
+def test_samples_that_come_before_a_clock_has_settled_stand_on_it_all_the_same(vehicle: Vehicle) -> None:
+    """A source whose clock shows 500 s less, and whose first messages come late."""
+    made, learner = session_of(held_up(60, every=0.05, first=3, late=0.05), vehicle=vehicle)
     made.run(threading.Event())
     assert len(learner.seen) == 60
     assert np.diff(learner.seen) == pytest.approx(0.05, abs=1e-6)
@@ -442,15 +450,7 @@ def test_samples_that_come_before_a_clock_has_settled_stand_on_it_all_the_same(v
 
 def test_a_link_that_is_held_up_when_it_begins_stands_right_as_soon_as_it_is_not(vehicle: Vehicle) -> None:
     """What follows lies earlier by as much as it was held up, and is learned from in order."""
-
-    class Live(Told):
-        keeps_time = False
-
-    def sent(k: int) -> Sample:
-        late = 0.06 if k < 35 else 0.01
-        return Sample("t", "p", EPOCH - 500.0 + 0.02 * k, EPOCH + 0.02 * k + late, ("x",), (1.0 * k,))
-
-    made, learner = session_of(Live([[sent(k)] for k in range(150)], patient=True), vehicle=vehicle)
+    made, learner = session_of(held_up(150, every=0.02, first=35, late=0.06), vehicle=vehicle)
     status = made.run(threading.Event())
     assert status.samples == 150
     assert np.all(np.diff(learner.seen) > 0.0)
