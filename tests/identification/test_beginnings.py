@@ -23,13 +23,17 @@ from swing_study import CASES, driven, hull
 from undriven_study import told
 
 
-@pytest.mark.parametrize(("vehicle", "seed"), [("bluerov2_heavy", 1), ("vlbv300", 7)])
-def test_a_tank_session_comes_to_what_the_truth_comes_to(vehicle: str, seed: int) -> None:
-    """With what a model that is off leaves as noise, or a disturbance that stays, passes end with a yaw pushed hard."""
-    found = optimum.learned(f"{vehicle}, tank-session", seed)
+@pytest.mark.parametrize(
+    ("case", "seed"),
+    [("bluerov2_heavy, tank-session", 1), ("vlbv300, tank-session", 7), ("bluerov2_heavy, surge-square", 2)],
+)
+def test_passes_come_to_what_the_truth_comes_to(case: str, seed: int) -> None:
+    """With what a model that is off leaves as noise, or a disturbance that stays, they end with a yaw pushed hard; with
+    what it leaves as a random walk of speeds, with a speed log that is hardly believed."""
+    found = optimum.learned(case, seed)
     assert found.short < optimum.SHORT
     assert found.wider < 1.1
-    assert found.pushed < 2.0
+    assert found.pushed < 3.0
 
 
 def test_gyros_alone_tell_the_stiffness_of_what_nobody_pushes() -> None:

@@ -99,6 +99,22 @@ def a_filter() -> JointState:
     return state
 
 
+@pytest.mark.parametrize("off", [0.0, 1.2])
+def test_a_heading_that_is_off_turns_the_attitude_about_the_vertical_whatever_way_it_leans(off: float) -> None:
+    """By however much, and the heading alone by as much."""
+    state, z = a_filter(), np.zeros(N_MEASURED)
+    bias = np.append(np.zeros(8), off)
+    phi, theta, psi = euler_from_quaternion(*state.x[3:7])
+    z[3:6] = phi, theta, psi + off + 0.01
+    turned = [residual_of(z, state.x, state.water, bias, ATTITUDE, k, True) for k in range(3)]
+    down = rotation_from_quaternion(state.x[3:7]).T @ [0.0, 0.0, 0.01]
+    np.testing.assert_allclose(turned, down, atol=1e-12)
+    assert residual_of(z, state.x, state.water, bias, ATTITUDE, 2, False) == pytest.approx(0.01)
+    expect(state, z, ATTITUDE, False)
+    column = N_FIXED + state.theta.size + 8
+    assert state.H[:, column].tolist() == [0.0, 0.0, 1.0]
+
+
 @pytest.mark.parametrize("k", range(3))
 @pytest.mark.parametrize("sensor", OTHERS, ids=[SENSORS[i].name for i in OTHERS])
 def test_the_filter_s_row_is_the_derivative_by_biases_latency_and_waves_too(sensor: int, k: int) -> None:

@@ -61,12 +61,12 @@ def test_where_windows_agree_and_one_pass_speaks_against_it_nobody_asks(
     problem, fit = slow
     assert fit.disagreement < rivals.CONTRADICTED
     monkeypatch.setattr(rivals, "joint_fit", None)  # asked, it would fail
-    assert quick_rival(problem, fit) is None
+    assert quick_rival(problem, fit, fit.likelihood) is None
 
 
 def test_slow_water_is_likelier_with_a_slow_disturbance(slow: tuple[JointProblem, JointFit]) -> None:
     problem, fit = slow
-    assert quick_rival(problem, replace(fit, disagreement=2.0)) is None
+    assert quick_rival(problem, replace(fit, disagreement=2.0), fit.likelihood) is None
 
 
 @pytest.mark.parametrize("disagreement", [1.0, 2.0])
@@ -76,7 +76,7 @@ def test_quick_water_is_likelier_with_a_quick_disturbance(
     """Whether windows contradict each other or not, and though a current that walks has stood for what is quick."""
     problem, fit = stirred
     levels = replace(fit.levels, current_walk=0.03)
-    rival = quick_rival(problem, replace(fit, disagreement=disagreement, levels=levels))
+    rival = quick_rival(problem, replace(fit, disagreement=disagreement, levels=levels), fit.likelihood)
     assert rival is not None
     assert rival.fit.levels.current_walk < 0.01
     assert rival.fit.likelihood > fit.likelihood + 100.0
@@ -85,7 +85,8 @@ def test_quick_water_is_likelier_with_a_quick_disturbance(
 
 
 def test_nothing_is_late_where_forces_act_as_recorded(slow: tuple[JointProblem, JointFit]) -> None:
-    assert late_rival(*slow) is None
+    problem, fit = slow
+    assert late_rival(problem, fit, fit.likelihood) is None
 
 
 def test_the_likeliest_of_several_pictures_counts(
@@ -97,8 +98,20 @@ def test_the_likeliest_of_several_pictures_counts(
     cases = ((one, other, None, other), (other, one, None, other), (None, one, other, other), (None, None, None, None))
     for *each, chosen in cases:
         for kind, it in zip(("quick", "late", "forbidden"), each, strict=True):
-            monkeypatch.setattr(rivals, f"{kind}_rival", lambda problem, fit, it=it: it)
+            monkeypatch.setattr(rivals, f"{kind}_rival", lambda *asked, it=it: it)
         assert likeliest_rival(problem, fit) is chosen
+
+
+def test_an_answer_is_as_likely_as_a_pass_about_it(
+    slow: tuple[JointProblem, JointFit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Passes that did not settle may have been far likelier on the way: nothing was said against what they came to."""
+    problem, fit = slow
+    knew: list[float] = []
+    for kind in ("quick", "late"):
+        monkeypatch.setattr(rivals, f"{kind}_rival", lambda few, fit, known: knew.append(known))
+    assert likeliest_rival(problem, replace(fit, likelihood=fit.likelihood + 1000.0)) is None
+    assert knew == pytest.approx([fit.likelihood] * 2, abs=1.0)
 
 
 @pytest.mark.parametrize(("deviations", "asked_for"), [(0.0, False), (5.0, False), (8.0, True)])
@@ -110,7 +123,7 @@ def test_data_that_ask_for_what_physics_forbids_are_another_picture(
     k = fit.free.names.index("X_uu")
     known = coefficient_block(fit.state)
     beyond = fit.theta + deviations * known[:, k] / np.sqrt(known[k, k])
-    rival = forbidden_rival(problem, replace(fit, mean=beyond))
+    rival = forbidden_rival(replace(fit, mean=beyond), fit.likelihood)
     assert (rival is not None) == asked_for
     if rival is not None:
         np.testing.assert_array_equal(rival.theta, beyond)
@@ -121,7 +134,8 @@ def test_data_that_ask_for_what_physics_forbids_are_another_picture(
 
 
 def test_a_model_that_is_right_asks_for_nothing_that_physics_forbids(slow: tuple[JointProblem, JointFit]) -> None:
-    assert forbidden_rival(*slow) is None
+    _, fit = slow
+    assert forbidden_rival(fit, fit.likelihood) is None
 
 
 def off(problem: JointProblem, fit: JointFit, theta: Array) -> float:
@@ -138,7 +152,7 @@ def test_forces_that_act_otherwise_are_found_and_make_it_less_sure(case: str, sa
     problem, fit = asked(case, 2)
     k = fit.free.names.index("N_rdot")
     assert abs(off(problem, fit, fit.theta)) > 10.0 * fit.std[k]  # confidently wrong
-    rival = late_rival(problem, fit)
+    rival = late_rival(problem, fit, fit.likelihood)
     assert rival is not None
     assert said in rival.picture
     assert abs(off(problem, fit, rival.theta)) < 0.5 * abs(off(problem, fit, fit.theta))

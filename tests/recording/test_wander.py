@@ -193,6 +193,18 @@ def test_a_gyro_that_shows_noise_of_its_own_is_believed_beside_a_heading_that_wa
     assert not noise_of_smooth_speeds([turning]).any()
 
 
+@pytest.mark.parametrize("walk", [0.003, 0.01])
+def test_a_gyro_that_shows_none_is_believed_beside_a_heading_that_wanders_evenly_on(walk: float) -> None:
+    """Unless it differs far more because it was smoothed: then its errors go together, and no longer than that."""
+    t, columns = boat()
+    columns["psi"] = columns["psi"] + np.cumsum(walk * np.random.default_rng(1).normal(size=t.size))
+    turning = recorded(t, columns, without="x y u v")
+    assert wander_of_speeds(turning)[R] > 0.02
+    assert not smooth_speeds([turning])
+    smooth = recorded(t, {**columns, "r": mean_over(columns["r"], 2.4)}, without="x y u v")
+    assert smooth_speeds([smooth])
+
+
 def test_where_the_pose_hides_it_or_is_not_there_nothing_is_said() -> None:
     t, columns = boat(place=1.0)  # fixes of a satellite receiver
     columns["u"] = mean_over(columns["u"], 1.2)

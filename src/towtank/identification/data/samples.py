@@ -154,6 +154,7 @@ class NoiseLevels:
     waves: deviations (3,) [m/s] of the water's velocity in waves, north, east and down.
     currents: of r pieces (r, 6): number of the recording, when it begins and ends [s], and the current [m/s] NED that
         surely flows in it, as the last pass has found. current_walk: of the current [m/s per sqrt(s)].
+    heading_bias: deviation [rad] of the bias of a heading that wanders, above what settings suppose of it.
     """
 
     noise: Array
@@ -162,6 +163,7 @@ class NoiseLevels:
     waves: Array = field(default_factory=lambda: np.zeros(3))
     currents: Array = field(default_factory=lambda: np.zeros((0, 6)))
     current_walk: float = _CURRENT_WALK
+    heading_bias: float = 0.0
 
     def midway_to(self, other: NoiseLevels) -> NoiseLevels:
         """Return the geometric mean of both levels, in the other's currents."""
@@ -172,6 +174,7 @@ class NoiseLevels:
             np.sqrt(self.waves * other.waves),
             other.currents,
             other.current_walk,
+            other.heading_bias,
         )
 
     def current_at(self, t: float, k: int, of: int) -> Array | None:

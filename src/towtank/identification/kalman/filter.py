@@ -178,7 +178,7 @@ def _covariance(state: JointState, h: float) -> None:
         for i in range(N_MOVING, size):
             P[i, j] *= fade
     _noise(state, h, fade)
-    if state.settings[0].biases > 0.0 and state.settings[0].attitude_bias[0] > 0.0:
+    if state.settings[0].biases > 0.0 and state.settings[0].attitude_bias[2] > 0.0:
         _attitude_bias(state, h)
     if state.settings[0].waves > 0.0:
         _waves(state, h)

@@ -85,6 +85,8 @@ _STILL = 0.05  # deviations of the posterior that a coefficient may still move
 _MUCH_WORSE = 100.0  # of the log likelihood, that a pass may lose on the best one
 WAVE_PERIODS = (3.5, 4.2, 5.0, 6.0, 7.2, 8.6)  # s, of waves that are tried beside that of the settings
 _WAVE = 0.03  # m/s: their size to begin with
+_SMOOTHER = (0.5, 0.2, 0.05)  # times the velocity walk that passes have come to
+_HEADINGS = (0.03, 0.12)  # rad: of the bias of a heading that wanders
 _WALKS, _WATER_GAIN = (3e-3, 1e-2, 3e-2), 10.0  # m/s per sqrt(s), of a current; of the log likelihood
 _FAR_FEWER = 0.7  # of the rows: with so many of them passes begin, and end with all
 _PIECE = 10.0  # s of a recording that are linearised about one current
@@ -137,6 +139,13 @@ class JointProblem:
     def waving(self) -> NDArray[np.bool_]:
         """Axes (3,), NED, along which waves can show; along others they would be what is supposed of them."""
         return np.repeat([self.moving[:2].any(), self.moving[2]], [2, 1])
+
+    @property
+    def headings(self) -> tuple[float, ...]:
+        """Deviations [rad] that the bias of a heading beside a gyro may have, larger than is supposed."""
+        measured = np.any([each.measured for each in self.samples], axis=0)
+        least = self.settings.record["attitude_bias"][0, 2]
+        return tuple(each for each in _HEADINGS if measured[3:6].all() and measured[11] and each > least)
 
     @property
     def stiff(self) -> Array | None:
@@ -359,7 +368,7 @@ def joint_fit(
     progress = progress or (lambda share: None)
     few = problem.over(spread(problem.samples))
     if since is not None:
-        return _in_likeliest_water(few, _settled(few, *since, progress), progress)[1]
+        return _likeliest_surroundings(few, _settled(few, *since, progress), progress)[1]
     few = _coarse(few)
     whole = _rows(few) == _rows(problem)
     found, fit = _with_waves(few, lambda share: progress(share if whole else 0.7 * share))
@@ -405,14 +414,14 @@ def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem
     first = _first_levels(problem)
     if not problem.settings.current or sum(each.duration for each in problem.samples) < _WAVES_SHOW:
         calm = _settled(problem, problem.prior.mean, first, progress)
-        return _in_likeliest_water(problem, calm, progress)
+        return _likeliest_surroundings(problem, calm, progress)
     wavy = replace(first, waves=np.full(3, _WAVE))
     calm = _settled(problem, problem.prior.mean, first, lambda share: progress(0.3 * share))
-    _, calm = _in_likeliest_water(problem, calm, lambda share: progress(0.3 + 0.1 * share))
+    _, calm = _likeliest_surroundings(problem, calm, lambda share: progress(0.3 + 0.1 * share))
     fit = _settled(problem, problem.prior.mean, wavy, lambda share: progress(0.4 + 0.4 * share), only_in_waves=True)
     if not (fit.likelihood > calm.likelihood + _WAVES_GAIN and fit.levels.waves.max() > _SMALLEST_WAVE):
         return problem, calm
-    return _in_likeliest_water(problem, fit, lambda share: progress(0.8 + 0.2 * share))
+    return _likeliest_surroundings(problem, fit, lambda share: progress(0.8 + 0.2 * share))
 
 
 def _first_levels(problem: JointProblem) -> NoiseLevels:
@@ -426,14 +435,14 @@ def _first_levels(problem: JointProblem) -> NoiseLevels:
     return usual if follows else problem.rough
 
 
-def _in_likeliest_water(problem: JointProblem, fit: JointFit, progress: Progress) -> tuple[JointProblem, JointFit]:
-    """Return the posterior in water that is far likelier than that of a fit, by one pass each, if any is; its question.
+def _likeliest_surroundings(problem: JointProblem, fit: JointFit, progress: Progress) -> tuple[JointProblem, JointFit]:
+    """Return the posterior where it is far likelier than a fit, by one pass each, if anywhere; its question.
 
     A current may walk faster, from place to place or with the tide; waves have another period, or be none but such a
-    current.
+    current; the heading of a compass wander beside a gyro.
     """
     best, likeliest = fit.likelihood + _WATER_GAIN, None
-    for row in _other_waters(problem, fit.levels) if problem.settings.current else ():
+    for row in _other_surroundings(problem, fit.levels):
         for other, levels in row:
             found = float(one_pass(other, fit.theta, levels)[0].clock[0].log_likelihood)
             if found > best:
@@ -444,12 +453,21 @@ def _in_likeliest_water(problem: JointProblem, fit: JointFit, progress: Progress
         return problem, fit
     other, levels = likeliest
     settled = _settled(other, fit.theta, levels, progress)
-    return _in_likeliest_water(other, settled, progress) if _likelier(settled, fit) else (problem, fit)
+    return _likeliest_surroundings(other, settled, progress) if _likelier(settled, fit) else (problem, fit)
 
 
-def _other_waters(problem: JointProblem, levels: NoiseLevels) -> list[list[tuple[JointProblem, NoiseLevels]]]:
+def _other_surroundings(problem: JointProblem, levels: NoiseLevels) -> list[list[tuple[JointProblem, NoiseLevels]]]:
+    noise = levels.noise.copy()
+    noise[3:6] = np.minimum(noise[3:6], problem.own_noise[3:6])  # a heading that wanders has passed for noise
+    headings = [replace(levels, heading_bias=each, noise=noise) for each in problem.headings]
+    rows = [[(problem, each)] for each in headings if each.heading_bias > levels.heading_bias]
+    walk = np.nan_to_num(levels.velocity_walk)
+    if walk.any():
+        rows.append([(problem, replace(levels, velocity_walk=share * levels.velocity_walk)) for share in _SMOOTHER])
+    if not problem.settings.current:
+        return rows
     walks, now = [replace(levels, current_walk=walk) for walk in _WALKS], problem.settings.wave_period
-    rows = [[(problem, each) for each in walks if each.current_walk > levels.current_walk]]
+    rows.append([(problem, each) for each in walks if each.current_walk > levels.current_walk])
     if levels.waves.any():
         rows.append([(problem, replace(each, waves=np.zeros(3))) for each in walks])
         for sign, periods in ((1, WAVE_PERIODS), (-1, WAVE_PERIODS[::-1])):  # longer ones, then shorter ones
@@ -480,6 +498,7 @@ def _settled(
     late = np.isin(problem.free.codes[:, 0], (IN_DELAY, IN_LAG))
     most_asked = -_TOO_SOON * math.sqrt(np.sum(problem.prior.std[late] ** 2))
     too_soon = bool((fit.mean - fit.theta)[late].sum() < most_asked)  # a vehicle of much drag lags as thrusters do
+    too_soon = too_soon or fit.forbidden > FAR_LIKELIER
     if anew and late.any() and (lost or too_soon):
         others.append((np.where(late, np.maximum(about - problem.prior.std, _SOONEST * about), about), levels))
     for other_about, other_levels in others:

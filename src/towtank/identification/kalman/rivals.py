@@ -56,24 +56,32 @@ class Rival(NamedTuple):
 
 
 def likeliest_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
-    """Return the likeliest of all rivals; None where none is likelier than what was found."""
-    asked = (quick_rival(problem, fit), late_rival(problem, fit), forbidden_rival(problem, fit))
+    """Return the likeliest of all rivals; None where none is likelier than what was found.
+
+    That is so likely as a pass about it is: where passes did not settle, one on the way may have been likelier by far.
+    What that one asked for, and physics forbids, is as much likelier than itself.
+    """
+    settings = replace(problem.settings, wave_period=fit.wave_period)
+    few = replace(problem, samples=spread(problem.samples), settings=settings)
+    known = _by_one_pass(few, fit.theta, fit.levels)
+    whole = sum(map(len, few.samples)) == sum(map(len, problem.samples))
+    forbidden = forbidden_rival(fit, fit.likelihood if whole else known)
+    asked = (quick_rival(few, fit, known), late_rival(few, fit, known), forbidden)
     found = [each for each in asked if each is not None]
     return max(found, key=lambda each: each.fit.likelihood, default=None)
 
 
-def forbidden_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
+def forbidden_rival(fit: JointFit, known: float) -> Rival | None:
     """Return what data and prior come to, where that is likelier by far than what physics allows of it."""
     if not fit.forbidden > FAR_LIKELIER:
         return None
-    found = replace(fit, likelihood=_few(problem, fit)[1] + fit.forbidden)
+    found = replace(fit, likelihood=known + fit.forbidden)
     return Rival(found, fit.mean, fit.std, "the data are likelier with what physics forbids")
 
 
-def quick_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
+def quick_rival(few: JointProblem, fit: JointFit, known: float) -> Rival | None:
     """Return the rival with a quick disturbance, where it is likelier; else None."""
-    few, known = _few(problem, fit)
-    quick, slow = replace(few, settings=replace(few.settings, time_constant=_QUICK)), problem.settings.time_constant
+    quick, slow = replace(few, settings=replace(few.settings, time_constant=_QUICK)), few.settings.time_constant
     if fit.disagreement < CONTRADICTED and not _by_one_pass(quick, fit.theta, fit.levels) > known + FAR_LIKELIER:
         return None
     found = joint_fit(quick, since=(fit.theta, replace(quick.rough, waves=fit.levels.waves)))
@@ -81,16 +89,15 @@ def quick_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
     return Rival(found, found.theta, found.std, picture) if found.likelihood > known else None
 
 
-def late_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
+def late_rival(few: JointProblem, fit: JointFit, known: float) -> Rival | None:
     """Return the rival with late shares of the forces, where it is likelier; else None."""
-    few, known = _few(problem, fit)
     pushed = np.any([np.any(each.input_force @ each.B.T != 0.0, axis=0) for each in few.samples], axis=0)
-    axes = np.flatnonzero(pushed & problem.moving).tolist()
+    axes = np.flatnonzero(pushed & few.moving).tolist()
     if not axes:
         return None
     n, more = len(fit.free), len(_LATER) * len(axes)
     samples = [_with_late_forces(each, axes) for each in few.samples]
-    late = replace(few, samples=samples, prior=_LatePrior.of(problem.prior, few.samples[0].B.shape[1], axes))
+    late = replace(few, samples=samples, prior=_LatePrior.of(few.prior, few.samples[0].B.shape[1], axes))
     about = np.concatenate([fit.theta, np.zeros(more)])
     if -_LOST < _by_one_pass(late, about, fit.levels) - known < FAR_LIKELIER:
         return None
@@ -122,16 +129,6 @@ def apart_from(problem: JointProblem, fit: JointFit, rival: Rival) -> tuple[Arra
         "away, others less, and deviations are widened by such differences"
     )
     return np.clip(away, -fit.prior.std, fit.prior.std) * math.sqrt(_EITHER), [text] if apart[most] > _SAID else []
-
-
-def _few(problem: JointProblem, fit: JointFit) -> tuple[JointProblem, float]:
-    """Return the question in the waves that were found, of a long recording about stretches that stand for it, and the
-    log likelihood of the posterior there."""
-    settings = replace(problem.settings, wave_period=fit.wave_period)
-    few = replace(problem, samples=spread(problem.samples), settings=settings)
-    if sum(map(len, few.samples)) == sum(map(len, problem.samples)):
-        return few, fit.likelihood
-    return few, _by_one_pass(few, fit.theta, fit.levels)
 
 
 def _by_one_pass(problem: JointProblem, about: Array, levels: NoiseLevels) -> float:

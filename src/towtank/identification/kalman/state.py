@@ -271,6 +271,7 @@ def new_joint_state(
     record = settings.record
     record["waves"] = float(waves)
     record["current_walk"] *= levels.current_walk**2
+    record["attitude_bias"][:, 2] = np.maximum(record["attitude_bias"][:, 2], levels.heading_bias)
     state = JointState(
         x=x,
         force=np.zeros(6),
@@ -418,6 +419,7 @@ def healthy_snapshot(state: JointState) -> HealthySnapshot | None:
         state.velocity_walk.copy(),
         state.wave_level.copy(),
         current_walk=math.sqrt(state.settings[0].current_walk),
+        heading_bias=float(state.settings[0].attitude_bias[2]),
     )
     return HealthySnapshot(state.theta.copy(), coefficient_block(state).copy(), levels)
 

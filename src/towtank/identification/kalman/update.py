@@ -220,9 +220,10 @@ def expect(state: JointState, z: Array, sensor: int, whole: bool) -> None:
         if state.settings[0].biases > 0.0:
             if sensor == RATES:
                 h[N_FIXED + n + k] = 1.0
-            elif sensor == ATTITUDE and whole:
-                for j in range(3):
-                    h[N_FIXED + n + 6 + j] = h[3 + j]
+            elif sensor == ATTITUDE and (whole or k == 2):
+                if k < 2:
+                    h[N_FIXED + n + 6 + k] = 1.0
+                h[N_FIXED + n + 8] = row_of_rotation(state.x[3:7], 2)[k] if whole else 1.0
         if waves and sensor == VELOCITY:
             for j in range(3):
                 h[size - 6 + j] = h[18 + j]

@@ -130,7 +130,8 @@ def residual_of(z: Array, x: Array, current: Array, bias: Array, sensor: int, k:
     """Return what number k of a sensor shows beyond what the state expects, angles by the shortest way.
 
     Args:
-        z: the row (18,). x: state (13,). current: (3,) [m/s], NED. bias: (9,) of gyro, accelerometer, whole attitude.
+        z: the row (18,). x: state (13,). current: (3,) [m/s], NED. bias: (9,) of gyro, accelerometer, attitude: about
+            x and y of the body, and about the vertical, since a heading is off by as much whatever way it leans.
         sensor: not specific force. whole: all three numbers of the sensor are there.
     """
     value = z[3 * sensor + k]
@@ -138,13 +139,15 @@ def residual_of(z: Array, x: Array, current: Array, bias: Array, sensor: int, k:
         return float(value - x[k])
     if sensor == ATTITUDE:
         if whole:
-            return float(attitude_error(x[3:7], z[3], z[4], z[5])[k] - bias[6 + k])
+            off = attitude_error(x[3:7], z[3], z[4], z[5] - bias[8])[k]
+            return float(off - bias[6 + k] if k < 2 else off)
         kx, ky, kz = row_of_rotation(x[3:7], 2)
         if k == 0:
             return _wrapped(value - math.atan2(ky, kz))
         if k == 1:
             return float(value - math.atan2(-kx, math.hypot(ky, kz)))
-        return _wrapped(value - math.atan2(row_of_rotation(x[3:7], 1)[0], row_of_rotation(x[3:7], 0)[0]))
+        heading = math.atan2(row_of_rotation(x[3:7], 1)[0], row_of_rotation(x[3:7], 0)[0])
+        return _wrapped(value - bias[8] - heading)
     if sensor == VELOCITY:
         return float(value - x[7 + k] - to_body(x[3:7], current)[k])
     if sensor == RATES:

@@ -203,6 +203,9 @@ def _remarks(
     if current is not None and fit.levels.current_walk > NoiseLevels.current_walk:
         changed = 100.0 * fit.levels.current_walk * math.sqrt(60.0)
         out.append(f"the current changes along the way, by some {changed:.2g} cm/s in a minute")
+    if fit.levels.heading_bias > 0.0:
+        wanders = math.degrees(fit.levels.heading_bias)
+        out.append(f"the heading wanders by some {wanders:.2g}° beside the gyro, within half a minute")
     if fit.levels.waves.any():
         size = ", ".join(f"{level:.2g}" for level in fit.levels.waves)
         out.append(f"waves of about {fit.wave_period:.2g} s: the water goes to and fro with {size} m/s (N, E, D)")

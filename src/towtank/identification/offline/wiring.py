@@ -169,7 +169,7 @@ class _Look:
     def _likelihood(self, way: Wiring, k: int) -> float:
         """Return the log likelihood of stretch k; very small where none can be computed."""
         coarse = replace(self.problem.settings, step=_APART)
-        rewired = replace(self._rewired(way, self.problem.samples[k : k + 1]), settings=coarse)
+        rewired = replace(self._rewired(way, slice(k, k + 1)), settings=coarse)
         found = float(one_pass(rewired, self._file.theta, self._file.levels, windows=1)[0].clock[0].log_likelihood)
         return found if np.isfinite(found) else -1e9
 
@@ -177,7 +177,8 @@ class _Look:
         """Return the likeliest way, learned with: the file's, or one that is likelier by more than it costs [nats].
 
         All begin where the file's has come to; those that come near it, and the file's, begin a second time where all
-        was supposed to be, and are asked all that a log is asked. The likelier counts.
+        was supposed to be, and are asked all that a log is asked. The likelier counts. Passes come farther with one way
+        or another by chance, too: what takes the file's place must be likelier where both are learned as a log is.
 
         Args:
             cost: of each of a few ways. judged: what both judges found, which has paid.
@@ -188,21 +189,26 @@ class _Look:
         for way in (Wiring(), *near) if near else ():
             found[way] = max(found[way], self._learned(way, whole=True))
         likelier = [way for way in near if found[way] > found[Wiring()] + least[way]]
+        last = {way: _nats(joint_fit(self._rewired(way))) for way in (Wiring(), *likelier)} if likelier else {}
+        likelier = [way for way in likelier if last[way] > last[Wiring()] + min(least[way], 0.0)]
         return max(likelier, key=lambda way: found[way] - cost[way], default=Wiring())
 
     def _learned(self, way: Wiring, *, whole: bool) -> float:
         """Return how likely stretches are by what is learned from them [nats], `whole` as a log is."""
-        rewired, file = self._rewired(way, self.problem.samples), self._file
+        rewired, file = self._rewired(way), self._file
         if whole:
-            fit = joint_fit(rewired, since=(self.problem.prior.mean, file.levels))
-        else:
-            fit = first_passes(rewired, _PASSES, since=(file.theta, file.levels))
-        return fit.likelihood / _ALIKE if np.isfinite(fit.likelihood) else -1e9
+            return _nats(joint_fit(rewired, since=(self.problem.prior.mean, file.levels)))
+        return _nats(first_passes(rewired, _PASSES, since=(file.theta, file.levels)))
 
-    def _rewired(self, way: Wiring, samples: Sequence[Samples]) -> JointProblem:
-        return self.problem.over([replace(each, B=np.ascontiguousarray(way.matrix(each.B))) for each in samples])
+    def _rewired(self, way: Wiring, only: slice = slice(None)) -> JointProblem:
+        samples = [replace(each, B=np.ascontiguousarray(way.matrix(each.B))) for each in self.problem.samples[only]]
+        return self.problem.over(samples)
 
     @cached_property
     def _file(self) -> JointFit:
         """Where a first few passes have the vehicle, wired as the file says, and how much noise and disturbance."""
         return first_passes(self.problem, _FIRST)
+
+
+def _nats(fit: JointFit) -> float:
+    return fit.likelihood / _ALIKE if np.isfinite(fit.likelihood) else -1e9

@@ -8,7 +8,7 @@ back to the times that they speak of, so that the filter is as far behind as the
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
@@ -267,7 +267,7 @@ class JointStream:
                 arrays["running.disagreement"],
                 arrays["running.apart"],
                 FilterSettings(**about["settings"] | {"usual": tuple(about["settings"]["usual"])}),
-                replace(NoiseLevels(**levels), current_walk=float(levels["current_walk"])),
+                NoiseLevels(**levels | {name: float(levels[name]) for name in ("current_walk", "heading_bias")}),
                 tuple(about["remarks"]),
             )
             self._go_on(running)

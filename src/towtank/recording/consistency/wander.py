@@ -9,9 +9,11 @@ Allan variance of a gyro), as errors that go together with T^2 for as long as th
 and scale are taken out before, and the lag (with a filter of first order, which is late and nothing else) where both
 have stamps of their own: learning finds that. In the same rows both count as one device, and a lag is an error.
 
-What differs does not say which of both is wrong: a heading may wander, a sensor may be turned or off the origin. A
-speed that shows noise of its own is believed; one that shows none is doubted, which costs accuracy where it is right,
-and truth where it is not.
+What differs does not say which of both is wrong: a sensor may be turned or off the origin. A speed that shows noise of
+its own is believed; one that shows none is doubted, which costs accuracy where it is right, and truth where it is not.
+But a heading that wanders, as a compass near thrusters does, goes on doing so: V grows evenly from a third of a second
+to five. What was smoothed differs more and more evenly in neither: a filter's errors go together at first, and none
+lasts longer than what was smoothed over. Then the gyro is believed; the heading's bias is for the filter to find.
 """
 
 from __future__ import annotations
@@ -27,13 +29,15 @@ from towtank.recording.consistency.accounts import Pair, of_heading, of_rates, o
 from towtank.recording.grids.timing import sampling_rate
 from towtank.recording.noise import NoiseLevel, noise_level, noise_levels, robust_size
 from towtank.recording.recording import Recording
-from towtank.recording.standard import MEASURED, POSE, QUANTITIES, STANDARD
+from towtank.recording.standard import MEASURED, POSE, QUANTITIES, RATES, STANDARD
 
 __all__ = ["SmoothSpeeds", "noise_of_smooth_speeds", "smooth_speeds", "wander_of"]
 
 _LONGEST = 2.0  # s: longer than filters remember, shorter than currents and magnets change
 _BEYOND_POSES = 3.0  # times what the noise of the poses makes
 _FEWEST = 50  # sums
+_SOON, _LATE = 0.3, (3.0, 4.0, 5.0)  # s: before and after `_LONGEST`; a heading that wanders differs in
+_EVENLY = (0.65, 0.12)  # both by as much a second as in between: by this share at least, for few sums are so long
 _SMOOTH = 0.1  # of a usual sensor's noise: few sensors show less
 _USUAL = {name: each.noise for each in QUANTITIES for name in each.channels}
 
@@ -96,7 +100,7 @@ def smooth_speeds(recordings: Sequence[Recording]) -> list[SmoothSpeeds]:
 
 def _smooth(pair: Pair, recording: Recording, *, most: bool = False) -> SmoothSpeeds | None:
     wander = wander_of(pair, recording, most=most)
-    off = [name for name, noise in wander.items() if noise > _USUAL[name]]
+    off = [name for name, noise in wander.items() if noise > _USUAL[name] and (most or not _wanders(pair, name))]
     if not off:
         return None
     channels = {name: recording[name].measured for name in pair.names}
@@ -132,6 +136,18 @@ def _growth(pair: Pair, column: int, *, most: bool) -> float:
         (square - first) / (dt * (n - shortest)) if square > _BEYOND_POSES * first else 0.0
         for n, square in zip(longer, squares, strict=True)
     )
+
+
+def _wanders(pair: Pair, name: str) -> bool:
+    """Return whether an attitude differs from a rate evenly more and more: by its heading, whatever way it leans."""
+    if name not in RATES:
+        return False
+    shortest, times = pair.cells.step, (max(_SOON, 2.0 * pair.cells.step), _LONGEST, *_LATE)
+    column, dt = pair.names.index(name), pair.cells.dt
+    first, soon, within, *late = (_left_over(pair, column, max(1, round(each / dt))) for each in (shortest, *times))
+    whole = (within - first) / (_LONGEST - shortest)
+    after = np.mean([(square - within) / (each - _LONGEST) for square, each in zip(late, _LATE, strict=True)])
+    return bool((soon - first) / (times[0] - shortest) > _EVENLY[0] * whole and after > _EVENLY[1] * whole > 0.0)
 
 
 def _left_over(pair: Pair, column: int, n: int) -> float:
