@@ -22,8 +22,8 @@ def learned(case: str, seed: int) -> LogLearning:
 
 @pytest.mark.parametrize("seed", [2, 5])
 def test_it_is_taken_for_no_current_and_costs_the_gyro_nothing(seed: int) -> None:
-    """Taken for a current that walks, or for noise of the attitude, it made inertias 8 deviations wrong; a gyro that was
-    doubted for it told a tenth."""
+    """Taken for a current that walks, or for noise of the attitude, it made inertias 8 deviations wrong; a gyro that
+    was doubted for it told a tenth."""
     truth, found = true_box(), learned("so beside a quiet gyro", seed)
     off = {
         each.name: (each.value - truth.coefficient(each.name)) / each.std
