@@ -461,8 +461,7 @@ def _other_surroundings(problem: JointProblem, levels: NoiseLevels) -> list[list
     noise[3:6] = np.minimum(noise[3:6], problem.own_noise[3:6])  # a heading that wanders has passed for noise
     headings = [replace(levels, heading_bias=each, noise=noise) for each in problem.headings]
     rows = [[(problem, each)] for each in headings if each.heading_bias > levels.heading_bias]
-    walk = np.nan_to_num(levels.velocity_walk)
-    if walk.any():
+    if np.nan_to_num(levels.velocity_walk).any() and not problem.session:  # a stream looks back again soon
         rows.append([(problem, replace(levels, velocity_walk=share * levels.velocity_walk)) for share in _SMOOTHER])
     if not problem.settings.current:
         return rows
