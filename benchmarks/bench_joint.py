@@ -31,7 +31,8 @@ from figures import Figure, interleaved, report
 
 from towtank.identification import Learner
 from towtank.identification.kalman import passes
-from towtank.identification.kalman.passes import JointFit, JointProblem, joint_fit, one_pass
+from towtank.identification.kalman.passes import joint_fit, one_pass
+from towtank.identification.kalman.problem import JointFit, JointProblem
 from towtank.identification.offline.joint import LearningRequest, joint_problem
 from towtank.recording import Recording, write_csv
 from towtank.simulation import manoeuvre, simulate

@@ -22,7 +22,8 @@ from runner import write_json
 
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import Samples, prepared
-from towtank.identification.kalman.passes import joint_fit, settings_for
+from towtank.identification.kalman.passes import joint_fit
+from towtank.identification.kalman.problem import settings_for
 from towtank.identification.kalman.state import FilterSettings
 from towtank.identification.offline import joint
 from towtank.identification.offline.joint import LearningRequest, joint_problem

@@ -11,6 +11,7 @@ import pytest
 
 from towtank.identification.data.samples import samples_of
 from towtank.identification.kalman import passes
+from towtank.identification.kalman.problem import JointProblem
 from towtank.identification.logs import learn_recordings
 from towtank.identification.offline.joint import LearningRequest, joint_problem
 from towtank.simulation.tank import tank_session
@@ -91,7 +92,7 @@ def test_passes_begin_with_a_row_a_step_and_end_with_all_where_a_sensor_sees_the
     problem = joint_problem(LearningRequest(session.known, [session.recording]))
     taken, one_pass = list[int](), passes.one_pass
 
-    def counting(asked: passes.JointProblem, *words: object, **options: object) -> object:
+    def counting(asked: JointProblem, *words: object, **options: object) -> object:
         taken.append(sum(map(len, asked.samples)))
         return one_pass(asked, *words, **options)  # type: ignore[arg-type]
 

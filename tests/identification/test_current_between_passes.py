@@ -16,7 +16,8 @@ from towtank.core.zero_order_hold import hold_force, mean_forces_into, new_zero_
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, prepared
 from towtank.identification.kalman.filter import take_row
-from towtank.identification.kalman.passes import JointProblem, _smoothed, one_pass
+from towtank.identification.kalman.passes import _smoothed, one_pass
+from towtank.identification.kalman.problem import JointProblem
 from towtank.identification.kalman.state import (
     FilterSettings,
     JointState,

@@ -15,7 +15,7 @@ from towtank.core.layout import N_PARAMETERS
 from towtank.core.zero_order_hold import hold_force, mean_forces_into, new_zero_order_hold
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, Samples, samples_of
 from towtank.identification.kalman.filter import begin_motion, joint_events, rows_of, take_row
-from towtank.identification.kalman.passes import inputs_of
+from towtank.identification.kalman.problem import inputs_of
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state, transition_scratch
 from towtank.identification.model.linearisation import step_and_linearise
 from towtank.identification.model.measurements import ATTITUDE, NEVER, attitude_error

@@ -12,7 +12,8 @@ import pytest
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, samples_of
 from towtank.identification.kalman import passes
-from towtank.identification.kalman.passes import JointProblem, one_pass
+from towtank.identification.kalman.passes import one_pass
+from towtank.identification.kalman.problem import JointProblem
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state
 from towtank.identification.kalman.update import count_speed
 from towtank.identification.model.parameters import free_parameters

@@ -10,7 +10,8 @@ import pytest
 
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, Samples, samples_of
-from towtank.identification.kalman.passes import JointProblem, one_pass, settings_for
+from towtank.identification.kalman.passes import one_pass
+from towtank.identification.kalman.problem import JointProblem, settings_for
 from towtank.identification.kalman.state import FilterSettings, coefficient_std
 from towtank.identification.model.measurements import ATTITUDE, POSITION, RATES, VELOCITY, WATER_VELOCITY
 from towtank.identification.model.parameters import DVL_PLACE, IMU_PLACE, LATENCIES, MARKER_PLACE, PLACES

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from towtank.identification import LogLearning, learn_recordings
-from towtank.identification.offline.forecast import best_excited, predicted_accuracies
+from towtank.identification.offline.first_look import best_excited, predicted_accuracies
 from towtank.recording import Recording, align
 from towtank.simulation import OrnsteinUhlenbeck, manoeuvre, simulate
 from towtank.vehicle import load_vehicle

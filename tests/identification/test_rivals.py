@@ -13,7 +13,8 @@ from towtank.core.arrays import Array
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import prepared, samples_of
 from towtank.identification.kalman import rivals
-from towtank.identification.kalman.passes import JointFit, JointProblem, joint_fit
+from towtank.identification.kalman.passes import joint_fit
+from towtank.identification.kalman.problem import JointFit, JointProblem
 from towtank.identification.kalman.rivals import (
     Rival,
     apart_from,

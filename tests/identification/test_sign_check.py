@@ -192,6 +192,20 @@ def test_where_both_judges_leave_the_file_far_behind_they_decide(monkeypatch: py
     assert not asked
 
 
+def test_what_is_likelier_by_chance_takes_no_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Passes come farther with one way than with another, as at sea: learned as a log is, the file's is likelier."""
+    vehicle, run, wrong = craft(), spins(20.0), Wiring((0,))
+
+    def unsure(ways: list[Wiring], *others: object) -> np.ndarray:
+        return np.array([{Wiring(): 0.0, wrong: 2.0}.get(way, -1000.0) for way in ways])
+
+    monkeypatch.setattr(wiring, "likelihood_of", unsure)
+    monkeypatch.setattr(wiring._Look, "_told", lambda look, ways, k: np.zeros(len(ways)))
+    monkeypatch.setattr(wiring._Look, "_learned", lambda look, way, whole: 1000.0 * (way == wrong))
+    assert not found_in(run, unknown(vehicle))
+    assert found_in(run, unknown(rewired(vehicle, wrong)))
+
+
 def test_the_filter_looks_where_passes_have_come_to() -> None:
     """About the prior's mean this log tells too little of its swap to be learned with it."""
     found = case("VECTORED_6DOF", Wiring((), (5, 7)), 2035)

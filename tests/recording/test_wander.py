@@ -195,12 +195,15 @@ def test_a_gyro_that_shows_noise_of_its_own_is_believed_beside_a_heading_that_wa
 
 @pytest.mark.parametrize("walk", [0.003, 0.01])
 def test_a_gyro_that_shows_none_is_believed_beside_a_heading_that_wanders_evenly_on(walk: float) -> None:
-    """Unless it differs far more because it was smoothed: then its errors go together, and no longer than that."""
+    """Beside a whole attitude, of whose heading the filter asks whether it is off; unless the rate differs far more
+    because it was smoothed: then its errors go together, and no longer than that."""
     t, columns = boat()
     columns["psi"] = columns["psi"] + np.cumsum(walk * np.random.default_rng(1).normal(size=t.size))
+    columns |= {name: 5e-4 * np.random.default_rng(2).normal(size=t.size) for name in ("phi", "theta")}
     turning = recorded(t, columns, without="x y u v")
     assert wander_of_speeds(turning)[R] > 0.02
     assert not smooth_speeds([turning])
+    assert smooth_speeds([turning.without("phi", "theta")])
     smooth = recorded(t, {**columns, "r": mean_over(columns["r"], 2.4)}, without="x y u v")
     assert smooth_speeds([smooth])
 

@@ -17,11 +17,12 @@ from towtank.identification.data.samples import NoiseLevels
 from towtank.identification.least_squares.chain import uses_commands
 from towtank.identification.logs import findings_before
 from towtank.identification.model.terms import AXES
-from towtank.identification.offline.first_look import DRIVEN, first_look
-from towtank.identification.offline.forecast import (
+from towtank.identification.offline.first_look import (
+    DRIVEN,
     MOST_ROWS,
     PredictedAccuracy,
     best_excited,
+    first_look,
     predicted_accuracies,
 )
 from towtank.notebook import html_table

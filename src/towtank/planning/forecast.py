@@ -18,7 +18,8 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.errors import InputError, nearest
 from towtank.identification.data.samples import NoiseLevels, Samples, held_forces
-from towtank.identification.kalman.passes import JointProblem, one_pass, settings_for
+from towtank.identification.kalman.passes import one_pass
+from towtank.identification.kalman.problem import JointProblem, settings_for
 from towtank.identification.kalman.state import FilterSettings, coefficient_block
 from towtank.identification.model.prior import Prior, further_unknowns, prior_of
 from towtank.identification.model.terms import DISTURBANCE

@@ -7,6 +7,7 @@ whole; a streaming learner keeps what it has seen in a buffer for as long as it 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -154,7 +155,7 @@ class NoiseLevels:
     waves: deviations (3,) [m/s] of the water's velocity in waves, north, east and down.
     currents: of r pieces (r, 6): number of the recording, when it begins and ends [s], and the current [m/s] NED that
         surely flows in it, as the last pass has found. current_walk: of the current [m/s per sqrt(s)].
-    heading_bias: deviation [rad] of the bias of a heading that wanders, above what settings suppose of it.
+    heading_bias: deviation [rad] of the bias of a heading that wanders beside a gyro, where it is larger than supposed.
     """
 
     noise: Array
@@ -176,6 +177,12 @@ class NoiseLevels:
             other.current_walk,
             other.heading_bias,
         )
+
+    @property
+    def heading_said(self) -> list[str]:
+        """A sentence where the heading wanders, more than an attitude is supposed to."""
+        wanders = math.degrees(self.heading_bias)
+        return [f"the heading wanders by some {wanders:.2g}° beside the gyro, within half a minute"] if wanders else []
 
     def current_at(self, t: float, k: int, of: int) -> Array | None:
         """Return the current (3,) [m/s] NED at t [s] in recording k of so many, as far as one is known then.

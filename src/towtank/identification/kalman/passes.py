@@ -12,14 +12,16 @@ Drag is far from linear in a current. So the motion is linearised about the curr
 the last pass has found that it surely flows.
 
 Where a sensor sees the ground, waves are among the unknowns, water that goes to and fro with a period of seconds. They
-stay where the likelihood gains by far more than chance.
+stay where the likelihood gains by far more than chance. When passes have ended, one each tells whether what was
+measured is far likelier otherwise: in other water, beside a heading that wanders, or with speeds that walk less at
+random; passes go on from the likeliest, and are asked again (`_likeliest_surroundings`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 
@@ -27,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
-from towtank.core.zero_order_hold import ZeroOrderHold, new_zero_order_hold
+from towtank.core.zero_order_hold import ZeroOrderHold
 from towtank.identification.data.samples import NoiseLevels, Samples
 from towtank.identification.kalman.filter import hold_inputs, joint_events, rows_of
 from towtank.identification.kalman.noise_adaptation import (
@@ -38,35 +40,29 @@ from towtank.identification.kalman.noise_adaptation import (
     most_disturbed,
     rejected_share,
 )
+from towtank.identification.kalman.problem import ROUGH, JointFit, JointProblem, inputs_of, latencies_of
 from towtank.identification.kalman.state import (
-    FilterSettings,
     JointState,
     coefficient_block,
-    coefficient_std,
     forget_surroundings,
     new_joint_state,
     surely_flows,
 )
-from towtank.identification.model.measurements import SPEEDS, shown_axes
-from towtank.identification.model.parameters import IN_DELAY, IN_LAG, IN_LATENCY, FreeParameters
-from towtank.identification.model.prior import Prior
+from towtank.identification.model.measurements import SPEEDS
+from towtank.identification.model.parameters import IN_DELAY, IN_LAG
 from towtank.identification.model.terms import DISTURBANCE
 from towtank.identification.posterior.physical import Region
 from towtank.identification.posterior.statistics import Reading, widened
 from towtank.recording.grids.stretches import spread
-from towtank.vehicle import Vehicle
+from towtank.recording.standard import MEASURED
 
 __all__ = [
     "FAR_LIKELIER",
     "WAVE_PERIODS",
-    "JointFit",
-    "JointProblem",
-    "inputs_of",
+    "first_passes",
     "joint_fit",
-    "latencies_of",
     "next_recording",
     "one_pass",
-    "settings_for",
     "since_last",
 ]
 
@@ -74,7 +70,6 @@ _SAME_WATER = 600.0  # s after which a stretch of one session may be in another 
 
 _WINDOWS, _LEAST_WINDOW = 16, 25  # of a pass, that must agree; rows
 _PASSES = 16
-_ROUGH = 20.0  # times the usual disturbance, in the first pass
 _FOLLOWS = 0.07  # share of a sensor's samples beyond the gate, up to which motion follows the prior's mean
 _LONGEST_STEP = 1.5  # deviations of the prior
 _PATIENCE = 4  # passes after the likeliest one
@@ -85,8 +80,9 @@ _STILL = 0.05  # deviations of the posterior that a coefficient may still move
 _MUCH_WORSE = 100.0  # of the log likelihood, that a pass may lose on the best one
 WAVE_PERIODS = (3.5, 4.2, 5.0, 6.0, 7.2, 8.6)  # s, of waves that are tried beside that of the settings
 _WAVE = 0.03  # m/s: their size to begin with
-_SMOOTHER = (0.5, 0.2, 0.05)  # times the velocity walk that passes have come to
+_LESS_WALK = (0.5, 0.2, 0.05)  # times the velocity walk that passes have come to
 _HEADINGS = (0.03, 0.12)  # rad: of the bias of a heading that wanders
+_ATTITUDE, _R = slice(MEASURED.index("phi"), MEASURED.index("psi") + 1), MEASURED.index("r")
 _WALKS, _WATER_GAIN = (3e-3, 1e-2, 3e-2), 10.0  # m/s per sqrt(s), of a current; of the log likelihood
 _FAR_FEWER = 0.7  # of the rows: with so many of them passes begin, and end with all
 _PIECE = 10.0  # s of a recording that are linearised about one current
@@ -96,165 +92,6 @@ _WAVES_SHOW = 20.0  # s: of shorter data a wave is no more than a slow force
 _SMALLEST_WAVE = 0.015  # m/s: below, a wave stands for what the model lacks
 _CALM_AFTER = 2  # passes after which waves that have become so small are given up
 Progress = Callable[[float], None]
-
-
-@dataclass(frozen=True, eq=False)
-class JointProblem:
-    """What is asked of the filter.
-
-    Attributes:
-        samples: of each recording. vehicle: with all that is fixed. prior: of all unknowns.
-        settings: of the filter, `settings_for`. own_noise: (18,) that the samples show by themselves.
-        delay, lag: of the inputs [s] where they are no unknowns; lag (m,).
-        session: whether the samples are stretches of one session, on its clock: minutes later the water is the same.
-    """
-
-    samples: Sequence[Samples]
-    vehicle: Vehicle
-    prior: Prior
-    settings: FilterSettings
-    own_noise: Array
-    delay: float = 0.0
-    session: bool = False
-
-    @property
-    def free(self) -> FreeParameters:
-        """The unknowns."""
-        return self.prior.free
-
-    @property
-    def learned(self) -> NDArray[np.bool_]:
-        """Which unknowns (n,) are learned: those of axes that move. Others count as what they may be."""
-        return self.free.felt(self.moving)
-
-    @property
-    def moving(self) -> NDArray[np.bool_]:
-        """Axes (6,) whose motion a sensor shows, or inputs make: by more than what disturbs a vehicle anyway."""
-        shown = shown_axes(np.any([each.measured for each in self.samples], axis=0))
-        inertia = np.diag(self.vehicle.mass_matrix)
-        pushed = [np.sqrt(np.mean((each.input_force @ each.B.T / inertia) ** 2, axis=0)) for each in self.samples]
-        return np.asarray(shown | (np.max(pushed, axis=0) > np.array(DISTURBANCE)))
-
-    @property
-    def waving(self) -> NDArray[np.bool_]:
-        """Axes (3,), NED, along which waves can show; along others they would be what is supposed of them."""
-        return np.repeat([self.moving[:2].any(), self.moving[2]], [2, 1])
-
-    @property
-    def headings(self) -> tuple[float, ...]:
-        """Deviations [rad] that the bias of a heading beside a gyro may have, larger than is supposed."""
-        measured = np.any([each.measured for each in self.samples], axis=0)
-        least = self.settings.record["attitude_bias"][0, 2]
-        return tuple(each for each in _HEADINGS if measured[3:6].all() and measured[11] and each > least)
-
-    @property
-    def stiff(self) -> Array | None:
-        """Theta (n,) of a stiff vehicle; None where it is measured how it leans, or somebody said how stiff it is.
-
-        Gyros alone tell stiffness by what swings. Passes from too soft a vehicle end where inertia makes up for it.
-        """
-        about, unseen = self.prior.mean.copy(), not np.any([each.measured[3:5] for each in self.samples])
-        stiff = np.array([name == "BG_z" for name in self.prior.names]) & (self.prior.std > np.abs(about)) & unseen
-        return np.asarray(about + stiff * self.prior.std) if (stiff & self.learned).any() else None
-
-    @property
-    def rough(self) -> NoiseLevels:
-        """Levels of a first pass far off: a disturbance far larger than it will be, so that little is rejected."""
-        return NoiseLevels(self.own_noise, _ROUGH * np.array(DISTURBANCE))
-
-    def over(self, samples: Sequence[Samples]) -> JointProblem:
-        """Return the same question about other samples."""
-        return replace(self, samples=samples)
-
-
-@dataclass(frozen=True, eq=False)
-class JointFit:
-    """The posterior, and how it was found.
-
-    Attributes:
-        prior: what was supposed. mean, covariance: (n,) and (n, n) of the Gaussian, in the coordinates of its `free`.
-        theta: the likeliest of it (n,) that physics allows.
-        disagreement: factor by which windows of the data differ more than they state, 1 at least; the covariance is
-            widened by it, see `widened`.
-        levels: as the data show them. wave_period: [s], where the levels have waves.
-        likelihood: log, of the last pass's innovations. passes: how many were run.
-        duration [s], rows: learned from. rejected: share of each column's samples that lay beyond the gate (18,).
-        nis: mean of innovation^2 / S per column (18,), 1 where noise and model are right.
-        state: of the filter at the end of the last pass.
-    """
-
-    prior: Prior
-    mean: Array
-    theta: Array
-    covariance: Array
-    disagreement: float
-    levels: NoiseLevels
-    wave_period: float
-    likelihood: float
-    passes: int
-    duration: float
-    rows: int
-    rejected: Array
-    nis: Array
-    state: JointState
-
-    @property
-    def free(self) -> FreeParameters:
-        """The unknowns."""
-        return self.prior.free
-
-    @property
-    def std(self) -> Array:
-        """Deviations of theta (n,)."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-
-    @property
-    def wider(self) -> Array:
-        """Factors (n,) to the deviations that the filter itself states, by what windows disagree about."""
-        return np.asarray(np.maximum(self.std / np.maximum(coefficient_std(self.state), 1e-300), 1.0))
-
-    @property
-    def forbidden(self) -> float:
-        """By how much likelier [log] data and prior are at `mean`, where physics forbids that, than at `theta`."""
-        learned = np.flatnonzero(self.state.learns > 0.0)
-        away = (self.mean - self.theta)[learned]
-        return 0.5 * float(away @ np.linalg.solve(coefficient_block(self.state)[np.ix_(learned, learned)], away))
-
-    @property
-    def narrowed(self) -> Array:
-        """Deviations as a share of the prior's (n,)."""
-        return np.asarray(self.std / self.prior.std)
-
-
-def settings_for(samples: Sequence[Samples], settings: FilterSettings) -> FilterSettings:
-    """Return the settings with the states that these samples' sensors need.
-
-    Biases where there is an inertial sensor; an attitude that wanders where no camera measures it together with the
-    position; a current where position or speed over ground is measured.
-    """
-    measured = np.any([each.measured for each in samples], axis=0)
-    inertial = bool(measured[9:12].any() or measured[12:15].any())
-    camera = bool(measured[:6].all())
-    over_ground = bool((measured[:3].any() or measured[6:9].any()) and measured[5])
-    return replace(settings, biases=inertial, wanders=inertial and not camera, current=over_ground)
-
-
-def inputs_of(samples: Samples, free: FreeParameters, theta: Array, delay: float) -> ZeroOrderHold:
-    """Return the inputs of a recording with the delay and lag of theta."""
-    lag = samples.lag
-    for k in range(len(free)):
-        if free.codes[k, 0] == IN_DELAY:
-            delay = max(0.0, float(theta[k]))
-        elif free.codes[k, 0] == IN_LAG:
-            lag = np.full(samples.lag.size, float(theta[k]))
-    return new_zero_order_hold(samples.B.shape[1], lag, delay)
-
-
-def latencies_of(free: FreeParameters, theta: Array) -> Array:
-    """Return the latency (6,) [s] of each sensor at theta (n,), 0 where it is no unknown."""
-    out, late = np.zeros(6), free.codes[:, 0] == IN_LATENCY
-    out[free.codes[late, 1]] = theta[late]
-    return out
 
 
 def since_last(state: JointState, t: Array) -> float | None:
@@ -458,11 +295,11 @@ def _likeliest_surroundings(problem: JointProblem, fit: JointFit, progress: Prog
 
 def _other_surroundings(problem: JointProblem, levels: NoiseLevels) -> list[list[tuple[JointProblem, NoiseLevels]]]:
     noise = levels.noise.copy()
-    noise[3:6] = np.minimum(noise[3:6], problem.own_noise[3:6])  # a heading that wanders has passed for noise
-    headings = [replace(levels, heading_bias=each, noise=noise) for each in problem.headings]
-    rows = [[(problem, each)] for each in headings if each.heading_bias > levels.heading_bias]
+    own = problem.own_noise[_ATTITUDE]
+    noise[_ATTITUDE] = np.minimum(noise[_ATTITUDE], own)  # a heading that wanders has passed for noise
+    rows = [[(problem, replace(levels, heading_bias=each, noise=noise))] for each in _headings(problem, levels)]
     if np.nan_to_num(levels.velocity_walk).any() and not problem.session:  # a stream looks back again soon
-        rows.append([(problem, replace(levels, velocity_walk=share * levels.velocity_walk)) for share in _SMOOTHER])
+        rows.append([(problem, replace(levels, velocity_walk=share * levels.velocity_walk)) for share in _LESS_WALK])
     if not problem.settings.current:
         return rows
     walks, now = [replace(levels, current_walk=walk) for walk in _WALKS], problem.settings.wave_period
@@ -473,6 +310,13 @@ def _other_surroundings(problem: JointProblem, levels: NoiseLevels) -> list[list
             others = [replace(problem.settings, wave_period=each) for each in periods if sign * each > sign * now]
             rows.append([(replace(problem, settings=each), levels) for each in others])
     return rows
+
+
+def _headings(problem: JointProblem, levels: NoiseLevels) -> list[float]:
+    """Return the deviations [rad], larger than is supposed, that a heading may be off by, beside a gyro and a tilt."""
+    measured = np.any([each.measured for each in problem.samples], axis=0)
+    supposed = max(levels.heading_bias, float(problem.settings.record["attitude_bias"][0, 2]))
+    return [each for each in _HEADINGS if measured[_ATTITUDE].all() and measured[_R] and each > supposed]
 
 
 def _settled(
@@ -553,7 +397,7 @@ def _passes(
         finite = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.std).all() and np.isfinite(fit.likelihood))
         if not finite and best is None:  # no motion can be computed with these coefficients, or none so smooth
             if np.allclose(about, problem.prior.mean):
-                levels = replace(levels, disturbance=_ROUGH * levels.disturbance)
+                levels = replace(levels, disturbance=ROUGH * levels.disturbance)
             about = 0.5 * (about + problem.prior.mean) if k < passes // 2 else problem.prior.mean
             continue
         if best is not None and not (finite and fit.likelihood > best.likelihood - _MUCH_WORSE):

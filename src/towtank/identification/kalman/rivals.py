@@ -28,7 +28,8 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import NoiseLevels, Samples
-from towtank.identification.kalman.passes import FAR_LIKELIER, JointFit, JointProblem, joint_fit, one_pass
+from towtank.identification.kalman.passes import FAR_LIKELIER, joint_fit, one_pass
+from towtank.identification.kalman.problem import JointFit, JointProblem
 from towtank.identification.model.parameters import IN_GAIN, FreeParameters
 from towtank.identification.model.prior import Prior
 from towtank.identification.model.terms import AXES, LOG

@@ -180,7 +180,7 @@ class JointState(NamedTuple):
     force: Array  # (6,) disturbance [m/s^2, rad/s^2]
     current: Array  # (3,) [m/s] NED
     theta: Array  # (n,) free coefficients
-    bias: Array  # (9,) gyro [rad/s], accelerometer [m/s^2], attitude [rad]
+    bias: Array  # (9,) gyro [rad/s], accelerometer [m/s^2]; attitude [rad], about x and y of the body and the vertical
     wave: Array  # (6,) [m/s] NED: the water's velocity in waves, and its quadrature
     water: Array  # (3,) [m/s] NED: current and waves
     rate: Array  # (6,) acceleration over the last step [m/s^2, rad/s^2]

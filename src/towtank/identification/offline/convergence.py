@@ -16,7 +16,8 @@ import numpy as np
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import prepared, samples_of
 from towtank.identification.kalman.noise_adaptation import filter_settings
-from towtank.identification.kalman.passes import JointProblem, one_pass, settings_for
+from towtank.identification.kalman.passes import one_pass
+from towtank.identification.kalman.problem import JointProblem, settings_for
 from towtank.identification.least_squares.chain import PaperChain, Settings, uses_commands
 from towtank.identification.least_squares.solution import (
     AxisFindings,

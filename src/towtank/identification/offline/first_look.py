@@ -1,10 +1,13 @@
-"""What a log shows before anything is learned: which axes follow the inputs, and after which delay.
+"""What a log shows before it is learned: which axes follow the inputs, after which delay, and what it will make known.
 
-No vehicle is needed. For each axis the acceleration is regressed on the inputs
+For the first no vehicle is needed. For each axis the acceleration is regressed on the inputs
 (each and its square with its sign, since thrust is about quadratic in the command) and on everything else that moves a
 vehicle: speeds, their squares and products, gravity; all sides through the same first-order filter. Where speeds were
 not measured they are derived from the pose, which needs one more filter. The delay is the one that leaves the least
 unexplained; the share that the inputs explain says whether the axis was driven at all.
+
+What it will make known is what a learning of its liveliest stretches knows. Deviations fall with the time learned from,
+so the whole recording makes known at least as much.
 """
 
 from __future__ import annotations
@@ -17,12 +20,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
-from towtank.identification.data.samples import Samples, Sources
+from towtank.identification.data.samples import Samples, Sources, held_forces
 from towtank.identification.least_squares.batch import DelayCost, scan_delay
+from towtank.identification.least_squares.chain import uses_commands
+from towtank.identification.posterior.assembly import LogLearning
+from towtank.identification.posterior.estimate import Learned
+from towtank.identification.posterior.wording import phrase, role, will_be_known
 from towtank.recording import Grid
 from towtank.recording.frames.pose_rates import velocity_of_pose
+from towtank.vehicle import Vehicle, configuration_matrix, index, unit
 
-__all__ = ["DRIVEN", "driven_axes", "driven_by", "first_look"]
+__all__ = [
+    "DRIVEN",
+    "MOST_ROWS",
+    "PredictedAccuracy",
+    "best_excited",
+    "driven_axes",
+    "driven_by",
+    "first_look",
+    "predicted_accuracies",
+]
 
 DERIVED_CORNER = 12.0  # 1/s, of the low-pass that a derived speed needs
 _CUT = 7.0  # times the median deviation from the running mean
@@ -31,11 +48,14 @@ _SLOW = 8.0  # 1/s, to tell whether an axis follows the inputs
 _QUICK = 40.0  # 1/s, to tell the delay: a slow filter lets what is not modelled pull it to zero
 _LEAK = 0.1  # 1/s, of the integral of the speed that stands for the angle
 _LONGEST = 0.4  # s
-_MOST_ROWS = 60_000
+_ROWS_SHOWN = 60_000
 _FEW = 100
 _BLOCKS = 64  # of time, for the deviation of the delay
 _INDEPENDENT = 1e-9
 _LENGTH = 0.3  # m that makes a force of a moment
+MOST_ROWS = 9_000  # of a recording that are learned from to say what it will make known,
+_STRETCHES = 6  # cut into so many where there are more
+_MAY_BE_NOTHING = 25.0  # %, above which a term that may as well be 0 is given in its own unit
 
 
 def lowpass(x: Array, dt: float, a: float) -> Array:
@@ -96,7 +116,7 @@ class FirstLook:
 def first_look(grid: Grid) -> FirstLook:
     """Return what a grid with inputs (commands, else a wrench) shows."""
     sources = Sources.of(grid.pose, grid.velocity, grid.acceleration)
-    nu = speeds(grid)[:_MOST_ROWS]
+    nu = speeds(grid)[:_ROWS_SHOWN]
     partly = np.isfinite(nu).any(axis=0) & (np.array(sources.velocity) == "absent")  # by depth or single angles
     look = _looked(grid, np.where(partly, np.nan, nu), sources, 2 if "derived" in sources.velocity else 0)
     if not partly.any():
@@ -230,3 +250,51 @@ def driven_by(sizes: Array, share: float = 0.02) -> tuple[bool, ...]:
     """Return whether forces and moments (6,) of these sizes drive each axis: by a share of the largest at least."""
     forces = sizes / np.array([1.0] * 3 + [_LENGTH] * 3)
     return tuple(bool(force > 0.0 and force >= share * forces.max()) for force in forces)
+
+
+@dataclass(frozen=True)
+class PredictedAccuracy:
+    """One coefficient: to how many percent it will be known (inf: not), its deviation in its own unit, a sentence."""
+
+    percent: float
+    std: float
+    unit: str
+    text: str
+
+
+def predicted_accuracies(learning: LogLearning) -> dict[str, PredictedAccuracy]:
+    """Return the accuracies of what was identified; an added inertia counts with the rigid body's."""
+    known = [each for each in learning.estimate.coefficients if each.identified]
+    return {each.name: _accuracy(learning.vehicle, each, [other.name for other in known]) for each in known}
+
+
+def _accuracy(vehicle: Vehicle, known: Learned, names: list[str]) -> PredictedAccuracy:
+    kind, i, j = index(known.name)
+    size = abs(float(vehicle.rigid_body_matrix[i, j]) - known.value if kind == "mass" else known.value)
+    percent = 100.0 * known.std / size if size > 0.0 else np.inf
+    text = will_be_known(phrase(known.name, names), percent)
+    if percent > _MAY_BE_NOTHING and role(known.name).kind in ("restoring", "constant", "coupling"):
+        text = f"{phrase(known.name)} will be known to {known.std:.2g} {unit(known.name)}"
+    return PredictedAccuracy(percent, known.std, unit(known.name), text)
+
+
+def best_excited(grid: Grid, vehicle: Vehicle, rows: int = MOST_ROWS) -> tuple[tuple[float, float], ...]:
+    """Return the stretches (start, end) [s], of so many rows in all, in which the thrusters do the most on each axis;
+    one that spans the grid where it has no more rows than that.
+    """
+    n = len(grid)
+    if n <= rows:
+        return ((float(grid.t[0]), float(grid.t[-1])),)
+    wrench = grid.wrench
+    if uses_commands(vehicle, grid):
+        wrench = held_forces(vehicle, grid.commands, None) @ configuration_matrix(vehicle).T
+    long = rows // _STRETCHES
+    done = np.vstack([np.zeros(6), np.cumsum(np.nan_to_num(wrench) ** 2, axis=0)])
+    inside = done[long:] - done[:-long]
+    taken: list[int] = []
+    for axis in range(6):
+        free = np.all([np.abs(np.arange(len(inside)) - first) >= long for first in taken], axis=0)
+        score = np.where(free, inside[:, axis], -1.0)[: n - long]
+        if score.max() > 0.0:
+            taken.append(int(np.argmax(score)))
+    return tuple((float(grid.t[first]), float(grid.t[first + long])) for first in sorted(taken or [0]))

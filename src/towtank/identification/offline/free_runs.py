@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import Samples, Sources
-from towtank.identification.kalman.passes import JointFit, JointProblem, latencies_of
+from towtank.identification.kalman.problem import JointFit, JointProblem, latencies_of
 from towtank.identification.kalman.rivals import CONTRADICTED
 from towtank.identification.least_squares.velocity import drifting_attitude
 from towtank.identification.model.parameters import DVL_PLACE, LATENCIES, MARKER_PLACE, PLACES

@@ -22,12 +22,8 @@ from towtank.digits import estimate_text
 from towtank.errors import InputError
 from towtank.identification.data.samples import NoiseLevels, Samples, Sources, samples_of
 from towtank.identification.kalman.noise_adaptation import filter_settings
-from towtank.identification.kalman.passes import (
-    JointFit,
-    JointProblem,
-    joint_fit,
-    settings_for,
-)
+from towtank.identification.kalman.passes import joint_fit
+from towtank.identification.kalman.problem import JointFit, JointProblem, settings_for
 from towtank.identification.kalman.rivals import apart_from, likeliest_rival
 from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
 from towtank.identification.model.parameters import DELAY, LATENCIES, PLACES
@@ -203,9 +199,7 @@ def _remarks(
     if current is not None and fit.levels.current_walk > NoiseLevels.current_walk:
         changed = 100.0 * fit.levels.current_walk * math.sqrt(60.0)
         out.append(f"the current changes along the way, by some {changed:.2g} cm/s in a minute")
-    if fit.levels.heading_bias > 0.0:
-        wanders = math.degrees(fit.levels.heading_bias)
-        out.append(f"the heading wanders by some {wanders:.2g}° beside the gyro, within half a minute")
+    out += fit.levels.heading_said
     if fit.levels.waves.any():
         size = ", ".join(f"{level:.2g}" for level in fit.levels.waves)
         out.append(f"waves of about {fit.wave_period:.2g} s: the water goes to and fro with {size} m/s (N, E, D)")

@@ -33,7 +33,8 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import Samples
-from towtank.identification.kalman.passes import JointFit, JointProblem, first_passes, joint_fit, one_pass
+from towtank.identification.kalman.passes import first_passes, joint_fit, one_pass
+from towtank.identification.kalman.problem import JointFit, JointProblem
 from towtank.identification.offline.axis_responses import axis_responses, likelihood_of
 from towtank.recording.grids.stretches import cuts
 from towtank.vehicle.thrusters.wiring import Wiring

@@ -23,16 +23,8 @@ from towtank.identification.changes.branch import Kept, Running
 from towtank.identification.data.samples import Buffer, Samples
 from towtank.identification.kalman.filter import take_all
 from towtank.identification.kalman.noise_adaptation import filter_settings
-from towtank.identification.kalman.passes import (
-    JointProblem,
-    inputs_of,
-    joint_fit,
-    latencies_of,
-    next_recording,
-    one_pass,
-    settings_for,
-    since_last,
-)
+from towtank.identification.kalman.passes import joint_fit, next_recording, one_pass, since_last
+from towtank.identification.kalman.problem import JointProblem, inputs_of, latencies_of, settings_for
 from towtank.identification.kalman.rivals import apart_from, likeliest_rival
 from towtank.identification.kalman.state import healthy_snapshot
 from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
@@ -161,6 +153,7 @@ class Reestimation:
             return None
         wider, apart = fit.wider, np.zeros(fit.theta.size)
         remarks = [each.said for each in smooth_speeds([each.recorded for each in stretches])]
+        remarks += fit.levels.heading_said
         rival = likeliest_rival(problem, fit)
         if rival is not None:
             apart, texts = apart_from(problem, fit, rival)

@@ -20,7 +20,8 @@ from towtank.identification.changes.detector import ChangeTracker
 from towtank.identification.changes.events import Change, OtherWater
 from towtank.identification.data.samples import N_MEASURED, Buffer, NoiseLevels
 from towtank.identification.kalman.filter import take_row
-from towtank.identification.kalman.passes import latencies_of, since_last
+from towtank.identification.kalman.passes import since_last
+from towtank.identification.kalman.problem import latencies_of
 from towtank.identification.kalman.state import (
     FilterSettings,
     HealthySnapshot,

@@ -24,6 +24,7 @@ from towtank.recording.recording import Recording
 from towtank.recording.standard import LINEAR_VELOCITY, POSITION, RATES, WRENCH
 
 __all__ = [
+    "ATTITUDE",
     "LEAST_STRETCHES",
     "Cells",
     "Pair",
@@ -35,6 +36,7 @@ __all__ = [
 ]
 
 LEAST_STRETCHES = 6
+ATTITUDE = "the attitude"  # where an account of rates comes from, if not from the heading alone
 _CELL = 0.05  # s, at least
 _PER_STEP = 4  # cells in the step of the slowest channel, at most
 _WINDOW = (9, 6.0)  # cells, and steps of the slowest channel: width of the smoothing, at least
@@ -179,7 +181,7 @@ def of_rates(recording: Recording) -> Pair | None:
     names = tuple(RATES[j] for j in columns)
     own = not np.array_equal(known[0].t, attitude.tracks[0].t)
     derived = _without_jumps(body[..., columns])
-    return Pair(names, "the attitude", _means(known, cells), derived, cells, np.full(len(names), _MOVES[1]), {}, own)
+    return Pair(names, ATTITUDE, _means(known, cells), derived, cells, np.full(len(names), _MOVES[1]), {}, own)
 
 
 def of_heading(recording: Recording) -> Pair | None:

@@ -13,7 +13,8 @@ What differs does not say which of both is wrong: a sensor may be turned or off 
 its own is believed; one that shows none is doubted, which costs accuracy where it is right, and truth where it is not.
 But a heading that wanders, as a compass near thrusters does, goes on doing so: V grows evenly from a third of a second
 to five. What was smoothed differs more and more evenly in neither: a filter's errors go together at first, and none
-lasts longer than what was smoothed over. Then the gyro is believed; the heading's bias is for the filter to find.
+lasts longer than what was smoothed over. Then the gyro is believed beside a whole attitude, of whose heading the
+filter asks whether it is off; beside a heading alone it is doubted all the same.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from towtank.core.arrays import Array
-from towtank.recording.consistency.accounts import Pair, of_heading, of_rates, of_velocity
+from towtank.recording.consistency.accounts import ATTITUDE, Pair, of_heading, of_rates, of_velocity
 from towtank.recording.grids.timing import sampling_rate
 from towtank.recording.noise import NoiseLevel, noise_level, noise_levels, robust_size
 from towtank.recording.recording import Recording
@@ -140,7 +141,7 @@ def _growth(pair: Pair, column: int, *, most: bool) -> float:
 
 def _wanders(pair: Pair, name: str) -> bool:
     """Return whether an attitude differs from a rate evenly more and more: by its heading, whatever way it leans."""
-    if name not in RATES:
+    if name not in RATES or pair.source != ATTITUDE:
         return False
     shortest, times = pair.cells.step, (max(_SOON, 2.0 * pair.cells.step), _LONGEST, *_LATE)
     column, dt = pair.names.index(name), pair.cells.dt
