@@ -6,6 +6,7 @@ PEERS   ?=
 KERNEL_TESTS := $(addprefix tests/identification/test_, axis_rows.py held_input.py measurements.py motion_state.py transition.py output_error_kernel.py)
 
 BIN   := .venv/bin
+RUNS  := .venv/.runs
 READY := .venv/.ready
 COMPILED := .venv/.compiled
 PAGE  := src/towtank/dashboard/static/index.html
@@ -39,39 +40,49 @@ demo: parts
 	@$(BIN)/towtank demo --output demo-output $(DEMO)
 
 # The kernels are compiled while npm builds the page; each is made once, by a make of its own, and told in turn.
-parts: $(READY)
+parts: $(RUNS)
 	@$(MAKE) --silent $(COMPILED) >.venv/.compiling 2>&1 & $(MAKE) --silent $(PAGE); wait; cat .venv/.compiling
 
 # Tests of live sessions wait for most of their time: the other checks run in what that leaves, and are told at the end.
 # What the tests use beside what the demo does is compiled before they begin, else each worker would compile it.
-test: lint parts browser
-	@nice -n 19 $(MAKE) --silent --keep-going --old-file=$(PAGE) types layers docs kernels >.venv/.beside 2>&1 & beside=$$!; \
-	$(BIN)/python -m towtank.app.demo.warm_up others >.venv/.compiling-others 2>&1; \
+test: lint
+	@$(MAKE) --silent browser & $(MAKE) --silent parts; for group in free-runs others; do \
+	$(BIN)/python -m towtank.app.demo.warm_up $$group >.venv/.compiling-$$group 2>&1 & done; wait; \
+	nice -n 19 $(MAKE) --silent --keep-going --old-file=$(PAGE) types layers docs kernels >.venv/.beside 2>&1 & beside=$$!; \
 	failed=0; echo 'tests, kernels compiled'; $(PYTEST) || failed=1; \
 	wait $$beside || failed=1; cat .venv/.beside; exit $$failed
 
-# $(call quietly,TITLE,COMMAND): one line with the seconds taken; the output only where the command fails.
-define quietly
-@printf '%-46s' '$(1)'; start=$$SECONDS; \
+# $(call told,TITLE,COMMAND): one line with the seconds taken; the output only where the command fails.
+define told
+printf '%-46s' '$(1)'; start=$$SECONDS; \
 if out=$$( { $(2); } 2>&1 ); then printf 'ok %4d s\n' $$((SECONDS - start)); \
 else printf 'FAILED after %d s\n%s\n' $$((SECONDS - start)) "$$out"; exit 1; fi
 endef
+quietly = @$(told)
+pip_install = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --requirement $(1)
 
 # $(call from_debian,COMMAND,PACKAGES): where the command is missing, and only as root on a Debian.
 from_debian = command -v $(1) >/dev/null || [ "$$(id -u)" != 0 ] || ! command -v apt-get >/dev/null || { \
 	echo '$(1) is missing: installing $(2)'; { apt-get -qq update && apt-get -qq install -y --no-install-recommends $(2); } >/dev/null 2>&1 || true; }
 
-# The environment: made from the lock, again only when the lock or the project's own metadata change. Byte code is made by
-# all processors, where pip would take one, but for half of it that nobody imports: libraries' own tests, dialects, pip.
-# What is no Python 3 among the libraries stays as it is.
-$(READY): pyproject.toml requirements.lock
+# The environment: first what runs, then what checks; each from its lock, again only when that or the project's own metadata
+# change. Byte code is made by all processors, where pip would take one, but for half of it that nobody imports: libraries'
+# own tests, dialects, pip. What is no Python 3 among the libraries stays as it is.
+byte_code = $(BIN)/python -m compileall -qq -j 0 -x "/(tests|dialects|pip|setuptools)/" .venv/lib src || true
+$(RUNS): pyproject.toml requirements-run.lock
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
 	echo "towtank needs Python 3.11 or newer; '$(PYTHON)' is not. Choose another: make PYTHON=python3.12 ..."; exit 1; }
 	$(call quietly,setting up .venv (a minute or two),$(PYTHON) -m venv .venv)
-	$(call quietly,  libraries from requirements.lock,$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --requirement requirements.lock)
+	$(call quietly,  libraries from requirements-run.lock,$(call pip_install,requirements-run.lock))
 	$(call quietly,  towtank itself,$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .)
-	$(call quietly,  byte code,$(BIN)/python -m compileall -qq -j 0 -x "/(tests|dialects|pip|setuptools)/" .venv/lib src || true)
+	$(call quietly,  byte code,$(byte_code))
 	@touch $@
+
+# In an environment that is new, kernels are compiled while the libraries of the checks are installed.
+$(READY): $(RUNS) requirements.lock
+	@$(MAKE) --silent $(COMPILED) >.venv/.compiling 2>&1 & \
+	( $(call told,  libraries from requirements.lock,$(call pip_install,requirements.lock)) ) && \
+	( $(call told,  byte code,$(byte_code)) ) && touch $@; made=$$?; wait; cat .venv/.compiling; exit $$made
 
 # The live page. Without npm there is none, and everything else works.
 $(PAGE): $(WEB)
@@ -83,7 +94,7 @@ $(PAGE): $(WEB)
 	else echo 'npm is missing (Node 20.19 or newer): there is no live page, everything else works'; fi
 
 # The kernels that demo and tests use most, in two processes. What fails here they compile themselves, or say why not.
-$(COMPILED): $(READY) $(SOURCES)
+$(COMPILED): $(RUNS) $(SOURCES)
 	@printf '%-46s' 'kernels, compiled meanwhile'; start=$$SECONDS; compiling=; failed=; \
 	for group in filter rest; do \
 	$(BIN)/python -m towtank.app.demo.warm_up $$group >.venv/.compiling-$$group 2>&1 & compiling="$$compiling $$group:$$!"; done; \
@@ -105,7 +116,7 @@ types: $(READY)
 layers: $(READY)
 	$(call quietly,layers (import-linter),$(BIN)/lint-imports)
 
-tests: parts browser
+tests: $(READY) parts browser
 	@echo 'tests, kernels compiled'
 	@$(PYTEST)
 
@@ -170,10 +181,13 @@ $(ENGINES:%=.peers/%/.ready): .peers/%/.ready:
 	$(call quietly,setting up $*,$(PYTHON) -m venv .peers/$* && .peers/$*/bin/python -m pip install --quiet --disable-pip-version-check $(PACKAGES_$*))
 	@touch $@
 
-# Resolved for every platform and Python from 3.11 on. The file names no index, so it installs from whichever one pip uses.
+# Resolved for every platform and Python from 3.11 on: everything, and of that what runs. The files name no index, so they
+# install from whichever one pip uses.
 lock:
 	$(call quietly,setting up .lock-venv,$(PYTHON) -m venv .lock-venv && .lock-venv/bin/python -m pip install --quiet --disable-pip-version-check uv)
-	$(call quietly,resolving requirements.lock,.lock-venv/bin/uv pip compile --quiet --universal --python-version 3.11 --fork-strategy fewest --all-extras --upgrade --generate-hashes --no-emit-index-url --no-header --output-file requirements.lock pyproject.toml)
+	$(call quietly,resolving requirements.lock,$(call resolved,requirements.lock,--all-extras --upgrade))
+	$(call quietly,resolving requirements-run.lock,$(call resolved,requirements-run.lock,--extra page --constraint requirements.lock --no-annotate))
+resolved = .lock-venv/bin/uv pip compile --quiet --universal --python-version 3.11 --fork-strategy fewest --group editable $(2) --generate-hashes --no-emit-index-url --no-header --output-file $(1) pyproject.toml
 
 clean:
 	rm -rf .venv .lock-venv .peers web/node_modules src/towtank/dashboard/static build dist docs/_build .benchmarks .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache

@@ -25,7 +25,10 @@ CHECK = """#!/bin/bash
 echo "${0##*/}" >> "$CALLS"
 [ "${0##*/}" != "$FAILING" ] || { echo "${0##*/} has found something"; exit 1; }
 """
+LOCKS = ("requirements-run.lock", "requirements.lock")
 CHECKS = ("ruff", "mypy", "lint-imports", "sphinx-build")
+PARTS = ["compile filter", "compile rest", "npm ci", "npm run"]
+PYTEST, PLAIN = "compile worksteal", "compile tests/identification/test_output_error_kernel.py"  # their last words
 BUILT = "mkdir -p ../src/towtank/dashboard/static; touch ../src/towtank/dashboard/static/index.html"
 
 
@@ -35,7 +38,7 @@ def clone(tmp_path: Path) -> Path:
     if shutil.which("make") is None:
         pytest.skip("make is not installed")
     shutil.copy(REPOSITORY / "Makefile", tmp_path)
-    for name in ("pyproject.toml", "requirements.lock", "src/towtank/a.py", "web/package.json"):
+    for name in ("pyproject.toml", *LOCKS, "src/towtank/a.py", "web/package.json"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
     executable(tmp_path / "bin/npm", NPM.replace("{build}", BUILT))
@@ -44,7 +47,8 @@ def clone(tmp_path: Path) -> Path:
     executable(tmp_path / "bin/chromium", CHECK)
     for name in CHECKS:
         executable(tmp_path / ".venv/bin" / name, CHECK)
-    (tmp_path / ".venv/.ready").touch()
+    for name in (".runs", ".ready"):
+        (tmp_path / ".venv" / name).touch()
     return tmp_path
 
 
@@ -75,13 +79,49 @@ def make_demo(clone: Path, *options: str, failing: str = "") -> tuple[str, list[
 
 @pytest.mark.parametrize("options", [(), ("-j",)], ids=["one after the other", "jobs beside each other"])
 def test_every_part_is_made_once(clone: Path, options: tuple[str, ...]) -> None:
-    parts = ["compile filter", "compile rest", "npm ci", "npm run"]
     out, calls = make_demo(clone, *options)
-    assert sorted(calls[:-1]) == parts
+    assert sorted(calls[:-1]) == PARTS
     assert calls[-1] == "towtank demo"
     assert out.count("the live page (npm)") == out.count("kernels, compiled") == 1
     assert out.count("ok ") == 2
     assert make_demo(clone, *options)[1] == ["towtank demo"]  # nothing has changed since
+
+
+def test_a_demo_installs_what_runs_and_no_more(clone: Path) -> None:
+    for name in (".runs", ".ready"):
+        (clone / ".venv" / name).unlink()
+    _, calls = make_demo(clone, "PYTHON=.venv/bin/python")
+    assert calls[1:5] == ["compile .venv", "compile requirements-run.lock", "compile .", "compile src"]
+    assert sorted(calls[5:]) == sorted([*PARTS, "towtank demo"])
+    assert "compile requirements-run.lock" not in make_demo(clone)[1]
+
+
+@pytest.mark.parametrize("options", [(), ("-j",)], ids=["one after the other", "jobs beside each other"])
+def test_kernels_are_compiled_while_the_checks_are_installed(clone: Path, options: tuple[str, ...]) -> None:
+    (clone / ".venv/.ready").unlink()
+    code, out, calls = make(clone, *options, "test")
+    assert code == 0, out
+    installed = ["compile requirements.lock", "compile src"]
+    assert sorted(calls[: calls.index("ruff")]) == sorted(["compile filter", "compile rest", *installed])
+    assert out.count("kernels, compiled meanwhile") == 1
+    assert {PYTEST, PLAIN, "compile free-runs", "compile others", "npm ci"} <= set(calls)
+    assert "compile requirements.lock" not in make(clone, *options, "test")[2]
+
+
+def test_libraries_that_cannot_be_installed_are_told(clone: Path) -> None:
+    (clone / ".venv/.ready").unlink()
+    code, out, calls = make(clone, "test", failing="requirements.lock")
+    assert code != 0
+    assert "FAILED after" in out
+    assert "ruff" not in calls
+    assert "compile requirements.lock" in make(clone, "test")[2]
+
+
+def test_what_runs_is_of_what_checks() -> None:
+    run, whole = ((REPOSITORY / name).read_text().splitlines() for name in LOCKS)
+    pinned = [line for line in run if "==" in line]
+    assert len(pinned) > 40
+    assert set(pinned) <= set(whole)
 
 
 @pytest.mark.parametrize("options", [(), ("-j",)], ids=["one after the other", "jobs beside each other"])
@@ -102,17 +142,14 @@ def test_kernels_that_cannot_be_compiled_are_told_and_tried_again(clone: Path) -
     assert "compile rest" in make_demo(clone)[1]
 
 
-PYTEST, PLAIN = "compile worksteal", "compile tests/identification/test_output_error_kernel.py"  # their last words
-
-
 @pytest.mark.parametrize("options", [(), ("-j",)], ids=["one after the other", "jobs beside each other"])
 def test_every_check_runs_once_after_every_part(clone: Path, options: tuple[str, ...]) -> None:
     code, out, calls = make(clone, *options, "test")
     assert code == 0, out
     assert calls[0] == "ruff"
-    assert sorted(calls[1:5]) == ["compile filter", "compile rest", "npm ci", "npm run"]
-    assert sorted(calls[5:]) == sorted(["compile others", PYTEST, PLAIN, "mypy", "lint-imports", "sphinx-build"])
-    assert calls.index("compile others") < calls.index(PYTEST)
+    assert sorted(calls[1:5]) == PARTS
+    assert sorted(calls[5:]) == sorted(["compile free-runs", "compile others", PYTEST, PLAIN, *CHECKS[1:]])
+    assert {*calls[5:7]} == {"compile free-runs", "compile others"}
     assert out.count("ok ") == 6
 
 

@@ -1,7 +1,7 @@
 """Everything of the demo compiled before its clock starts: `python -m towtank.app.demo.warm_up filter` and `... rest`.
 
 `make` runs the two groups beside each other while the page is built; the demo runs both, which costs little where the
-machine code is on disk already. `... others` compiles what the other methods and plans need, which no demo uses.
+machine code is on disk already. `... free-runs` and `... others` compile what other methods and plans use, no demo.
 """
 
 from __future__ import annotations
@@ -39,18 +39,23 @@ def warm_up_rest() -> None:
     validate(unseen.truth, [unseen.recording.window(0.0, _SECONDS)])
 
 
-def warm_up_others() -> None:
-    """Learn by free runs and by the paper's method, look for a segment to drive, guard a step, simulate a batch."""
+def warm_up_free_runs() -> None:
+    """Learn by free runs, and guard a step."""
     session = tank_session(_SECONDS)
-    for method in ("output-error", "paper"):
-        learn_recordings(session.known, [session.recording], method=method)
-    plan(session.truth, want=("X_udot",), minutes=0.1, tries=1, draws=1)
+    learn_recordings(session.known, [session.recording], method="output-error")
     guard = Guard.of(session.truth, Space.from_text("5x5x2.5"), drawn_around(session.truth, 1, 0.3))
     guard.step(np.array([0.0, 0.0, 1.0, 1.0] + 9 * [0.0]), np.zeros(len(session.truth.thrusters)))
+
+
+def warm_up_others() -> None:
+    """Learn by the paper's method, look for a segment to drive, simulate a batch."""
+    session = tank_session(_SECONDS)
+    learn_recordings(session.known, [session.recording], method="paper")
+    plan(session.truth, want=("X_udot",), minutes=0.1, tries=1, draws=1)
     simulate_batch(session.truth, wrench=np.zeros((1, 6)))
 
 
-GROUPS = {"filter": warm_up_filter, "rest": warm_up_rest, "others": warm_up_others}
+GROUPS = {"filter": warm_up_filter, "rest": warm_up_rest, "free-runs": warm_up_free_runs, "others": warm_up_others}
 
 
 def warm_up() -> None:
