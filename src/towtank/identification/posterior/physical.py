@@ -34,7 +34,7 @@ from towtank.vehicle.names import HYDRODYNAMIC, KINDS
 
 __all__ = ["Region"]
 
-_INSIDE = 1e-7  # of the scaled matrix, that bounds on couplings stay inside
+_INSIDE = 1e-5  # of the scaled matrix, that bounds on couplings stay inside: the nearer, the more of them it takes
 _OUTSIDE = 1e-10  # of the scaled matrix, that counts as a violation
 _NOTHING = 1e-9  # deviations
 _LEAST_INERTIA = 1e-3  # of the rigid body's own
@@ -124,20 +124,24 @@ class Coupled:
             basis[k, :, :d, :d] = family.basis
         self.basis = basis.reshape(len(self.families), n, 36)
 
-    def worst_bounds(self, x: Array) -> tuple[list[Family], Array, Array]:
-        """Return the families (m,) of the directions in which they are most negative, G (m, n) and h (m,)."""
+    def worst_bounds(self, x: Array, without: Sequence[Family] = ()) -> tuple[list[Family], Array, Array]:
+        """Return the families (m,) of the directions in which they are most negative, G (m, n) and h (m,).
+
+        Directions of quadratic damping, looked for among thousands, only once all others keep their bounds.
+        """
         A = self.base + (x @ self.basis).reshape(-1, 6, 6)
         scale = np.maximum(*np.abs(np.einsum("kfii->kfi", np.array([A, self.base]))))
         scale = np.maximum(scale, 1e-6 * scale.max(axis=1, initial=0.0)[:, None])
         root = np.sqrt(np.where(scale > 0.0, scale, 1.0))
         values, vectors = np.linalg.eigh(0.5 * (A + A.transpose(0, 2, 1)) / (root[:, :, None] * root[:, None, :]))
-        which, k = np.nonzero(values < -_OUTSIDE)
+        asked = np.array([family not in without for family in self.families], dtype=np.bool_)
+        which, k = np.nonzero((values < -_OUTSIDE) & asked[:, None])
         nu = vectors[which, :, k] / root[which]
         weight = (nu[:, :, None] * nu[:, None, :]).reshape(-1, 36)
         G = (self.basis[which] @ weight[:, :, None])[:, :, 0]
         h = _INSIDE - (weight * self.base[which].reshape(-1, 36)).sum(axis=1)
         owners = [self.families[f] for f in which]
-        for family in self.others:
+        for family in () if owners else [each for each in self.others if each not in without]:
             more = family.worst_bounds(x)
             G, h = np.vstack([G, more[0]]), np.concatenate([h, more[1]])
             owners += [family] * more[1].size
@@ -343,10 +347,7 @@ class _Projection:
     def run(self) -> None:
         self._solve()
         for _ in range(_ROUNDS):
-            owners, G, h = self.coupled.worst_bounds(self.x)
-            if self.dropped:
-                kept = [family not in self.dropped for family in owners]
-                owners, G, h = [each for each in owners if each not in self.dropped], G[kept], h[kept]
+            owners, G, h = self.coupled.worst_bounds(self.x, self.dropped)
             if not h.size:
                 break
             self.owners += owners

@@ -169,6 +169,9 @@ def widened(readings: Sequence[Reading]) -> tuple[Array, float]:
 
 def _in_units_of(root: Array, reading: Reading) -> tuple[Array, Array]:
     """Return information (n, n) and information times mean (n,) in the coordinates x of theta = root x."""
-    factor: Array = np.asarray(np.linalg.solve(np.linalg.cholesky(reading.covariance), root), dtype=np.float64)
+    from scipy.linalg import solve_triangular  # slow to import
+
+    own, flags = np.linalg.cholesky(reading.covariance), {"lower": True, "check_finite": False}
+    factor: Array = np.asarray(solve_triangular(own, root, **flags), dtype=np.float64)
     information = factor.T @ factor
-    return information, information @ np.linalg.solve(root, reading.theta)
+    return information, information @ solve_triangular(root, reading.theta, **flags)
