@@ -7,7 +7,12 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from towtank.core.arrays import Array
-from towtank.identification.changes.evidence import InformationIncrement, Overdispersion, increment_between
+from towtank.identification.changes.evidence import (
+    InformationIncrement,
+    Overdispersion,
+    increment_between,
+    of_changes,
+)
 from towtank.identification.changes.hypotheses import Known, likeness
 
 N, ROWS = 3, 12
@@ -42,10 +47,13 @@ def test_information_and_score_are_those_of_the_samples_alone(seed: int) -> None
 def test_evidence_is_the_exact_marginal_likelihood(seed: int) -> None:
     theta0, P0, steps, H, y, increment = _linear(seed)
     none = multivariate_normal(H @ theta0, H @ P0 @ H.T + np.eye(ROWS)).logpdf(y)
-    for taken in (np.array([1, 0, 0]), np.array([0, 1, 1]), np.ones(3)):
+    ways = (np.array([1, 0, 0]), np.array([0, 1, 1]), np.ones(3))
+    found = of_changes([increment, increment], [taken * steps for taken in ways], 1.0)
+    np.testing.assert_array_equal(found[0], found[1])
+    for taken, of_change in zip(ways, found[0], strict=True):
         some = P0 + np.diag((taken * steps) ** 2)
         exact = multivariate_normal(H @ theta0, H @ some @ H.T + np.eye(ROWS)).logpdf(y) - none
-        assert increment.change(taken * steps) == pytest.approx(exact, abs=1e-6)
+        assert of_change == pytest.approx(exact, abs=1e-6)
         assert exact <= increment.most(steps) + 1e-9  # what decides whether a increment is worth weighing
     mean, C = np.array([0.3, -0.2, 0.1]), 0.01 * np.eye(N)
     exact = multivariate_normal(H @ (theta0 + mean), H @ C @ H.T + np.eye(ROWS)).logpdf(y) - none
@@ -54,7 +62,7 @@ def test_evidence_is_the_exact_marginal_likelihood(seed: int) -> None:
 
 def test_where_nothing_changes_the_bayes_factor_keeps_villes_bound() -> None:
     steps = np.array([0.5, 1.0, 0.3])
-    factors = np.array([_linear(seed)[-1].change(steps) for seed in range(2000)])
+    factors = of_changes([_linear(seed)[-1] for seed in range(2000)], [steps], 1.0)[:, 0]
     assert np.mean(np.exp(0.5 * factors)) <= 1.0  # the mean of the factor itself is 1, of its root less
     for bound in (2.0, 5.0, 10.0):
         assert np.mean(factors >= np.log(bound)) <= 1.0 / bound
@@ -71,6 +79,13 @@ def test_overdispersion_is_what_increments_err_more_than_they_say(overdispersion
     again = Overdispersion()
     again.restore(found.numbers)
     assert again.factor == found.factor
+
+
+def test_changes_are_weighed_by_increments_as_they_count() -> None:
+    steps = np.array([0.5, 0.0, 0.3])
+    *_, increment = _linear(7)
+    found = of_changes([increment], [steps], 3.0)
+    np.testing.assert_allclose(found, of_changes([increment.tempered(3.0)], [steps], 1.0), rtol=1e-9)
 
 
 def test_overdispersion_does_not_hide_one_change() -> None:
@@ -91,7 +106,7 @@ def test_increments_without_samples_say_nothing() -> None:
     steps = np.array([0.1, 0.2, 0.0])
     increment = increment_between(np.zeros(3), P0, steps, np.zeros(3), P0 + np.diag(steps**2))
     assert np.abs(increment.information).max() < 1e-6 / 0.01**2
-    assert increment.change(steps) == pytest.approx(0.0, abs=1e-6)
+    assert of_changes([increment], [steps], 1.0)[0, 0] == pytest.approx(0.0, abs=1e-6)
     assert increment.usual(steps) == pytest.approx(0.0, abs=1e-6)
 
 

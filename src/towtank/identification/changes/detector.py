@@ -220,7 +220,7 @@ class ChangeDetector:
             return None
         finer = self._finely(branch, free, t)
         factor = self.overdispersion.factor
-        verdict = judged([each.increment_now().tempered(factor) for each in finer], self._hypotheses)
+        verdict = judged([each.increment_now() for each in finer], self._hypotheses, factor)
         if verdict.clear < _CLEAR and t - since < _WAITS:
             return None
         branch = finer[verdict.best]
@@ -270,7 +270,7 @@ class ChangeDetector:
         ]
         if not counted:
             return None, None
-        verdict = judged([increment.tempered(overdispersion) for _, increment in counted], self._hypotheses)
+        verdict = judged([increment for _, increment in counted], self._hypotheses, overdispersion)
         return (verdict, counted[verdict.best][0]) if verdict.evidence > sure else (None, None)
 
     def _finely(self, best: Branch, free: FreeParameters, t: float) -> list[Branch]:
@@ -313,9 +313,9 @@ class ChangeDetector:
     def _compare(self, t: float, matching: ConfigurationMatch, running: Running) -> Recognised | None:
         if not matching.branch.healthy or matching.branch.increment is None:
             return None
-        increment = matching.branch.increment.tempered(self.overdispersion.factor)
-        verdict = judged([increment], matching.hypotheses)
-        shares = likeness(increment, matching.known, verdict.changed)
+        factor, increment = self.overdispersion.factor, matching.branch.increment
+        verdict = judged([increment], matching.hypotheses, factor)
+        shares = likeness(increment.tempered(factor), matching.known, verdict.changed)
         self.likely = {one.name: float(share) for one, share in zip(matching.known, shares, strict=False)}
         best = int(np.argmax(shares[:-1]))
         name, share = matching.known[best].name, float(shares[best])

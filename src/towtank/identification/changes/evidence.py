@@ -92,11 +92,6 @@ class InformationIncrement:
         gained, _, spread = self._of(steps)
         return 0.5 * float(np.trace(np.linalg.solve(spread, gained)))
 
-    def change(self, steps: Array) -> float:
-        """Return the log Bayes factor of a step d ~ N(0, diag(steps^2)) (n,) beside P0, against none."""
-        _, score, spread = self._of(steps)
-        return 0.5 * float(score @ np.linalg.solve(spread, score) - np.linalg.slogdet(spread)[1])
-
     def tempered(self, overdispersion: float) -> InformationIncrement:
         """Return the increment as it counts when it, and what was known before, have so many times the variance."""
         return replace(
@@ -105,6 +100,21 @@ class InformationIncrement:
             information=self.information / overdispersion,
             score=self.score / overdispersion,
         )
+
+
+def of_changes(increments: Sequence[InformationIncrement], steps: Sequence[Array], overdispersion: float) -> Array:
+    """Return log Bayes factors (m, h), by each increment, `tempered`, of steps d ~ N(0, diag(steps^2)) beside P0."""
+    information = np.array([each.of_step[0] for each in increments]) / overdispersion
+    score = np.array([each.of_step[1] for each in increments]) / overdispersion
+    out = np.empty((len(increments), len(steps)))
+    for k, each in enumerate(steps):
+        taken = np.flatnonzero(each > 0.0)
+        size = each[taken]
+        spread = np.eye(taken.size) + information[:, taken[:, None], taken] * np.outer(size, size)
+        own = score[:, taken] * size
+        fit = np.sum(own * np.linalg.solve(spread, own[:, :, None])[:, :, 0], axis=1)
+        out[:, k] = 0.5 * (fit - np.linalg.slogdet(spread)[1])
+    return out
 
 
 def increment_between(theta0: Array, P0: Array, steps: Array, theta: Array, P: Array) -> InformationIncrement:

@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 from towtank.core.arrays import Array
 from towtank.core.layout import MOMENT
 from towtank.identification.changes.branch import Branch, Kept, Running
-from towtank.identification.changes.evidence import InformationIncrement
+from towtank.identification.changes.evidence import InformationIncrement, of_changes
 from towtank.identification.model.parameters import DELAY, GAIN_PREFIX, IN_GAIN, LAG, UNTRANSFORMED, FreeParameters
 from towtank.identification.model.prior import Prior
 from towtank.identification.model.terms import TERMS, Body
@@ -128,12 +128,12 @@ class Verdict:
     changed: float
 
 
-def judged(increments: Sequence[InformationIncrement], hypotheses: Sequence[Hypothesis]) -> Verdict:
-    """Weigh every hypothesis of a change at the beginning of every increment by its evidence.
+def judged(increments: Sequence[InformationIncrement], hypotheses: Sequence[Hypothesis], factor: float) -> Verdict:
+    """Weigh every hypothesis of a change at the beginning of every increment by its evidence, `tempered` by a factor.
 
     What came before one began is the same under all hypotheses, so that increments compare as they are.
     """
-    scores = np.array([[change.weight + each.change(change.steps) for change in hypotheses] for each in increments])
+    scores = of_changes(increments, [each.steps for each in hypotheses], factor) + [each.weight for each in hypotheses]
     total = np.asarray(logsumexp(scores, axis=1))
     thrusters = np.array([each.thruster is not None for each in hypotheses])
     body = float(logsumexp(scores[:, ~thrusters])) if not thrusters.all() else -np.inf
@@ -146,6 +146,7 @@ def judged(increments: Sequence[InformationIncrement], hypotheses: Sequence[Hypo
     clear = blame - (float(logsumexp(scores[:, ~blamed])) if not blamed.all() else -np.inf)
     begun = int(np.argmax(logsumexp(scores[:, blamed], axis=1)))
     parts = _parts(hypotheses, scores[begun], ~thrusters)
+    before = increments[begun].tempered(factor)
     return Verdict(
         evidence=float(total.max()),
         best=begun,
@@ -153,7 +154,7 @@ def judged(increments: Sequence[InformationIncrement], hypotheses: Sequence[Hypo
         thruster=None if best is None else hypotheses[best].thruster,
         clear=clear,
         steps=hypotheses[best].steps if best is not None else _union(hypotheses, parts, increments[begun].score.size),
-        changed=float(total[begun]) + increments[begun].evidence(increments[begun].P0),
+        changed=float(total[begun]) + before.evidence(before.P0),
     )
 
 

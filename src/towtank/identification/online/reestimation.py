@@ -36,8 +36,8 @@ from towtank.vehicle import Vehicle
 
 __all__ = ["Beside", "Found", "Question", "Reestimation", "Schedule", "begun_anew", "caught_up", "is_full"]
 
-_FIRST, _DOUBLES, _GROWS = 0.5, 2.0, 1.5  # s; factor to the time learned from until `_DOUBLES` [s] 2, later this
 _FROM_PRIOR = 60.0  # s until which passes begin at the prior's mean, whatever is known, and ask about waves
+_FIRST, _DOUBLES, _GROWS = 0.5, 2.0, 1.5  # s; the time learned from doubles, but grows so from here to `_FROM_PRIOR`
 _OFTEN, _OFTEN_SHARE = 1.0, 0.1  # s, and share of the time learned from, between two re-estimations at least
 _MOST_ROWS, _LATEST = 40_000, 2000  # rows kept; that show the noise
 _ADAPT = 10.0  # s over which the live filter follows the disturbance
@@ -152,12 +152,11 @@ class Reestimation:
         if healthy_snapshot(state) is None:
             return None
         wider, apart = fit.wider, np.zeros(fit.theta.size)
-        remarks = [each.said for each in smooth_speeds([each.recorded for each in stretches])]
-        remarks += fit.levels.heading_said
-        rival = likeliest_rival(problem, fit)
+        said = [*(one.said for one in smooth_speeds([each.recorded for each in stretches])), *fit.levels.heading_said]
+        rival = likeliest_rival(problem, fit, float(state.clock[0].log_likelihood))
         if rival is not None:
             apart, texts = apart_from(problem, fit, rival)
-            remarks += texts
+            said += texts
         if self.kept is not None:  # nor does what has gone tell more than it told
             before = dict(zip(self.kept.names, zip(self.kept.disagreement, self.kept.apart, strict=True), strict=True))
             was = np.array([before.get(name, (1.0, 0.0)) for name in problem.prior.names])
@@ -173,7 +172,7 @@ class Reestimation:
                 return None
             kept = Kept(problem.prior.names, known.theta, known.covariance, wider, apart)
         state.settings["adapt"], state.settings["considered_share"] = _ADAPT, _REST
-        running = Running(whole, problem.prior, state, held, wider, apart, problem.settings, fit.levels, tuple(remarks))
+        running = Running(whole, problem.prior, state, held, wider, apart, problem.settings, fit.levels, tuple(said))
         rows, inputs = self.rows, self.inputs
         while self.buffer.rows - rows > _FEW:
             after = self.buffer.rows, self.buffer.inputs
@@ -258,7 +257,7 @@ class Schedule:
     def done(self, seen: float) -> None:
         """Set the next re-estimation after one at `seen`."""
         span = seen - self.began
-        self.last, self.next = seen, self.began + span * (_GROWS if span >= _DOUBLES else 2.0)
+        self.last, self.next = seen, self.began + span * (_GROWS if _DOUBLES <= span < _FROM_PRIOR else 2.0)
 
     def call(self, seen: float) -> None:
         """Re-estimate soon: something has become known far from where the motion is linearised."""

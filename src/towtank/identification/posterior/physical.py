@@ -125,10 +125,7 @@ class Coupled:
         self.basis = basis.reshape(len(self.families), n, 36)
 
     def worst_bounds(self, x: Array, without: Sequence[Family] = ()) -> tuple[list[Family], Array, Array]:
-        """Return the families (m,) of the directions in which they are most negative, G (m, n) and h (m,).
-
-        Directions of quadratic damping, looked for among thousands, only once all others keep their bounds.
-        """
+        """Return the families (m,) of the directions in which they are most negative, G (m, n) and h (m,)."""
         A = self.base + (x @ self.basis).reshape(-1, 6, 6)
         scale = np.maximum(*np.abs(np.einsum("kfii->kfi", np.array([A, self.base]))))
         scale = np.maximum(scale, 1e-6 * scale.max(axis=1, initial=0.0)[:, None])
@@ -141,7 +138,7 @@ class Coupled:
         G = (self.basis[which] @ weight[:, :, None])[:, :, 0]
         h = _INSIDE - (weight * self.base[which].reshape(-1, 36)).sum(axis=1)
         owners = [self.families[f] for f in which]
-        for family in () if owners else [each for each in self.others if each not in without]:
+        for family in () if owners else [each for each in self.others if each not in without]:  # slow to look through
             more = family.worst_bounds(x)
             G, h = np.vstack([G, more[0]]), np.concatenate([h, more[1]])
             owners += [family] * more[1].size
