@@ -3,7 +3,7 @@
 Every pass starts from the prior itself, linearised about what the last pass found, so that data count once however
 many passes there are: Gauss and Newton's way to the mode of the posterior. Where motion does not follow the prior's
 mean, a first pass takes the disturbance for far larger than it will be, so that it is led by the data's large features
-alone; what that misleads has other beginnings, and the likelier speaks (`_settled`). Between passes the levels of noise
+alone; what that misleads has other beginnings, and the likelier speaks (`settled`). Between passes the levels of noise
 and disturbance follow what the pass shows (`kalman.noise_adaptation`), sensors that are late are moved back by what
 their latency is found to be, and no step is longer than the prior allows. What a pass finds is brought to the likeliest
 point that physics allows (`posterior.physical`): a delay of -0.2 s undoes a lag of 0.2 s to first order, and only so.
@@ -63,6 +63,7 @@ __all__ = [
     "joint_fit",
     "next_recording",
     "one_pass",
+    "settled",
     "since_last",
 ]
 
@@ -205,13 +206,13 @@ def joint_fit(
     progress = progress or (lambda share: None)
     few = problem.over(spread(problem.samples))
     if since is not None:
-        return _likeliest_surroundings(few, _settled(few, *since, progress), progress)[1]
+        return _likeliest_surroundings(few, settled(few, *since, progress), progress)[1]
     few = _coarse(few)
     whole = _rows(few) == _rows(problem)
     found, fit = _with_waves(few, lambda share: progress(share if whole else 0.7 * share))
     if not whole:
         found = found.over(problem.samples)
-        fit = _settled(found, fit.theta, fit.levels, lambda share: progress(0.7 + 0.3 * share), anew=False)
+        fit = settled(found, fit.theta, fit.levels, lambda share: progress(0.7 + 0.3 * share), anew=False)
     progress(1.0)
     return fit
 
@@ -250,12 +251,12 @@ def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem
     """
     first = _first_levels(problem)
     if not problem.settings.current or sum(each.duration for each in problem.samples) < _WAVES_SHOW:
-        calm = _settled(problem, problem.prior.mean, first, progress)
+        calm = settled(problem, problem.prior.mean, first, progress)
         return _likeliest_surroundings(problem, calm, progress)
     wavy = replace(first, waves=np.full(3, _WAVE))
-    calm = _settled(problem, problem.prior.mean, first, lambda share: progress(0.3 * share))
+    calm = settled(problem, problem.prior.mean, first, lambda share: progress(0.3 * share))
     _, calm = _likeliest_surroundings(problem, calm, lambda share: progress(0.3 + 0.1 * share))
-    fit = _settled(problem, problem.prior.mean, wavy, lambda share: progress(0.4 + 0.4 * share), only_in_waves=True)
+    fit = settled(problem, problem.prior.mean, wavy, lambda share: progress(0.4 + 0.4 * share), only_in_waves=True)
     if not (fit.likelihood > calm.likelihood + _WAVES_GAIN and fit.levels.waves.max() > _SMALLEST_WAVE):
         return problem, calm
     return _likeliest_surroundings(problem, fit, lambda share: progress(0.8 + 0.2 * share))
@@ -289,8 +290,8 @@ def _likeliest_surroundings(problem: JointProblem, fit: JointFit, progress: Prog
     if likeliest is None:
         return problem, fit
     other, levels = likeliest
-    settled = _settled(other, fit.theta, levels, progress)
-    return _likeliest_surroundings(other, settled, progress) if _likelier(settled, fit) else (problem, fit)
+    there = settled(other, fit.theta, levels, progress)
+    return _likeliest_surroundings(other, there, progress) if _likelier(there, fit) else (problem, fit)
 
 
 def _other_surroundings(problem: JointProblem, levels: NoiseLevels) -> list[list[tuple[JointProblem, NoiseLevels]]]:
@@ -319,11 +320,11 @@ def _headings(problem: JointProblem, levels: NoiseLevels) -> list[float]:
     return [each for each in _HEADINGS if measured[_ATTITUDE].all() and measured[_R] and each > supposed]
 
 
-def _settled(
+def settled(
     problem: JointProblem,
     about: Array,
     levels: NoiseLevels,
-    progress: Progress,
+    progress: Progress = lambda share: None,
     *,
     only_in_waves: bool = False,
     anew: bool = True,

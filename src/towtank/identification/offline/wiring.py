@@ -33,7 +33,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import Samples
-from towtank.identification.kalman.passes import first_passes, joint_fit, one_pass
+from towtank.identification.kalman.passes import first_passes, joint_fit, one_pass, settled
 from towtank.identification.kalman.problem import JointFit, JointProblem
 from towtank.identification.offline.axis_responses import axis_responses, likelihood_of
 from towtank.recording.grids.stretches import cuts
@@ -177,29 +177,28 @@ class _Look:
     def choice(self, cost: Mapping[Wiring, float], judged: Wiring) -> Wiring:
         """Return the likeliest way, learned with: the file's, or one that is likelier by more than it costs [nats].
 
-        All begin where the file's has come to; those that come near it, and the file's, begin a second time where all
-        was supposed to be, and are asked all that a log is asked. The likelier counts. Passes come farther with one way
-        or another by chance, too: what takes the file's place must be likelier where both are learned as a log is.
+        All begin where the file's has come to. Those that come near it begin a second time where all was supposed to
+        be, as the file's does, in the water that it finds. The likelier counts. Passes come farther with one way or
+        another by chance, too: what takes the file's place must be likelier where both are learned as a log is.
 
         Args:
             cost: of each of a few ways. judged: what both judges found, which has paid.
         """
-        found = {way: self._learned(way, whole=False) for way in (Wiring(), *cost)} if cost else {}
+        first, mean, found = self._file, self.problem.prior.mean, dict[Wiring, float]()
+        for way in (Wiring(), *cost) if cost else ():
+            found[way] = _nats(first_passes(self._rewired(way), _PASSES, since=(first.theta, first.levels)))
         least = {way: -_STAYS if way == judged else nats for way, nats in cost.items()}
         near = [way for way in cost if found[way] > found[Wiring()] + least[way] - _NEAR]
-        for way in (Wiring(), *near) if near else ():
-            found[way] = max(found[way], self._learned(way, whole=True))
+        if near:
+            whole = joint_fit(self.problem, since=(mean, first.levels))
+            found[Wiring()] = max(found[Wiring()], _nats(whole))
+            settings = replace(self.problem.settings, wave_period=whole.wave_period)
+            again = {way: replace(self._rewired(way), settings=settings) for way in near}
+            found |= {way: max(found[way], _nats(settled(each, mean, whole.levels))) for way, each in again.items()}
         likelier = [way for way in near if found[way] > found[Wiring()] + least[way]]
         last = {way: _nats(joint_fit(self._rewired(way))) for way in (Wiring(), *likelier)} if likelier else {}
         likelier = [way for way in likelier if last[way] > last[Wiring()] + min(least[way], 0.0)]
         return max(likelier, key=lambda way: found[way] - cost[way], default=Wiring())
-
-    def _learned(self, way: Wiring, *, whole: bool) -> float:
-        """Return how likely stretches are by what is learned from them [nats], `whole` as a log is."""
-        rewired, file = self._rewired(way), self._file
-        if whole:
-            return _nats(joint_fit(rewired, since=(self.problem.prior.mean, file.levels)))
-        return _nats(first_passes(rewired, _PASSES, since=(file.theta, file.levels)))
 
     def _rewired(self, way: Wiring, only: slice = slice(None)) -> JointProblem:
         samples = [replace(each, B=np.ascontiguousarray(way.matrix(each.B))) for each in self.problem.samples[only]]
