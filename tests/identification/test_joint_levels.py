@@ -152,5 +152,5 @@ def test_a_second_start_and_passes_without_doubts_speak_where_they_are_likelier(
 
     monkeypatch.setattr(passes, "_passes", stub)
     levels = NoiseLevels(LEVELS.noise, np.ones(6))
-    found: Any = passes._settled(problem, supposed, levels, lambda share: None)
+    found: Any = passes.settled(problem, supposed, levels)
     assert (found.name, began) == (speaks, made)

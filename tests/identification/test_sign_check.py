@@ -190,7 +190,7 @@ def test_where_both_judges_leave_the_file_far_behind_they_decide(monkeypatch: py
     """At sea other optima of the same fit are further apart than wirings: what is learned is not asked then."""
     vehicle, run, wrong = craft(), spins(40.0), Wiring((0,))
     asked: list[Wiring] = []
-    monkeypatch.setattr(wiring._Look, "_learned", lambda look, way, whole: float(asked.append(way) or 0.0))
+    monkeypatch.setattr(wiring._Look, "choice", lambda look, cost, judged: asked.append(judged) or judged)
     monkeypatch.setattr(wiring, "_BEHIND", 25.0)
     assert found_in(run, unknown(rewired(vehicle, wrong))) == wrong
     assert not asked
