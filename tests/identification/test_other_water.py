@@ -182,6 +182,13 @@ def test_a_checkpoint_after_other_water_goes_on_in_it(tmp_path: Path) -> None:
         assert one.value == pytest.approx(other.value, abs=1e-3 * other.std)
 
 
+def test_a_stream_is_gone_over_at_times_that_grow() -> None:
+    schedule = Schedule()
+    for seen, after in ((0.5, 1.0), (1.0, 2.0), (2.0, 3.0), (40.0, 60.0), (60.0, 120.0), (600.0, 1200.0)):
+        schedule.done(seen)
+        assert schedule.next == after
+
+
 def test_after_other_water_no_re_estimation_comes_before_waves_can_show() -> None:
     schedule = Schedule()
     assert schedule.settled

@@ -113,6 +113,8 @@ def test_an_answer_is_as_likely_as_a_pass_about_it(
         monkeypatch.setattr(rivals, f"{kind}_rival", lambda few, fit, known: knew.append(known))
     assert likeliest_rival(problem, replace(fit, likelihood=fit.likelihood + 1000.0)) is None
     assert knew == pytest.approx([fit.likelihood] * 2, abs=1.0)
+    assert likeliest_rival(problem, fit, 7.0) is None  # who has made that pass says what it came to
+    assert knew[2:] == [7.0, 7.0]
 
 
 @pytest.mark.parametrize(("deviations", "asked_for"), [(0.0, False), (5.0, False), (8.0, True)])

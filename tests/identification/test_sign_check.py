@@ -173,15 +173,22 @@ def test_what_the_judges_find_stays_only_where_what_is_learned_is_likelier_with_
     assert bool(found_in(run, supposed)) == turned
 
 
-def test_what_the_judges_leave_open_is_decided_by_what_is_learned(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Data speak for another wiring by less than it costs: what it does to a vehicle that is not known may be small."""
-    vehicle, run, wrong = craft(), spins(20.0), Wiring((0,))
+@pytest.fixture
+def wrong(monkeypatch: pytest.MonkeyPatch) -> Wiring:
+    """A way of wiring for which both judges speak by less than it costs."""
+    way = Wiring((0,))
 
     def unsure(ways: list[Wiring], *others: object) -> np.ndarray:
-        return np.array([{Wiring(): 0.0, wrong: 2.0}.get(way, -1000.0) for way in ways])
+        return np.array([{Wiring(): 0.0, way: 2.0}.get(each, -1000.0) for each in ways])
 
     monkeypatch.setattr(wiring, "likelihood_of", unsure)
     monkeypatch.setattr(wiring._Look, "_told", lambda look, ways, k: np.zeros(len(ways)))
+    return way
+
+
+def test_what_the_judges_leave_open_is_decided_by_what_is_learned(wrong: Wiring) -> None:
+    """Data speak for another wiring by less than it costs: what it does to a vehicle that is not known may be small."""
+    vehicle, run = craft(), spins(20.0)
     assert found_in(run, unknown(rewired(vehicle, wrong)))
     assert not found_in(run, unknown(vehicle))
 
@@ -207,15 +214,9 @@ def farther_without(run: Recording, passes: Callable[..., JointFit]) -> Callable
     return come
 
 
-def test_what_is_likelier_by_chance_takes_no_place(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_likelier_by_chance_takes_no_place(wrong: Wiring, monkeypatch: pytest.MonkeyPatch) -> None:
     """Passes come farther with one way than with another, as at sea: learned as a log is, the file's is likelier."""
-    vehicle, run, wrong = craft(), spins(20.0), Wiring((0,))
-
-    def unsure(ways: list[Wiring], *others: object) -> np.ndarray:
-        return np.array([{Wiring(): 0.0, wrong: 2.0}.get(way, -1000.0) for way in ways])
-
-    monkeypatch.setattr(wiring, "likelihood_of", unsure)
-    monkeypatch.setattr(wiring._Look, "_told", lambda look, ways, k: np.zeros(len(ways)))
+    vehicle, run = craft(), spins(20.0)
     for name in ("first_passes", "settled"):
         monkeypatch.setattr(wiring, name, farther_without(run, getattr(wiring, name)))
     assert not found_in(run, unknown(vehicle))

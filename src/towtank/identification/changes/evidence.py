@@ -103,7 +103,7 @@ class InformationIncrement:
 
 
 def of_changes(increments: Sequence[InformationIncrement], steps: Sequence[Array], overdispersion: float) -> Array:
-    """Return log Bayes factors (m, h), by each increment, `tempered`, of steps d ~ N(0, diag(steps^2)) beside P0."""
+    """Return log Bayes factors (m, h) by m increments, `tempered`, of h steps (n,) d ~ N(0, diag(step^2)) beside P0."""
     information = np.array([each.of_step[0] for each in increments]) / overdispersion
     score = np.array([each.of_step[1] for each in increments]) / overdispersion
     out = np.empty((len(increments), len(steps)))
