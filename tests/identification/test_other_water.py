@@ -6,6 +6,7 @@ from copy import deepcopy
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,14 @@ import pytest
 from tests.identification.test_changes import DT, FORCE, FREE, commands, learned, truth
 
 import towtank as tt
+from towtank.core.arrays import Array
 from towtank.identification.changes.water import Waters
-from towtank.identification.data.samples import prepared
+from towtank.identification.data.samples import NoiseLevels, prepared
+from towtank.identification.kalman import passes
 from towtank.identification.kalman.passes import joint_fit
+from towtank.identification.kalman.problem import ROUGH, JointFit, JointProblem
 from towtank.identification.model.prior import prior_of
+from towtank.identification.model.terms import DISTURBANCE
 from towtank.identification.offline.joint import LearningRequest, joint_problem
 from towtank.identification.online.joint import JointLearner
 from towtank.identification.online.reestimation import Schedule
@@ -109,18 +114,80 @@ def test_what_was_learned_before_other_water_is_kept() -> None:
     holds(learner)
 
 
-def test_waves_that_were_supposed_in_calm_water_go_again() -> None:
-    """As where a few seconds of a current that began to flow looked like waves: passes over more of it know better."""
+@cache
+def calm_problem() -> JointProblem:
     run = tt.simulate(
         truth(), commands=commands(), dt=DT, duration=40.0, sensors=Mocap(rate=1.0 / DT), disturbance=FORCE, seed=3
     )
-    problem = joint_problem(LearningRequest(truth(), [prepared(run, truth())], free=FREE, delay=0.0))
+    return joint_problem(LearningRequest(truth(), [prepared(run, truth())], free=FREE, delay=0.0))
+
+
+def test_waves_that_were_supposed_in_calm_water_go_again() -> None:
+    """As where a few seconds of a current that began to flow looked like waves: passes over more of it know better."""
+    problem = calm_problem()
     calm = joint_fit(problem)
     again = joint_fit(problem, since=(calm.theta, replace(calm.levels, waves=np.full(3, 0.1))))
     assert not calm.levels.waves.any()
     assert not again.levels.waves.any()
     assert (np.abs(again.theta - calm.theta) < 0.1 * calm.std).all()
     assert again.std == pytest.approx(calm.std, rel=0.05)
+
+
+def test_two_passes_from_what_was_found_tell_that_there_are_no_waves(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = calm_problem()
+    in_waves, run = list[bool](), passes.one_pass
+
+    def counted(problem: JointProblem, about: Array, levels: NoiseLevels, *more: Any, **options: Any) -> Any:
+        in_waves.append(bool(levels.waves.any()))
+        return run(problem, about, levels, *more, **options)
+
+    monkeypatch.setattr(passes, "one_pass", counted)
+    fit = joint_fit(problem)
+    assert not fit.levels.waves.any()
+    assert sum(in_waves) == 2
+    assert fit.still
+
+
+def test_surroundings_that_only_seem_likelier_are_asked_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One pass in them may be likelier by much, and passes from there come back to hardly more than was."""
+    problem = calm_problem()
+    fit = joint_fit(problem)
+    asked = list[str]()
+    far = {"asked": fit.likelihood + 100.0, "settled": fit.likelihood + 1.0}
+
+    def one(*arguments: Any) -> Any:
+        asked.append("asked")
+        return (SimpleNamespace(clock=[SimpleNamespace(log_likelihood=far["asked"])]),)
+
+    def all_of_them(*arguments: Any) -> JointFit:
+        asked.append("settled")
+        return replace(fit, likelihood=far["settled"])
+
+    monkeypatch.setattr(passes, "one_pass", one)
+    monkeypatch.setattr(passes, "settled", all_of_them)
+    found = passes._likeliest_surroundings(problem, fit, lambda share: None)
+    assert found == (problem, fit)
+    assert asked.count("settled") == 1
+    far["settled"] += 50.0  # more than chance: and asked again from there
+    assert passes._likeliest_surroundings(problem, fit, lambda share: None)[1].likelihood == far["settled"]
+
+
+@pytest.mark.parametrize(("off", "first"), [(0.0, 1.0), (3.0, ROUGH)])
+def test_disturbances_begin_as_usual_where_motion_follows_so_and_else_rough(
+    off: float, first: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = calm_problem()
+    fit = joint_fit(problem)
+    began, adapt = list[Array](), passes.adapt_noise
+
+    def watched(state: Any, levels: NoiseLevels, *more: Any, **options: Any) -> NoiseLevels:
+        began.append(levels.disturbance)
+        return adapt(state, levels, *more, **options)
+
+    monkeypatch.setattr(passes, "adapt_noise", watched)
+    passes.settled(problem, fit.theta + off * problem.prior.std, None)
+    most = passes.most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
+    assert began[0] == pytest.approx(np.minimum(first * np.array(DISTURBANCE), most))
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,7 @@ __all__ = [
     "converged",
     "diverged",
     "filter_settings",
+    "follows",
     "most_disturbed",
 ]
 
@@ -36,6 +37,7 @@ _NOISE_AT_LEAST = 0.5  # of it: a sensor that was smoothed leaves no innovations
 _CONVERGED = 0.05  # of a level
 _USUAL_FOR = 2.0  # effective samples of the disturbance that the usual level counts for
 _MODEL_OFF = 0.3  # share of a sensor's samples beyond the gate, from which the model is off
+_FOLLOWS = 0.07  # that share, up to which motion follows
 _CONTRADICTED = 0.1  # that share of a pose beside its own speed, from which it is worse than it shows
 _LONG_RUN = 10.0  # s of data from which that says something
 _FORESEEN = 0.8  # times the square that is expected of innovations, below which levels are too high
@@ -133,6 +135,11 @@ def contradicted(state: JointState) -> NDArray[np.bool_]:
 def diverged(state: JointState) -> bool:
     """Return whether the pass has rejected much of a sensor."""
     return bool((rejected_share(state) > _MODEL_OFF).any())
+
+
+def follows(state: JointState) -> bool:
+    """Return whether the pass came to numbers, and has rejected little of every sensor."""
+    return bool(np.isfinite(state.theta).all() and rejected_share(state).max() < _FOLLOWS)
 
 
 def _velocity_walk(state: JointState, levels: NoiseLevels, *, steady: bool) -> Array:

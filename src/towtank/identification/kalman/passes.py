@@ -37,6 +37,7 @@ from towtank.identification.kalman.noise_adaptation import (
     contradicted,
     converged,
     diverged,
+    follows,
     most_disturbed,
     rejected_share,
 )
@@ -50,7 +51,6 @@ from towtank.identification.kalman.state import (
 )
 from towtank.identification.model.measurements import SPEEDS
 from towtank.identification.model.parameters import IN_DELAY, IN_LAG
-from towtank.identification.model.terms import DISTURBANCE
 from towtank.identification.posterior.physical import Region
 from towtank.identification.posterior.statistics import Reading, widened
 from towtank.recording.grids.stretches import spread
@@ -71,7 +71,6 @@ _SAME_WATER = 600.0  # s after which a stretch of one session may be in another 
 
 _WINDOWS, _LEAST_WINDOW = 16, 25  # of a pass, that must agree; rows
 _PASSES = 16
-_FOLLOWS = 0.07  # share of a sensor's samples beyond the gate, up to which motion follows the prior's mean
 _LONGEST_STEP = 1.5  # deviations of the prior
 _PATIENCE = 4  # passes after the likeliest one
 _SOONEST = 0.2  # of the delay and the lag that are supposed, in a second beginning
@@ -91,7 +90,7 @@ FAR_LIKELIER = 20.0  # of the log likelihood: far beyond chance with two numbers
 _WAVES_GAIN = 20.0  # of the log likelihood: far beyond chance with four numbers
 _WAVES_SHOW = 20.0  # s: of shorter data a wave is no more than a slow force
 _SMALLEST_WAVE = 0.015  # m/s: below, a wave stands for what the model lacks
-_CALM_AFTER = 2  # passes after which waves that have become so small are given up
+_CALM_AFTER = 1  # passes after which waves that have become so small are given up
 Progress = Callable[[float], None]
 
 
@@ -129,16 +128,9 @@ def one_pass(
     """
     free, samples = problem.free, problem.samples
     prior = Reading(0.0, *problem.prior.seen_from(about))
+    parameters, B, settings = np.array(problem.vehicle.parameters), samples[0].B, problem.settings
     state = new_joint_state(
-        np.array(problem.vehicle.parameters),
-        free,
-        prior.theta,
-        prior.covariance,
-        samples[0].B,
-        levels,
-        problem.settings,
-        about,
-        problem.learned,
+        parameters, free, prior.theta, prior.covariance, B, levels, settings, about, problem.learned
     )
     latency = latencies_of(free, about)
     total, done, passed = max(sum(len(each) for each in samples), 1), 0, 0.0
@@ -223,9 +215,7 @@ def first_passes(problem: JointProblem, passes: int, since: tuple[Array, NoiseLe
     Args:
         since: as of `joint_fit`; the prior's mean and rough levels without.
     """
-    about, levels = since or (problem.prior.mean, problem.rough)
-    levels, most = _bounded(problem, levels)
-    return _passes(problem, about, levels, most=most, passes=passes)[0]
+    return _passes(problem, *(since or (problem.prior.mean, problem.rough)), passes=passes)[0]
 
 
 def _coarse(problem: JointProblem) -> JointProblem:
@@ -247,39 +237,28 @@ def _rows(problem: JointProblem) -> int:
 def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem, JointFit]:
     """Return the posterior in water with waves of the likeliest period, or in water without any, and its question.
 
-    Waves stand in the model from the first pass on: a disturbance that has to stand for them hides them.
+    Passes in waves begin with what was found without, but for a disturbance, or a current that walks, which may stand
+    for waves and hide them: these begin as usual.
     """
-    first = _first_levels(problem)
     if not problem.settings.current or sum(each.duration for each in problem.samples) < _WAVES_SHOW:
-        calm = settled(problem, problem.prior.mean, first, progress)
-        return _likeliest_surroundings(problem, calm, progress)
-    wavy = replace(first, waves=np.full(3, _WAVE))
-    calm = settled(problem, problem.prior.mean, first, lambda share: progress(0.3 * share))
-    _, calm = _likeliest_surroundings(problem, calm, lambda share: progress(0.3 + 0.1 * share))
-    fit = settled(problem, problem.prior.mean, wavy, lambda share: progress(0.4 + 0.4 * share), only_in_waves=True)
+        return _likeliest_surroundings(problem, settled(problem, problem.prior.mean, None, progress), progress)
+    calm = settled(problem, problem.prior.mean, None, lambda share: progress(0.5 * share))
+    _, calm = _likeliest_surroundings(problem, calm, lambda share: progress(0.5 + 0.1 * share))
+    usual, waves = problem.usual, np.full(3, _WAVE)
+    wavy = replace(calm.levels, disturbance=usual.disturbance, current_walk=usual.current_walk, waves=waves)
+    fit = settled(problem, calm.theta, wavy, lambda share: progress(0.6 + 0.2 * share), only_in_waves=True)
     if not (fit.likelihood > calm.likelihood + _WAVES_GAIN and fit.levels.waves.max() > _SMALLEST_WAVE):
         return problem, calm
     return _likeliest_surroundings(problem, fit, lambda share: progress(0.8 + 0.2 * share))
 
 
-def _first_levels(problem: JointProblem) -> NoiseLevels:
-    """Return the levels of the first pass: of the usual disturbance where the prior's mean follows the data even so.
-
-    A disturbance that is far larger than it will be is a large push on heavy damping, where nothing else pushes.
-    """
-    usual = replace(problem.rough, disturbance=np.array(DISTURBANCE))
-    state = one_pass(problem, problem.prior.mean, usual, windows=1)[0]
-    follows = np.isfinite(state.theta).all() and rejected_share(state).max() < _FOLLOWS
-    return usual if follows else problem.rough
-
-
 def _likeliest_surroundings(problem: JointProblem, fit: JointFit, progress: Progress) -> tuple[JointProblem, JointFit]:
-    """Return the posterior where it is far likelier than a fit, by one pass each, if anywhere; its question.
+    """Return the posterior where it is far likelier than a fit, by one pass each and then by all; its question.
 
     A current may walk faster, from place to place or with the tide; waves have another period, or be none but such a
     current; the heading of a compass wander beside a gyro.
     """
-    best, likeliest = fit.likelihood + _WATER_GAIN, None
+    best, likeliest = (enough := fit.likelihood + _WATER_GAIN), None
     for row in _other_surroundings(problem, fit.levels):
         for other, levels in row:
             found = float(one_pass(other, fit.theta, levels)[0].clock[0].log_likelihood)
@@ -291,7 +270,7 @@ def _likeliest_surroundings(problem: JointProblem, fit: JointFit, progress: Prog
         return problem, fit
     other, levels = likeliest
     there = settled(other, fit.theta, levels, progress)
-    return _likeliest_surroundings(other, there, progress) if _likelier(there, fit) else (problem, fit)
+    return _likeliest_surroundings(other, there, progress) if there.likelihood > enough else (problem, fit)
 
 
 def _other_surroundings(problem: JointProblem, levels: NoiseLevels) -> list[list[tuple[JointProblem, NoiseLevels]]]:
@@ -323,7 +302,7 @@ def _headings(problem: JointProblem, levels: NoiseLevels) -> list[float]:
 def settled(
     problem: JointProblem,
     about: Array,
-    levels: NoiseLevels,
+    levels: NoiseLevels | None,
     progress: Progress = lambda share: None,
     *,
     only_in_waves: bool = False,
@@ -331,14 +310,18 @@ def settled(
 ) -> JointFit:
     """Return what passes from theta (n,) `about` come to; with `only_in_waves` they may end where there are none.
 
-    With `anew`, where the first one rejects much of a sensor, or inputs should act sooner than physics allows, they
-    begin a second time, with inputs that act a deviation sooner than is supposed; from a `stiff` vehicle, too; where a
-    pose was doubted, without doubts. The likelier speaks each time.
+    Without levels they begin as usual, or roughly where motion about theta does not follow the data. With `anew`, where
+    the first one rejects much of a sensor, or inputs should act sooner than physics allows, they begin a second time,
+    with inputs that act a deviation sooner than is supposed; from a `stiff` vehicle, too; where a pose was doubted,
+    without doubts. The likelier speaks each time.
     """
-    levels, most = _bounded(problem, levels)
-    run = partial(_passes, problem, most=most, progress=progress, only_in_waves=only_in_waves)
+    run = partial(_passes, problem, progress=progress, only_in_waves=only_in_waves)
     fit, lost, doubted = run(about, levels)
-    others = [] if not anew or problem.stiff is None else [(problem.stiff, problem.rough)]
+    if only_in_waves and fit.levels.waves.max() <= _SMALLEST_WAVE:
+        return fit
+    others: list[tuple[Array, NoiseLevels | None]] = []
+    if anew and problem.stiff is not None:
+        others.append((problem.stiff, problem.rough))
     late = np.isin(problem.free.codes[:, 0], (IN_DELAY, IN_LAG))
     most_asked = -_TOO_SOON * math.sqrt(np.sum(problem.prior.std[late] ** 2))
     too_soon = bool((fit.mean - fit.theta)[late].sum() < most_asked)  # a vehicle of much drag lags as thrusters do
@@ -355,13 +338,6 @@ def settled(
     return fit
 
 
-def _bounded(problem: JointProblem, levels: NoiseLevels) -> tuple[NoiseLevels, Array]:
-    """Return levels with waves where any can show, and no disturbance above (6,) the most that motion allows; that."""
-    most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
-    waves = np.where(problem.waving, levels.waves, 0.0)
-    return replace(levels, disturbance=np.minimum(levels.disturbance, most), waves=waves), most
-
-
 def _likelier(one: JointFit, other: JointFit, *, as_allowed: bool = False) -> bool:
     """Return whether a fit, or what physics allows of it, is likelier than another; what came to nothing is not."""
     found = [each.likelihood - (each.forbidden if as_allowed else 0.0) for each in (one, other)]
@@ -371,9 +347,8 @@ def _likelier(one: JointFit, other: JointFit, *, as_allowed: bool = False) -> bo
 def _passes(
     problem: JointProblem,
     about: Array,
-    levels: NoiseLevels,
+    begin: NoiseLevels | None,
     *,
-    most: Array,
     progress: Progress = lambda share: None,
     only_in_waves: bool = False,
     doubts: bool = True,
@@ -381,10 +356,13 @@ def _passes(
 ) -> tuple[JointFit, bool, bool]:
     """Run passes from theta (n,) `about` until nothing moves any more, else the likeliest of `passes`.
 
-    Where none can be computed, nothing was learned. No disturbance rises above `most` (6,). Waves that become too small
-    to be any go from the levels; with `only_in_waves` the passes end there. Returns, too, whether the first rejected
-    much of a sensor, and whether a pose was doubted, which `doubts` allow.
+    Where none can be computed, nothing was learned. No disturbance rises above the most that motion allows. Waves that
+    become too small to be any go from the levels; with `only_in_waves` the passes end there. Returns, too, whether the
+    first rejected much of a sensor, and whether a pose was doubted, which `doubts` allow. Disturbances do not begin
+    rough without need: one that is far too large is a large push on heavy damping, where nothing else pushes.
     """
+    most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
+    levels = _bounded(problem, begin or problem.usual, most)
     best: JointFit | None = None
     likeliest: JointFit | None = None
     highest, last = -math.inf, np.zeros(len(problem.free))
@@ -392,7 +370,11 @@ def _passes(
     at_best, about = about, region.nearest(about, _movable(problem.prior.covariance, problem.learned))
     lost = doubted = False
     for k in range(passes):
-        state, _, readings, currents = one_pass(problem, about, levels, partial(_share_of_all, progress, k))
+        done = partial(lambda k, share: progress((k + share) / _PASSES), k)
+        state, _, readings, currents = one_pass(problem, about, levels, done)
+        if k == 0 and begin is None and not follows(state):
+            levels = _bounded(problem, problem.rough, most)
+            state, _, readings, currents = one_pass(problem, about, levels)
         lost = lost or (k == 0 and diverged(state))
         fit = _fit_of(problem, region, state, levels, k + 1, readings)
         finite = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.std).all() and np.isfinite(fit.likelihood))
@@ -412,7 +394,7 @@ def _passes(
         calms = k >= _CALM_AFTER and levels.waves.any() and adapted.waves.max() < _SMALLEST_WAVE
         still = k > 0 and bool((moved <= _STILL).all()) and converged(adapted, levels)
         if still or (calms and only_in_waves):
-            return fit, lost, doubted
+            return replace(fit, still=still), lost, doubted
         if likeliest is None or fit.likelihood > highest:
             likeliest, highest = fit, fit.likelihood
         elif k + 1 - likeliest.passes >= _PATIENCE:
@@ -432,8 +414,10 @@ def _passes(
     return likeliest, lost, doubted
 
 
-def _share_of_all(progress: Progress, k: int, share: float) -> None:
-    progress((k + share) / _PASSES)
+def _bounded(problem: JointProblem, levels: NoiseLevels, most: Array) -> NoiseLevels:
+    """Return levels with waves where any can show, and no disturbance above (6,) the most that motion allows."""
+    waves = np.where(problem.waving, levels.waves, 0.0)
+    return replace(levels, disturbance=np.minimum(levels.disturbance, most), waves=waves)
 
 
 def _movable(covariance: Array, learned: NDArray[np.bool_]) -> Array:

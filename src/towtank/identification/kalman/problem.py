@@ -76,9 +76,14 @@ class JointProblem:
         return np.asarray(about + stiff * self.prior.std) if (stiff & self.learned).any() else None
 
     @property
+    def usual(self) -> NoiseLevels:
+        """Levels of a first pass where motion follows the data: the usual disturbance."""
+        return NoiseLevels(self.own_noise, np.array(DISTURBANCE))
+
+    @property
     def rough(self) -> NoiseLevels:
         """Levels of a first pass far off: a disturbance far larger than it will be, so that little is rejected."""
-        return NoiseLevels(self.own_noise, ROUGH * np.array(DISTURBANCE))
+        return replace(self.usual, disturbance=ROUGH * self.usual.disturbance)
 
     def over(self, samples: Sequence[Samples]) -> JointProblem:
         """Return the same question about other samples."""
@@ -98,7 +103,7 @@ class JointFit:
         likelihood: log, of the last pass's innovations. passes: how many were run.
         duration [s], rows: learned from. rejected: share of each column's samples that lay beyond the gate (18,).
         nis: mean of innovation^2 / S per column (18,), 1 where noise and model are right.
-        state: of the filter at the end of the last pass.
+        state: of the filter at the end of the last pass. still: whether that moved nothing any more.
     """
 
     prior: Prior
@@ -115,6 +120,7 @@ class JointFit:
     rejected: Array
     nis: Array
     state: JointState
+    still: bool = False
 
     @property
     def free(self) -> FreeParameters:
