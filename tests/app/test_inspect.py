@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,9 @@ import numpy as np
 import pytest
 
 import towtank as tt
+from towtank.identification.kalman.problem import JointFit
+from towtank.identification.offline import joint
+from towtank.identification.offline.free_runs import FreeRunVerdict
 
 from .commands import command, document
 
@@ -93,6 +97,24 @@ def test_how_well_each_coefficient_will_be_known(delayed: Path, of_delayed: dict
     assert "surge mass will be known to" in out
     assert "surge drag to" in out
     assert "Disturbance" in out
+
+
+def test_free_runs_have_their_say_as_where_it_is_learned(delayed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They may know less than the filter says alone: what is promised is what `learn` then states."""
+    asked = list[bool]()
+
+    def verdict(problem: Any, by_filter: JointFit, *others: Any, always: bool) -> FreeRunVerdict:
+        asked.append(always)
+        return FreeRunVerdict(True, replace(by_filter, covariance=4.0 * by_filter.covariance), "free runs speak")
+
+    monkeypatch.setattr(joint, "free_run_verdict", verdict)
+    log, vehicle = tt.read(delayed).window(20.0, 35.0), tt.load_vehicle("vlbv300")
+    inspected, learned = tt.inspect(log, vehicle), tt.learn(log, vehicle)
+    assert asked == [False, False]
+    promised = {name: each.std for axis in inspected.axes.values() for name, each in axis.prospects.items()}
+    assert promised
+    for name, std in promised.items():
+        assert std == pytest.approx(learned.estimate[name].std, rel=1e-6)
 
 
 def test_level_of_the_disturbance(workshop: Path) -> None:

@@ -211,7 +211,7 @@ def _inspected(log: LogParts, vehicle: Vehicle | None, progress: Progress) -> In
         origin = None if look.delay is None else "correlation"
         return Inspection(log, grids, facts, noise, look.delay, look.delay_std, origin, axes, [])
     windows, stretches = _best(parts, grids, vehicle)
-    learning = learn_recordings(vehicle, stretches, progress=progress, free_runs=False)
+    learning = learn_recordings(vehicle, stretches, progress=progress)
     axes = {axis.name: _by_learning(axis, witnesses, learning) for axis, witnesses in told}
     warnings, std = learning_warnings(learning, stretches, repairs=False), delay_deviation(learning)
     return Inspection(
