@@ -5,16 +5,16 @@
 The paper drives one axis after the other in stairs: four steps up of two seconds each, then the same in reverse, 16 s
 an axis. Here that is done on every axis that the vehicle drives, each as strong as keeps it within the tank
 (5 x 5 x 2.5 m) and its limits, each begun in the middle. The plan is driven for the same time: it ends where
-more of it would hardly tell more than the scale of the thrusters' force allows, and is then driven again. Both are
-forecast for the same vehicle (pose, a random force of 0.5 N, coefficients on the diagonal known to 30 %). Asked:
-deviations at most a third of those of the stairs, of inertias a fifth. The scale of the thrusters' force is in all
-deviations alike and no motion tells it: so they are shown with it, and beside thrusters that are known.
+more of it would hardly tell more than the scale of the thrusters' force allows; from there on each segment is designed
+from what is known by then, as the pilot's mode does where there is no plan. Both are forecast for the same vehicle
+(pose, a random force of 0.5 N, coefficients on the diagonal known to 30 %). Asked: deviations at most a third of those
+of the stairs, of inertias a fifth. The scale of the thrusters' force is in all deviations alike and no motion tells it:
+so they are shown with it, and beside thrusters that are known.
 """
 
 from __future__ import annotations
 
 import sys
-from itertools import cycle, islice
 
 import numpy as np
 from plan_study import FORCE, SPACE, supposed
@@ -23,8 +23,8 @@ from rich.table import Table
 from runner import arguments
 
 from towtank.core.arrays import Array
-from towtank.planning import RATE, Forecast, Outlook, draws_of, forecast, plan
-from towtank.planning.design import excess
+from towtank.planning import RATE, Forecast, Outlook, Plan, draws_of, forecast, plan
+from towtank.planning.design import design, excess
 from towtank.planning.segments import commands_of
 from towtank.simulation import available_rows, manoeuvre
 from towtank.vehicle import Vehicle, allocate, thruster_wrench
@@ -65,6 +65,16 @@ def stairs(outlook: Outlook, vehicle: Vehicle, axis: str, radius: float) -> Arra
     return commands
 
 
+def driven_on(made: Plan, outlook: Outlook, vehicle: Vehicle, wanted: tuple[str, ...], seconds: float) -> list[Array]:
+    """Return the commands of a plan, and of segments that go on from what is known until so many seconds are over."""
+    runs = [commands_of(each.segment, outlook.vehicle) for each in made.segments]
+    for _ in range(round(seconds / made.manoeuvring * len(runs)) - len(runs)):
+        now = outlook.after(known(outlook, vehicle, runs).covariance)
+        best = design(now, wanted, space=SPACE, duration=made.segments[0].segment.duration, seed=len(runs))
+        runs.append(commands_of(best.segment, outlook.vehicle))
+    return runs
+
+
 def main() -> int:
     """Print the comparison; return 1 where a plan's deviation is beyond what is asked."""
     options = arguments(__doc__ or "", runs=1)
@@ -80,10 +90,8 @@ def main() -> int:
         theirs = known(outlook, vehicle, [stairs(outlook, vehicle, axis, radius) for axis in axes])
         minutes = LENGTH * len(axes) / 60.0
         made = plan(file, space=SPACE, force=FORCE, minutes=minutes, accuracy=1e-3, seed=1)
-        driven = [commands_of(each.segment, file) for each in made.segments]
-        count = round(60.0 * minutes * len(driven) / made.manoeuvring)
-        ours = known(outlook, vehicle, list(islice(cycle(driven), count)))
         wanted = tuple(each.name for each in made.expected)
+        ours = known(outlook, vehicle, driven_on(made, outlook, vehicle, wanted, 60.0 * minutes))
         table = Table(title=f"{name}: stairs and plan, {60.0 * minutes:g} s each; the plan has {made.manoeuvring:g} s")
         for head in ("Coefficient", "stairs", "plan", "ratio", "stairs, gains known", "plan, gains known", "ratio"):
             table.add_column(head, justify="left" if head == "Coefficient" else "right")
