@@ -193,23 +193,11 @@ def test_what_the_judges_leave_open_is_decided_by_what_is_learned(wrong: Wiring)
     assert not found_in(run, unknown(vehicle))
 
 
-@pytest.mark.parametrize(("told", "owed"), [(2.0, 4.0), (5.5, 1.0), (15.0, 1.0)])
-def test_what_the_judges_have_found_need_not_be_found_again(
-    told: float, owed: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A thruster that is turned costs 6: when it is learned with, it must be likelier by what is left of it."""
-    wrong, bounds = Wiring((0,)), list[dict[Wiring, float]]()
-    monkeypatch.setattr(wiring._Look, "likeliest", lambda look, found: {wrong: told, Wiring(): 0.0})
-    monkeypatch.setattr(wiring._Look, "choice", lambda look, cost, least: bounds.append(least) or Wiring())
-    found_in(spins(20.0), unknown(craft()))
-    assert bounds == [{wrong: pytest.approx(owed)}]
-
-
 def test_where_both_judges_leave_the_file_far_behind_they_decide(monkeypatch: pytest.MonkeyPatch) -> None:
     """At sea other optima of the same fit are further apart than wirings: what is learned is not asked then."""
     vehicle, run, wrong = craft(), spins(40.0), Wiring((0,))
     asked: list[Wiring] = []
-    monkeypatch.setattr(wiring._Look, "choice", lambda look, cost, least: asked.append(wrong) or wrong)
+    monkeypatch.setattr(wiring._Look, "choice", lambda look, cost, judged: asked.append(judged) or judged)
     monkeypatch.setattr(wiring, "_BEHIND", 25.0)
     assert found_in(run, unknown(rewired(vehicle, wrong))) == wrong
     assert not asked

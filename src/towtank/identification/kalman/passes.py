@@ -11,10 +11,9 @@ point that physics allows (`posterior.physical`): a delay of -0.2 s undoes a lag
 Drag is far from linear in a current. So the motion is linearised about the current of each recording, too, as far as
 the last pass has found that it surely flows.
 
-Where a sensor sees the ground, waves are among the unknowns, water that goes to and fro with a period of seconds. They
-stay where the likelihood gains by far more than chance. When passes have ended, one each tells whether what was
-measured is far likelier otherwise: in other water, beside a heading that wanders, or with speeds that walk less at
-random; passes go on from the likeliest, and are asked again (`_likeliest_surroundings`).
+Where a sensor sees the ground, waves are among the unknowns: water that goes to and fro. They stay where the likelihood
+gains by far more than chance. When passes have ended, one each tells whether what was measured is far likelier in other
+water, beside a heading that wanders, or with speeds that walk less; passes go on from the likeliest, and ask again.
 """
 
 from __future__ import annotations
@@ -237,19 +236,22 @@ def _rows(problem: JointProblem) -> int:
 def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem, JointFit]:
     """Return the posterior in water with waves of the likeliest period, or in water without any, and its question.
 
-    Passes in waves begin with what was found without, but for a disturbance, or a current that walks, which may stand
-    for waves and hide them: these begin as usual.
+    Passes in waves begin with what was found without, but for a usual disturbance and the slowest current, for either
+    may stand for waves and hide them; and where there are waves, at the prior's mean, too.
     """
+    mean, usual, waves = problem.prior.mean, problem.usual, np.full(3, _WAVE)
     if not problem.settings.current or sum(each.duration for each in problem.samples) < _WAVES_SHOW:
-        return _likeliest_surroundings(problem, settled(problem, problem.prior.mean, None, progress), progress)
-    calm = settled(problem, problem.prior.mean, None, lambda share: progress(0.5 * share))
-    _, calm = _likeliest_surroundings(problem, calm, lambda share: progress(0.5 + 0.1 * share))
-    usual, waves = problem.usual, np.full(3, _WAVE)
+        return _likeliest_surroundings(problem, settled(problem, mean, None, progress), progress)
+    calm = settled(problem, mean, None, lambda share: progress(0.4 * share))
+    _, calm = _likeliest_surroundings(problem, calm, lambda share: progress(0.4 + 0.1 * share))
     wavy = replace(calm.levels, disturbance=usual.disturbance, current_walk=usual.current_walk, waves=waves)
-    fit = settled(problem, calm.theta, wavy, lambda share: progress(0.6 + 0.2 * share), only_in_waves=True)
+    fit = settled(problem, calm.theta, wavy, lambda share: progress(0.5 + 0.2 * share), only_in_waves=True)
     if not (fit.likelihood > calm.likelihood + _WAVES_GAIN and fit.levels.waves.max() > _SMALLEST_WAVE):
         return problem, calm
-    return _likeliest_surroundings(problem, fit, lambda share: progress(0.8 + 0.2 * share))
+    first = usual if follows(one_pass(problem, mean, usual, windows=1)[0]) else problem.rough
+    anew = settled(problem, mean, replace(first, waves=waves), lambda share: progress(0.7 + 0.1 * share))
+    likelier = anew if _likelier(anew, fit) else fit
+    return _likeliest_surroundings(problem, likelier, lambda share: progress(0.8 + 0.2 * share))
 
 
 def _likeliest_surroundings(problem: JointProblem, fit: JointFit, progress: Progress) -> tuple[JointProblem, JointFit]:

@@ -17,7 +17,7 @@ responses see nothing, for no axis that it moves shows its speed, costs more: on
 Where the file's wiring falls far behind, both have decided. Else what linear responses are sure of, and the few for
 which the data speak, be it by less than they cost, are learned with, pass after pass, for what a swap does to 30 s of a
 vehicle that is not known may be small. The file's wiring is learned with, too, and stays unless another is likelier by
-what it costs beyond what the judges say for it; what both have found need only be no less likely than `_STAYS`.
+more than it costs; what both judges found likelier, for all that it costs, need only be no less likely than `_STAYS`.
 
 Thrusters are turned or their outputs swapped; none is moved.
 """
@@ -91,10 +91,7 @@ def wiring_of(problem: JointProblem) -> Wiring:
         return judged
     left = [way for way in told if way and told[way] > told[Wiring()] + _SPEAK][:_MOST]
     rivals = [*dict.fromkeys((*left, *alone))]
-    cost = dict(zip(rivals, _price(rivals, used, used), strict=True))
-    owed = {way: nats - max(told.get(way, -np.inf) - told[Wiring()], 0.0) for way, nats in cost.items()}
-    least = {way: -_STAYS if way == judged else max(nats, _SPEAK) for way, nats in owed.items()}
-    return look.choice(cost, least)  # sees what both have not
+    return look.choice(dict(zip(rivals, _price(rivals, used, used), strict=True)), judged)  # sees what both have not
 
 
 def _signs(used: Sequence[int]) -> list[Wiring]:
@@ -177,19 +174,20 @@ class _Look:
         found = float(one_pass(rewired, self._file.theta, self._file.levels, windows=1)[0].clock[0].log_likelihood)
         return found if np.isfinite(found) else -1e9
 
-    def choice(self, cost: Mapping[Wiring, float], least: Mapping[Wiring, float]) -> Wiring:
-        """Return the likeliest way, learned with: the file's, or one that is likelier by as much as it must [nats].
+    def choice(self, cost: Mapping[Wiring, float], judged: Wiring) -> Wiring:
+        """Return the likeliest way, learned with: the file's, or one that is likelier by more than it costs [nats].
 
         All begin where the file's has come to. Those that come near it begin a second time where all was supposed to
         be, as the file's does, in the water that it finds. The likelier counts. Passes come farther with one way or
         another by chance, too: what takes the file's place must be likelier where both are learned as a log is.
 
         Args:
-            cost: of each of a few ways. least: by how much each must be likelier.
+            cost: of each of a few ways. judged: what both judges found, which has paid.
         """
         first, mean, found = self._file, self.problem.prior.mean, dict[Wiring, float]()
         for way in (Wiring(), *cost) if cost else ():
             found[way] = _nats(first_passes(self._rewired(way), _PASSES, since=(first.theta, first.levels)))
+        least = {way: -_STAYS if way == judged else nats for way, nats in cost.items()}
         near = [way for way in cost if found[way] > found[Wiring()] + least[way] - _NEAR]
         if near:
             whole = joint_fit(self.problem, since=(mean, first.levels))
