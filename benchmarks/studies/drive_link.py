@@ -33,7 +33,7 @@ __all__ = ["LOSSES", "Driven", "Link", "driven", "lost", "plan_of"]
 
 _TURN = 0.01  # s
 SPACE = "5x5x2.5"
-ATTEMPTS = 5  # to begin a segment
+ATTEMPTS = 10  # to begin a segment: a computer that is busy with something else stops it by itself
 
 
 def plan_of(segments: int = 1, duration: float = 8.0) -> Plan:
