@@ -148,6 +148,29 @@ def test_two_passes_from_what_was_found_tell_that_there_are_no_waves(monkeypatch
     assert fit.still
 
 
+@pytest.mark.parametrize(("from_mean", "speaks"), [(50.0, "from the mean"), (30.0, "from what was found")])
+def test_where_there_are_waves_passes_with_them_begin_at_the_prior_s_mean_too(
+    from_mean: float, speaks: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From what was found without them half of a boat's logs came to an answer that is far less likely."""
+    problem = calm_problem()
+    calm = joint_fit(problem)
+    wavy = replace(calm.levels, waves=np.full(3, 0.1))
+    answers = {
+        "from what was found": replace(calm, levels=wavy, likelihood=calm.likelihood + 40.0),
+        "from the mean": replace(calm, levels=wavy, likelihood=calm.likelihood + from_mean),
+    }
+
+    def stub(problem: JointProblem, about: Array, levels: NoiseLevels, *more: Any, **options: Any) -> JointFit:
+        if not levels.waves.any():
+            return calm
+        return answers["from the mean" if np.array_equal(about, problem.prior.mean) else "from what was found"]
+
+    monkeypatch.setattr(passes, "settled", stub)
+    monkeypatch.setattr(passes, "_likeliest_surroundings", lambda problem, fit, progress: (problem, fit))
+    assert passes._with_waves(problem, lambda share: None)[1] is answers[speaks]
+
+
 def test_surroundings_that_only_seem_likelier_are_asked_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """One pass in them may be likelier by much, and passes from there come back to hardly more than was."""
     problem = calm_problem()
@@ -185,7 +208,7 @@ def test_disturbances_begin_as_usual_where_motion_follows_so_and_else_rough(
         return adapt(state, levels, *more, **options)
 
     monkeypatch.setattr(passes, "adapt_noise", watched)
-    passes.settled(problem, fit.theta + off * problem.prior.std, None)
+    passes.settled(problem, fit.theta + off * problem.prior.std, problem.usual, tentative=True)
     most = passes.most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
     assert began[0] == pytest.approx(np.minimum(first * np.array(DISTURBANCE), most))
 

@@ -241,15 +241,15 @@ def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem
     """
     mean, usual, waves = problem.prior.mean, problem.usual, np.full(3, _WAVE)
     if not problem.settings.current or sum(each.duration for each in problem.samples) < _WAVES_SHOW:
-        return _likeliest_surroundings(problem, settled(problem, mean, None, progress), progress)
-    calm = settled(problem, mean, None, lambda share: progress(0.4 * share))
+        return _likeliest_surroundings(problem, settled(problem, mean, usual, progress, tentative=True), progress)
+    calm = settled(problem, mean, usual, lambda share: progress(0.4 * share), tentative=True)
     _, calm = _likeliest_surroundings(problem, calm, lambda share: progress(0.4 + 0.1 * share))
     wavy = replace(calm.levels, disturbance=usual.disturbance, current_walk=usual.current_walk, waves=waves)
     fit = settled(problem, calm.theta, wavy, lambda share: progress(0.5 + 0.2 * share), only_in_waves=True)
     if not (fit.likelihood > calm.likelihood + _WAVES_GAIN and fit.levels.waves.max() > _SMALLEST_WAVE):
         return problem, calm
-    first = usual if follows(one_pass(problem, mean, usual, windows=1)[0]) else problem.rough
-    anew = settled(problem, mean, replace(first, waves=waves), lambda share: progress(0.7 + 0.1 * share))
+    wavy = replace(usual, waves=waves)
+    anew = settled(problem, mean, wavy, lambda share: progress(0.7 + 0.1 * share), tentative=True)
     likelier = anew if _likelier(anew, fit) else fit
     return _likeliest_surroundings(problem, likelier, lambda share: progress(0.8 + 0.2 * share))
 
@@ -304,26 +304,25 @@ def _headings(problem: JointProblem, levels: NoiseLevels) -> list[float]:
 def settled(
     problem: JointProblem,
     about: Array,
-    levels: NoiseLevels | None,
+    levels: NoiseLevels,
     progress: Progress = lambda share: None,
     *,
+    tentative: bool = False,
     only_in_waves: bool = False,
     anew: bool = True,
 ) -> JointFit:
     """Return what passes from theta (n,) `about` come to; with `only_in_waves` they may end where there are none.
 
-    Without levels they begin as usual, or roughly where motion about theta does not follow the data. With `anew`, where
-    the first one rejects much of a sensor, or inputs should act sooner than physics allows, they begin a second time,
-    with inputs that act a deviation sooner than is supposed; from a `stiff` vehicle, too; where a pose was doubted,
-    without doubts. The likelier speaks each time.
+    With `tentative` levels they begin with rough ones where motion about theta does not follow the data. With `anew`,
+    where the first one rejects much of a sensor, or inputs should act sooner than physics allows, they begin a second
+    time, with inputs that act a deviation sooner than is supposed; from a `stiff` vehicle, too; where a pose was
+    doubted, without doubts. The likelier speaks each time.
     """
-    run = partial(_passes, problem, progress=progress, only_in_waves=only_in_waves)
+    run = partial(_passes, problem, tentative=tentative, progress=progress, only_in_waves=only_in_waves)
     fit, lost, doubted = run(about, levels)
     if only_in_waves and fit.levels.waves.max() <= _SMALLEST_WAVE:
         return fit
-    others: list[tuple[Array, NoiseLevels | None]] = []
-    if anew and problem.stiff is not None:
-        others.append((problem.stiff, problem.rough))
+    others = [] if not anew or problem.stiff is None else [(problem.stiff, problem.rough)]
     late = np.isin(problem.free.codes[:, 0], (IN_DELAY, IN_LAG))
     most_asked = -_TOO_SOON * math.sqrt(np.sum(problem.prior.std[late] ** 2))
     too_soon = bool((fit.mean - fit.theta)[late].sum() < most_asked)  # a vehicle of much drag lags as thrusters do
@@ -349,8 +348,9 @@ def _likelier(one: JointFit, other: JointFit, *, as_allowed: bool = False) -> bo
 def _passes(
     problem: JointProblem,
     about: Array,
-    begin: NoiseLevels | None,
+    levels: NoiseLevels,
     *,
+    tentative: bool = False,
     progress: Progress = lambda share: None,
     only_in_waves: bool = False,
     doubts: bool = True,
@@ -360,11 +360,11 @@ def _passes(
 
     Where none can be computed, nothing was learned. No disturbance rises above the most that motion allows. Waves that
     become too small to be any go from the levels; with `only_in_waves` the passes end there. Returns, too, whether the
-    first rejected much of a sensor, and whether a pose was doubted, which `doubts` allow. Disturbances do not begin
-    rough without need: one that is far too large is a large push on heavy damping, where nothing else pushes.
+    first rejected much of a sensor, and whether a pose was doubted, which `doubts` allow. A disturbance does not begin
+    rough without need: far too large, it is a large push on heavy damping, where nothing else pushes.
     """
     most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
-    levels = _bounded(problem, begin or problem.usual, most)
+    levels, rough = _bounded(problem, levels, most), np.minimum(problem.rough.disturbance, most)
     best: JointFit | None = None
     likeliest: JointFit | None = None
     highest, last = -math.inf, np.zeros(len(problem.free))
@@ -374,8 +374,8 @@ def _passes(
     for k in range(passes):
         done = partial(lambda k, share: progress((k + share) / _PASSES), k)
         state, _, readings, currents = one_pass(problem, about, levels, done)
-        if k == 0 and begin is None and not follows(state):
-            levels = _bounded(problem, problem.rough, most)
+        if k == 0 and tentative and (levels.disturbance < rough).any() and not follows(state):
+            levels = replace(levels, disturbance=rough)
             state, _, readings, currents = one_pass(problem, about, levels)
         lost = lost or (k == 0 and diverged(state))
         fit = _fit_of(problem, region, state, levels, k + 1, readings)

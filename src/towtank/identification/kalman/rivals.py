@@ -65,7 +65,7 @@ def likeliest_rival(problem: JointProblem, fit: JointFit, known: float | None = 
     settings = replace(problem.settings, wave_period=fit.wave_period)
     few = replace(problem, samples=spread(problem.samples), settings=settings)
     whole = sum(map(len, few.samples)) == sum(map(len, problem.samples))
-    known = fit.likelihood if known is None and fit.still else known
+    known = fit.likelihood if known is None and fit.still else known  # the last pass was one about it
     if known is None or not whole:
         known = _by_one_pass(few, fit.theta, fit.levels)
     forbidden = forbidden_rival(fit, fit.likelihood if whole else known)
