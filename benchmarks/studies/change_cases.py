@@ -7,6 +7,8 @@ all axes   the coupled experiment's vehicle, commands and sensors, a random wren
            inertias, drags, righting moment and net weight are learned along; it has been learned from 150 s and goes
            on in another run of 27 s. After 12 to 15 s: ballast (W - B by 2 N, up or down), righting (z_G - z_B by a
            quarter less), payload (+2 kg in surge, sway, heave, +30 % of their drags), a thruster at 60 %
+young      all axes from the first sample on, told rigid body and thrusters alone, everything plausible learned: a
+           payload after 18 to 45 s, while the stream goes over what it saw time and again; 15 s more
 known      all axes: the vehicle becomes one of six that are known, or a seventh one
 station    all axes by a wrench at 20 Hz: learned from 150 s, then held in place by feedback for hours, changed unseen
            (payload), and moved again
@@ -42,6 +44,7 @@ __all__ = [
     "learned_base",
     "surge",
     "surge_course",
+    "young",
 ]
 
 KINDS = ("ballast", "righting", "payload", "thruster")
@@ -49,6 +52,7 @@ SIX = 6
 BEFORE, AFTER = 90.0, 12.0  # s of surge before the change at least, and after it
 _BASE, _BASES = 150.0, 4  # s of all axes before, and how many different ones
 _CALM, _JITTER, _RUN = 12.0, 3.0, 27.0  # s
+_YOUNG, _YOUNG_RUN = (18.0, 45.0), 15.0  # s
 WRENCH = OrnsteinUhlenbeck(std=(0.25, 0.25, 0.25, 0.025, 0.025, 0.025), time_constant=2.0)
 _SURGE = OrnsteinUhlenbeck(std=0.25, time_constant=2.0, axes=("X",))
 
@@ -148,6 +152,21 @@ def all_axes(kind: str, seed: int, folder: Path) -> Changed:
     blamed = None if said is None else said.details.get("thruster")
     right = said is not None and blamed == thruster
     return replace(found, right=right, wrongly_body=bool(thruster) and said is not None and blamed is None)
+
+
+def young(seed: int) -> Changed:
+    """Run a stream that takes up a payload soon after its beginning."""
+    case, random = experiment("coupled-pose"), np.random.default_rng(20_000 + seed)
+    other, _ = changed_vehicle("payload", random)
+    when = round(random.uniform(*_YOUNG), 2)
+    commands = np.roll(_commands(), -int(random.integers(0, 10_000)), axis=0)[: round((when + _YOUNG_RUN) / DT)]
+    run = simulate(
+        case.truth, commands=commands, dt=DT, eta0=case.eta0, sensors=case.sensors, disturbance=WRENCH, seed=seed,
+        changes=[(when, other)],
+    )  # fmt: skip
+    learner, judged = Learner(case.start), ("X_udot", "Y_vdot", "Z_wdot")
+    course = _followed(learner, run, judged, start=when - 1.0)
+    return _outcome("young", seed, learner, when, course, case.truth, other, judged)
 
 
 def known(index: int, seed: int, folder: Path) -> Changed:

@@ -3,8 +3,8 @@
     python benchmarks/studies/change_study.py [--runs 200] [--only surge,thruster] [--output change.json]
 
 The experiments are those of `change_cases`: surge, alarms (half an hour each, a tenth of the runs), ballast, righting,
-payload, thruster, known, unknown, station (one run of eight hours). The seeds that the threshold was set by are those
-below 1000; --seed 1001, the default, starts beyond them.
+payload, thruster, young, known, unknown, station (one run of eight hours). The seeds that the threshold was set by are
+those below 1000; --seed 1001, the default, starts beyond them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from change_cases import KINDS, SIX, Changed, alarms, all_axes, known, learned_base, surge
+from change_cases import KINDS, SIX, Changed, alarms, all_axes, known, learned_base, surge, young
 from change_station import station
 from experiments import chosen
 from report import checks_table, show
@@ -29,7 +29,7 @@ from rich.text import Text
 from runner import arguments, write_json
 from summary import Check
 
-CASES = ("surge", "alarms", *KINDS, "known", "unknown", "station")
+CASES = ("surge", "alarms", *KINDS, "young", "known", "unknown", "station")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -75,6 +75,8 @@ def _call(job: Any) -> Changed:
 def _jobs(case: str, seeds: list[int], folder: Path) -> list[Any]:
     if case == "surge":
         return [partial(surge, seed) for seed in seeds]
+    if case == "young":
+        return [partial(young, seed) for seed in seeds]
     if case == "alarms":
         return [partial(alarms, seed) for seed in seeds[: max(len(seeds) // 10, 1)]]
     if case in KINDS:
@@ -105,6 +107,9 @@ def _checks(case: str, found: Sequence[Changed]) -> list[Check]:
         soon = float(np.mean([each.right and each.onset <= 5.0 for each in found]))
         note = f"at the end {100.0 * right:.1f} %; median {np.median([each.onset for each in found]):.2f} s"
         return [Check("known: recognised within 5 s, share", soon, low=0.90, note=note)]
+    if case == "young":
+        note = f"told within 15 s, as water or so: {np.isfinite(noticed).sum()}; median {median:.2f} s, {ninth}"
+        return [Check("young: told as a change of the vehicle, share", right, low=0.9, note=note)]
     if case == "unknown":
         return [Check("unknown: not taken for a known one, share", right, low=0.95)]
     out = [Check(f"{case}: noticed after, median [s]", median, high=2.0 if case != "payload" else 3.0, note=ninth)]

@@ -6,19 +6,24 @@ from copy import deepcopy
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import towtank as tt
 from towtank.core.arrays import Array
-from towtank.identification.changes.branch import Kept
+from towtank.identification.changes.branch import Kept, Running
+from towtank.identification.changes.detector import ChangeDetector
 from towtank.identification.changes.events import Change, ChangeLog, change_words
+from towtank.identification.changes.evidence import Overdispersion
 from towtank.identification.changes.hypotheses import Verdict
-from towtank.identification.data.samples import samples_of
+from towtank.identification.data.samples import Buffer, samples_of
 from towtank.identification.kalman.state import coefficient_std
 from towtank.identification.model.parameters import free_parameters
 from towtank.identification.model.prior import prior_of
+from towtank.identification.model.terms import N_FIXED
 from towtank.identification.online.joint import JointLearner
 from towtank.identification.online.reestimation import Reestimation
 from towtank.recording import Recording
@@ -129,6 +134,47 @@ def test_a_payload_is_noticed_named_and_followed(loaded: tuple[tt.Learner, Recor
     for name, limit in (("X_uu", 0.06), ("Y_vv", 0.06), ("N_rr", 0.2)):
         found = next(c for c in learner.estimate.coefficients if c.name == name)
         assert found.value == pytest.approx(payload().coefficient(name), rel=limit)
+
+
+def test_nothing_is_gone_over_while_a_change_is_suspected(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Vehicles of before and after would be made one, and the change would never be told."""
+    taken, suspected = list[bool](), [False]
+    step, run = ChangeDetector.step, Reestimation.run
+
+    def stepped(detector: ChangeDetector, *row: Any) -> Any:
+        found = step(detector, *row)
+        suspected.append(detector.suspects)
+        return found
+
+    def gone_over(job: Reestimation) -> Any:
+        taken.append(suspected[-1])
+        return run(job)
+
+    monkeypatch.setattr(ChangeDetector, "step", stepped)
+    monkeypatch.setattr(Reestimation, "run", gone_over)
+    called_for = property(lambda running: np.full(len(running.free), suspected[-1]))
+    monkeypatch.setattr(Running, "moved", called_for)  # and so a re-estimation, as soon as a change is suspected
+    monkeypatch.setattr(ChangeDetector, "_just_known", lambda *about: False)
+    learner = learned(loaded_run())
+    assert any(suspected)
+    assert taken
+    assert not any(taken)
+    assert [event.kind for event in learner.events] == ["change"]
+
+
+@pytest.mark.parametrize(("known", "expected"), [(0.3, True), (0.9, False)])
+def test_what_moves_and_is_known_no_better_has_not_just_become_known(known: float, expected: bool) -> None:
+    """An axis that begins to move surprises as a change does; it becomes known by that."""
+    prior = prior_of(truth(), commands=True).only(FREE)
+    state = SimpleNamespace(theta=prior.mean + 5.0 * prior.std, P=np.zeros((99, 99)))
+    state.P[range(N_FIXED, N_FIXED + 6), range(N_FIXED, N_FIXED + 6)] = (known * prior.std) ** 2
+    moved = np.arange(len(FREE)) == 1
+    running: Any = SimpleNamespace(free=prior.free, state=state, moved=moved)
+    branch: Any = SimpleNamespace(free=prior.free, P0=np.diag(prior.std**2))
+    detector = ChangeDetector(truth(), Buffer(np.eye(6), np.zeros(6), commands=False), {}, Overdispersion())
+    assert detector._just_known(branch, running) is expected
+    running.moved = np.zeros(len(FREE), dtype=bool)
+    assert not detector._just_known(branch, running)
 
 
 def test_streaming_and_logs_notice_the_same(loaded: tuple[tt.Learner, Recording]) -> None:

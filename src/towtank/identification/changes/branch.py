@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
 from towtank.core.zero_order_hold import ZeroOrderHold
@@ -92,10 +93,10 @@ class Running(NamedTuple):
         return np.hypot(coefficient_std(self.state) * self.disagreement, self.apart)
 
     @property
-    def has_moved(self) -> bool:
-        """Whether a coefficient has become known far from where the motion is linearised."""
+    def moved(self) -> NDArray[np.bool_]:
+        """Which coefficients (n,) are known to be far from where the motion is linearised."""
         away = np.abs(self.state.theta - self.state.linearised_at)
-        return bool(np.any(away > np.maximum(_MOVED * self.prior.std, 2.0 * self.std)))
+        return np.asarray(away > np.maximum(_MOVED * self.prior.std, 2.0 * self.std))
 
 
 @dataclass(eq=False)

@@ -52,6 +52,7 @@ from towtank.identification.changes.hypotheses import (
 )
 from towtank.identification.changes.water import Waters
 from towtank.identification.data.samples import Buffer, Samples
+from towtank.identification.kalman.state import coefficient_std
 from towtank.identification.model.parameters import GAIN_PREFIX, IN_GAIN, FreeParameters
 from towtank.identification.model.prior import Prior
 from towtank.recording.event import Event
@@ -69,6 +70,7 @@ _CLEAR, _WAITS = 5.0, 3.0  # log odds between body and thrusters, and for how lo
 _FINELY, _EARLIER, _LATER = 0.1, 0.5, 1.0  # s: the beginning is sought so finely, so far about the best one,
 _PERSISTS, _AGED = 0.4, 0.2  # s: when it has lasted so long, if thrusters may be to blame, and so long ago at least
 _AGAIN = 2  # checks in a row
+_KNOWN = 0.5  # times the deviation of before: so much has become known
 _TRUSTED = 20.0  # s after a re-estimation was requested for which a change is accepted
 _COMPARED = 15.0  # s for which a change is compared with known configurations
 _TAKEN, _DROPPED = 0.98, 0.3  # probability at which a known configuration is taken as prior, and given up
@@ -122,6 +124,11 @@ class ChangeDetector:
         self._count, self._wide = 0, None  # as one that goes on from a checkpoint
         if not matching:
             self._matching = None
+
+    @property
+    def suspects(self) -> bool:
+        """Whether a change is suspected, and not yet decided about."""
+        return self._suspect is not None
 
     def take_input(self, t: float, force: Array) -> None:
         """Take the forces (m,) asked for from t [s] on."""
@@ -224,7 +231,7 @@ class ChangeDetector:
         if verdict.clear < _CLEAR and t - since < _WAITS:
             return None
         branch = finer[verdict.best]
-        if running.has_moved and not t - self.requested < _TRUSTED:
+        if self._just_known(branch, running) and not t - self.requested < _TRUSTED:
             self.requested = t
             self.restart()
             return None
@@ -236,6 +243,15 @@ class ChangeDetector:
             self.restart()
             return water
         return self._change(t, branch, verdict, running)
+
+    def _just_known(self, branch: Branch, running: Running) -> bool:
+        """Return whether a coefficient has become known, since a filter was split off, far from the linearisation.
+
+        One that moves and is known no better moves because the vehicle is another.
+        """
+        at = [branch.free.names.index(name) for name in running.free.names]
+        before = np.sqrt(np.maximum(np.diag(branch.P0)[at], 0.0))
+        return bool(np.any(running.moved & (coefficient_std(running.state) < _KNOWN * before)))
 
     def _otherwise(self, t: float, best: Branch, running: Running, evidence: float) -> tuple[float, OtherWater | None]:
         """Return by how much water that moves otherwise is likelier than a change, and the filter in such water.
@@ -375,6 +391,11 @@ class ChangeTracker:
     def requested(self) -> float:
         """When a re-estimation was requested [s], since what was seen may be no change."""
         return -np.inf if self.detector is None else self.detector.requested
+
+    @property
+    def suspects(self) -> bool:
+        """Whether a change is suspected, for a few seconds at most: who goes over the samples now makes both one."""
+        return self.detector is not None and self.detector.suspects
 
     @property
     def events(self) -> tuple[Event, ...]:

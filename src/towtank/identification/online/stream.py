@@ -300,10 +300,10 @@ class JointStream:
         """Adopt a re-estimation that is done, and begin the next one when it is due."""
         beside = self._beside
         if beside is not None and beside.busy:
-            if beside.done:
+            if beside.done and not self.changes.suspects:
                 self._adopt(buffer, beside.fetch())
             return
-        if self.seen < self.schedule.next and not is_full(buffer):
+        if (self.seen < self.schedule.next or self.changes.suspects) and not is_full(buffer):
             return
         self.schedule.done(self.seen)
         if beside is not None:
@@ -341,7 +341,7 @@ class JointStream:
                 self._recover(buffer, running, self._healthy)
             return
         self._healthy = snapshot
-        if running.has_moved or np.any(buffer.measured & ~self._heard):
+        if running.moved.any() or np.any(buffer.measured & ~self._heard):
             self.schedule.call(self.seen)
 
     def _recover(self, buffer: Buffer, running: Running, healthy: HealthySnapshot) -> None:
