@@ -181,9 +181,9 @@ def held(first: float, lag: float, delay: float = 0.0) -> ZeroOrderHold:
 
 def test_what_thrusters_do_is_known_once_they_have_answered() -> None:
     assert not _inputs_known(new_zero_order_hold(1, np.array([0.1]), 0.0), 1.0)  # no command yet
-    assert _inputs_known(held(0.0, lag=0.1), 1.0)  # asked for nothing: nothing was in force
-    assert not _inputs_known(held(5.0, lag=0.1), 1.0)
-    assert _inputs_known(held(5.0, lag=0.1), 1.6)
+    for asked in (0.0, 5.0):  # a log that is cut out of a longer one may begin just after a push
+        assert not _inputs_known(held(asked, lag=0.1), 1.0)
+        assert _inputs_known(held(asked, lag=0.1), 1.6)
     assert _inputs_known(held(5.0, lag=0.0), 1.0)  # a wrench acts at once
 
 

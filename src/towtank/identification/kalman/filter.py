@@ -408,18 +408,14 @@ def begin_motion(state: JointState, held: ZeroOrderHold, t: float, z: Array) -> 
 def _inputs_known(held: ZeroOrderHold, t: float) -> bool:
     """Return whether the thrusters' force follows at t [s] from the commands that came.
 
-    A first command that asks for a force says that there were others before, which are not known. A wrench has no lag.
+    There may have been others before the first, which are not known: a log may be cut out of a longer one. A wrench has
+    no lag.
     """
     received, ring = int(held.counters[0].received), held.times.shape[0]
     slow = False
     for j in range(held.lag.shape[0]):
         slow = slow or held.lag[j] > 0.0
-    if received == 0 or received > ring or not slow or t - held.times[0] + held.delay[0] > _ANSWERED:
-        return received > 0
-    asked = 0.0
-    for j in range(held.values.shape[1]):
-        asked += math.fabs(held.values[0, j])
-    return asked == 0.0
+    return received > 0 and (received > ring or not slow or t - held.times[0] + held.delay[0] > _ANSWERED)
 
 
 @kernel
