@@ -7,7 +7,7 @@ First the stream must find every inertia within 2 % and every coefficient within
 "pass" is the filter alone over rows that are all there. "stream" is `Learner.run` from the first sample on, with its
 re-estimations, per sample of the whole: of five minutes, and of the first minute, in which it looks back most;
 "watched" the latter with the watch over changes of the vehicle. "log" is all passes over that minute as a log, beside
-passes that take all rows from the first one on; both must come to the same within a fifth of a deviation.
+passes that take every single sample; both must come to the same within a fifth of a deviation.
 Beside it, a Kalman filter of the same size in NumPy: covariance by matrix products, six updates by scalars, and no
 model at all.
 
@@ -24,13 +24,11 @@ import time
 from collections.abc import Sequence
 from multiprocessing import get_context
 from pathlib import Path
-from unittest.mock import patch
 
 import numpy as np
 from figures import Figure, interleaved, report
 
 from towtank.identification import Learner
-from towtank.identification.kalman import passes
 from towtank.identification.kalman.passes import joint_fit, one_pass
 from towtank.identification.kalman.problem import JointFit, JointProblem
 from towtank.identification.offline.joint import LearningRequest, joint_problem
@@ -79,9 +77,8 @@ def peer(rows: int, size: int) -> None:
 
 
 def with_all_rows(problem: JointProblem) -> JointFit:
-    """Learn from all rows in every pass."""
-    with patch.object(passes, "_coarse", lambda whole: whole):
-        return joint_fit(problem)
+    """Learn from every single sample."""
+    return joint_fit(problem.of_each)
 
 
 def require_same(one: JointFit, other: JointFit) -> None:
@@ -95,15 +92,16 @@ def require_same(one: JointFit, other: JointFit) -> None:
 def measured() -> Sequence[Figure]:
     truth, known, recording = session()
     problem = joint_problem(LearningRequest(known, [recording]))
-    theta, levels = problem.prior.mean, problem.rough
+    theta, levels = problem.prior.mean, problem.of_each.rough
     learner = Learner(known)
     learner.run(recording)
     proved(learner, truth)
     require_same(joint_fit(problem), with_all_rows(problem))
-    rows, size, long = len(problem.samples[0]), 36 + len(problem.free), session(LONG)[2]
+    each_sample = problem.of_each
+    rows, size, long = len(each_sample.samples[0]), 36 + len(problem.free), session(LONG)[2]
     took = interleaved(
         {
-            "pass": lambda: one_pass(problem, theta, levels),
+            "pass": lambda: one_pass(each_sample, theta, levels),
             "stream": lambda: Learner(known, changes=False).run(long),
             "minute": lambda: Learner(known, changes=False).run(recording),
             "watched": lambda: Learner(known).run(recording),
@@ -123,7 +121,7 @@ def measured() -> Sequence[Figure]:
         Figure("joint_minute_us_per_sample", each["minute"], "us", note="the first minute of it"),
         Figure("joint_watched_us_per_sample", each["watched"], "us", note="that, with the watch over changes"),
         Figure("joint_log_us_per_sample", each["log"], "us", note="all passes over that minute"),
-        Figure("joint_log_ratio", each["log"] / each["all rows"], "", note="of passes that take all rows at once"),
+        Figure("joint_log_ratio", each["log"] / each["all rows"], "", note="of passes that take every single sample"),
         Figure("joint_numpy_peer_us_per_sample", each["peer"], "us", note="NumPy, same size, without the model"),
         Figure("joint_ratio_to_numpy_peer", each["peer"] / each["pass"], "", note="times faster than the peer"),
     )

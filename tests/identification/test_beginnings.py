@@ -1,17 +1,19 @@
-"""Where passes begin: from a stiff vehicle, from the disturbance that is usual, from inputs that act sooner; with fewer
-rows than steps."""
+"""Where passes begin: from a stiff vehicle, from the disturbance that is usual, from inputs that act sooner; which
+pass speaks."""
 
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from towtank.identification.data.samples import samples_of
 from towtank.identification.kalman import passes
-from towtank.identification.kalman.problem import JointProblem
+from towtank.identification.kalman.problem import JointFit
 from towtank.identification.logs import learn_recordings
 from towtank.identification.offline.joint import LearningRequest, joint_problem
 from towtank.simulation.tank import tank_session
@@ -85,30 +87,25 @@ def test_a_vehicle_of_much_drag_and_little_inertia_is_not_taken_for_thrusters_th
     assert found.lag == pytest.approx(truth.thrusters[0].time_constant, abs=0.01)
 
 
-def test_passes_begin_with_a_row_a_step_and_end_with_all_where_a_sensor_sees_the_ground(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize(
+    ("likelihoods", "speaks"),
+    [
+        ([0.0, 100.0, 97.0, 98.0, 96.0, 99.0, 50.0], 6),  # as likely but for chance: the last of them
+        ([0.0, 100.0, 90.0, 91.0, 92.0, 93.0, 200.0], 2),  # less likely by more
+        ([0.0, 50.0, 100.0, 101.0, 60.0, 60.0, 60.0, 60.0], 4),
+    ],
+)
+def test_of_passes_that_are_as_likely_the_last_speaks(
+    likelihoods: list[float], speaks: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    session = tank_session(20.0)
-    problem = joint_problem(LearningRequest(session.known, [session.recording]))
-    taken, one_pass = list[int](), passes.one_pass
-
-    def counting(asked: JointProblem, *words: object, **options: object) -> object:
-        taken.append(sum(map(len, asked.samples)))
-        return one_pass(asked, *words, **options)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(passes, "one_pass", counting)
-    rows = len(problem.samples[0])
-    found = passes.joint_fit(problem)
-    assert taken[0] == pytest.approx(rows / 2, abs=2)
-    assert sorted(taken) == taken
-    assert taken[-1] == rows
-    monkeypatch.setattr(passes, "_coarse", lambda whole: whole)
-    assert np.all(np.abs(found.theta - passes.joint_fit(problem).theta) < 0.2 * found.std)
-
-
-def test_gyros_alone_are_taken_row_by_row_from_the_first_pass_on() -> None:
+    """One on the way may be likelier by chance, at levels that have not settled, with a delay 14 deviations off."""
     session = tank_session(3.0)
-    samples = samples_of(session.recording, session.known)
-    samples.values[:, :9] = np.nan
-    problem = joint_problem(LearningRequest(session.known, [session.recording], [samples]))
-    assert passes._coarse(problem) is problem
+    problem = joint_problem(LearningRequest(session.known, [session.recording]))
+    fit_of, moving = passes._fit_of, problem.prior.std
+
+    def told(*of: Any) -> JointFit:
+        k = of[4]
+        return replace(fit_of(*of), likelihood=likelihoods[k - 1], theta=problem.prior.mean + 0.1 * (-1) ** k * moving)
+
+    monkeypatch.setattr(passes, "_fit_of", told)
+    assert passes._passes(problem, problem.prior.mean, problem.usual)[0].passes == speaks

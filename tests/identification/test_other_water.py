@@ -167,8 +167,8 @@ def test_where_there_are_waves_passes_with_them_begin_at_the_prior_s_mean_too(
         return answers["from the mean" if np.array_equal(about, problem.prior.mean) else "from what was found"]
 
     monkeypatch.setattr(passes, "settled", stub)
-    monkeypatch.setattr(passes, "_likeliest_surroundings", lambda problem, fit, progress: (problem, fit))
-    assert passes._with_waves(problem, lambda share: None)[1] is answers[speaks]
+    monkeypatch.setattr(passes, "_likeliest_surroundings", lambda problem, fit, progress: fit)
+    assert passes._with_waves(problem, lambda share: None) is answers[speaks]
 
 
 def test_surroundings_that_only_seem_likelier_are_asked_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -189,10 +189,10 @@ def test_surroundings_that_only_seem_likelier_are_asked_once(monkeypatch: pytest
     monkeypatch.setattr(passes, "one_pass", one)
     monkeypatch.setattr(passes, "settled", all_of_them)
     found = passes._likeliest_surroundings(problem, fit, lambda share: None)
-    assert found == (problem, fit)
+    assert found is fit
     assert asked.count("settled") == 1
     far["settled"] += 50.0  # more than chance: and asked again from there
-    assert passes._likeliest_surroundings(problem, fit, lambda share: None)[1].likelihood == far["settled"]
+    assert passes._likeliest_surroundings(problem, fit, lambda share: None).likelihood == far["settled"]
 
 
 @pytest.mark.parametrize(("off", "first"), [(0.0, 1.0), (3.0, ROUGH)])

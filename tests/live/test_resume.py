@@ -105,7 +105,7 @@ def test_a_session_gone_on_with_ends_where_an_uninterrupted_one_does(
     whole.settle()
     change = np.abs(again.estimate.values - whole.estimate.values)
     assert np.all(change < 2.0 * np.maximum(whole.estimate.std, again.estimate.std))
-    assert again.estimate.samples > 1500
+    assert again.estimate.samples > 1600 - 2 * 60  # but for what thrusters answer to before either part
 
 
 class Kept(Counting):

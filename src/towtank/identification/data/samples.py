@@ -18,6 +18,7 @@ from towtank.core.arrays import Array
 from towtank.core.attitude import eulers_from_quaternions
 from towtank.errors import InputError
 from towtank.recording import Recording, bind_thrusters, standard_channel, with_body_velocity
+from towtank.recording.frames.conversion import wrap_angle
 from towtank.recording.grids.grid import stack_held
 from towtank.recording.grids.stretches import input_rows
 from towtank.recording.grids.timing import check_span, quaternion_samples
@@ -39,6 +40,7 @@ __all__ = [
 N_MEASURED = len(MEASURED)
 _TOGETHER, _COARSEST = 1e-6, 10.0  # s: stamps closer than this are one instant; Hz of the coarsest grid on the way
 _CURRENT_WALK = 1e-3  # m/s per sqrt(s), to begin with
+_JUMPS = 5.0  # times what nine in ten steps from sample to sample stay below: beyond, it is a jump
 _FIRST_ROWS = 1024  # room of an empty buffer
 
 
@@ -99,6 +101,10 @@ class Samples:
             rest[:, columns] = np.nan
         left = np.isfinite(rest).any(axis=1)
         parts.append((self.t[left], rest[left]))
+        return self._joined(parts)
+
+    def _joined(self, parts: Sequence[tuple[Array, Array]]) -> Samples:
+        """Return rows of several parts, times (n,) and values (n, 18) of each, with those of one instant in one."""
         t, rows_of_parts = _instants([part[0] for part in parts])
         values = np.full((t.size, N_MEASURED), np.nan)
         for (_, numbers), rows in zip(parts, rows_of_parts, strict=True):
@@ -106,6 +112,31 @@ class Samples:
             place, column = np.nonzero(known)
             values[rows[place], column] = numbers[known]
         return replace(self, t=t, values=values)
+
+    def averaged(self, apart: float) -> Samples:
+        """Return the rows with the mean of what each sensor shows in every `apart` seconds, at the mean of its times.
+
+        Where it jumps by far more than mostly, samples stay single, for the filter to judge each.
+        """
+        parts = []
+        for k in range(0, N_MEASURED, 3):
+            known = np.isfinite(self.values[:, k : k + 3])
+            rows = np.flatnonzero(known.any(axis=1))
+            if not rows.size:
+                continue
+            t, numbers, wrapped = self.t[rows], self.values[rows, k : k + 3], wrap_angle if k == 3 else np.asarray
+            jumps = np.abs(np.nan_to_num(wrapped(np.diff(numbers, axis=0))))
+            together = np.diff(np.floor((t - self.t[0]) / apart + 1e-6)) == 0.0
+            together &= (known[rows[1:]] == known[rows[:-1]]).all(axis=1)
+            if together.any():
+                together &= (jumps <= _JUMPS * np.quantile(jumps[together], 0.9, axis=0)).all(axis=1)
+            first = np.flatnonzero(np.concatenate([[True], ~together]))
+            count = np.diff(np.append(first, rows.size))
+            away = wrapped(numbers - np.repeat(numbers[first], count, axis=0))
+            mean = np.full((first.size, N_MEASURED), np.nan)
+            mean[:, k : k + 3] = numbers[first] + np.add.reduceat(away, first) / count[:, None]
+            parts.append((np.add.reduceat(t, first) / count, mean))
+        return self._joined(parts) if parts else self
 
     def thinned(self, apart: float) -> Samples:
         """Return the rows with no more of each sensor than one in every `apart` seconds."""

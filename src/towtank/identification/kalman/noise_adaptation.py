@@ -52,13 +52,7 @@ _PUSHED_FOR = 0.3  # s between two poses or speeds whose difference shows an acc
 
 
 def adapt_noise(
-    state: JointState,
-    levels: NoiseLevels,
-    settings: FilterSettings,
-    own_noise: Array,
-    *,
-    neighbours: bool = False,
-    doubts: bool = True,
+    state: JointState, levels: NoiseLevels, settings: FilterSettings, own_noise: Array, *, doubts: bool = True
 ) -> NoiseLevels:
     """Return the levels that the pass's own innovations and disturbances speak for.
 
@@ -67,8 +61,6 @@ def adapt_noise(
 
     Args:
         own_noise: (18,) that samples show by themselves. Innovations beyond it are the model's, not the sensors'.
-        neighbours: of speeds, part noise and velocity walk by neighbouring innovations. That takes several passes to
-            settle, more than a stream has time for.
         doubts: a pose that much is rejected of beside its own speed is taken for far noisier.
     """
     noise = levels.noise.copy()
@@ -76,8 +68,8 @@ def adapt_noise(
     nis = state.statistics["nis_sum"] / np.maximum(state.statistics["accepted"], 1.0)
     foreseen = measured & (nis < _FORESEEN)
     for j, own in enumerate(state.statistics):
-        by_neighbours = neighbours and 6 <= j < 12
-        count, total = (own.neighbours, own.neighbour_sum) if by_neighbours else (own.noise_samples, own.noise_sum)
+        speed = 6 <= j < 12  # whose noise and velocity walk are parted by neighbouring innovations
+        count, total = (own.neighbours, own.neighbour_sum) if speed else (own.noise_samples, own.noise_sum)
         if count > _COUNTED:
             square = total / count
             noise[j] *= np.sqrt(np.clip(square / noise[j] ** 2, 0.25, 1.0 if foreseen[j] else 4.0))
@@ -88,8 +80,8 @@ def adapt_noise(
         else:
             noise[j] = min(noise[j], _NOISE_AT_MOST * own_noise[j])
         noise[j] = max(noise[j], _NOISE_AT_LEAST * own_noise[j])
-    disturbance, velocity_walk = levels.disturbance.copy(), _velocity_walk(state, levels, steady=neighbours)
-    smoother = neighbours & (np.nan_to_num(velocity_walk) < _SMOOTHER * np.nan_to_num(levels.velocity_walk))
+    disturbance, velocity_walk = levels.disturbance.copy(), _velocity_walk(state, levels)
+    smoother = np.nan_to_num(velocity_walk) < _SMOOTHER * np.nan_to_num(levels.velocity_walk)
     floors = np.array([settings.floor_force] * 3 + [settings.floor_moment] * 3)
     usual = np.array(settings.usual)
     for i, shown in enumerate(state.disturbance_statistics):
@@ -142,16 +134,14 @@ def follows(state: JointState) -> bool:
     return bool(np.isfinite(state.theta).all() and rejected_share(state).max() < _FOLLOWS)
 
 
-def _velocity_walk(state: JointState, levels: NoiseLevels, *, steady: bool) -> Array:
+def _velocity_walk(state: JointState, levels: NoiseLevels) -> Array:
     """Return the random walk (6,) of speeds that are measured themselves, by one step of scoring.
 
-    A walk adds to a sample's variance what it did since the last one; in the steady state, all that is not forgotten.
+    In the steady state a walk adds to a sample's variance all that it did and is not forgotten.
     """
     velocity_walk = levels.velocity_walk.copy()
     for i, own in enumerate(state.statistics[6:12]):
-        score, information = own.walk_score, own.walk_information
-        if steady:
-            score, information = own.steady_score, own.steady_information
+        score, information = own.steady_score, own.steady_information
         now = np.nan_to_num(velocity_walk[i])
         sure = now > 0.0 or score > _WALK_SURE * np.sqrt(2.0 * information)
         if own.accepted > _COUNTED and information > 0.0 and sure:

@@ -71,7 +71,7 @@ _SAME_WATER = 600.0  # s after which a stretch of one session may be in another 
 _WINDOWS, _LEAST_WINDOW = 16, 25  # of a pass, that must agree; rows
 _PASSES = 16
 _LONGEST_STEP = 1.5  # deviations of the prior
-_PATIENCE = 4  # passes after the likeliest one
+_PATIENCE, _CHANCE = 4, 5.0  # passes after the likeliest one; of the log likelihood, within which a later one speaks
 _SOONEST = 0.2  # of the delay and the lag that are supposed, in a second beginning
 _TOO_SOON = 0.1  # deviations of both in the prior, by which data ask for less of them than physics allows
 _DAMPED = 0.5  # share of a step that goes back on the last one
@@ -83,7 +83,6 @@ _LESS_WALK = (0.5, 0.2, 0.05)  # times the velocity walk that passes have come t
 _HEADINGS = (0.03, 0.12)  # rad: of the bias of a heading that wanders
 _ATTITUDE, _R = slice(MEASURED.index("phi"), MEASURED.index("psi") + 1), MEASURED.index("r")
 _WALKS, _WATER_GAIN = (3e-3, 1e-2, 3e-2), 10.0  # m/s per sqrt(s), of a current; of the log likelihood
-_FAR_FEWER = 0.7  # of the rows: with so many of them passes begin, and end with all
 _PIECE = 10.0  # s of a recording that are linearised about one current
 FAR_LIKELIER = 20.0  # of the log likelihood: far beyond chance with two numbers for each axis
 _WAVES_GAIN = 20.0  # of the log likelihood: far beyond chance with four numbers
@@ -197,13 +196,8 @@ def joint_fit(
     progress = progress or (lambda share: None)
     few = problem.over(spread(problem.samples))
     if since is not None:
-        return _likeliest_surroundings(few, settled(few, *since, progress), progress)[1]
-    few = _coarse(few)
-    whole = _rows(few) == _rows(problem)
-    found, fit = _with_waves(few, lambda share: progress(share if whole else 0.7 * share))
-    if not whole:
-        found = found.over(problem.samples)
-        fit = settled(found, fit.theta, fit.levels, lambda share: progress(0.7 + 0.3 * share), anew=False)
+        return _likeliest_surroundings(few, settled(few, *since, progress), progress)
+    fit = _with_waves(few, progress)
     progress(1.0)
     return fit
 
@@ -217,24 +211,8 @@ def first_passes(problem: JointProblem, passes: int, since: tuple[Array, NoiseLe
     return _passes(problem, *(since or (problem.prior.mean, problem.rough)), passes=passes)[0]
 
 
-def _coarse(problem: JointProblem) -> JointProblem:
-    """Return a problem with one sample of each sensor per step of integration, where that leaves far fewer rows.
-
-    Only where a sensor sees the ground, and there is much to ask about the water. From half of what an accelerometer
-    shows of thrusters that are off, passes come to levels that are less likely with all of it.
-    """
-    if not problem.settings.current:
-        return problem
-    thinned = problem.over([each.thinned(problem.settings.step) for each in problem.samples])
-    return thinned if _rows(thinned) < _FAR_FEWER * _rows(problem) else problem
-
-
-def _rows(problem: JointProblem) -> int:
-    return sum(map(len, problem.samples))
-
-
-def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem, JointFit]:
-    """Return the posterior in water with waves of the likeliest period, or in water without any, and its question.
+def _with_waves(problem: JointProblem, progress: Progress) -> JointFit:
+    """Return the posterior in water with waves of the likeliest period, or in water without any.
 
     Passes in waves begin with what was found without, but for a usual disturbance and the slowest current, for either
     may stand for waves and hide them; and where there are waves, at the prior's mean, too.
@@ -243,19 +221,19 @@ def _with_waves(problem: JointProblem, progress: Progress) -> tuple[JointProblem
     if not problem.settings.current or sum(each.duration for each in problem.samples) < _WAVES_SHOW:
         return _likeliest_surroundings(problem, settled(problem, mean, usual, progress, tentative=True), progress)
     calm = settled(problem, mean, usual, lambda share: progress(0.4 * share), tentative=True)
-    _, calm = _likeliest_surroundings(problem, calm, lambda share: progress(0.4 + 0.1 * share))
+    calm = _likeliest_surroundings(problem, calm, lambda share: progress(0.4 + 0.1 * share))
     wavy = replace(calm.levels, disturbance=usual.disturbance, current_walk=usual.current_walk, waves=waves)
     fit = settled(problem, calm.theta, wavy, lambda share: progress(0.5 + 0.2 * share), only_in_waves=True)
     if not (fit.likelihood > calm.likelihood + _WAVES_GAIN and fit.levels.waves.max() > _SMALLEST_WAVE):
-        return problem, calm
+        return calm
     wavy = replace(usual, waves=waves)
     anew = settled(problem, mean, wavy, lambda share: progress(0.7 + 0.1 * share), tentative=True)
     likelier = anew if _likelier(anew, fit) else fit
     return _likeliest_surroundings(problem, likelier, lambda share: progress(0.8 + 0.2 * share))
 
 
-def _likeliest_surroundings(problem: JointProblem, fit: JointFit, progress: Progress) -> tuple[JointProblem, JointFit]:
-    """Return the posterior where it is far likelier than a fit, by one pass each and then by all; its question.
+def _likeliest_surroundings(problem: JointProblem, fit: JointFit, progress: Progress) -> JointFit:
+    """Return the posterior where it is far likelier than a fit, by one pass each and then by all.
 
     A current may walk faster, from place to place or with the tide; waves have another period, or be none but such a
     current; the heading of a compass wander beside a gyro.
@@ -269,10 +247,10 @@ def _likeliest_surroundings(problem: JointProblem, fit: JointFit, progress: Prog
             elif levels.waves.any() == fit.levels.waves.any():
                 break  # what lies farther from the water of the fit is less likely yet
     if likeliest is None:
-        return problem, fit
+        return fit
     other, levels = likeliest
     there = settled(other, fit.theta, levels, progress)
-    return _likeliest_surroundings(other, there, progress) if there.likelihood > enough else (problem, fit)
+    return _likeliest_surroundings(other, there, progress) if there.likelihood > enough else fit
 
 
 def _other_surroundings(problem: JointProblem, levels: NoiseLevels) -> list[list[tuple[JointProblem, NoiseLevels]]]:
@@ -367,7 +345,7 @@ def _passes(
     levels, rough = _bounded(problem, levels, most), np.minimum(problem.rough.disturbance, most)
     best: JointFit | None = None
     likeliest: JointFit | None = None
-    highest, last = -math.inf, np.zeros(len(problem.free))
+    highest, improved, last = -math.inf, 0, np.zeros(len(problem.free))
     region = Region(problem.vehicle, problem.free)
     at_best, about = about, region.nearest(about, _movable(problem.prior.covariance, problem.learned))
     lost = doubted = False
@@ -389,7 +367,7 @@ def _passes(
             about, levels = 0.5 * (about + at_best), levels.midway_to(best.levels)
             continue
         doubted = doubted or (doubts and bool(contradicted(state).any()))
-        adapted = adapt_noise(state, levels, problem.settings, problem.own_noise, neighbours=True, doubts=doubts)
+        adapted = adapt_noise(state, levels, problem.settings, problem.own_noise, doubts=doubts)
         adapted = replace(adapted, disturbance=np.minimum(adapted.disturbance, most))
         moved = np.abs(fit.theta - about) / (fit.std + 1e-9)
         best, at_best = fit, about
@@ -397,9 +375,11 @@ def _passes(
         still = k > 0 and bool((moved <= _STILL).all()) and converged(adapted, levels)
         if still or (calms and only_in_waves):
             return replace(fit, still=still), lost, doubted
-        if likeliest is None or fit.likelihood > highest:
-            likeliest, highest = fit, fit.likelihood
-        elif k + 1 - likeliest.passes >= _PATIENCE:
+        if likeliest is None or fit.likelihood > highest - _CHANCE:
+            likeliest = fit
+        if fit.likelihood > highest:
+            highest, improved = fit.likelihood, k
+        elif k - improved >= _PATIENCE:
             return likeliest, lost, doubted
         step = fit.theta - about
         longest = float(np.max(np.abs(step) / problem.prior.std, initial=0.0))
@@ -436,9 +416,6 @@ def _fit_of(
     readings: Sequence[Reading],
 ) -> JointFit:
     """Return the result of a pass with these levels from the filter at its end."""
-    clock, accepted = state.clock[0], state.statistics["accepted"]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        nis = np.where(accepted > 0.0, state.statistics["nis_sum"] / accepted, np.nan)
     rows = np.flatnonzero(problem.learned)
     block, covariance = np.ix_(rows, rows), coefficient_block(state).copy()
     covariance[block], disagreement = widened([Reading(t, x[rows], P[block]) for t, x, P in readings])
@@ -451,11 +428,8 @@ def _fit_of(
         disagreement=disagreement,
         levels=levels,
         wave_period=problem.settings.wave_period,
-        likelihood=float(clock.log_likelihood),
+        likelihood=float(state.clock[0].log_likelihood),
         passes=passes,
-        duration=float(clock.duration),
-        rows=int(clock.rows),
         rejected=rejected_share(state),
-        nis=nis,
         state=state,
     )

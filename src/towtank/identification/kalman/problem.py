@@ -32,6 +32,7 @@ class JointProblem:
         settings: of the filter, `settings_for`. own_noise: (18,) that the samples show by themselves.
         delay, lag: of the inputs [s] where they are no unknowns; lag (m,).
         session: whether the samples are stretches of one session, on its clock: minutes later the water is the same.
+        single: the question about each single sample, where the samples of this one are means (`in_steps`).
     """
 
     samples: Sequence[Samples]
@@ -41,6 +42,7 @@ class JointProblem:
     own_noise: Array
     delay: float = 0.0
     session: bool = False
+    single: JointProblem | None = None
 
     @property
     def free(self) -> FreeParameters:
@@ -87,7 +89,30 @@ class JointProblem:
 
     def over(self, samples: Sequence[Samples]) -> JointProblem:
         """Return the same question about other samples."""
-        return replace(self, samples=samples)
+        return replace(self, samples=samples, single=None)
+
+    def in_steps(self) -> JointProblem:
+        """Return the question about the means of what each sensor shows within a step of integration.
+
+        Only where a sensor sees the ground: errors of single samples are far larger than what a vehicle does in a step.
+        From half of the rows of an accelerometer alone, passes come to levels that are less likely with all of them.
+        """
+        if not self.settings.current:
+            return self
+        means = [each.averaged(self.settings.step) for each in self.samples]
+        before, after = (sum(np.isfinite(each.values).sum(axis=0) for each in some) for some in (self.samples, means))
+        quieter = np.sqrt(after / np.maximum(before, 1))
+        return replace(self, samples=means, own_noise=np.where(before, quieter, 1.0) * self.own_noise, single=self)
+
+    @property
+    def of_each(self) -> JointProblem:
+        """The question about each single sample."""
+        return self.single or self
+
+    @property
+    def quieter(self) -> Array:
+        """Noise of these samples as a share (18,) of that of single ones."""
+        return self.own_noise / self.of_each.own_noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +126,7 @@ class JointFit:
             widened by it, see `widened`.
         levels: as the data show them. wave_period: [s], where the levels have waves.
         likelihood: log, of the last pass's innovations. passes: how many were run.
-        duration [s], rows: learned from. rejected: share of each column's samples that lay beyond the gate (18,).
-        nis: mean of innovation^2 / S per column (18,), 1 where noise and model are right.
+        rejected: share of each column's samples that lay beyond the gate (18,).
         state: of the filter at the end of the last pass. still: whether that moved nothing any more.
     """
 
@@ -115,10 +139,7 @@ class JointFit:
     wave_period: float
     likelihood: float
     passes: int
-    duration: float
-    rows: int
     rejected: Array
-    nis: Array
     state: JointState
     still: bool = False
 
@@ -143,11 +164,6 @@ class JointFit:
         learned = np.flatnonzero(self.state.learns > 0.0)
         away = (self.mean - self.theta)[learned]
         return 0.5 * float(away @ np.linalg.solve(coefficient_block(self.state)[np.ix_(learned, learned)], away))
-
-    @property
-    def narrowed(self) -> Array:
-        """Deviations as a share of the prior's (n,)."""
-        return np.asarray(self.std / self.prior.std)
 
 
 def settings_for(samples: Sequence[Samples], settings: FilterSettings) -> FilterSettings:

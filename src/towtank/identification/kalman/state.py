@@ -84,21 +84,12 @@ CLOCK = _fields(
 )
 SETTINGS = _fields(
     *("time_constant", "gate", "huber", "reacquire", "gap", "step", "adapt", "floor_force", "floor_moment"),
-    *(
-        "current_walk",
-        "bias_walk",
-        "biases",
-        "waves",
-        "wave_frequency",
-        "wave_decay",
-        "considered_share",
-    ),
+    *("current_walk", "bias_walk", "biases", "waves", "wave_frequency", "wave_decay", "considered_share"),
     attitude_bias=(3,),
 )
 STATISTICS = _fields(
-    *("noise_samples", "noise_sum", "nis_sum", "rejected", "accepted", "walk_score", "walk_information"),
-    *("neighbours", "neighbour_sum", "steady_score", "steady_information"),
-    *("last_innovation", "last_gain", "has_last"),
+    *("noise_samples", "noise_sum", "nis_sum", "rejected", "accepted", "neighbours", "neighbour_sum"),
+    *("steady_score", "steady_information", "last_innovation", "last_gain", "has_last"),
 )
 OUTAGE = _fields("rejected", "log_ratio", offset=(3,), seen=(3,), shown=(3,), left=(3,))
 DISTURBANCE_STATISTICS = _fields("time", "square", "variance", "effective_samples")
@@ -166,9 +157,9 @@ class JointState(NamedTuple):
             rows: taken; duration: learned from [s]; resets: of a sensor's states; since_accepted: time since the last
             accepted sample of the sensor at hand [s].
         statistics (18,), per column: noise_sum: of innovation^2 - H P H^T over noise_samples; nis_sum: of
-            innovation^2 / S; rejected, accepted: samples; walk_score, walk_information: of a random walk of the column.
-            Of speeds: neighbour_sum: what pairs of neighbours show of the noise's variance; steady_score,
-            steady_information: of the walk in the steady state; the last innovation, its gain, whether it is there.
+            innovation^2 / S; rejected, accepted: samples. Of speeds: neighbour_sum: what pairs of neighbours show of
+            the noise's variance; steady_score, steady_information: of a random walk in the steady state; the last
+            innovation, its gain, whether it is there.
         outages (6,), per sensor: rejected: samples in a row; offset: their mean; log_ratio: evidence of its return.
             Of a pose: when [s] each number was `seen` and accepted last, what was `shown`, and what the state has
             `left` of it, or of the last samples on average.

@@ -145,9 +145,6 @@ def _weighed(state: JointState, column: int, nu: float, S: float) -> float:
         own.noise_sum += nu * nu - (S - R)
     own.nis_sum += nu * nu / S
     own.accepted += 1.0
-    since = clock.since_accepted
-    own.walk_score += since * (min(nu * nu, _CLIPPED_SQUARE * S) - S) / (S * S)
-    own.walk_information += since * since / (S * S)
     if 6 <= column < 12:
         count_speed(state, column, nu, S, (S - R) / (S * max(away / cap, 1.0)))
     if away > cap:

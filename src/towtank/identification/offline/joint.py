@@ -103,16 +103,16 @@ def joint_problem(request: LearningRequest) -> JointProblem:
     if not request.recordings:
         raise InputError("no recording given, expected at least one")
     samples = tuple(request.samples or (samples_of(recording, vehicle) for recording in request.recordings))
+    settings = settings_for(samples, filter_settings())
     commands = all(each.commands for each in samples)
     named = [name for name in request.free or () if name in AHEAD]
     more = (*further_unknowns(samples), *named)
     whole = prior_of(vehicle, commands=commands, more=more, beside=request.prior)
     prior = whole.narrowed_to(request.free, delay_given=request.delay is not None)
     base = vehicle.with_coefficients(whole.vehicle_values)
-    settings = settings_for(samples, filter_settings())
     noise = np.median([noise_of_rows(each.t, each.values, TYPICAL_NOISE, LEAST_NOISE) for each in samples], axis=0)
     noise = np.maximum(noise, noise_of_smooth_speeds(request.recordings))
-    return JointProblem(samples, base, prior, settings, noise, request.delay or 0.0)
+    return JointProblem(samples, base, prior, settings, noise, request.delay or 0.0).in_steps()
 
 
 def _learned(
@@ -131,8 +131,10 @@ def _learned(
     """
     vehicle, free = request.vehicle, fit.free
     duration = sum(each.duration for each in problem.samples)
+    rows = sum(map(len, problem.of_each.samples))
+    levels = replace(fit.levels, noise=fit.levels.noise / problem.quieter)
     estimate, messages = estimate_of(
-        problem.vehicle, fit.prior, fit.theta, fit.covariance, duration, fit.rows, problem.learned, undoubted
+        problem.vehicle, fit.prior, fit.theta, fit.covariance, duration, rows, problem.learned, undoubted
     )
     theta, std = dict(zip(free.names, fit.theta, strict=True)), dict(zip(free.names, fit.std, strict=True))
     method = "output-error" if free_runs else "joint"
@@ -161,12 +163,12 @@ def _learned(
         delay_std=float(std.get(DELAY, math.nan)),
         lag=lag,
         lag_std=float(std.get("lag", math.nan)),
-        levels=replace(fit.levels, disturbance=fit.levels.disturbance * np.diag(model.mass_matrix)),  # N, N m
+        levels=replace(levels, disturbance=levels.disturbance * np.diag(model.mass_matrix)),  # N, N m
         current=current,
         gains=gains,
         latency=latency,
         places=places,
-        mode=Mode(fit.prior, fit.theta, fit.levels),
+        mode=Mode(fit.prior, fit.theta, levels),
         wave_period=fit.wave_period if fit.levels.waves.any() else math.nan,
         narrowed=dict(zip(free.names, (fit.std / without_data(fit.prior, fit.theta)).tolist(), strict=True)),
         remarks=(*_remarks(request, problem, fit, current), *said),

@@ -132,28 +132,31 @@ class Reestimation:
         if not any(each.input_t.size for each in stretches):
             return None
         whole, problem = self._problem(stretches)
-        about = self._about(problem)
+        last, about = self.last, self._about(problem)
+        if last is not None and about is not None:
+            problem = replace(problem, settings=last.settings)
+        means = problem.in_steps()
         since = None
-        if self.last is not None and about is not None:
-            since = about, self.last.levels
-            problem = replace(problem, settings=self.last.settings)
-        fit = joint_fit(problem, since=since)
+        if last is not None and about is not None:
+            since = about, replace(last.levels, noise=last.levels.noise * means.quieter)
+        fit = joint_fit(means, since=since)
         gone = 0
         if since is None and fit.rejected.max() > _REJECTED and stretches[0].duration > _LONG_ENOUGH:
             gone = int(np.searchsorted(stretches[0].t, stretches[0].t[0] + _FALSE_START))
-            later = [stretches[0].stretch(gone, len(stretches[0])), *stretches[1:]]
-            other = joint_fit(problem.over(later))
+            later = problem.over([stretches[0].stretch(gone, len(stretches[0])), *stretches[1:]])
+            other = joint_fit(later.in_steps())
             if other.rejected.max() < 0.5 * fit.rejected.max():
-                fit, problem, stretches = other, problem.over(later), later
+                fit, problem, means = other, later, later.in_steps()
             else:
                 gone = 0
         problem = replace(problem, settings=replace(problem.settings, wave_period=fit.wave_period))
-        state, held, *_ = one_pass(problem, fit.theta, fit.levels)
+        levels = replace(fit.levels, noise=fit.levels.noise / means.quieter)
+        state, held, *_ = one_pass(problem, fit.theta, levels)
         if healthy_snapshot(state) is None:
             return None
         wider, apart = fit.wider, np.zeros(fit.theta.size)
-        said = [*(one.said for one in smooth_speeds([each.recorded for each in stretches])), *fit.levels.heading_said]
-        rival = likeliest_rival(problem, fit, float(state.clock[0].log_likelihood))
+        said = [*(one.said for one in smooth_speeds([each.recorded for each in problem.samples])), *levels.heading_said]
+        rival = likeliest_rival(means, fit)
         if rival is not None:
             apart, texts = apart_from(problem, fit, rival)
             said += texts
@@ -166,13 +169,13 @@ class Reestimation:
         if self.rows - gone > _MOST_ROWS:
             oldest = self.rows - gone - _MOST_ROWS // 2
             gone += oldest
-            old, *_ = one_pass(problem.over(_first(stretches, oldest)), fit.theta, fit.levels)
+            old, *_ = one_pass(problem.over(_first(problem.samples, oldest)), fit.theta, levels)
             known = healthy_snapshot(old)
             if known is None:
                 return None
             kept = Kept(problem.prior.names, known.theta, known.covariance, wider, apart)
         state.settings["adapt"], state.settings["considered_share"] = _ADAPT, _REST
-        running = Running(whole, problem.prior, state, held, wider, apart, problem.settings, fit.levels, tuple(said))
+        running = Running(whole, problem.prior, state, held, wider, apart, problem.settings, levels, tuple(said))
         rows, inputs = self.rows, self.inputs
         while self.buffer.rows - rows > _FEW:
             after = self.buffer.rows, self.buffer.inputs
