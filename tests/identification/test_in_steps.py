@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import N_MEASURED, Samples, samples_of
+from towtank.identification.kalman import passes
 from towtank.identification.kalman.passes import joint_fit
+from towtank.identification.kalman.problem import JointProblem
 from towtank.identification.model.measurements import ATTITUDE, POSITION, RATES, VELOCITY
 from towtank.identification.offline.joint import LearningRequest, joint_problem, learn_joint
 from towtank.simulation.tank import tank_session
@@ -109,6 +113,23 @@ def test_means_come_to_what_single_samples_come_to_and_levels_are_of_single_ones
     assert learned.levels is not None
     np.testing.assert_allclose(learned.levels.noise[pose], single[pose], rtol=1e-6)
     assert learned.estimate.samples == len(problem.of_each.samples[0])
+
+
+def test_what_stands_for_a_long_log_is_gone_over_first_and_all_of_it_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    session = tank_session(20.0)
+    problem = joint_problem(LearningRequest(session.known, [session.recording]))
+    taken, one_pass = list[int](), passes.one_pass
+
+    def counting(asked: JointProblem, *words: Any, **options: Any) -> Any:
+        taken.append(sum(map(len, asked.samples)))
+        return one_pass(asked, *words, **options)
+
+    monkeypatch.setattr(passes, "one_pass", counting)
+    monkeypatch.setattr(passes, "spread", lambda samples: [samples[0].stretch(0, 600)])
+    passes.joint_fit(problem)
+    assert taken[0] == 600
+    assert sorted(taken) == taken
+    assert taken[-1] == len(problem.samples[0])
 
 
 def test_gyros_alone_are_taken_sample_by_sample() -> None:

@@ -89,6 +89,7 @@ class ChangeDetector:
             motion is linearised, an axis that begins to move surprises as a change does. What is seen again after that
             is accepted.
         likely: configurations, with their probabilities, since the last change.
+        suspect: a change that is not yet decided about: the filter that saw it, how often in a row, since when [s].
     """
 
     def __init__(
@@ -107,7 +108,7 @@ class ChangeDetector:
         self._wide: Prior | None = None
         self._next_split = self._next_check = -np.inf
         self._count = 0
-        self._suspect: tuple[Branch, int, float] | None = None
+        self.suspect: tuple[Branch, int, float] | None = None
         self._waters: Waters | None = None  # that may be meant by what is suspected
         self._matching: ConfigurationMatch | None = None
         self.requested = -np.inf
@@ -119,16 +120,11 @@ class ChangeDetector:
             self._catch_up()
         for each in (self._branches, self._rows, self._recent, self._waiting):
             each.clear()
-        self._batch = self._suspect = self._waters = None
+        self._batch = self.suspect = self._waters = None
         self._last = self._next_split = self._next_check = -np.inf
         self._count, self._wide = 0, None  # as one that goes on from a checkpoint
         if not matching:
             self._matching = None
-
-    @property
-    def suspects(self) -> bool:
-        """Whether a change is suspected, and not yet decided about."""
-        return self._suspect is not None
 
     def take_input(self, t: float, force: Array) -> None:
         """Take the forces (m,) asked for from t [s] on."""
@@ -190,15 +186,15 @@ class ChangeDetector:
         steps = steps_of(self.vehicle, running, wide)
         if self._wide is None or self._wide.names != wide.names or np.any((steps > 0.0) != (self._steps > 0.0)):
             self._branches.clear()  # hypotheses of one kind alone can be weighed against each other
-            self._suspect = self._waters = None
+            self.suspect = self._waters = None
             self._wide, self._steps = wide, steps
             self._hypotheses = hypotheses(wide.free, steps)
         if not self._hypotheses:
             return
         self._count += 1
         lives = _LIVES_LONG if self._count % _OLD_ONE == 0 else _LIVES
-        suspected = None if self._suspect is None else self._suspect[0]
-        for branch in self._branches if self._suspect is None else ():
+        suspected = None if self.suspect is None else self.suspect[0]
+        for branch in self._branches if self.suspect is None else ():
             done = branch.until <= t and branch.until - branch.t < _LIVES_LONG
             if done and branch.healthy and branch.increment is not None:
                 self.overdispersion.learn(branch.increment, branch.steps)
@@ -214,10 +210,10 @@ class ChangeDetector:
         free = running.free
         verdict, branch = self._verdict(t)
         if verdict is None or branch is None:
-            self._suspect = self._waters = None
+            self.suspect = self._waters = None
             return None
-        times, since = (1, t) if self._suspect is None else (self._suspect[1] + 1, self._suspect[2])
-        self._suspect = branch, times, since
+        times, since = (1, t) if self.suspect is None else (self.suspect[1] + 1, self.suspect[2])
+        self.suspect = branch, times, since
         thrusters = any(each.thruster is not None for each in self._hypotheses)
         if times < _AGAIN or (thrusters and t - since < _PERSISTS):
             return None
@@ -395,7 +391,7 @@ class ChangeTracker:
     @property
     def suspects(self) -> bool:
         """Whether a change is suspected, for a few seconds at most: who goes over the samples now makes both one."""
-        return self.detector is not None and self.detector.suspects
+        return self.detector is not None and self.detector.suspect is not None
 
     @property
     def events(self) -> tuple[Event, ...]:

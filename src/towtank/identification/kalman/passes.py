@@ -197,7 +197,11 @@ def joint_fit(
     few = problem.over(spread(problem.samples))
     if since is not None:
         return _likeliest_surroundings(few, settled(few, *since, progress), progress)
-    fit = _with_waves(few, progress)
+    whole = few.samples is problem.samples
+    fit = _with_waves(few, lambda share: progress(share if whole else 0.7 * share))
+    if not whole:
+        found = replace(problem, settings=replace(problem.settings, wave_period=fit.wave_period))
+        fit = settled(found, fit.theta, fit.levels, lambda share: progress(0.7 + 0.3 * share), anew=False)
     progress(1.0)
     return fit
 
