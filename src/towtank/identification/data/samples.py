@@ -95,22 +95,20 @@ class Samples:
         for s in late:
             columns = slice(3 * s, 3 * s + 3)
             own = np.flatnonzero(np.isfinite(self.values[:, columns]).any(axis=1))
-            moved = np.full((own.size, N_MEASURED), np.nan)
-            moved[:, columns] = self.values[own, columns]
-            parts.append((self.t[own] - latency[s], moved))
+            parts.append((self.t[own] - latency[s], columns, self.values[own, columns]))
             rest[:, columns] = np.nan
         left = np.isfinite(rest).any(axis=1)
-        parts.append((self.t[left], rest[left]))
+        parts.append((self.t[left], slice(0, N_MEASURED), rest[left]))
         return self._joined(parts)
 
-    def _joined(self, parts: Sequence[tuple[Array, Array]]) -> Samples:
-        """Return rows of several parts, times (n,) and values (n, 18) of each, with those of one instant in one."""
+    def _joined(self, parts: Sequence[tuple[Array, slice, Array]]) -> Samples:
+        """Return rows of parts, times (n,), columns and numbers (n, k) of each, with those of one instant in one."""
         t, rows_of_parts = _instants([part[0] for part in parts])
         values = np.full((t.size, N_MEASURED), np.nan)
-        for (_, numbers), rows in zip(parts, rows_of_parts, strict=True):
+        for (_, columns, numbers), rows in zip(parts, rows_of_parts, strict=True):
             known = np.isfinite(numbers)
             place, column = np.nonzero(known)
-            values[rows[place], column] = numbers[known]
+            values[:, columns][rows[place], column] = numbers[known]
         return replace(self, t=t, values=values)
 
     def averaged(self, apart: float) -> Samples:
@@ -133,9 +131,8 @@ class Samples:
             first = np.flatnonzero(np.concatenate([[True], ~together]))
             count = np.diff(np.append(first, rows.size))
             away = wrapped(numbers - np.repeat(numbers[first], count, axis=0))
-            mean = np.full((first.size, N_MEASURED), np.nan)
-            mean[:, k : k + 3] = numbers[first] + np.add.reduceat(away, first) / count[:, None]
-            parts.append((np.add.reduceat(t, first) / count, mean))
+            mean = numbers[first] + np.add.reduceat(away, first) / count[:, None]
+            parts.append((np.add.reduceat(t, first) / count, slice(k, k + 3), mean))
         return self._joined(parts) if parts else self
 
     def thinned(self, apart: float) -> Samples:
