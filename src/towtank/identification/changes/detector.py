@@ -184,10 +184,12 @@ class ChangeDetector:
         names = [name for name in running.whole.names if name in running.free.names or name.startswith(GAIN_PREFIX)]
         wide = running.whole.only(names)
         steps = steps_of(self.vehicle, running, wide)
-        if self._wide is None or self._wide.names != wide.names or np.any((steps > 0.0) != (self._steps > 0.0)):
+        last, calm = self._wide, self.suspect is None  # what a change makes known does not undo that it is suspected
+        if last is None or (calm and (last.names != wide.names or np.any((steps > 0.0) != (self._steps > 0.0)))):
             self._branches.clear()  # hypotheses of one kind alone can be weighed against each other
-            self.suspect = self._waters = None
-            self._wide, self._steps = wide, steps
+            self._waters = None
+            self._wide = last = wide
+            self._steps = steps
             self._hypotheses = hypotheses(wide.free, steps)
         if not self._hypotheses:
             return
@@ -201,8 +203,9 @@ class ChangeDetector:
         self._branches = [
             branch for branch in self._branches if branch.healthy and (branch.until > t or branch is suspected)
         ]
-        free = self._wide.free
-        self._branches.append(split_off(t, running.state, running.held, running.free, free, self._steps, t + lives))
+        self._branches.append(
+            split_off(t, running.state, running.held, running.free, last.free, self._steps, t + lives)
+        )
 
     def _judge(self, t: float, running: Running) -> Change | OtherWater | None:
         if not self.overdispersion.known:
