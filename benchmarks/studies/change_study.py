@@ -108,7 +108,7 @@ def _checks(case: str, found: Sequence[Changed]) -> list[Check]:
         note = f"at the end {100.0 * right:.1f} %; median {np.median([each.onset for each in found]):.2f} s"
         return [Check("known: recognised within 5 s, share", soon, low=0.90, note=note)]
     if case == "young":
-        note = f"told within 15 s, as water or so: {np.isfinite(noticed).sum()}; median {median:.2f} s, {ninth}"
+        note = f"anything told within 15 s: {np.isfinite(noticed).sum()}; median {median:.2f} s, {ninth}"
         return [Check("young: told as a change of the vehicle, share", right, low=0.9, note=note)]
     if case == "unknown":
         return [Check("unknown: not taken for a known one, share", right, low=0.95)]

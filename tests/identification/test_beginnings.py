@@ -98,7 +98,7 @@ def test_a_vehicle_of_much_drag_and_little_inertia_is_not_taken_for_thrusters_th
 def test_of_passes_that_are_as_likely_the_last_speaks(
     likelihoods: list[float], speaks: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One on the way may be likelier by chance, at levels that have not settled, with a delay 14 deviations off."""
+    """One on the way may be likelier by chance, at levels that have not settled, and far from where passes end."""
     session = tank_session(3.0)
     problem = joint_problem(LearningRequest(session.known, [session.recording]))
     fit_of, moving = passes._fit_of, problem.prior.std

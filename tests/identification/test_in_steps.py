@@ -49,6 +49,18 @@ def test_what_goes_on_evenly_is_where_it_was_at_the_mean_of_the_times() -> None:
     assert found.size < t.size
 
 
+@pytest.mark.parametrize("per_step", [2, 4, 20])
+def test_what_accelerates_is_off_by_half_of_that_times_the_variance_of_the_times(per_step: int) -> None:
+    """The mean of a t^2 / 2 is a / 2 (mean^2 + variance of t), and times within a step h vary by h^2 / 4 at most."""
+    rate, acceleration = per_step / STEP, np.array([1.0, -3.0, 0.2])
+    t = np.arange(per_step * 50) / rate
+    found, numbers = of(rows(t, position=(POSITION, 0.5 * t[:, None] ** 2 * acceleration)).averaged(STEP), POSITION)
+    assert found.size == 50
+    off = numbers - 0.5 * found[:, None] ** 2 * acceleration
+    np.testing.assert_allclose(off, np.tile(0.5 * acceleration * np.var(t[:per_step]), (50, 1)), atol=1e-12)
+    assert np.all(np.abs(off) <= np.abs(acceleration) * STEP**2 / 8.0)
+
+
 def test_errors_of_samples_fall_as_the_root_of_how_many_are_one() -> None:
     noise = np.random.default_rng(2).normal(0.0, 0.01, (T.size, 3))
     _, numbers = of(rows(position=(POSITION, noise)).averaged(4 * STEP), POSITION)

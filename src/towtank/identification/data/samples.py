@@ -114,7 +114,7 @@ class Samples:
     def averaged(self, apart: float) -> Samples:
         """Return the rows with the mean of what each sensor shows in every `apart` seconds, at the mean of its times.
 
-        Where it jumps by far more than mostly, samples stay single, for the filter to judge each.
+        Where it jumps by far more than mostly, samples stay single, for the filter to judge each. Angles wrap.
         """
         parts = []
         for k in range(0, N_MEASURED, 3):

@@ -94,8 +94,8 @@ class JointProblem:
     def in_steps(self) -> JointProblem:
         """Return the question about the means of what each sensor shows within a step of integration.
 
-        Only where a sensor sees the ground: errors of single samples are far larger than what a vehicle does in a step.
-        From half of the rows of an accelerometer alone, passes come to levels that are less likely with all of them.
+        With an acceleration a over a step h, the mean of positions lies less than a h^2 / 8 off that at its time. Only
+        where a sensor sees the ground: means of what accelerometers and gyros alone show have not been judged.
         """
         if not self.settings.current:
             return self
