@@ -15,7 +15,7 @@ import pytest
 import towtank as tt
 from towtank.core.arrays import Array
 from towtank.identification.changes import detector
-from towtank.identification.changes.branch import Kept, Running
+from towtank.identification.changes.branch import Kept, Running, with_coordinates
 from towtank.identification.changes.detector import ChangeDetector
 from towtank.identification.changes.events import Change, ChangeLog, change_words
 from towtank.identification.changes.evidence import Overdispersion
@@ -238,13 +238,17 @@ def test_a_re_estimation_begins_where_the_last_filter_is_by_name(loaded: tuple[t
     assert stream._buffer is not None
     job = Reestimation.of(stream.question, stream._buffer, stream.kept, stream.running)
     _, problem = job._problem([samples_of(run, truth())])
-    last = stream.running._replace(prior=stream.running.prior.only(problem.prior.names[1:]))
-    theta = dict(zip(last.free.names, stream.running.state.theta[1:], strict=True))
-    cut = last._replace(state=last.state._replace(theta=stream.running.state.theta[1:]))
+    prior = stream.running.prior.only(problem.prior.names[1:])
+    cut = stream.running._replace(
+        prior=prior,
+        state=with_coordinates(stream.running.state, prior.free, range(1, len(prior.names) + 1)),
+        disagreement=stream.running.disagreement[1:],
+        apart=stream.running.apart[1:],
+    )
     about = replace(job, last=cut)._about(problem)
     assert about is not None
     assert about[0] == problem.prior.mean[0]
-    np.testing.assert_array_equal(about[1:], [theta[name] for name in problem.prior.names[1:]])
+    np.testing.assert_allclose(about[1:], stream.running.told[0][1:], rtol=1e-12)
     more = replace(problem, prior=prior_of(truth(), more=("latency_velocity",)))
     assert job._about(more) is None  # a DVL that is heard for the first time may show waves
     other = replace(problem, settings=replace(problem.settings, step=2.0 * problem.settings.step))
@@ -330,7 +334,8 @@ def test_numbers_of_a_change_are_those_of_passes_that_follow_with_other_unknowns
     )
     verdict = Verdict(50.0, 0, {}, None, 9.0, np.ones(len(names)), 50.0)
     log = ChangeLog()
-    log.add(Change(1.0, 2.0, verdict, fewer, Kept(tuple(names), before[0], np.eye(len(names)), step, step), before))
+    kept = Kept(tuple(names), before[0], np.eye(len(names)), before[0], step, step)
+    log.add(Change(1.0, 2.0, verdict, fewer, kept, before))
     assert float(log.events[0].details["X_uu"]) == 0.0
     assert log.events[0].text.endswith("(settling)")
     log.revise(2.5, running)

@@ -129,7 +129,7 @@ def test_data_that_ask_for_what_physics_forbids_are_another_picture(
     k = fit.free.names.index("X_uu")
     known = coefficient_block(fit.state)
     beyond = fit.theta + deviations * known[:, k] / np.sqrt(known[k, k])
-    rival = forbidden_rival(replace(fit, mean=beyond), fit.likelihood)
+    rival = forbidden_rival(replace(fit, mean=beyond, forbidden=0.5 * deviations**2), fit.likelihood)
     assert (rival is not None) == asked_for
     if rival is not None:
         np.testing.assert_array_equal(rival.theta, beyond)

@@ -120,7 +120,7 @@ def test_what_has_gone_stays_as_doubtful_as_it_was(late: Learner) -> None:
     stream = late._stream  # type: ignore[attr-defined]
     running = stream.running
     known = running.state.theta.copy(), coefficient_block(running.state).copy()
-    kept = Kept(running.free.names, *known, running.disagreement, running.apart)
+    kept = Kept(running.free.names, *known, running.state.linearised_at, running.disagreement, running.apart)
     buffer = stream._buffer.without(stream._buffer.rows - 60)
     found = Reestimation.of(stream.question, buffer, kept, None).run()
     assert found is not None

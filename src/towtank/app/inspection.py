@@ -8,7 +8,7 @@ from typing import Any
 
 from towtank.app.files import LogParts
 from towtank.app.tables.free_motion import left_out_document, rate_warnings
-from towtank.app.tables.learning import delay_deviation, disturbance_document, findings_document
+from towtank.app.tables.learning import delay_deviation, disturbance_document, findings_document, pair_document
 from towtank.app.tables.repairs import contents_document, learning_warnings
 from towtank.app.terminal.output import Progress
 from towtank.digits import joined, short
@@ -80,6 +80,7 @@ class Inspection:
     Attributes:
         parts: of the log, what counts. grids: of these, none where no motion is recorded.
         noise: of each motion channel. delay_from: "vehicle", "correlation" or None.
+        together: delay and lag of the thrusters, and the deviation of their sum [s], where both were found.
         levels: of noise and disturbance, as the joint filter finds them; None without a vehicle.
         windows: stretches [s] that this was read from. whole: these are all that counts.
         findings: what in it cannot be right, gravest first.
@@ -98,6 +99,7 @@ class Inspection:
     windows: tuple[tuple[float, float], ...] = ()
     whole: bool = True
     findings: tuple[Finding, ...] = ()
+    together: tuple[float, float] | None = None
 
     def __repr__(self) -> str:
         axes = [f"{name} {'yes' if verdict.identifiable else 'no'}" for name, verdict in self.axes.items()]
@@ -159,6 +161,7 @@ class Inspection:
             "delay_s": self.delay,
             "delay_std_s": self.delay_std,
             "delay_from": self.delay_from,
+            "delay_and_lag_s": pair_document(self.together),
             "axes": {name: verdict.document() for name, verdict in self.axes.items()},
             "disturbance": disturbance_document(self.levels, [] if self.grid is None else [self.grid]),
             "excitation": _excitation(self),
@@ -220,6 +223,7 @@ def _inspected(log: LogParts, vehicle: Vehicle | None, progress: Progress) -> In
         windows=windows,
         whole=len(windows) == len(parts),
         findings=learning.findings,
+        together=learning.together,
     )
 
 

@@ -103,6 +103,7 @@ def learn_facts(
         delay_given=learning.delay_given,
         lag=learning.lag,
         lag_std=learning.lag_std,
+        together=learning.together,
         gains=learning.gains,
         prior=prior,
         supposed=supposed_values(learning),

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Learner", "sample_vector"]
 
-_VERSION = 16  # of the layout on disk
+_VERSION = 17  # of the layout on disk
 
 T = TypeVar("T")
 

@@ -49,6 +49,7 @@ class LearnFacts:
         vehicle: as it was known before. model: with what was learned. estimate: coefficients.
         method: that they come from. asked: the method asked for. remarks: how it was learned, in plain words.
         delay, delay_std, lag, lag_std: [s], NaN where not known. delay_given: it was not searched for.
+        together: delay and lag, and the deviation of their sum [s], where both were found.
         gains: of thrusters, value and deviation. prior: what was known beforehand, as it was named.
         supposed: of coefficients before any data, value and deviation. latency: of sensors likewise [s].
         fit, rmse: of the free-running prediction, per channel. predictions: one per log.
@@ -75,6 +76,7 @@ class LearnFacts:
     delay_given: bool = False
     lag: float = math.nan
     lag_std: float = math.nan
+    together: tuple[float, float] | None = None
     gains: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     prior: str | None = None
     supposed: Mapping[str, tuple[float, float]] = field(default_factory=dict)

@@ -12,6 +12,7 @@ from towtank.app.tables.repairs import show_contents
 from towtank.app.terminal.output import Output
 from towtank.digits import short
 from towtank.identification.model.terms import AXES
+from towtank.identification.posterior.wording import surer_together
 from towtank.recording.facts import ChannelFacts
 from towtank.recording.noise import NoiseLevel
 from towtank.recording.standard import EULER
@@ -111,7 +112,9 @@ def _delay(found: Inspection) -> str:
     if found.delay_from == "correlation":
         around = f" ± {1e3 * spread:.0f}" if spread is not None and spread == spread else ""
         return f"about {1e3 * found.delay:.0f}{around} ms, by correlation; --vehicle tells it better"
-    return f"{1e3 * found.delay:.1f}{around} ms"
+    together = surer_together(spread, found.together)
+    also = "" if together is None else f", with the lag of the thrusters {' ± '.join(together)} ms"
+    return f"{1e3 * found.delay:.1f}{around} ms{also}"
 
 
 def _show_disturbance(found: Inspection, output: Output) -> None:

@@ -18,6 +18,7 @@ from towtank.identification import Estimate
 from towtank.identification.data.samples import NoiseLevels
 from towtank.identification.model.terms import AXES
 from towtank.identification.posterior.assembly import LogLearning
+from towtank.identification.posterior.wording import surer_together
 from towtank.intervals import interval, interval_text
 from towtank.recording import STANDARD, Grid
 from towtank.recording.axes import AxisKnown, axes_shown, known_text
@@ -36,6 +37,7 @@ __all__ = [
     "late_texts",
     "learn_document",
     "noise_document",
+    "pair_document",
     "show_findings",
     "show_learning",
     "supposed_values",
@@ -265,6 +267,8 @@ def _show_input(learning: LogLearning, output: Output) -> None:
         lags = sorted({thruster.time_constant for thruster in learning.vehicle.thrusters if thruster.time_constant})
         if lags:
             output.line(f"lag {', '.join(short(1e3 * lag) for lag in lags)} ms, first order (of the vehicle file)")
+    if (together := surer_together(std, learning.together)) is not None:
+        output.line(f"together {' ± '.join(together)} ms: how late the force is shows better than how it is so")
     if learning.gains:
         gains = (f"{name} {gain:.3f} ± {std:.3f}" for name, (gain, std) in learning.gains.items())
         output.line(f"gain of each thruster, relative to its curve: {', '.join(gains)}")
@@ -290,6 +294,11 @@ def _before(learning: LogLearning, name: str) -> float | None:
         return None
 
 
+def pair_document(pair: tuple[float, float] | None) -> dict[str, float] | None:
+    """Return a value and its deviation, None where there is none."""
+    return None if pair is None else {"value": pair[0], "std": pair[1]}
+
+
 def learn_document(
     learning: LogLearning,
     fit: Mapping[str, float | None],
@@ -312,12 +321,13 @@ def learn_document(
         "delay_std_s": delay_deviation(learning),
         "lag_s": learning.lag,
         "lag_std_s": learning.lag_std,
-        "gains": {name: {"value": gain, "std": std} for name, (gain, std) in learning.gains.items()},
+        "delay_and_lag_s": pair_document(learning.together),
+        "gains": {name: pair_document(pair) for name, pair in learning.gains.items()},
         "current": None
         if learning.current is None
         else {"velocity_ned": list(learning.current.velocity), "std": list(learning.current.std)},
-        "latency_s": {name: {"value": value, "std": std} for name, (value, std) in learning.latency.items()},
-        "places_m": {name: {"value": value, "std": std} for name, (value, std) in learning.places.items()},
+        "latency_s": {name: pair_document(pair) for name, pair in learning.latency.items()},
+        "places_m": {name: pair_document(pair) for name, pair in learning.places.items()},
         "waves": _waves(learning),
         "scale_std": learning.vehicle.scale_std,
         **_narrowed(estimate_document(estimate), learning),

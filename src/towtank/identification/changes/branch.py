@@ -28,7 +28,7 @@ from towtank.identification.kalman.state import (
 )
 from towtank.identification.kalman.update import inject
 from towtank.identification.model.measurements import N_SENSORS
-from towtank.identification.model.parameters import IN_LATENCY, N_FIXED, FreeParameters
+from towtank.identification.model.parameters import IN_LATENCY, N_FIXED, FreeParameters, told
 from towtank.identification.model.prior import Prior
 
 __all__: list[str] = []
@@ -41,12 +41,14 @@ _FIXED_SHARE = 1e-4  # of the step that a coefficient might have made: its devia
 class Kept(NamedTuple):
     """What was learned from rows that are gone, the prior of what follows.
 
-    mean (n,), covariance (n, n), in the coordinates of the unknowns; disagreement, apart (n,): see `Running`.
+    mean (n,), covariance (n, n), in the coordinates of a filter linearised about (n,); disagreement, apart (n,): see
+    `Running`.
     """
 
     names: tuple[str, ...]
     mean: Array
     covariance: Array
+    about: Array
     disagreement: Array
     apart: Array
 
@@ -76,6 +78,12 @@ class Running(NamedTuple):
     def free(self) -> FreeParameters:
         """Its coordinates."""
         return self.prior.free
+
+    @property
+    def told(self) -> tuple[Array, Array]:
+        """Mean (n,) and covariance (n, n), with delay and lag themselves."""
+        theta, about = self.state.theta, self.state.linearised_at
+        return told(self.free, about, theta, theta, self.covariance)[::2]
 
     @property
     def covariance(self) -> Array:

@@ -311,7 +311,7 @@ class ChangeDetector:
         now = branch.P0 + np.diag(verdict.steps**2)
         one = (prior.free.codes[:, 0] == IN_GAIN) & (verdict.steps[keep] > 0.0)
         mean = np.where(one, state.theta, branch.theta0[keep])  # one fails: the scale of force stays (`seen_from`)
-        kept = Kept(prior.names, mean, definite(now[np.ix_(keep, keep)]), wider, apart)
+        kept = Kept(prior.names, mean, definite(now[np.ix_(keep, keep)]), state.linearised_at, wider, apart)
         before = branch.theta0[keep], np.sqrt(np.maximum(np.diag(branch.P0)[keep], 0.0))
         self.restart()
         self.likely = {}

@@ -112,5 +112,5 @@ def _gone_on(best: _Replay, running: Running) -> Begun:
         levels=replace(running.levels, waves=state.wave_level.copy(), current_walk=walk),
     )
     known = definite(coefficient_block(parent))
-    kept = Kept(running.prior.names, parent.theta, known, running.disagreement, running.apart)
+    kept = Kept(running.prior.names, parent.theta, known, parent.linearised_at, running.disagreement, running.apart)
     return Begun(best.branch.t, own, kept)

@@ -44,12 +44,13 @@ from towtank.identification.kalman.problem import ROUGH, JointFit, JointProblem,
 from towtank.identification.kalman.state import (
     JointState,
     coefficient_block,
+    coefficient_std,
     forget_surroundings,
     new_joint_state,
     surely_flows,
 )
 from towtank.identification.model.measurements import SPEEDS
-from towtank.identification.model.parameters import IN_DELAY, IN_LAG
+from towtank.identification.model.parameters import IN_DELAY, IN_LAG, linearised_about, seen_about, told
 from towtank.identification.posterior.physical import Region
 from towtank.identification.posterior.statistics import Reading, widened
 from towtank.recording.grids.stretches import spread
@@ -119,13 +120,14 @@ def one_pass(
     *,
     windows: int = _WINDOWS,
 ) -> tuple[JointState, ZeroOrderHold, list[Reading], Array]:
-    """Run the filter once over all recordings, linearised about theta (n,) `about`.
+    """Run the filter once over all recordings, linearised about theta (n,) `about`, `linearised_about`.
 
     Returns its state and the inputs' at the end; the prior, and what was known at the ends of so many windows; and the
     `currents` of `NoiseLevels`.
     """
     free, samples = problem.free, problem.samples
-    prior = Reading(0.0, *problem.prior.seen_from(about))
+    about = linearised_about(free, about)
+    prior = Reading(0.0, *seen_about(free, about, *problem.prior.seen_from(about)))
     parameters, B, settings = np.array(problem.vehicle.parameters), samples[0].B, problem.settings
     state = new_joint_state(
         parameters, free, prior.theta, prior.covariance, B, levels, settings, about, problem.learned
@@ -423,12 +425,21 @@ def _fit_of(
     rows = np.flatnonzero(problem.learned)
     block, covariance = np.ix_(rows, rows), coefficient_block(state).copy()
     covariance[block], disagreement = widened([Reading(t, x[rows], P[block]) for t, x, P in readings])
-    theta, finite = state.theta.copy(), np.isfinite(state.P).all() and np.isfinite(state.theta).all()
+    wider = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / np.maximum(coefficient_std(state), 1e-300)
+    mean, theta, forbidden = state.theta.copy(), state.theta.copy(), 0.0
+    if np.isfinite(state.P).all() and np.isfinite(state.theta).all():
+        own, about = coefficient_block(state), state.linearised_at
+        theta = region.nearest(mean, _movable(own, problem.learned))
+        away = (mean - theta)[rows]
+        forbidden = 0.5 * float(away @ np.linalg.solve(own[block], away))
+        theta, mean, covariance = told(problem.free, about, theta, mean, covariance)
     return JointFit(
         prior=problem.prior,
-        mean=theta,
-        theta=region.nearest(theta, _movable(coefficient_block(state), problem.learned)) if finite else theta,
+        mean=mean,
+        theta=theta,
         covariance=covariance,
+        wider=np.maximum(wider, 1.0),
+        forbidden=forbidden,
         disagreement=disagreement,
         levels=levels,
         wave_period=problem.settings.wave_period,

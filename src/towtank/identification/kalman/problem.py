@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from towtank.core.arrays import Array
 from towtank.core.zero_order_hold import ZeroOrderHold, new_zero_order_hold
 from towtank.identification.data.samples import NoiseLevels, Samples
-from towtank.identification.kalman.state import FilterSettings, JointState, coefficient_block, coefficient_std
+from towtank.identification.kalman.state import FilterSettings, JointState
 from towtank.identification.model.measurements import shown_axes
 from towtank.identification.model.parameters import IN_DELAY, IN_LAG, IN_LATENCY, FreeParameters
 from towtank.identification.model.prior import Prior
@@ -122,6 +122,8 @@ class JointFit:
     Attributes:
         prior: what was supposed. mean, covariance: (n,) and (n, n) of the Gaussian, in the coordinates of its `free`.
         theta: the likeliest of it (n,) that physics allows.
+        wider: factors (n,) to the deviations that the filter itself states, by what windows disagree about.
+        forbidden: by how much likelier [log] data and prior are at `mean`, where physics forbids that, than at `theta`.
         disagreement: factor by which windows of the data differ more than they state, 1 at least; the covariance is
             widened by it, see `widened`.
         levels: as the data show them. wave_period: [s], where the levels have waves.
@@ -134,6 +136,8 @@ class JointFit:
     mean: Array
     theta: Array
     covariance: Array
+    wider: Array
+    forbidden: float
     disagreement: float
     levels: NoiseLevels
     wave_period: float
@@ -152,18 +156,6 @@ class JointFit:
     def std(self) -> Array:
         """Deviations of theta (n,)."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-
-    @property
-    def wider(self) -> Array:
-        """Factors (n,) to the deviations that the filter itself states, by what windows disagree about."""
-        return np.asarray(np.maximum(self.std / np.maximum(coefficient_std(self.state), 1e-300), 1.0))
-
-    @property
-    def forbidden(self) -> float:
-        """By how much likelier [log] data and prior are at `mean`, where physics forbids that, than at `theta`."""
-        learned = np.flatnonzero(self.state.learns > 0.0)
-        away = (self.mean - self.theta)[learned]
-        return 0.5 * float(away @ np.linalg.solve(coefficient_block(self.state)[np.ix_(learned, learned)], away))
 
 
 def settings_for(samples: Sequence[Samples], settings: FilterSettings) -> FilterSettings:

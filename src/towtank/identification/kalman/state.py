@@ -30,6 +30,8 @@ from towtank.core.rk4 import N_STATES
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels
 from towtank.identification.model.measurements import N_SENSORS
 from towtank.identification.model.parameters import (
+    IN_DELAY,
+    IN_LAG,
     IN_LATENCY,
     IN_PLACE,
     N_FIXED,
@@ -429,7 +431,11 @@ def coefficient_std(state: JointState) -> Array:
 def recovered(
     state: JointState, healthy: HealthySnapshot, free: FreeParameters, settings: FilterSettings
 ) -> JointState:
-    """Return a filter that begins its motion anew with what was known last, and trusts that less."""
+    """Return a filter that begins its motion anew with what was known last, and trusts that less.
+
+    Inputs keep the delay and the lag that they have been linearised about.
+    """
+    late = np.isin(free.codes[:, 0], (IN_DELAY, IN_LAG))
     levels = replace(healthy.levels, disturbance=np.sqrt(_RECOVERY_INFLATION) * healthy.levels.disturbance)
     fresh = new_joint_state(
         state.p,
@@ -439,6 +445,7 @@ def recovered(
         state.B,
         levels,
         settings,
+        np.where(late, state.linearised_at, healthy.theta),
         learns=state.learns > 0.0,
     )
     for name in ("adapt", "considered_share"):

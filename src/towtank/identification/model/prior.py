@@ -17,9 +17,9 @@ L = (m/rho)^(1/3) the edge of a cube of water of its mass, a_i = 1.7 sqrt(I_i/m)
     net weight, BG       0 +- 0.01 W; BG_z 0.02 W L +- 0.1 W L, BG_x and BG_y 0 +- 0.02 W L
     constant wrench      0 +- 0.005 m/s^2 m, 0.01 rad/s^2 I_i
     sensors              latency 0.05 +- 0.1 s, place 0 +- 0.1 m (accelerometer), else the largest gyradius
-    inputs               delay 0.08 +- 0.06 s, lag 0.1 s and a factor of exp(0.8), gains 1 +- 8 %
+    inputs               delay 0.08 +- 0.06 s, lag 0.1 +- 0.08 s, gains 1 +- 8 %
 
-Inertias, lag and gains are positive and are supposed log-normal; all else is normal. Damping is a plain number: as a
+Inertias and gains are positive and are supposed log-normal; all else is normal. Damping is a plain number: as a
 logarithm that starts far too small it has no gradient and stays there.
 """
 

@@ -263,7 +263,7 @@ class JointLearner(Learner):
         running = self._stream.running
         if running is None:
             return self._supposed, self._prior, self._prior.mean, self._prior.covariance
-        return running.whole, running.prior, running.state.theta.copy(), running.covariance
+        return running.whole, running.prior, *running.told
 
     def _value(self, name: str, other: float) -> tuple[float, float]:
         """Return an unknown's coordinate and its deviation, `other` and NaN where it is none."""

@@ -28,7 +28,7 @@ from towtank.identification.kalman.problem import JointProblem, inputs_of, laten
 from towtank.identification.kalman.rivals import apart_from, likeliest_rival
 from towtank.identification.kalman.state import healthy_snapshot
 from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
-from towtank.identification.model.parameters import FURTHER
+from towtank.identification.model.parameters import FURTHER, told
 from towtank.identification.model.prior import Prior, further_unknowns, prior_of
 from towtank.recording.consistency.wander import noise_of_smooth_speeds, smooth_speeds
 from towtank.recording.noise import noise_of_rows
@@ -82,10 +82,10 @@ class Question:
 def _gone_on(whole: Prior, kept: Kept) -> Prior:
     rows = [whole.names.index(name) for name in kept.names]
     mean, covariance = whole.mean.copy(), whole.covariance.copy()
-    mean[rows] = kept.mean
+    mean[rows], _, known = told(whole.free.subset(kept.names), kept.about, kept.mean, kept.mean, kept.covariance)
     covariance[rows] = 0.0
     covariance[:, rows] = 0.0
-    covariance[np.ix_(rows, rows)] = kept.covariance
+    covariance[np.ix_(rows, rows)] = known
     return replace(whole, mean=mean, covariance=covariance)
 
 
@@ -173,7 +173,7 @@ class Reestimation:
             known = healthy_snapshot(old)
             if known is None:
                 return None
-            kept = Kept(problem.prior.names, known.theta, known.covariance, wider, apart)
+            kept = Kept(problem.prior.names, known.theta, known.covariance, old.linearised_at, wider, apart)
         state.settings["adapt"], state.settings["considered_share"] = _ADAPT, _REST
         running = Running(whole, problem.prior, state, held, wider, apart, problem.settings, levels, tuple(said))
         rows, inputs = self.rows, self.inputs
@@ -205,7 +205,7 @@ class Reestimation:
         last = self.last
         if last is None or replace(problem.settings, wave_period=last.settings.wave_period) != last.settings:
             return None
-        known = dict(zip(last.free.names, last.state.theta, strict=True))
+        known = dict(zip(last.free.names, last.told[0], strict=True))
         if {*FURTHER} & {*problem.prior.names} - {*known} and not last.levels.waves.any():
             return None  # a sensor is heard for the first time: it may show waves
         return np.array([known.get(*each) for each in zip(problem.prior.names, problem.prior.mean, strict=True)])

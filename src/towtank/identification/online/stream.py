@@ -220,8 +220,7 @@ class JointStream:
             "values": np.array([z for _, z in early]).reshape(-1, N_MEASURED),
         }
         if kept is not None:
-            groups["kept"] = {"mean": kept.mean, "covariance": kept.covariance}
-            groups["kept"] |= {"disagreement": kept.disagreement, "apart": kept.apart}
+            groups["kept"] = {name: value for name, value in kept._asdict().items() if name != "names"}
         if buffer is not None:
             whole = buffer.whole
             rows = {"t": whole.t, "values": whole.values, "input_t": whole.input_t, "input_force": whole.input_force}

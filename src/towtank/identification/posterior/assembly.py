@@ -10,6 +10,7 @@ import numpy as np
 
 from towtank.core.arrays import Array
 from towtank.identification.data.samples import NoiseLevels, Sources
+from towtank.identification.model.parameters import DELAY, LAG
 from towtank.identification.model.prior import Prior
 from towtank.identification.posterior.estimate import Estimate
 from towtank.recording import Grid
@@ -93,6 +94,15 @@ class LogLearning:
     def prior(self) -> Prior | None:
         """What was supposed, None of the paper's method."""
         return None if self.mode is None else self.mode.prior
+
+    @property
+    def together(self) -> tuple[float, float] | None:
+        """Sum of delay and lag and its deviation [s], often far surer than either; None where they are not found."""
+        posterior = self.model.posterior
+        if posterior is None or not {DELAY, LAG} <= set(posterior.names):
+            return None
+        rows = [posterior.names.index(name) for name in (DELAY, LAG)]
+        return self.delay + self.lag, math.sqrt(posterior.covariance[np.ix_(rows, rows)].sum())
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from towtank.core.arrays import Array
+from towtank.digits import measured
 from towtank.identification.model.terms import AXES, term_of
 from towtank.vehicle.names import COEFFICIENTS, COLUMNS, ROWS, index, unit
 
@@ -17,8 +18,10 @@ __all__ = [
     "phrase",
     "reversed_force",
     "role",
+    "surer_together",
 ]
 
+_SURER = 0.5  # times the deviation of the delay, of a sum that is worth a word
 _NOISE = 2.0  # deviations below which nothing need be wrong
 
 
@@ -64,6 +67,13 @@ def not_narrowed(name: str, share: float) -> str:
         return f"{left}; {'larger angles' if name.startswith('BG') else 'driving heave'} would narrow it"
     how = "faster and slower" if part.kind in ("linear", "quadratic") else "harder, to and fro"
     return f"{left}; driving {axis} {how} would narrow it"
+
+
+def surer_together(std: float | None, together: tuple[float, float] | None) -> tuple[str, str] | None:
+    """Return delay and lag together, and their deviation [ms], where that is far surer than the delay is."""
+    if std is None or together is None or together[1] > _SURER * std:
+        return None
+    return measured(1e3 * together[0], 1e3 * together[1])
 
 
 def contradicted() -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from towtank.digits import measured, short
+from towtank.identification.posterior.wording import surer_together
 from towtank.printable import escaped
 from towtank.report.elements import facts as pairs_of
 from towtank.report.elements import number, section
@@ -23,6 +24,7 @@ def input_section(facts: LearnFacts) -> str:
             [
                 ("Delay", _delay(facts)),
                 ("Lag of the thrusters", _lag(facts)),
+                ("Both together", _together(facts)),
                 ("Gain of each thruster, relative to its curve", _gains(facts)),
                 ("Sensors that are late", _latencies(facts)),
                 (
@@ -50,6 +52,17 @@ def _lag(facts: LearnFacts) -> str:
         return f"{number(facts.lag, value, key='lag_s')}{spread} ms, first order, found from the log"
     lags = sorted({thruster.time_constant for thruster in facts.vehicle.thrusters if thruster.time_constant})
     return f"{', '.join(short(1e3 * lag) for lag in lags)} ms, first order, of the vehicle file" if lags else ""
+
+
+def _together(facts: LearnFacts) -> str:
+    found = surer_together(facts.delay_std, facts.together)
+    if found is None or facts.together is None:
+        return ""
+    value, std = (
+        number(each, text, key=f"delay_and_lag_s/{key}")
+        for each, text, key in zip(facts.together, found, ("value", "std"), strict=True)
+    )
+    return f"{value} ± {std} ms: how late the force is shows better than how it is so"
 
 
 def _latencies(facts: LearnFacts) -> str:
