@@ -8,6 +8,7 @@ import pytest
 from towtank.core.attitude import quaternions_from_eulers
 from towtank.recording import Recording, standard_channel
 from towtank.recording.axes import CHANNELS_OF, axes_shown, judged_by, known_by, known_text
+from towtank.recording.frames import pose_rates
 from towtank.recording.frames.pose_rates import velocity_of_pose
 from towtank.recording.frames.rotations import rotate
 from towtank.recording.standard import MEASURED
@@ -101,6 +102,20 @@ def test_a_depth_tells_heave_with_the_speeds_beside_it(tilted: tuple[np.ndarray,
     found = velocity_of_pose(pose, rate, missing)
     np.testing.assert_allclose(found[:, 2], nu[:, 2], atol=1e-12)
     assert np.isnan(found[:, :2]).all()
+
+
+def test_what_is_measured_at_all_is_asked_of_the_whole(
+    tilted: tuple[np.ndarray, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A speed that is missing for a while is unknown there, in blocks of any length; it is not nought."""
+    pose, rate, nu = tilted
+    pose[:, :2], missing = np.nan, np.full_like(nu, np.nan)
+    missing[120:, :2] = nu[120:, :2]
+    whole = velocity_of_pose(pose, rate, missing)
+    assert np.isnan(whole[:120, 2]).all()
+    monkeypatch.setattr(pose_rates, "_BLOCK", 7)
+    np.testing.assert_array_equal(velocity_of_pose(pose, rate, missing), whole)
+    assert velocity_of_pose(pose[:0], rate[:0], missing[:0]).shape == (0, 6)
 
 
 def test_a_heading_alone_tells_yaw_and_nothing_else() -> None:

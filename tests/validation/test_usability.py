@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,11 +12,12 @@ import pytest
 from towtank.recording import Recording, align
 from towtank.report.verdict import usable_text, validate_verdict
 from towtank.simulation import Mocap, OrnsteinUhlenbeck, simulate
-from towtank.validation import AxisUse, Usability, usability
+from towtank.validation import AxisUse, Prediction, Usability, predict, usability
 
 from .test_prediction import box
 
 YAW = 5
+module = importlib.import_module("towtank.validation.usability")
 
 
 def run(sensors: tuple[str, ...] = (), seconds: float = 60.0) -> Recording:
@@ -40,6 +43,21 @@ def test_the_truth_predicts_what_was_driven_and_is_not_judged_by_what_was_not() 
     assert found.seconds >= 10.0
     assert found.undriven == ("sway", "heave", "roll", "pitch")
     assert usable_text(found).grade == "good"
+
+
+def test_a_prediction_that_has_been_made_is_not_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    grid, asked = align(run()), list[float | None]()
+    free = [predict(box(), grid)]
+    whole = usability(box(), [grid])
+
+    def counted(*given: Any, horizon: float | None = None, **more: Any) -> Prediction:
+        asked.append(horizon)
+        return predict(*given, horizon=horizon, **more)
+
+    monkeypatch.setattr(module, "predict", counted)
+    assert usability(box(), [grid], free=free) == whole
+    assert asked
+    assert None not in asked
 
 
 def test_a_model_that_pushes_the_other_way_is_of_no_use() -> None:

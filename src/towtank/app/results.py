@@ -99,8 +99,9 @@ class LearnedModel:
         use: Usability | None = None
         unfit: tuple[str, ...] = ()
         try:
-            scores = score([predict(model, grid) for grid in learning.grids])
-            use = usability(model, learning.grids)
+            free = [predict(model, grid) for grid in learning.grids]
+            scores = score(free)
+            use = usability(model, learning.grids, free=free)
         except InputError as error:
             unfit = (f"no fit: {error}",)
         return cls(model, learning, scores, use, (*warnings, *unfit), tuple(parts), prior, tuple(recordings))

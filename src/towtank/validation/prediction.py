@@ -102,9 +102,10 @@ class Starts:
     def _derived(self, row: int) -> Array:
         """Return the body velocity (6,) from a quadratic through the poses around a row; 0 where no pose tells it."""
         grid, told = self.grid, self._pose
-        measured = np.isfinite(grid.pose[:, told]).all(axis=1)
         for window in (_WINDOW, _EDGE):
-            near = np.flatnonzero((np.abs(grid.t - grid.t[row]) <= window + 1e-9) & measured)
+            first = np.searchsorted(grid.t, grid.t[row] - window - 1e-9)
+            last = np.searchsorted(grid.t, grid.t[row] + window + 1e-9, side="right")
+            near = first + np.flatnonzero(np.isfinite(grid.pose[first:last, told]).all(axis=1))
             s = grid.t[near] - grid.t[row]
             if near.size and s[0] < -0.5 * window and s[-1] > 0.5 * window:
                 break

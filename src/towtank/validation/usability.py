@@ -92,13 +92,15 @@ def usability(
     *,
     horizon: float | None = None,
     delay: float | None = None,
+    free: Sequence[Prediction] | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> Usability:
     """Return for how long a model predicts recordings, axis by axis.
 
     Args:
         horizon: of the predictions whose fit is told [s]; never set back where omitted.
-        delay: from input to force [s]; the model's where omitted.
+        delay: from input to force [s]; the model's where omitted. free: predictions that are never set back, where they
+            have been made.
         progress: called with a text and the share done, 0 .. 1.
 
     Raises:
@@ -108,9 +110,9 @@ def usability(
         raise InputError("no recording given, expected at least one")
     duration = max(float(grid.t[-1] - grid.t[0]) for grid in grids)
     horizons = [each for each in HORIZONS if _RESTARTS * each <= duration]
-    free = [_with_speeds(predict(model, grid, delay=delay)) for grid in grids]
-    driven = driven_by(np.array([_spread(free, axis.index) for axis in AXES]))
-    fits = whole = score(free).fit
+    made = [_with_speeds(each) for each in free or [predict(model, grid, delay=delay) for grid in grids]]
+    driven = driven_by(np.array([_spread(made, axis.index) for axis in AXES]))
+    fits = whole = score(made).fit
     if horizon is not None:
         fits = score([_with_speeds(predict(model, grid, horizon=horizon, delay=delay)) for grid in grids]).fit
     moved = {axis.name: axis.velocity for axis in AXES if driven[axis.index]}
@@ -123,7 +125,8 @@ def usability(
             progress("how long predictions hold", k / (len(horizons) + 1))
         if not open_:
             break
-        made = [_with_speeds(predict(model, grid, horizon=each, delay=delay)) for grid in grids]
+        made.clear()  # room for the next
+        made += [_with_speeds(predict(model, grid, horizon=each, delay=delay)) for grid in grids]
         some = score(made).fit
         for name, channel in tuple(open_.items()):
             if not (some[channel] or 0.0) >= LEAST:

@@ -170,18 +170,20 @@ def _fitted(series: _Series, axis: int, *, held: bool) -> AxisResponse:
     if axis in (3, 4):
         bank += [(time, swing) for time in _DAMPED for swing in _SWINGS]
     spectra = np.fft.rfft([force[:, _LATEST - delay :][:, :m] for delay, _ in _DELAYS], 2 * m + 2, axis=2)
-    made, free = [], []  # of each time constant, for all delays at once
-    for time, swing in bank:
+
+    def made(time: float, swing: float) -> tuple[Array, Array]:  # for all delays at once, and what moves freely
         pushed, starts = _response(time, swing, m)
         lagged = np.fft.rfft([_lagged(pushed, lag) for _, lag in _DELAYS], 2 * m + 2)[:, None, :, None]
-        made.append(np.fft.irfft(spectra * lagged, 2 * m + 2, axis=2)[:, :, :m])
-        free.append(np.concatenate([starts[:m], np.ones((m, 1))], axis=1))
-    fits = [_least_squares(motion, y, basis, np.zeros(0)) for y, basis in zip(made, free, strict=True)]
+        free = np.concatenate([starts[:m], np.ones((m, 1))], axis=1)
+        return np.fft.irfft(spectra * lagged, 2 * m + 2, axis=2)[:, :, :m], free
+
+    fits = [_least_squares(motion, *made(*each), np.zeros(0)) for each in bank]
     i, j = min(np.ndindex(len(fits), len(_DELAYS)), key=lambda at: fits[at[0]][at[1]].share)
-    memory = _autoregression(_without(motion - made[i][j] @ fits[i][j].gains, np.linalg.qr(free[i])[0]))
-    fits = [_least_squares(motion, y, basis, memory) for y, basis in zip(made, free, strict=True)]
+    y, free = made(*bank[i])
+    memory = _autoregression(_without(motion - y[j] @ fits[i][j].gains, np.linalg.qr(free)[0]))
+    fits = [_least_squares(motion, *made(*each), memory) for each in bank]
     kept = sorted((fit for each in fits for fit in each), key=lambda fit: fit.share)[:_KEPT]
-    used = (force.shape[2] + motion.shape[0] * free[0].shape[1]) / motion.size
+    used = (force.shape[2] + motion.shape[0] * free.shape[1]) / motion.size
     samples = motion.shape[0] * _independent(kept[0].left) * max(1.0 - used, 0.1)
     explained = float(kept[0].gains @ kept[0].products @ kept[0].gains)
     noise = max(kept[0].square + _ROUGH**2 * explained, 1e-300) / samples

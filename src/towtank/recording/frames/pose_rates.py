@@ -10,11 +10,13 @@ as far as nothing else is measured.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from towtank.core.arrays import Array
 
 __all__ = ["velocity_of_pose"]
 
+_BLOCK = 20_000  # rows at once, so that the parts of a long recording need little room
 _UPRIGHT = 0.2  # cosine of the tilt below which a depth tells nothing of heave
 
 
@@ -26,6 +28,12 @@ def velocity_of_pose(pose: Array, rate: Array, velocity: Array) -> Array:
         rate: (n, 6) its derivative. velocity: (n, 6) u v w p q r as measured, of which u and v are used.
     """
     known = np.asarray(np.isfinite(pose).any(axis=0))
+    ahead = np.where(np.isfinite(velocity[:, :2]).any(axis=0), velocity[:, :2], 0.0)
+    blocks = [slice(first, first + _BLOCK) for first in range(0, max(len(pose), 1), _BLOCK)]
+    return np.concatenate([_velocity(known, pose[rows], rate[rows], ahead[rows]) for rows in blocks])
+
+
+def _velocity(known: NDArray[np.bool_], pose: Array, rate: Array, ahead: Array) -> Array:
     phi, theta, psi = np.where(known[3:], pose[:, 3:], 0.0).T
     x, y, z, f, g, h = np.where(known, rate, 0.0).T
     s1, c1, s2, c2, s3, c3 = np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta), np.sin(psi), np.cos(psi)
@@ -44,7 +52,7 @@ def velocity_of_pose(pose: Array, rate: Array, velocity: Array) -> Array:
     placed = known[0] and known[1] and known[5]
     if not placed:
         out[:, :2] = np.nan
-        u, v = (np.where(np.isfinite(column).any(), column, 0.0) for column in velocity[:, :2].T)
+        u, v = ahead.T
         upright = c1 * c2
         with np.errstate(divide="ignore", invalid="ignore"):
             out[:, 2] = np.where(upright > _UPRIGHT, (z + s2 * u - s1 * c2 * v) / upright, np.nan)
