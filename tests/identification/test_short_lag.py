@@ -79,15 +79,16 @@ def test_what_is_allowed_stays_allowed() -> None:
     for delay, lag, away, other in rng.uniform(0.0, 0.3, (300, 4)):
         about = linearised_about(free, np.array([-9.0, delay, max(lag, 0.001)]))
         assert about[1:].sum() == pytest.approx(delay + max(lag, 0.001))
+        assert about[2] >= SHOWS or about[1:].sum() < SHOWS
         inside = np.array([-9.0, away * (away > 0.1), max(other - 0.1, 0.001)])
         theta, *_ = told(free, about, inside, inside, 1e-4 * np.eye(3))
         assert np.all((low <= theta) & (theta <= high))
 
 
-@pytest.mark.parametrize("names", [(), (DELAY,), (LAG,)])
-def test_where_either_is_known_the_other_is_as_it_stands(names: Sequence[str]) -> None:
+@pytest.mark.parametrize("names", [(), (DELAY,), (LAG,), (DELAY, LAG)])
+def test_where_either_is_known_or_both_are_short_they_are_as_they_stand(names: Sequence[str]) -> None:
     free = unknowns(*names)
-    theta, covariance = np.array([-9.0, 0.002])[: len(free)], np.eye(len(free))
+    theta, covariance = np.array([-9.0, 0.002, 0.007])[: len(free)], np.eye(len(free))
     np.testing.assert_array_equal(linearised_about(free, theta), theta)
     for found in (seen_about(free, theta, theta, covariance), told(free, theta, theta, theta, covariance)[1:]):
         np.testing.assert_array_equal(found[0], theta)

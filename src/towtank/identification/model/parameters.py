@@ -10,10 +10,10 @@ T behind a delay d makes a force later by d + T, and smears it by T^2:
     exp(-d s) / (1 + T s) = exp(-(d + T) s + T^2 s^2 / 2 - ...)
 
 By d and T alike motion answers where T is small: neither can be told from the other to first order, and about a lag of
-nothing none can be found. So below L, half a step of integration, the coordinate goes with the square, and the sum is
-kept. What a motion is linearised about has a lag of L at least, where that leaves the sum as it is:
+nothing none can be found. So below L, half a step of integration, the coordinate goes with the square, the sum is kept,
+and what a motion is linearised about has a lag of L at least. Inputs that are not so late have both as they are.
 
-    c(T) = T, (T^2 + L^2) / 2 L below L;   T' = T0 + (c(T) - c(T0)) / c'(T0),   d' = d + T - T'
+    T' = T, (T^2 + L^2) / 2 L below L;   d' = d + T - T'
 """
 
 from __future__ import annotations
@@ -222,62 +222,62 @@ def _code(name: str, thrusters: Sequence[str]) -> tuple[int, int, int, int]:
     return code, i, j, TERMS[code].diagonal if i == j else UNTRANSFORMED
 
 
-def _both(free: FreeParameters) -> tuple[int, int] | None:
+def _both(free: FreeParameters, about: Array) -> tuple[int, int] | None:
+    """Return where delay and lag stand; None where one is known, or both are as they are about theta (n,)."""
     kinds = free.codes[:, 0].tolist()
-    return (kinds.index(IN_DELAY), kinds.index(IN_LAG)) if {IN_DELAY, IN_LAG} <= set(kinds) else None
+    if not {IN_DELAY, IN_LAG} <= set(kinds):
+        return None
+    d, T = kinds.index(IN_DELAY), kinds.index(IN_LAG)
+    return (d, T) if about[d] + about[T] >= _SHOWS else None
 
 
 def linearised_about(free: FreeParameters, theta: Array) -> Array:
     """Return the point (n,) to linearise about for theta (n,): inputs as late on the whole, by a lag that shows."""
-    both, out = _both(free), theta.copy()
+    both, out = _both(free, theta), theta.copy()
     if both is not None:
         d, T = both
-        late = float(theta[d] + theta[T])
-        out[T] = max(float(theta[T]), min(_SHOWS, late))
-        out[d] = late - out[T]
+        out[T] = max(theta[T], _SHOWS)
+        out[d] += theta[T] - out[T]
     return out
 
 
 def seen_about(free: FreeParameters, about: Array, mean: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return mean (n,) and covariance (n, n) as they are close to the lag of `about` (n,)."""
-    both = _both(free)
+    """Return mean (n,) and covariance (n, n) in the coordinates of an estimator that is linearised about (n,)."""
+    both = _both(free, about)
     if both is None:
         return mean, covariance
     d, T = both
-    T0, out, std = float(about[T]), mean.copy(), math.sqrt(covariance[T, T])
-    slope, c = min(T0 / _SHOWS, 1.0), _c(float(mean[T]))
-    out[T] = T0 + (c - _c(T0)) / slope
-    out[d] = mean[d] + mean[T] - out[T]
-    turn = _turn(len(out), both, (_c(float(mean[T]) + std) - c) / (slope * std) if std > 0.0 else 1.0)
+    out, lag, std = mean.copy(), float(mean[T]), math.sqrt(covariance[T, T])
+    out[T] = _coordinate(lag)
+    out[d] += lag - out[T]
+    turn = _turn(len(out), both, (_coordinate(lag + std) - out[T]) / std if std > 0.0 else 1.0)
     return out, np.asarray(turn @ covariance @ turn.T)
 
 
 def told(
     free: FreeParameters, about: Array, theta: Array, mean: Array, covariance: Array
 ) -> tuple[Array, Array, Array]:
-    """Return theta, mean (n,) and covariance (n, n), close to the lag of `about` (n,), as delay and lag themselves.
+    """Return theta, mean (n,) and covariance (n, n) of such an estimator as delay and lag themselves.
 
     The mean lies as many deviations from theta as it did. Theta is physical if it was.
     """
-    both = _both(free)
+    both = _both(free, about)
     if both is None:
         return theta.copy(), mean.copy(), covariance
     d, T = both
-    T0, out, std = float(about[T]), theta.copy(), math.sqrt(max(float(covariance[T, T]), 0.0))
-    slope = min(T0 / _SHOWS, 1.0)
-    c = _c(T0) + slope * (float(theta[T]) - T0)
-    out[T] = min(max(_lag(c), _LAGS[0]), _LAGS[1])
+    out, std = theta.copy(), math.sqrt(max(float(covariance[T, T]), 0.0))
+    out[T] = min(max(_lag(float(theta[T])), _LAGS[0]), _LAGS[1])
     out[d] = max(float(theta[d] + theta[T] - out[T]), min(float(theta[d]), 0.0))
-    turn = _turn(len(out), both, (_lag(_c(float(out[T])) + slope * std) - out[T]) / std if std > 0.0 else 1.0)
+    turn = _turn(len(out), both, (_lag(_coordinate(float(out[T])) + std) - out[T]) / std if std > 0.0 else 1.0)
     return out, out + turn @ (mean - theta), np.asarray(turn @ covariance @ turn.T)
 
 
-def _c(T: float) -> float:
-    return T if T >= _SHOWS else (T**2 + _SHOWS**2) / (2.0 * _SHOWS)
+def _coordinate(lag: float) -> float:
+    return lag if lag >= _SHOWS else (lag**2 + _SHOWS**2) / (2.0 * _SHOWS)
 
 
-def _lag(c: float) -> float:
-    return c if c >= _SHOWS else math.sqrt(max(2.0 * _SHOWS * c - _SHOWS**2, 0.0))
+def _lag(coordinate: float) -> float:
+    return coordinate if coordinate >= _SHOWS else math.sqrt(max(2.0 * _SHOWS * coordinate - _SHOWS**2, 0.0))
 
 
 def _turn(n: int, both: tuple[int, int], share: float) -> Array:
