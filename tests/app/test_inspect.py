@@ -73,6 +73,8 @@ def test_delay_and_axes_with_the_vehicle(of_delayed: dict[str, Any]) -> None:
     assert found["axes"]["yaw"]["identifiable"] is True
     assert found["axes"]["yaw"]["coefficients"]["N_rdot"] is None
     assert 0.0 < found["delay_std_s"] < 0.01
+    assert found["delay_and_lag_s"]["value"] == pytest.approx(0.08 + 0.05, abs=0.01)
+    assert 0.0 < found["delay_and_lag_s"]["std"] < 0.01
 
 
 def test_noise_of_every_channel(delayed: Path, workshop: Path) -> None:

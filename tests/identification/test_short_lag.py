@@ -20,6 +20,7 @@ from towtank.identification.model.parameters import (
     seen_about,
     told,
 )
+from towtank.identification.posterior.wording import surer_together
 from towtank.simulation import Mocap, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle
 
@@ -93,6 +94,13 @@ def test_where_either_is_known_or_both_are_short_they_are_as_they_stand(names: S
     for found in (seen_about(free, theta, theta, covariance), told(free, theta, theta, theta, covariance)[1:]):
         np.testing.assert_array_equal(found[0], theta)
         np.testing.assert_array_equal(found[1], covariance)
+
+
+def test_a_sum_is_said_where_it_is_far_surer_than_its_parts() -> None:
+    assert surer_together(0.01, (0.0802, 0.0003)) == ("80.20", "0.30")
+    assert surer_together(0.01, (0.0802, 0.006)) is None
+    assert surer_together(None, (0.0802, 0.0003)) is None
+    assert surer_together(0.01, None) is None
 
 
 def quick(delay: float, seed: int, seconds: float = 24.0) -> tuple[Vehicle, tt.Recording]:

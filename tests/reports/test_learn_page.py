@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -143,6 +144,9 @@ def test_only_what_a_live_session_has(logs: Path) -> None:
     assert report_html(facts) == page.html
     assert "not known yet" in page.text
     assert math.isnan(facts.delay)
+    late = replace(facts, delay=0.0746, delay_std=0.0061, lag=0.0056, lag_std=0.0061, together=(0.0802, 0.0003))
+    assert "80.20 ± 0.30 ms; how much of that is lag is less sure" in Page(report_html(late)).text
+    assert "less sure" not in Page(report_html(replace(late, together=(0.0802, 0.004)))).text
 
 
 def test_names_cannot_break_the_page(logs: Path) -> None:

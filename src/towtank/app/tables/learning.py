@@ -268,7 +268,7 @@ def _show_input(learning: LogLearning, output: Output) -> None:
         if lags:
             output.line(f"lag {', '.join(short(1e3 * lag) for lag in lags)} ms, first order (of the vehicle file)")
     if (together := surer_together(std, learning.together)) is not None:
-        output.line(f"together {' ± '.join(together)} ms: how late the force is shows better than how it is so")
+        output.line(f"together {' ± '.join(together)} ms; how much of that is lag is less sure")
     if learning.gains:
         gains = (f"{name} {gain:.3f} ± {std:.3f}" for name, (gain, std) in learning.gains.items())
         output.line(f"gain of each thruster, relative to its curve: {', '.join(gains)}")

@@ -102,7 +102,7 @@ class LogLearning:
         if posterior is None or not {DELAY, LAG} <= set(posterior.names):
             return None
         rows = [posterior.names.index(name) for name in (DELAY, LAG)]
-        return self.delay + self.lag, math.sqrt(posterior.covariance[np.ix_(rows, rows)].sum())
+        return self.delay + self.lag, math.sqrt(max(posterior.covariance[np.ix_(rows, rows)].sum(), 0.0))
 
 
 @dataclass(frozen=True, eq=False)

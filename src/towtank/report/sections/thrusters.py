@@ -62,7 +62,7 @@ def _together(facts: LearnFacts) -> str:
         number(each, text, key=f"delay_and_lag_s/{key}")
         for each, text, key in zip(facts.together, found, ("value", "std"), strict=True)
     )
-    return f"{value} ± {std} ms: how late the force is shows better than how it is so"
+    return f"{value} ± {std} ms; how much of that is lag is less sure"
 
 
 def _latencies(facts: LearnFacts) -> str:
