@@ -11,7 +11,7 @@ T behind a delay d makes a force later by d + T, and smears it by T^2:
 
 By d and T alike motion answers where T is small: neither can be told from the other to first order, and about a lag of
 nothing none can be found. So below L, half a step of integration, the coordinate goes with the square, the sum is kept,
-and what a motion is linearised about has a lag of L at least. Inputs that are not so late have both as they are.
+and what a motion is linearised about has a lag of L at least. Inputs less late than a step have both as they are.
 
     T' = T, (T^2 + L^2) / 2 L below L;   d' = d + T - T'
 """
@@ -222,13 +222,13 @@ def _code(name: str, thrusters: Sequence[str]) -> tuple[int, int, int, int]:
     return code, i, j, TERMS[code].diagonal if i == j else UNTRANSFORMED
 
 
-def _both(free: FreeParameters, about: Array) -> tuple[int, int] | None:
-    """Return where delay and lag stand; None where one is known, or both are as they are about theta (n,)."""
+def _both(free: FreeParameters, *points: Array) -> tuple[int, int] | None:
+    """Return where delay and lag stand; None where one is known, or both are as they are at one of some points (n,)."""
     kinds = free.codes[:, 0].tolist()
     if not {IN_DELAY, IN_LAG} <= set(kinds):
         return None
     d, T = kinds.index(IN_DELAY), kinds.index(IN_LAG)
-    return (d, T) if about[d] + about[T] >= _SHOWS else None
+    return (d, T) if min(point[d] + point[T] for point in points) >= 2.0 * _SHOWS else None
 
 
 def linearised_about(free: FreeParameters, theta: Array) -> Array:
@@ -243,7 +243,7 @@ def linearised_about(free: FreeParameters, theta: Array) -> Array:
 
 def seen_about(free: FreeParameters, about: Array, mean: Array, covariance: Array) -> tuple[Array, Array]:
     """Return mean (n,) and covariance (n, n) in the coordinates of an estimator that is linearised about (n,)."""
-    both = _both(free, about)
+    both = _both(free, about, mean)
     if both is None:
         return mean, covariance
     d, T = both
@@ -261,7 +261,7 @@ def told(
 
     The mean lies as many deviations from theta as it did. Theta is physical if it was.
     """
-    both = _both(free, about)
+    both = _both(free, about, theta)
     if both is None:
         return theta.copy(), mean.copy(), covariance
     d, T = both
