@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ import towtank as tt
 from towtank.core.arrays import Array
 from towtank.core.zero_order_hold import hold_force, mean_forces_into, new_zero_order_hold
 from towtank.identification import learn_recordings
+from towtank.identification.kalman.state import FilterSettings, healthy_snapshot, recovered
 from towtank.identification.model.parameters import (
+    _SHOWS,
     DELAY,
     LAG,
     FreeParameters,
@@ -20,6 +23,7 @@ from towtank.identification.model.parameters import (
     seen_about,
     told,
 )
+from towtank.identification.online.joint import JointLearner
 from towtank.identification.posterior.wording import surer_together
 from towtank.simulation import Mocap, manoeuvre, simulate
 from towtank.vehicle import Vehicle, load_vehicle
@@ -96,6 +100,11 @@ def test_where_either_is_known_or_both_are_short_they_are_as_they_stand(names: S
         np.testing.assert_array_equal(found[1], covariance)
 
 
+def test_a_lag_shows_from_half_a_step_of_integration_on() -> None:
+    assert FilterSettings().step == 2.0 * _SHOWS
+    assert SHOWS == _SHOWS
+
+
 def test_a_sum_is_said_where_it_is_far_surer_than_its_parts() -> None:
     assert surer_together(0.01, (0.0802, 0.0003)) == ("80.20", "0.30")
     assert surer_together(0.01, (0.0802, 0.006)) is None
@@ -114,6 +123,48 @@ def quick(delay: float, seed: int, seconds: float = 24.0) -> tuple[Vehicle, tt.R
     commands = manoeuvre("all-square", truth, duration=seconds, dt=0.05, seed=seed).commands
     run = simulate(truth, commands=commands, dt=0.05, sensors=Mocap(), seed=seed)
     return truth.model_copy(update={"hydrodynamics": {}, "command_delay": 0.0}), run
+
+
+@pytest.fixture(scope="module")
+def streamed() -> JointLearner:
+    known, run = quick(0.08, 1)
+    learner = JointLearner(known, changes=False)
+    learner.run(run)
+    return learner
+
+
+def test_a_stream_tells_them_as_a_log_does(streamed: JointLearner) -> None:
+    """Its filter is linearised about a lag that shows, and has other coordinates."""
+    running = streamed._stream.running
+    assert running is not None
+    d, T = (running.free.names.index(name) for name in (DELAY, LAG))
+    assert running.state.linearised_at[T] >= SHOWS
+    theta, covariance = running.told
+    assert (streamed.delay, streamed.lag) == (max(theta[d], 0.0), theta[T])
+    together = covariance[np.ix_([d, T], [d, T])].sum() ** 0.5
+    assert abs(streamed.delay + streamed.lag - 0.08) < 3.0 * together < 0.006
+    assert covariance[d, d] ** 0.5 < 0.02
+
+
+def test_what_contradicts_it_is_no_coordinate(streamed: JointLearner) -> None:
+    running = streamed._stream.running
+    assert running is not None
+    apart = 0.01 * np.arange(len(running.free))
+    wider = running._replace(apart=apart).told[1] - running._replace(apart=0.0 * apart).told[1]
+    np.testing.assert_allclose(wider, np.outer(apart, apart), atol=1e-12)
+
+
+def test_inputs_of_a_filter_that_recovers_are_as_late_as_before(streamed: JointLearner) -> None:
+    running = streamed._stream.running
+    assert running is not None
+    known = healthy_snapshot(running.state)
+    assert known is not None
+    moved = replace(known, theta=known.theta + 0.003)
+    anew = recovered(running.state, moved, running.free, running.settings)
+    late = np.isin(running.free.names, (DELAY, LAG))
+    np.testing.assert_array_equal(anew.linearised_at[late], running.state.linearised_at[late])
+    np.testing.assert_array_equal(anew.linearised_at[~late], moved.theta[~late])
+    np.testing.assert_array_equal(anew.theta, moved.theta)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -93,7 +93,7 @@ def test_a_stream_is_less_sure_where_another_picture_of_the_data_is_likelier(lat
     k = running.free.names.index("N_rdot")
     alone = np.sqrt(np.diag(running.undoubted))
     np.testing.assert_allclose(running.std, np.hypot(alone, running.apart))
-    np.testing.assert_allclose(np.diag(running.covariance), running.std**2)
+    np.testing.assert_allclose(np.diag(running.told[1]), running.std**2)
     assert running.apart[k] > 4.0 * alone[k]  # nearly all of the doubt is about which picture is right
 
 

@@ -41,8 +41,8 @@ _FIXED_SHARE = 1e-4  # of the step that a coefficient might have made: its devia
 class Kept(NamedTuple):
     """What was learned from rows that are gone, the prior of what follows.
 
-    mean (n,), covariance (n, n), in the coordinates of a filter linearised about (n,); disagreement, apart (n,): see
-    `Running`.
+    mean (n,), covariance (n, n), in the coordinates of a filter linearised about (n,), see `told` of
+    `model.parameters`; disagreement, apart (n,): see `Running`.
     """
 
     names: tuple[str, ...]
@@ -59,7 +59,8 @@ class Running(NamedTuple):
     Attributes:
         whole: what is supposed of every plausible coefficient. prior: of those that the filter learns.
         state, held: the filter and its inputs. disagreement: factor (n,) to the deviations, see `JointFit`.
-        apart: d (n,) of a likelier picture of the data, in the coordinates, see `kalman.rivals.apart_from`; 0 for none.
+        apart: d (n,) of a likelier picture of the data, see `kalman.rivals.apart_from`, with delay and lag themselves; 0
+            for none.
         remarks: sentences about that, and about speeds that were smoothed.
         settings, levels: that it was begun with.
     """
@@ -81,23 +82,19 @@ class Running(NamedTuple):
 
     @property
     def told(self) -> tuple[Array, Array]:
-        """Mean (n,) and covariance (n, n), with delay and lag themselves."""
+        """Mean (n,) and covariance (n, n) as wide as windows and pictures of the data disagree; delay and lag [s]."""
         theta, about = self.state.theta, self.state.linearised_at
-        return told(self.free, about, theta, theta, self.covariance)[::2]
-
-    @property
-    def covariance(self) -> Array:
-        """Covariance (n, n) of its coordinates, as wide as windows and pictures of the data disagree."""
-        return np.asarray(self.undoubted + np.outer(self.apart, self.apart))
+        theta, _, covariance = told(self.free, about, theta, theta, self.undoubted)
+        return theta, covariance + np.outer(self.apart, self.apart)
 
     @property
     def undoubted(self) -> Array:
-        """It without what another picture of the data contradicts."""
+        """Covariance (n, n) of its coordinates without what another picture of the data contradicts."""
         return np.asarray(coefficient_block(self.state) * np.outer(self.disagreement, self.disagreement))
 
     @property
     def std(self) -> Array:
-        """Deviations (n,) likewise."""
+        """Deviations (n,) of its coordinates, as wide as windows and pictures of the data disagree."""
         return np.hypot(coefficient_std(self.state) * self.disagreement, self.apart)
 
     @property

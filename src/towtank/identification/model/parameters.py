@@ -232,7 +232,7 @@ def _both(free: FreeParameters, *points: Array) -> tuple[int, int] | None:
 
 
 def linearised_about(free: FreeParameters, theta: Array) -> Array:
-    """Return the point (n,) to linearise about for theta (n,): inputs as late on the whole, by a lag that shows."""
+    """Return the point (n,) to linearise about for theta (n,): inputs as late on the whole, by a lag that shows [s]."""
     both, out = _both(free, theta), theta.copy()
     if both is not None:
         d, T = both
@@ -242,7 +242,10 @@ def linearised_about(free: FreeParameters, theta: Array) -> Array:
 
 
 def seen_about(free: FreeParameters, about: Array, mean: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return mean (n,) and covariance (n, n) in the coordinates of an estimator that is linearised about (n,)."""
+    """Return mean (n,) and covariance (n, n) in the coordinates of an estimator that is linearised about (n,).
+
+    Of delay and lag [s] that is d' and T' of the module; a deviation of T is as many of T'.
+    """
     both = _both(free, about, mean)
     if both is None:
         return mean, covariance
@@ -257,7 +260,7 @@ def seen_about(free: FreeParameters, about: Array, mean: Array, covariance: Arra
 def told(
     free: FreeParameters, about: Array, theta: Array, mean: Array, covariance: Array
 ) -> tuple[Array, Array, Array]:
-    """Return theta, mean (n,) and covariance (n, n) of such an estimator as delay and lag themselves.
+    """Return theta, mean (n,) and covariance (n, n) of an estimator linearised about (n,) with d and T themselves [s].
 
     The mean lies as many deviations from theta as it did. Theta is physical if it was.
     """
