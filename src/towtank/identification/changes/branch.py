@@ -59,8 +59,8 @@ class Running(NamedTuple):
     Attributes:
         whole: what is supposed of every plausible coefficient. prior: of those that the filter learns.
         state, held: the filter and its inputs. disagreement: factor (n,) to the deviations, see `JointFit`.
-        apart: d (n,) of a likelier picture of the data, see `kalman.rivals.apart_from`, with delay and lag themselves; 0
-            for none.
+        apart: d (n,) of a likelier picture of the data, see `kalman.rivals.apart_from`, with delay and lag themselves;
+            0 for none.
         remarks: sentences about that, and about speeds that were smoothed.
         settings, levels: that it was begun with.
     """
