@@ -97,6 +97,17 @@ def test_a_position_that_drifts_off_beside_its_own_speed_is_refused(vehicle: Veh
     np.testing.assert_allclose(state.x[:3], beside.x[:3], atol=0.02)
 
 
+@pytest.mark.parametrize("off", [0.0, 2.7])
+def test_an_outlier_by_chance_costs_one_sample(vehicle: Vehicle, off: float) -> None:
+    """Also where the filter is a little off, as a model mostly is: what goes on so has not jumped."""
+    calm = run_of(vehicle, Mocap(noise_mm=0.0, jump_fraction=0.0))
+    values = calm.values[400:450, 0] + NOISE * np.where(np.arange(50) == 0, 5.2, off)
+    state = run_through(
+        filter_for(vehicle, B=calm.B, off=0.0), with_pose(calm, slice(400, 450), slice(0, 1), values[:, None]), 450
+    )
+    assert 1.0 <= state.statistics["rejected"][0] <= 3.0
+
+
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(("columns", "size"), [(slice(0, 3), 0.02), (slice(0, 3), 0.3), (slice(5, 6), 0.3)])
 def test_a_marker_that_jumps_is_left_out(vehicle: Vehicle, columns: slice, size: float, seed: int) -> None:

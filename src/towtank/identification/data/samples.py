@@ -194,17 +194,26 @@ class NoiseLevels:
     current_walk: float = _CURRENT_WALK
     heading_bias: float = 0.0
 
+    @property
+    def random(self) -> tuple[Array, Array, Array, Array]:
+        """All that passes estimate: noise, disturbance, velocity walk, waves."""
+        return self.noise, self.disturbance, self.velocity_walk, self.waves
+
+    def with_random(self, noise: Array, disturbance: Array, velocity_walk: Array, waves: Array) -> NoiseLevels:
+        """Return these levels with others of what is `random`."""
+        return replace(self, noise=noise, disturbance=disturbance, velocity_walk=velocity_walk, waves=waves)
+
     def midway_to(self, other: NoiseLevels) -> NoiseLevels:
         """Return the geometric mean of both levels, in the other's currents."""
-        return NoiseLevels(
-            np.sqrt(self.noise * other.noise),
-            np.sqrt(self.disturbance * other.disturbance),
-            np.sqrt(self.velocity_walk * other.velocity_walk),
-            np.sqrt(self.waves * other.waves),
-            other.currents,
-            other.current_walk,
-            other.heading_bias,
-        )
+        return other.with_random(*(np.sqrt(a * b) for a, b in zip(self.random, other.random, strict=True)))
+
+    def turning(self, last: NoiseLevels, before: NoiseLevels) -> NoiseLevels:
+        """Return these levels, half way back to the `last` ones where they turn back from what these have come to."""
+
+        def half(now: Array, then: Array, first: Array) -> Array:
+            return np.where((now - then) * (then - first) < 0.0, np.sqrt(now * then), now)
+
+        return self.with_random(*map(half, self.random, last.random, before.random))
 
     @property
     def heading_said(self) -> list[str]:

@@ -149,17 +149,14 @@ def _velocity_walk(state: JointState, levels: NoiseLevels) -> Array:
     return np.asarray(velocity_walk)
 
 
-def converged(new: NoiseLevels, old: NoiseLevels) -> bool:
-    """Return whether levels have converged."""
-    return bool(
-        np.all(np.abs(new.disturbance - old.disturbance) <= _CONVERGED * old.disturbance)
-        and np.all(np.abs(new.noise - old.noise) <= _CONVERGED * old.noise)
-        and np.all(np.abs(new.waves - old.waves) <= 2.0 * _CONVERGED * old.waves)
-        and np.all(
-            np.abs(np.nan_to_num(new.velocity_walk - old.velocity_walk))
-            <= _CONVERGED * np.nan_to_num(old.velocity_walk)
-        )
-    )
+def converged(new: NoiseLevels, old: NoiseLevels, before: NoiseLevels) -> bool:
+    """Return whether levels have converged, or only go to and fro between these, the `old` ones and those `before`."""
+
+    def settled(now: Array, then: Array, first: Array) -> bool:
+        change = np.nan_to_num(now - then)
+        return bool(np.all((np.abs(change) <= _CONVERGED * np.nan_to_num(then)) | (change * (then - first) < 0.0)))
+
+    return all(map(settled, new.random, old.random, before.random))
 
 
 def most_disturbed(samples: Sequence[Samples], p: Array) -> Array:

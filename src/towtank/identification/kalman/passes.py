@@ -72,12 +72,12 @@ _SAME_WATER = 600.0  # s after which a stretch of one session may be in another 
 _WINDOWS, _LEAST_WINDOW = 16, 25  # of a pass, that must agree; rows
 _PASSES = 16
 _LONGEST_STEP = 1.5  # deviations of the prior
-_PATIENCE, _CHANCE = 4, 5.0  # passes after the likeliest one; of the log likelihood, within which a later one speaks
+_PATIENCE, _CHANCE = 4, 5.0  # passes after one that gained; of the log likelihood, by which two are alike
 _SOONEST = 0.2  # of the delay and the lag that are supposed, in a second beginning
 _TOO_SOON = 0.1  # deviations of both in the prior, by which data ask for less of them than physics allows
 _DAMPED = 0.5  # share of a step that goes back on the last one
 _STILL = 0.05  # deviations of the posterior that a coefficient may still move
-_MUCH_WORSE = 100.0  # of the log likelihood, that a pass may lose on the best one
+_MUCH_WORSE = 100.0  # of the log likelihood, that a pass may lose on the one before
 WAVE_PERIODS = (3.5, 4.2, 5.0, 6.0, 7.2, 8.6)  # s, of waves that are tried beside that of the settings
 _WAVE = 0.03  # m/s: their size to begin with
 _LESS_WALK = (0.5, 0.2, 0.05)  # times the velocity walk that passes have come to
@@ -342,19 +342,20 @@ def _passes(
 ) -> tuple[JointFit, bool, bool]:
     """Run passes from theta (n,) `about` until nothing moves any more, else the likeliest of `passes`.
 
-    Where none can be computed, nothing was learned. No disturbance rises above the most that motion allows. Waves that
-    become too small to be any go from the levels; with `only_in_waves` the passes end there. Returns, too, whether the
-    first rejected much of a sensor, and whether a pose was doubted, which `doubts` allow. A disturbance does not begin
-    rough without need: far too large, it is a large push on heavy damping, where nothing else pushes.
+    Where none can be computed, nothing was learned. Where one is far less likely than the one before, its levels go
+    half way back, then all the way, and only then does theta. No disturbance rises above the most that motion allows.
+    Waves that become too small to be any go from the levels; with `only_in_waves` the passes end there. Returns, too,
+    whether the first rejected much of a sensor, and whether a pose was doubted, which `doubts` allow. A disturbance
+    does not begin rough without need: far too large, it is a large push on heavy damping, where nothing else pushes.
     """
     most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
     levels, rough = _bounded(problem, levels, most), np.minimum(problem.rough.disturbance, most)
-    best: JointFit | None = None
+    before: JointFit | None = None
     likeliest: JointFit | None = None
-    highest, improved, last = -math.inf, 0, np.zeros(len(problem.free))
+    highest, improved, failed, last = -math.inf, 0, 0, np.zeros(len(problem.free))
     region = Region(problem.vehicle, problem.free)
-    at_best, about = about, region.nearest(about, _movable(problem.prior.covariance, problem.learned))
-    lost = doubted = False
+    at_before, about = about, region.nearest(about, _movable(problem.prior.covariance, problem.learned))
+    lost = doubted = rests = False
     for k in range(passes):
         done = partial(lambda k, share: progress((k + share) / _PASSES), k)
         state, _, readings, currents = one_pass(problem, about, levels, done)
@@ -364,26 +365,34 @@ def _passes(
         lost = lost or (k == 0 and diverged(state))
         fit = _fit_of(problem, region, state, levels, k + 1, readings)
         finite = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.std).all() and np.isfinite(fit.likelihood))
-        if not finite and best is None:  # no motion can be computed with these coefficients, or none so smooth
+        if not finite and before is None:  # no motion can be computed with these coefficients, or none so smooth
             if np.allclose(about, problem.prior.mean):
                 levels = replace(levels, disturbance=ROUGH * levels.disturbance)
             about = 0.5 * (about + problem.prior.mean) if k < passes // 2 else problem.prior.mean
             continue
-        if best is not None and not (finite and fit.likelihood > best.likelihood - _MUCH_WORSE):
-            about, levels = 0.5 * (about + at_best), levels.midway_to(best.levels)
+        if before is not None and not (finite and fit.likelihood > before.likelihood - _MUCH_WORSE):
+            failed, doubts = failed + 1, False
+            if rests and failed > 1:  # what levels come to explains less, and nothing else moves
+                return replace(before, still=True), lost, doubted
+            levels = levels.midway_to(before.levels) if finite and failed == 1 else before.levels
+            about = about if failed <= (2 if finite else 1) else 0.5 * (about + at_before)
             continue
         doubted = doubted or (doubts and bool(contradicted(state).any()))
         adapted = adapt_noise(state, levels, problem.settings, problem.own_noise, doubts=doubts)
         adapted = replace(adapted, disturbance=np.minimum(adapted.disturbance, most))
         moved = np.abs(fit.theta - about) / (fit.std + 1e-9)
-        best, at_best = fit, about
+        rests, still = bool((moved <= _STILL).all()), False
+        if before is not None:
+            alike = abs(fit.likelihood - before.likelihood) <= _CHANCE
+            still = rests and (alike or converged(adapted, levels, before.levels))
+            adapted = adapted.turning(levels, before.levels)
+        before, at_before, failed = fit, about, 0
         calms = k >= _CALM_AFTER and levels.waves.any() and adapted.waves.max() < _SMALLEST_WAVE
-        still = k > 0 and bool((moved <= _STILL).all()) and converged(adapted, levels)
         if still or (calms and only_in_waves):
             return replace(fit, still=still), lost, doubted
         if likeliest is None or fit.likelihood > highest - _CHANCE:
             likeliest = fit
-        if fit.likelihood > highest:
+        if fit.likelihood > highest + _CHANCE:
             highest, improved = fit.likelihood, k
         elif k - improved >= _PATIENCE:
             return likeliest, lost, doubted
