@@ -93,7 +93,7 @@ STATISTICS = _fields(
     *("noise_samples", "noise_sum", "nis_sum", "rejected", "accepted", "neighbours", "neighbour_sum"),
     *("steady_score", "steady_information", "last_innovation", "last_gain", "has_last"),
 )
-OUTAGE = _fields("rejected", variance=(3,), seen=(3,), shown=(3,), left=(3,))
+OUTAGE = _fields("rejected", "log_ratio", offset=(3,), seen=(3,), shown=(3,), left=(3,))
 DISTURBANCE_STATISTICS = _fields("time", "square", "variance", "effective_samples")
 
 
@@ -162,7 +162,7 @@ class JointState(NamedTuple):
             innovation^2 / S; rejected, accepted: samples. Of speeds: neighbour_sum: what pairs of neighbours show of
             the noise's variance; steady_score, steady_information: of a random walk in the steady state; the last
             innovation, its gain, whether it is there.
-        outages (6,), per sensor: rejected: samples in a row; variance: of the first of them, as expected.
+        outages (6,), per sensor: rejected: samples in a row; offset: their mean; log_ratio: evidence of its return.
             Of a pose: when [s] each number was `seen` and accepted last, what was `shown`, and what the state has
             `left` of it, or of the last samples on average.
         disturbance_statistics (6,), per axis: time [s]; square, variance: integrals of d_hat^2 and of its variance;

@@ -55,6 +55,9 @@ _CLIPPED_SQUARE = 25.0  # times S that an innovation^2 counts for at most in the
 _NOISE_SHOWS = 5.0  # times R: below, S shows the sensor's noise
 _NEIGHBOURS = 0.5  # s from one sample of a speed to the next, for the two to show the sensor's noise
 _LEAST_SLOPE = 0.05  # s per s: of S by the walk's variance in the steady state
+_NEAR = 3.0  # deviations of its noise within which a sensor has come back
+_RETURNED = 8.0  # log likelihood ratio for a sensor that has come back, against one that is still off
+_OFFSET_WEIGHT = 0.1  # least weight of a sample in the mean offset of a sensor that is rejected
 _LAST = 0.3  # weight of the last sample in the mean of what the state does not follow
 _NEXT = 0.06  # s from one sample of a pose to the next, for the two to show whether it has jumped
 _MOST_REJECTED = 3.0  # samples of a sensor whose longest outage is over
@@ -387,21 +390,32 @@ def _passes_gate(state: JointState, z: Array, sensor: int) -> bool:
     """Return whether all numbers of a sensor lie within the gate, and, after an outage, have come back.
 
     While a sensor is rejected the gate widens; an offset that stays would slip in, one lucky sample at first. So it is
-    accepted again only where it is as near to what is expected as it had to be when it was rejected first.
+    accepted again only where its own noise accounts for what it differs by, or its samples speak for what is expected,
+    and against the offset that it was rejected for, by a log likelihood ratio summed as in Page's test.
     """
     gate, outage = state.settings[0].gate, state.outages[sensor]
     within = near = True
+    ratio = 0.0
     for k in range(3):
+        if outage.rejected == 0.0:
+            outage.offset[k] = 0.0
         if math.isfinite(z[3 * sensor + k]):
             residual, S = math.fabs(state.innovation[k]), state.variance[k]
-            if outage.rejected == 0.0:
-                outage.variance[k] = S
             within = within and residual <= gate * math.sqrt(S)
-            near = near and residual <= gate * math.sqrt(outage.variance[k])
-    if within and (outage.rejected == 0.0 or near or not OFFSET_STAYS[sensor]):
+            near = near and residual <= _NEAR * state.noise[3 * sensor + k]
+            ratio += ((state.innovation[k] - outage.offset[k]) ** 2 - residual * residual) / (2.0 * S)
+        else:
+            state.innovation[k] = outage.offset[k]
+    outage.log_ratio = max(0.0, outage.log_ratio + ratio) if outage.rejected > 0.0 else 0.0
+    returned = outage.rejected == 0.0 or near or outage.log_ratio > _RETURNED
+    if within and (returned or not OFFSET_STAYS[sensor]):
         outage.rejected = 0.0
         return True
-    outage.rejected += 1.0
+    if ratio < 0.0 or outage.rejected == 0.0:
+        outage.rejected += 1.0
+        share = max(1.0 / outage.rejected, _OFFSET_WEIGHT)
+        for k in range(3):
+            outage.offset[k] += (state.innovation[k] - outage.offset[k]) * share
     return False
 
 
