@@ -60,14 +60,12 @@ def likeliest_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
     """Return the likeliest of all rivals; None where none is likelier than what was found.
 
     That is so likely as a pass about it is: where passes did not settle, one on the way may have been likelier by far.
-    What that one asked for, and physics forbids, is as much likelier than itself.
     """
     settings = replace(problem.settings, wave_period=fit.wave_period)
     few = replace(problem, samples=spread(problem.samples), settings=settings)
     whole = sum(map(len, few.samples)) == sum(map(len, problem.samples))
     known = fit.likelihood if whole and fit.still else _by_one_pass(few, fit.theta, fit.levels)
-    forbidden = forbidden_rival(fit, fit.likelihood if whole else known)
-    asked = (quick_rival(few, fit, known), late_rival(few, fit, known), forbidden)
+    asked = (quick_rival(few, fit, known), late_rival(few, fit, known), forbidden_rival(fit, known))
     return max(filter(None, asked), key=lambda each: each.fit.likelihood, default=None)
 
 
