@@ -202,7 +202,7 @@ class _Look:
         likelier = [way for way in near if _ahead(found, way) > least[way]]
         last = {way: joint_fit(self._rewired(way)) for way in (file, *likelier)} if likelier else {}
         likelier = [way for way in likelier if _ahead(last, way) > min(least[way], 0.0)]
-        return max(likelier, key=lambda way: _ahead(found, way) - cost[way], default=file)
+        return max(likelier, key=lambda way: found[way].likelihood / _ALIKE - cost[way], default=file)
 
     def _rewired(self, way: Wiring, only: slice = slice(None)) -> JointProblem:
         samples = [replace(each, B=np.ascontiguousarray(way.matrix(each.B))) for each in self.problem.samples[only]]
