@@ -18,7 +18,6 @@ Where the file's wiring falls far behind, both have decided. Else what linear re
 which the data speak, be it by less than they cost, are learned with, pass after pass, for what a swap does to 30 s of a
 vehicle that is not known may be small. The file's wiring is learned with, too, and stays unless another is likelier by
 more than it costs; what both judges found likelier, for all that it costs, need only be no less likely than `_STAYS`.
-Where windows do not contradict what is learned with a wiring, three samples tell as much as one in place of ten.
 
 Thrusters are turned or their outputs swapped; none is moved.
 """
@@ -50,7 +49,6 @@ _NEAR = 10.0  # nats below what it costs that call for a second look
 _SPEAK, _MOST = 1.0, 3  # nats by which data speak for a wiring that is learned with; as many at most
 _PIECE, _PIECES = 10.0, 12  # s of a stretch; as many at most
 _APART, _ALIKE = 0.05, 10.0  # s between two samples of a sensor that are looked at; so many tell as much as one
-_ALIKE_AT_LEAST = 3.0  # of them, where windows of what was learned do not contradict each other
 _NONSENSE = 10.0  # nats that a stretch holds against a wiring at most
 _FIRST, _PASSES = 4, 10  # passes that find whereabouts the vehicle is, and the level of disturbance; that learn
 _MANY = 12  # inputs, above which not every set of signs is tried
@@ -186,23 +184,21 @@ class _Look:
         Args:
             cost: of each of a few ways. judged: what both judges found, which has paid.
         """
-        first, mean, file = self._file, self.problem.prior.mean, Wiring()
-        found = {
-            way: first_passes(self._rewired(way), _PASSES, since=(first.theta, first.levels))
-            for way in ((file, *cost) if cost else ())
-        }
+        first, mean, found = self._file, self.problem.prior.mean, dict[Wiring, float]()
+        for way in (Wiring(), *cost) if cost else ():
+            found[way] = _nats(first_passes(self._rewired(way), _PASSES, since=(first.theta, first.levels)))
         least = {way: -_STAYS if way == judged else nats for way, nats in cost.items()}
-        near = [way for way in cost if _ahead(found, way) > least[way] - _NEAR]
+        near = [way for way in cost if found[way] > found[Wiring()] + least[way] - _NEAR]
         if near:
             whole = joint_fit(self.problem, since=(mean, first.levels))
-            found[file] = _likelier(found[file], whole)
+            found[Wiring()] = max(found[Wiring()], _nats(whole))
             settings = replace(self.problem.settings, wave_period=whole.wave_period)
             again = {way: replace(self._rewired(way), settings=settings) for way in near}
-            found |= {way: _likelier(found[way], settled(each, mean, whole.levels)) for way, each in again.items()}
-        likelier = [way for way in near if _ahead(found, way) > least[way]]
-        last = {way: joint_fit(self._rewired(way)) for way in (file, *likelier)} if likelier else {}
-        likelier = [way for way in likelier if _ahead(last, way) > min(least[way], 0.0)]
-        return max(likelier, key=lambda way: found[way].likelihood / _ALIKE - cost[way], default=file)
+            found |= {way: max(found[way], _nats(settled(each, mean, whole.levels))) for way, each in again.items()}
+        likelier = [way for way in near if found[way] > found[Wiring()] + least[way]]
+        last = {way: _nats(joint_fit(self._rewired(way))) for way in (Wiring(), *likelier)} if likelier else {}
+        likelier = [way for way in likelier if last[way] > last[Wiring()] + min(least[way], 0.0)]
+        return max(likelier, key=lambda way: found[way] - cost[way], default=Wiring())
 
     def _rewired(self, way: Wiring, only: slice = slice(None)) -> JointProblem:
         samples = [replace(each, B=np.ascontiguousarray(way.matrix(each.B))) for each in self.problem.samples[only]]
@@ -214,14 +210,5 @@ class _Look:
         return first_passes(self.problem, _FIRST)
 
 
-def _likelier(one: JointFit, other: JointFit) -> JointFit:
-    return max(one, other, key=lambda fit: float(np.nan_to_num(fit.likelihood, nan=-np.inf)))
-
-
-def _ahead(found: Mapping[Wiring, JointFit], way: Wiring) -> float:
-    """Return by how much a way is likelier than the file's [nats]; of data that contradict it, samples tell less."""
-    each, file = found[way], found[Wiring()]
-    if not np.isfinite(each.likelihood):
-        return -np.inf
-    alike = min(_ALIKE, _ALIKE_AT_LEAST * each.disagreement**2)
-    return (each.likelihood - float(np.nan_to_num(file.likelihood, nan=-1e9))) / alike
+def _nats(fit: JointFit) -> float:
+    return fit.likelihood / _ALIKE if np.isfinite(fit.likelihood) else -1e9
