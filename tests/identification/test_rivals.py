@@ -109,15 +109,15 @@ def test_an_answer_is_as_likely_as_a_pass_about_it(
     """Passes that did not settle may have been far likelier on the way: nothing was said against what they came to."""
     problem, fit = slow
     knew: list[float] = []
-    for kind in ("quick", "late"):
-        monkeypatch.setattr(rivals, f"{kind}_rival", lambda few, fit, known: knew.append(known))
+    for kind in ("quick", "late", "forbidden"):
+        monkeypatch.setattr(rivals, f"{kind}_rival", lambda *asked: knew.append(asked[-1]))
     on_the_way = replace(fit, likelihood=fit.likelihood + 1000.0, still=False)
     assert likeliest_rival(problem, on_the_way) is None
-    assert knew == pytest.approx([fit.likelihood] * 2, abs=1.0)
+    assert knew == pytest.approx([fit.likelihood] * 3, abs=1.0)
     monkeypatch.setattr(rivals, "one_pass", None)
     assert fit.still
     assert likeliest_rival(problem, fit) is None  # the last pass was one about it
-    assert knew[2:] == [fit.likelihood] * 2
+    assert knew[3:] == [fit.likelihood] * 3
 
 
 @pytest.mark.parametrize(("deviations", "asked_for"), [(0.0, False), (5.0, False), (8.0, True)])
