@@ -104,6 +104,13 @@ class JointProblem:
         quieter = np.sqrt(after / np.maximum(before, 1))
         return replace(self, samples=means, own_noise=np.where(before, quieter, 1.0) * self.own_noise, single=self)
 
+    def between_looks(self) -> JointProblem:
+        """Return the question where inputs go on between two looks at them; itself where that makes no difference."""
+        samples = [each.between_looks() for each in self.samples]
+        if all(a is b for a, b in zip(samples, self.samples, strict=True)):
+            return self
+        return replace(self, samples=samples, single=self.single and self.single.between_looks())
+
     @property
     def of_each(self) -> JointProblem:
         """The question about each single sample."""

@@ -12,6 +12,10 @@ late    a share of each axis' force that acts later than the rest, or too soon w
 forbidden
         what data and prior come to, where physics allows only another answer.
 
+One picture is chosen where it is likelier, since it is as good physics (`as_looked_at`): a logger that looks at outputs
+ten times in a second tells what they were then, not what they did meanwhile. Whoever takes them for held until the next
+look has forces come half a period late, so that delay and lag end at nothing, and inertias make up for the rest.
+
 A rival that is likelier is no better for that: likelihood looks at the next sample, and what predicts that best is not
 what runs on freely best. But the same data have come to two answers with the same prior, which must agree within what
 both state. Where they do not, whoever speaks states too little.
@@ -30,13 +34,22 @@ from towtank.core.arrays import Array
 from towtank.identification.data.samples import NoiseLevels, Samples
 from towtank.identification.kalman.passes import FAR_LIKELIER, joint_fit, one_pass
 from towtank.identification.kalman.problem import JointFit, JointProblem
-from towtank.identification.model.parameters import IN_GAIN, FreeParameters
+from towtank.identification.model.parameters import DELAY, IN_GAIN, FreeParameters
 from towtank.identification.model.prior import Prior
 from towtank.identification.model.terms import AXES, LOG
 from towtank.recording.grids.grid import held_at
 from towtank.recording.grids.stretches import spread
 
-__all__ = ["CONTRADICTED", "Rival", "apart_from", "forbidden_rival", "late_rival", "likeliest_rival", "quick_rival"]
+__all__ = [
+    "CONTRADICTED",
+    "Rival",
+    "apart_from",
+    "as_looked_at",
+    "forbidden_rival",
+    "late_rival",
+    "likeliest_rival",
+    "quick_rival",
+]
 
 CONTRADICTED = 1.3  # factor by which windows differ more than they state, from which the filter is doubted
 _QUICK = 0.2  # s: time constant of a quick disturbance
@@ -56,15 +69,30 @@ class Rival(NamedTuple):
     picture: str
 
 
+def as_looked_at(problem: JointProblem, fit: JointFit) -> tuple[JointProblem, JointFit] | None:
+    """Return problem and posterior of inputs that were looked at, where that is likelier by far than held ones are.
+
+    Held inputs come half a period later, for which the delay made up as far as it could. A delay that somebody gave
+    counts from stamps at which inputs were given.
+    """
+    other = problem.between_looks()
+    if other is problem or DELAY not in problem.free.names:
+        return None
+    few, known = _few(problem, fit)
+    looked, later = few.between_looks(), fit.theta.copy()
+    later[problem.free.names.index(DELAY)] += 0.5 * float(np.median([each.input_period for each in few.samples]))
+    begun = max((fit.theta, later), key=lambda about: _by_one_pass(looked, about, fit.levels))
+    if not _by_one_pass(looked, begun, fit.levels) > known + FAR_LIKELIER:
+        return None
+    return other, joint_fit(other, since=(begun, fit.levels))
+
+
 def likeliest_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
     """Return the likeliest of all rivals; None where none is likelier than what was found.
 
     That is so likely as a pass about it is: where passes did not settle, one on the way may have been likelier by far.
     """
-    settings = replace(problem.settings, wave_period=fit.wave_period)
-    few = replace(problem, samples=spread(problem.samples), settings=settings)
-    whole = sum(map(len, few.samples)) == sum(map(len, problem.samples))
-    known = fit.likelihood if whole and fit.still else _by_one_pass(few, fit.theta, fit.levels)
+    few, known = _few(problem, fit)
     asked = (quick_rival(few, fit, known), late_rival(few, fit, known), forbidden_rival(fit, known))
     return max(filter(None, asked), key=lambda each: each.fit.likelihood, default=None)
 
@@ -127,6 +155,14 @@ def apart_from(problem: JointProblem, fit: JointFit, rival: Rival) -> tuple[Arra
         "away, others less, and deviations are widened by such differences"
     )
     return np.clip(away, -fit.prior.std, fit.prior.std) * math.sqrt(_EITHER), [text] if apart[most] > _SAID else []
+
+
+def _few(problem: JointProblem, fit: JointFit) -> tuple[JointProblem, float]:
+    """Return the question of as few rows as do, in the waves that were found, and the log likelihood of the answer."""
+    settings = replace(problem.settings, wave_period=fit.wave_period)
+    few = replace(problem, samples=spread(problem.samples), settings=settings)
+    whole = sum(map(len, few.samples)) == sum(map(len, problem.samples))
+    return few, fit.likelihood if whole and fit.still else _by_one_pass(few, fit.theta, fit.levels)
 
 
 def _by_one_pass(problem: JointProblem, about: Array, levels: NoiseLevels) -> float:

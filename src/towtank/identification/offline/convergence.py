@@ -70,6 +70,7 @@ def _by_filter(
         settings = replace(settings, wave_period=learning.wave_period)
     free = mode.prior.free
     problem = JointProblem(samples, learning.model, mode.prior, settings, mode.levels.noise, learning.delay)
+    problem = problem.between_looks() if mode.looked_at else problem
     _, _, readings, _ = one_pass(problem, mode.theta, mode.levels, windows=_READINGS)
     kept = [free.names.index(name) for name in names]
     rows = []

@@ -24,7 +24,7 @@ from towtank.identification.data.samples import NoiseLevels, Samples, Sources, s
 from towtank.identification.kalman.noise_adaptation import filter_settings
 from towtank.identification.kalman.passes import joint_fit
 from towtank.identification.kalman.problem import JointFit, JointProblem, settings_for
-from towtank.identification.kalman.rivals import apart_from, likeliest_rival
+from towtank.identification.kalman.rivals import apart_from, as_looked_at, likeliest_rival
 from towtank.identification.model.measurements import LEAST_NOISE, TYPICAL_NOISE
 from towtank.identification.model.parameters import DELAY, LATENCIES, PLACES
 from towtank.identification.model.prior import further_unknowns, prior_of
@@ -74,8 +74,12 @@ def learn_joint(request: LearningRequest, progress: Progress | None = None) -> L
     grids = tuple(align(recording) for recording in request.recordings)
     problem = joint_problem(request)
     by_filter = joint_fit(problem, lambda share: report("joint filter", 0.05 + 0.6 * share))
-    report("free runs", 0.65)
     verdict, said = None, list[str]()
+    looked = as_looked_at(problem, by_filter)
+    if looked is not None:
+        problem, by_filter = looked
+        said.append("between two commands that were looked at outputs went on: forces change steadily in between")
+    report("free runs", 0.65)
     if request.free_runs is not False:
         verdict = free_run_verdict(problem, by_filter, grids, request.vehicle, always=bool(request.free_runs))
     fit = by_filter if verdict is None else verdict.fit
@@ -90,7 +94,7 @@ def learn_joint(request: LearningRequest, progress: Progress | None = None) -> L
         said += texts
     report("what is known", 0.95)
     better = verdict is not None and verdict.better
-    return _learned(request, problem, fit, undoubted, grids, said, free_runs=better)
+    return _learned(request, problem, fit, undoubted, grids, said, free_runs=better, looked_at=looked is not None)
 
 
 def joint_problem(request: LearningRequest) -> JointProblem:
@@ -124,6 +128,7 @@ def _learned(
     said: Sequence[str],
     *,
     free_runs: bool,
+    looked_at: bool,
 ) -> LogLearning:
     """Return the posterior as a model, with what was learned of inputs, sensors and water, and what was said of it.
 
@@ -168,7 +173,7 @@ def _learned(
         gains=gains,
         latency=latency,
         places=places,
-        mode=Mode(fit.prior, fit.theta, levels),
+        mode=Mode(fit.prior, fit.theta, levels, looked_at),
         wave_period=fit.wave_period if fit.levels.waves.any() else math.nan,
         narrowed=dict(zip(free.names, (fit.std / without_data(fit.prior, fit.theta)).tolist(), strict=True)),
         remarks=(*_remarks(request, problem, fit, current), *said),

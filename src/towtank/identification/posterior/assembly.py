@@ -38,12 +38,13 @@ class DelayScan:
 @dataclass(frozen=True, eq=False)
 class Mode:
     """The likeliest values of all unknowns: theta (n,) in the coordinates of the `prior`, and the `levels` of noise and
-    disturbance [m/s^2, rad/s^2] with them.
+    disturbance [m/s^2, rad/s^2] with them. looked_at: whether inputs went on between two looks at them.
     """
 
     prior: Prior
     theta: Array
     levels: NoiseLevels
+    looked_at: bool = False
 
 
 @dataclass(frozen=True, repr=False)
