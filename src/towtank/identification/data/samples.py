@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 
 from towtank.core.arrays import Array
 from towtank.core.attitude import eulers_from_quaternions
@@ -41,8 +42,8 @@ N_MEASURED = len(MEASURED)
 _TOGETHER, _COARSEST = 1e-6, 10.0  # s: stamps closer than this are one instant; Hz of the coarsest grid on the way
 _CURRENT_WALK = 1e-3  # m/s per sqrt(s), to begin with
 _JUMPS = 5.0  # times what nine in ten steps from sample to sample stay below: beyond, it is a jump
-_LOOKS = 0.04, 0.25  # s between two looks at outputs, from which on it matters what they did meanwhile, and up to which
-_AT_ONCE = 0.02  # s: about so long an input is held that goes steadily from one look to the next
+_LOOKS = 0.04, 0.6  # s between two looks at outputs, from which on it matters what they did meanwhile, and up to which
+_AT_ONCE = 0.02  # s: about so long an input is held that goes on from one look to the next
 _FIRST_ROWS = 1024  # room of an empty buffer
 
 
@@ -99,10 +100,11 @@ class Samples:
         return float(np.median(np.diff(t))) if t.size > 1 else 0.0
 
     def between_looks(self) -> Samples:
-        """Return the same with inputs that go steadily from one look at them to the next; itself where that is soon.
+        """Return the same with inputs that went on between two looks at them; itself where that is soon, or long.
 
         A logger that looks at outputs ten times in a second tells nothing of the time between, in which a pilot's hand,
-        or an autopilot, moved on. Where nothing new was seen for longer, what was seen last was held.
+        or an autopilot, moved on: by the smooth curve through what was seen that does not go beyond it (Fritsch and
+        Carlson's cubic). Where nothing new was seen for longer, what was seen last was held until the last look.
         """
         t, force, new, period = self.input_t, self.input_force, self._new_inputs, self.input_period
         if not _LOOKS[0] <= period <= _LOOKS[1]:
@@ -110,17 +112,13 @@ class Samples:
         since = (t - t[np.maximum.accumulate(np.where(new, np.arange(t.size), 0))]) / period
         looks = new | np.append(False, np.diff(np.floor(since + 0.1)) > 0.0)
         t, force = t[looks], force[looks]
-        n, after, rise = round(period / _AT_ONCE), np.diff(t), np.diff(force, axis=0)
-        moving = after < 1.5 * period
-        part = np.arange(n)[:, None]
-        times = t[:-1] + after * part / n
-        forces = force[:-1] + moving[:, None] * rise * (part[:, :, None] + 0.5) / n
-        kept = (moving | (part == 0)).T
-        return replace(
-            self,
-            input_t=np.append(times.T[kept], t[-1]),
-            input_force=np.concatenate([forces.transpose(1, 0, 2)[kept], force[-1:]]),
-        )
+        long = np.flatnonzero(np.diff(t) > 1.5 * period)
+        t, force = np.insert(t, long + 1, t[long + 1] - period), np.insert(force, long + 1, force[long], axis=0)
+        n = round(period / _AT_ONCE)
+        edges = np.append((t[:-1, None] + np.diff(t)[:, None] * np.arange(n) / n).ravel(), t[-1])
+        passed = PchipInterpolator(t, force).antiderivative()(edges)
+        means = np.diff(passed, axis=0) / np.diff(edges)[:, None]
+        return replace(self, input_t=edges, input_force=np.concatenate([means, force[-1:]]))
 
     def shifted(self, latency: Array) -> Samples:
         """Return the rows with each sensor's numbers at the times that they speak of: latency (6,) [s] before."""

@@ -84,7 +84,8 @@ def as_looked_at(problem: JointProblem, fit: JointFit) -> tuple[JointProblem, Jo
     begun = max((fit.theta, later), key=lambda about: _by_one_pass(looked, about, fit.levels))
     if not _by_one_pass(looked, begun, fit.levels) > known + FAR_LIKELIER:
         return None
-    return other, joint_fit(other, since=(begun, fit.levels))
+    found = joint_fit(other, since=(begun, fit.levels))
+    return other, replace(found, passes=fit.passes + found.passes)
 
 
 def likeliest_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
