@@ -4,10 +4,11 @@
 
 The VideoRay Pro 4, whose thrusters lag by 30 ms behind a delay of 20 ms, is driven for 40 s on all axes at once, in
 water that pushes it, under an inertial unit, a DVL and depth. `held`: commands are given ten times in a second and
-recorded as they are given. `20 Hz`, `10 Hz`, `5 Hz`, `2 Hz`: they are given a hundred times in a second, and looked at so
-often. `repeated`: a table at 20 Hz repeats what was looked at ten times in a second. Of every coefficient that is
-identified: how far from the truth, in deviations that are stated; of the total inertias: how far, as a share; delay and
-lag together: how far. Beside it the same where every input is taken for held until the next.
+recorded as they are given. `20 Hz`, `10 Hz`, `5 Hz`, `2 Hz`: they are given a hundred times in a second (which makes
+forces 5 ms later on the whole), and looked at so often. `repeated`: a table at 20 Hz repeats what was looked at ten
+times in a second. Of every coefficient that is identified: how far from the truth, in deviations that are stated; of
+the total inertias: how far, as a share; delay and lag together: how far. Beside it the same where every input is taken
+for held until the next.
 """
 
 from __future__ import annotations

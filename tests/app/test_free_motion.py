@@ -177,8 +177,8 @@ def commanded(rate: float, table: str) -> LogParts:
 @pytest.mark.parametrize(
     ("rate", "table", "words"),
     [
-        (10.0, "RCOU", ("at 10 Hz (RCOU)", "up to 100 ms too long", "LOG_BITMASK", "--record FILE.mcap")),
-        (2.0, "SERVO_OUTPUT_RAW", ("at 2 Hz", "about 250 ms", "SRn_RC_CHAN", "--record FILE.mcap")),
+        (10.0, "RCOU", ("at 10 Hz (RCOU)", "the 100 ms between two", "LOG_BITMASK", "--record FILE.mcap")),
+        (2.0, "SERVO_OUTPUT_RAW", ("at 2 Hz", "the 500 ms between two", "SRn_RC_CHAN", "--record FILE.mcap")),
         (5.0, "", ("at 5 Hz. Unless every change of a command is recorded", "whenever they change")),
     ],
 )

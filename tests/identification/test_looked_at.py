@@ -22,7 +22,7 @@ sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks" / "studie
 from looked_study import DELAY, INERTIAS, LAG, driven
 from undriven_study import told
 
-WENT_ON = "outputs went on"
+WENT_ON = "looked at now and then"
 
 
 def given(t: Array, force: Array) -> Samples:

@@ -79,9 +79,9 @@ def rate_warnings(logs: Sequence[LogParts]) -> list[str]:
             step = 1e3 / rate
             out.append(
                 f"{each.log.name}: commands come at {short(rate, 2)} Hz{f' ({table})' if table else ''}. "
-                f"{'Each' if known else 'Unless every change of a command is recorded, each'} is taken to last up to "
-                f"{step:.0f} ms too long. So delay and lag are known to about {0.5 * step:.0f} ms at best. Motion "
-                f"faster "
+                f"{'What' if known else 'Unless every change of a command is recorded, what'} thrusters were asked for "
+                f"in the {step:.0f} ms between two of them is not known: whichever is likelier, they are learned from "
+                "as held or as going on smoothly. Motion faster "
                 f"than {2e-3 * step:.2g} s, as when an autopilot steadies the vehicle, is learned poorly or not at "
                 f"all; slow manoeuvres are learned well. {f'{_OUTPUTS[table]}. {_ASKED_FOR}' if known else _ELSEWHERE}"
             )

@@ -78,7 +78,7 @@ def learn_joint(request: LearningRequest, progress: Progress | None = None) -> L
     looked = as_looked_at(problem, by_filter)
     if looked is not None:
         problem, by_filter = looked
-        said.append("between two commands that were looked at outputs went on: forces change steadily in between")
+        said.append("commands are outputs that were looked at now and then: going on smoothly is likelier than held")
     report("free runs", 0.65)
     if request.free_runs is not False:
         verdict = free_run_verdict(problem, by_filter, grids, request.vehicle, always=bool(request.free_runs))
