@@ -81,10 +81,10 @@ def as_looked_at(problem: JointProblem, fit: JointFit) -> tuple[JointProblem, Jo
     few, known = _few(problem, fit)
     looked, later = few.between_looks(), fit.theta.copy()
     later[problem.free.names.index(DELAY)] += 0.5 * float(np.median([each.input_period for each in few.samples]))
-    begun = max((fit.theta, later), key=lambda about: _by_one_pass(looked, about, fit.levels))
-    if not _by_one_pass(looked, begun, fit.levels) > known + FAR_LIKELIER:
+    gained, begun = max((_by_one_pass(looked, x, fit.levels) - known, k) for k, x in enumerate((fit.theta, later)))
+    if not gained > FAR_LIKELIER:
         return None
-    found = joint_fit(other, since=(begun, fit.levels))
+    found = joint_fit(other, since=((fit.theta, later)[begun], fit.levels))
     return other, replace(found, passes=fit.passes + found.passes)
 
 
