@@ -203,6 +203,26 @@ def test_where_both_judges_leave_the_file_far_behind_they_decide(monkeypatch: py
     assert not asked
 
 
+@pytest.mark.parametrize("linear", [Wiring((0,)), Wiring((1,))], ids=str)
+def test_of_two_ways_that_the_judges_find_likeliest_the_one_is_taken_that_is_likelier_learned_with(
+    linear: Wiring, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At sea the filter, about where the wrong wiring had come to, took two turned thrusters for swapped ones."""
+    right, other = Wiring((0,)), Wiring((1,))
+    at_once = {right: other, other: right}[linear]  # what the filter finds likeliest
+
+    def by_responses(ways: list[Wiring], *others: object) -> np.ndarray:
+        return np.array([{linear: 30.0, at_once: 25.0, Wiring(): 0.0}.get(each, -1000.0) for each in ways])
+
+    def by_filter(look: object, ways: list[Wiring], k: int) -> np.ndarray:
+        return np.array([{linear: -20.0, at_once: 0.0}.get(each, -1000.0) for each in ways])
+
+    monkeypatch.setattr(wiring, "likelihood_of", by_responses)
+    monkeypatch.setattr(wiring._Look, "_told", by_filter)
+    monkeypatch.setattr(wiring._Look, "choice", None)  # the file's wiring is far behind: it is not asked
+    assert found_in(spins(20.0), unknown(rewired(craft(), right))) == right
+
+
 def farther_without(run: Recording, passes: Callable[..., JointFit]) -> Callable[..., JointFit]:
     """Passes that are far likelier with any other wiring than that of the file which is looked at."""
 

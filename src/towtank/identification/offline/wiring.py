@@ -14,7 +14,8 @@ second, so that ten samples tell as much as one, and a stretch holds no more tha
 Each thruster that is turned costs some, all of them at once no more than one, and a swap; a thruster of which linear
 responses see nothing, for no axis that it moves shows its speed, costs more: one judge alone is fooled more easily.
 
-Where the file's wiring falls far behind, both have decided. Else what linear responses are sure of, and the few for
+Where the file's wiring falls far behind, both have decided; what linear responses find likeliest takes the place of
+what both do where it is likelier by far, learned with. Else what linear responses are sure of, and the few for
 which the data speak, be it by less than they cost, are learned with, pass after pass, for what a swap does to 30 s of a
 vehicle that is not known may be small. The file's wiring is learned with, too, and stays unless another is likelier by
 more than it costs; what both judges found likelier, for all that it costs, need only be no less likely than `_STAYS`.
@@ -43,7 +44,7 @@ __all__ = ["wiring_of"]
 
 _TURN, _SWAP, _CHOICE = 6.0, 8.0, 3.0  # nats that a turned thruster costs, a swap, and the logarithm of their number
 _UNSEEN = 25.0  # nats that a turned thruster costs more where linear responses do not see it
-_FILE, _ALONE = 12.0, 20.0  # nats by which the file is likelier beforehand; by which the first judge alone is sure
+_FILE, _ALONE = 12.0, 20.0  # nats by which the file is likelier beforehand; by which one judge alone is sure
 _STAYS = 5.0  # nats by which the file must be likelier, learned with, to stay where both judges found another
 _NEAR = 10.0  # nats below what it costs that call for a second look
 _SPEAK, _MOST = 1.0, 3  # nats by which data speak for a wiring that is learned with; as many at most
@@ -88,7 +89,8 @@ def wiring_of(problem: JointProblem) -> Wiring:
     told = look.likeliest({ways[k]: float(data[k]) for k in _different(ways, few, first.B, forces)})
     judged = max(told, key=lambda way: told[way] - price[ways.index(way)])
     if Wiring() not in told:
-        return judged
+        gained = look.learned(ways[best]) - look.learned(judged) if ways[best] != judged else 0.0
+        return ways[best] if gained > price[best] - price[ways.index(judged)] + _ALONE else judged
     left = [way for way in told if way and told[way] > told[Wiring()] + _SPEAK][:_MOST]
     rivals = [*dict.fromkeys((*left, *alone))]
     return look.choice(dict(zip(rivals, _price(rivals, used, used), strict=True)), judged)  # sees what both have not
@@ -173,6 +175,12 @@ class _Look:
         rewired = replace(self._rewired(way, slice(k, k + 1)), settings=coarse)
         found = float(one_pass(rewired, self._file.theta, self._file.levels, windows=1)[0].clock[0].log_likelihood)
         return found if np.isfinite(found) else -1e9
+
+    def learned(self, way: Wiring) -> float:
+        """Return how likely data are by a few passes with a wiring [nats], about where the file's has come to, or, if
+        that is likelier, where all was supposed to be: the former may be far from what a right wiring comes to."""
+        begins = ((self._file.theta, self._file.levels), None)
+        return max(_nats(first_passes(self._rewired(way), _PASSES, since=each)) for each in begins)
 
     def choice(self, cost: Mapping[Wiring, float], judged: Wiring) -> Wiring:
         """Return the likeliest way, learned with: the file's, or one that is likelier by more than it costs [nats].
