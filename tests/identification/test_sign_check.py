@@ -193,14 +193,25 @@ def test_what_the_judges_leave_open_is_decided_by_what_is_learned(wrong: Wiring)
     assert not found_in(run, unknown(vehicle))
 
 
-def test_where_both_judges_leave_the_file_far_behind_they_decide(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_both_judges_find_another_surely_likelier_they_decide(monkeypatch: pytest.MonkeyPatch) -> None:
     """At sea other optima of the same fit are further apart than wirings: what is learned is not asked then."""
     vehicle, run, wrong = craft(), spins(40.0), Wiring((0,))
     asked: list[Wiring] = []
     monkeypatch.setattr(wiring._Look, "choice", lambda look, cost, judged: asked.append(judged) or judged)
-    monkeypatch.setattr(wiring, "_BEHIND", 25.0)
     assert found_in(run, unknown(rewired(vehicle, wrong))) == wrong
     assert not asked
+
+
+def test_that_another_is_likelier_counts_only_beyond_what_it_costs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keeping station, commands answer what pushes: of all ways to swap two outputs and turn some thrusters one fits
+    that by chance, and was so far ahead of the file, for as large a cost, that the filter was not asked."""
+    dear, asked = Wiring((0,), (0, 1)), list[Wiring]()
+    monkeypatch.setattr(wiring, "_SWAP", 30.0)
+    monkeypatch.setattr(wiring, "likelihood_of", lambda ways, *others: np.array([60.0 * (w == dear) for w in ways]))
+    monkeypatch.setattr(wiring._Look, "_told", lambda look, ways, k: np.array([-5.0 * bool(w) for w in ways]))
+    monkeypatch.setattr(wiring._Look, "choice", lambda look, cost, judged: asked.append(judged) or Wiring())
+    assert not found_in(spins(20.0), unknown(craft()))
+    assert asked == [Wiring()]
 
 
 @pytest.mark.parametrize("linear", [Wiring((0,)), Wiring((1,))], ids=str)

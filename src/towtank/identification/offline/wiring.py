@@ -14,10 +14,11 @@ second, so that ten samples tell as much as one, and a stretch holds no more tha
 Each thruster that is turned costs some, all of them at once no more than one, and a swap; a thruster of which linear
 responses see nothing, for no axis that it moves shows its speed, costs more: one judge alone is fooled more easily.
 
-Where the file's wiring falls far behind, both have decided; what linear responses find likeliest takes the place of
-what both do where it is likelier by far, learned with. Else what linear responses are sure of, and the few for
-which the data speak, be it by less than they cost, are learned with, pass after pass, for what a swap does to 30 s of a
-vehicle that is not known may be small. The file's wiring is learned with, too, and stays unless another is likelier by
+Where both together find another surely likelier than the file's, for what it costs, they have decided; what linear
+responses find likeliest takes the place of what both do where it is likelier by far, learned with. Else what linear
+responses are sure of, and the few for which the data speak, be it by less than they cost, are learned with, pass after
+pass, for what a swap does to 30 s of a vehicle that is not known may be small. The file's wiring is learned with, too,
+and stays unless another is likelier by
 more than it costs; what both judges found likelier, for all that it costs, need only be no less likely than `_STAYS`.
 
 Thrusters are turned or their outputs swapped; none is moved.
@@ -46,6 +47,7 @@ _TURN, _SWAP, _CHOICE = 6.0, 8.0, 3.0  # nats that a turned thruster costs, a sw
 _UNSEEN = 25.0  # nats that a turned thruster costs more where linear responses do not see it
 _FILE, _ALONE = 12.0, 20.0  # nats by which the file is likelier beforehand; by which one judge alone is sure
 _STAYS = 5.0  # nats by which the file must be likelier, learned with, to stay where both judges found another
+_SURE = 15.0  # nats by which both must find another likelier than the file's, for what it costs, to be believed at once
 _NEAR = 10.0  # nats below what it costs that call for a second look
 _SPEAK, _MOST = 1.0, 3  # nats by which data speak for a wiring that is learned with; as many at most
 _PIECE, _PIECES = 10.0, 12  # s of a stretch; as many at most
@@ -87,8 +89,9 @@ def wiring_of(problem: JointProblem) -> Wiring:
     few = [k for k in np.argsort(price - data, kind="stable") if data[k] >= data[0] - _ALONE][:_LOOKED_AT]
     look = _Look(problem.over(pieces))
     told = look.likeliest({ways[k]: float(data[k]) for k in _different(ways, few, first.B, forces)})
-    judged = max(told, key=lambda way: told[way] - price[ways.index(way)])
-    if Wiring() not in told:
+    paid = {way: nats - price[ways.index(way)] for way, nats in told.items()}
+    judged = max(paid, key=lambda way: paid[way])
+    if paid[judged] > told.get(Wiring(), -np.inf) + _SURE:
         gained = look.learned(ways[best]) - look.learned(judged) if ways[best] != judged else 0.0
         return ways[best] if gained > price[best] - price[ways.index(judged)] + _ALONE else judged
     left = [way for way in told if way and told[way] > told[Wiring()] + _SPEAK][:_MOST]
@@ -151,14 +154,14 @@ class _Look:
         self.problem = problem
 
     def likeliest(self, found: dict[Wiring, float]) -> dict[Wiring, float]:
-        """Return the likeliest wirings by what was found and by the filter, likeliest first [nats].
+        """Return the likeliest wirings by what was found and by the filter, likeliest first [nats]; and the file's.
 
         Stretch by stretch those are left out that have fallen far behind, or that those to come would not bring before
         the file's.
         """
         for k in range(stretches := len(self.problem.samples)):
             least = max(max(found.values()) - _BEHIND, found.get(Wiring(), -np.inf) - _NONSENSE * (stretches - k))
-            found = {way: nats for way, nats in found.items() if nats >= least}
+            found = {way: nats for way, nats in found.items() if nats >= least or not way}
             if len(found) > 1:
                 ways = list(found)
                 found = {way: found[way] + told for way, told in zip(ways, self._told(ways, k), strict=True)}
