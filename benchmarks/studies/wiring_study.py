@@ -5,7 +5,9 @@
 Each of ArduSub's frames, flown for 30 s by a pilot who pushes sticks while the autopilot holds roll and pitch where he
 wants them; in the log are gyro and accelerometer (25 Hz), attitude, depth and commands (10 Hz), nothing else. Every
 thruster turned by itself and every two outputs swapped must be found as they are (two wirings that make the same wrench
-of the commands of a log are one); in `--runs` right logs nothing may be found.
+of the commands of a log are one); in `--runs` right logs nothing may be found, nor in as many of a vehicle that keeps
+station for a minute: the autopilot holds depth and heading, too, against several times as much that pushes, the pilot
+hardly touches the sticks, and a DVL (5 Hz) is in the log.
 
 `--only real`, and without `--only` too where they are present: each recording of the boat, the pool and the run at sea,
 with the file as it is, with thrusters turned one by one, some outputs swapped, and several thrusters turned. What is
@@ -38,12 +40,16 @@ from towtank.vehicle import Thruster, Vehicle, configuration_matrix
 from towtank.vehicle.thrusters.ardusub import FRAMES, Frame
 from towtank.vehicle.thrusters.wiring import Wiring, rewired
 
-DURATION, DT = 30.0, 0.02  # s
+DURATION, KEEPING, DT = 30.0, 60.0, 0.02  # s
 _ARMS = (0.15, 0.11, 0.2)  # m: ahead and beside of horizontal thrusters, beside of vertical ones
 _RIGHTED = (0.0, 0.0, -0.03)  # m, centre of buoyancy: nobody drives a vehicle that tumbles when it goes ahead
 _STICK, _TURNING = 0.5, 0.2  # of full thrust: 30 degrees of lean and 1.5 rad/s at most
 _LEAN = 1.0  # rad of roll or pitch asked for by full stick
 _STIFFNESS, _DAMPING = (0.1, 0.1), (0.04, 0.04, 0.05)  # of full thrust for 1 rad, and for 1 rad/s
+_DEPTH, _SINKING, _HEADING = 0.4, 0.4, 0.2  # of full thrust for 1 m, 1 m/s and 1 rad, of a vehicle that keeps station
+_BUSY, _SELDOM, _ROUGH = 0.5, 0.08, 4.0  # share of time in which sticks are pushed; disturbance beside the usual one
+_BOTTOM = (0.004, 0.12)  # m/s, noise of the DVL; s by which it is late
+_RIGHT = ("right", "keeping")  # kinds of logs in which nothing may be found
 
 
 @dataclass(frozen=True)
@@ -76,10 +82,10 @@ def vehicle_of(frame: Frame) -> Vehicle:
     return base.model_copy(update={"thrusters": tuple(thrusters), "buoyancy": righted})
 
 
-def flown(truth: Vehicle, frame: Frame, seed: int) -> Recording:
-    """A log of 30 s under ArduSub's mixer, with sticks held for 0.7 to 3 s, half of them at rest."""
+def flown(truth: Vehicle, frame: Frame, seed: int, *, keeping: bool = False) -> Recording:
+    """A log under ArduSub's mixer, with sticks held for 0.7 to 3 s, half of them at rest, or nearly all (`keeping`)."""
     rng = np.random.default_rng(seed)
-    n = round(DURATION / DT)
+    n = round((KEEPING if keeping else DURATION) / DT)
     drives = np.abs(frame.wrench).sum(axis=1) > 0.0
     drives[3] &= frame.name not in ("BLUEROV1",)
     sticks = np.zeros((n, 6))
@@ -87,21 +93,24 @@ def flown(truth: Vehicle, frame: Frame, seed: int) -> Recording:
         k = 0
         while k < n:
             held = round(rng.uniform(0.7, 3.0) / DT)
-            if rng.random() < 0.5:
+            if rng.random() < (_SELDOM if keeping else _BUSY):
                 most = _TURNING if axis == 5 else _STICK
                 sticks[k : k + held, axis] = rng.choice((-1.0, 1.0)) * most * rng.uniform(0.3, 1.0)
             k += held
     eta, nu = np.array([0.0, 0.0, 3.0, 0.0, 0.0, rng.uniform(-3.0, 3.0)]), np.zeros(6)
     thrust, force = np.zeros(len(truth.thrusters)), np.zeros(6)
-    level = np.array([0.5, 0.5, 0.5, 0.05, 0.05, 0.05])
+    level = (_ROUGH if keeping else 1.0) * np.array([0.5, 0.5, 0.5, 0.05, 0.05, 0.05])
     rows = {name: np.empty((n, 6)) for name in ("eta", "nu", "nu_dot")}
     pulses = np.empty((n, len(truth.thrusters)))
     signs = frame.wrench.T
-    keep = np.exp(-DT / 2.0)
+    keep, heading = np.exp(-DT / 2.0), eta[5]
     for k in range(n):
         asked = sticks[k].copy()
         asked[3:5] = np.array(_STIFFNESS) * (_LEAN * asked[3:5] - eta[3:5])
         asked[3:] -= np.array(_DAMPING) * nu[3:]
+        if keeping:
+            asked[2] += _DEPTH * (3.0 - eta[2]) - _SINKING * nu[2]
+            asked[5] += _HEADING * np.arctan2(np.sin(heading - eta[5]), np.cos(heading - eta[5]))
         asked[~drives] = 0.0
         pulses[k] = 1500.0 + 400.0 * np.clip(signs @ asked, -1.0, 1.0)
         thrust += DT / 0.1 * (pulses[k] - 1500.0 - thrust)
@@ -112,7 +121,18 @@ def flown(truth: Vehicle, frame: Frame, seed: int) -> Recording:
         rows["nu_dot"][k] = tt.forward_dynamics(truth, eta, half, tau)
         nu = nu + DT * rows["nu_dot"][k]
         eta = eta + DT * _eta_dot(eta, nu)
-    return _logged(rows, pulses, rng)
+    run = _logged(rows, pulses, rng)
+    return run.replace(_bottom(rows["nu"], rng)) if keeping else run
+
+
+def _bottom(nu: np.ndarray, rng: np.random.Generator) -> list[Channel]:
+    """Speeds over ground as a DVL shows them."""
+    noise, late = _BOTTOM
+    shown = slice(0, None, 10)
+    t = DT * np.arange(len(nu))[shown]
+    return [
+        _channel(name, t + late, nu[shown, j] + noise * rng.standard_normal(t.size)) for j, name in enumerate("uvw")
+    ]
 
 
 def _eta_dot(eta: np.ndarray, nu: np.ndarray) -> np.ndarray:
@@ -150,17 +170,17 @@ def _channel(name: str, t: np.ndarray, values: np.ndarray) -> Channel:
     return Channel(name, t, values, *standard_of(name)[:2])
 
 
-def case(name: str, wiring: Wiring, seed: int) -> Found:
+def case(name: str, wiring: Wiring, seed: int, keeping: bool = False) -> Found:
     """Fly a frame, and look with a file whose wiring differs."""
     frame = next(each for each in FRAMES.values() if each.name == name)
     truth = vehicle_of(frame)
     supposed = rewired(truth, wiring)
-    run = prepared(flown(truth, frame, seed), supposed)
+    run = prepared(flown(truth, frame, seed, keeping=keeping), supposed)
     samples = samples_of(run, supposed)
     request, findings = as_wired(LearningRequest(supposed, [run], [samples]))
     found, as_it_is = (configuration_matrix(vehicle) for vehicle in (request.vehicle, truth))
     right = np.allclose(samples.input_force @ found.T, samples.input_force @ as_it_is.T, atol=1e-6)
-    kind = "swapped" if wiring.swapped else "turned" if wiring.turned else "right"
+    kind = "swapped" if wiring.swapped else "turned" if wiring.turned else "keeping" if keeping else "right"
     return Found(name, kind, right, "; ".join(finding.text for finding in findings))
 
 
@@ -223,7 +243,7 @@ def real_table(workers: int) -> tuple[Table, list[Found]]:
 
 def simulated_table(frames: Sequence[str], runs: int, seed: int, workers: int) -> tuple[Table, list[Found]]:
     """How simulated runs of ArduSub's frames are judged."""
-    cases: list[tuple[str, Wiring, int]] = []
+    cases: list[tuple[str, Wiring, int, bool]] = []
     for k, frame in enumerate(each for each in FRAMES.values() if each.name in frames):
         n, B = len(frame.motors), configuration_matrix(vehicle_of(frame))
         wrong = [Wiring((i,)) for i in range(n)]
@@ -232,15 +252,16 @@ def simulated_table(frames: Sequence[str], runs: int, seed: int, workers: int) -
         ]
         right = -(-runs // len(frames))
         for j, wiring in enumerate([*wrong, *([Wiring()] * right)]):
-            cases.append((frame.name, wiring, seed + 1000 * k + j))
+            cases.append((frame.name, wiring, seed + 1000 * k + j, False))
+        cases += [(frame.name, Wiring(), seed + 1000 * k + j, True) for j in range(right)]
     found = over("wirings", case, cases, workers)
-    table = Table(title="wirings found as they are, 30 s each", title_justify="left")
-    for name in ("frame", "turned", "swapped", "right"):
+    table = Table(title="wirings found as they are, 30 s each (60 s keeping station)", title_justify="left")
+    for name in ("frame", "turned", "swapped", "right", "right, keeping station"):
         table.add_column(name)
     for frame_name in frames:
         own = [each for each in found if each.frame == frame_name]
         cells = []
-        for kind in ("turned", "swapped", "right"):
+        for kind in ("turned", "swapped", "right", "keeping"):
             some = [each.right for each in own if each.kind == kind]
             cells.append(f"{sum(some)} of {len(some)}")
         table.add_row(frame_name, *cells)
@@ -257,13 +278,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     if frames:
         table, found = simulated_table(frames, options.runs, options.seed, options.workers)
         show(table)
-        share = float(np.mean([each.right for each in found if each.kind != "right"]))
+        share = float(np.mean([each.right for each in found if each.kind not in _RIGHT]))
         checks.append(Check("share of wrong wirings found", share, low=0.99))
     if "real" in only and data_folder() is not None:
         table, more = real_table(options.workers)
         show(table)
         found += more
-    doubted = sum(not each.right for each in found if each.kind == "right")
+    doubted = sum(not each.right for each in found if each.kind in _RIGHT)
     checks.append(Check("right logs with a find", float(doubted), high=0.0))
     show(checks_table("must hold", checks))
     rows = [{"frame": each.frame, "kind": each.kind, "right": each.right, "said": each.said} for each in found]
