@@ -126,7 +126,7 @@ def flown(truth: Vehicle, frame: Frame, seed: int, *, keeping: bool = False) -> 
 
 
 def _bottom(nu: np.ndarray, rng: np.random.Generator) -> list[Channel]:
-    """Speeds over ground as a DVL shows them."""
+    """Speeds (n, 6) as a DVL shows them: over ground, in m/s along the body's axes (FRD), late."""
     noise, late = _BOTTOM
     shown = slice(0, None, 10)
     t = DT * np.arange(len(nu))[shown]

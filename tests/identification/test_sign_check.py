@@ -202,10 +202,15 @@ def test_where_both_judges_find_another_surely_likelier_they_decide(monkeypatch:
     assert not asked
 
 
-def test_that_another_is_likelier_counts_only_beyond_what_it_costs(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("looked_at", [1, 40])
+def test_that_another_is_likelier_counts_only_beyond_what_it_costs(
+    looked_at: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Keeping station, commands answer what pushes: of all ways to swap two outputs and turn some thrusters one fits
-    that by chance, and was so far ahead of the file, for as large a cost, that the filter was not asked."""
+    that by chance, and was so far ahead of the file, for as large a cost, that the filter was not asked; nor must it
+    be left out where many are ahead of it."""
     dear, asked = Wiring((0,), (0, 1)), list[Wiring]()
+    monkeypatch.setattr(wiring, "_LOOKED_AT", looked_at)
     monkeypatch.setattr(wiring, "_SWAP", 30.0)
     monkeypatch.setattr(wiring, "likelihood_of", lambda ways, *others: np.array([60.0 * (w == dear) for w in ways]))
     monkeypatch.setattr(wiring._Look, "_told", lambda look, ways, k: np.array([-5.0 * bool(w) for w in ways]))

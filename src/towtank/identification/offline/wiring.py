@@ -18,8 +18,8 @@ Where both together find another surely likelier than the file's, for what it co
 responses find likeliest takes the place of what both do where it is likelier by far, learned with. Else what linear
 responses are sure of, and the few for which the data speak, be it by less than they cost, are learned with, pass after
 pass, for what a swap does to 30 s of a vehicle that is not known may be small. The file's wiring is learned with, too,
-and stays unless another is likelier by
-more than it costs; what both judges found likelier, for all that it costs, need only be no less likely than `_STAYS`.
+and stays unless another is likelier by more than it costs; what both judges found likelier, for all that it costs, need
+only be no less likely than `_STAYS`.
 
 Thrusters are turned or their outputs swapped; none is moved.
 """
@@ -86,14 +86,14 @@ def wiring_of(problem: JointProblem) -> Wiring:
     best = int(np.argmax(found))
     alone = [ways[best]] if found[best] > data[0] + _ALONE else []
     data[0] = max(data[0], found[best] - _ALONE)  # how far behind the file's is alone, it takes both to say
-    few = [k for k in np.argsort(price - data, kind="stable") if data[k] >= data[0] - _ALONE][:_LOOKED_AT]
-    look = _Look(problem.over(pieces))
-    told = look.likeliest({ways[k]: float(data[k]) for k in _different(ways, few, first.B, forces)})
-    paid = {way: nats - price[ways.index(way)] for way, nats in told.items()}
-    judged = max(paid, key=lambda way: paid[way])
-    if paid[judged] > told.get(Wiring(), -np.inf) + _SURE:
+    rest = [k for k in np.argsort(price - data, kind="stable") if k and data[k] >= data[0] - _ALONE]
+    few = _different(ways, [0, *rest[:_LOOKED_AT]], first.B, forces)  # the file's is always among them
+    look, cost = _Look(problem.over(pieces)), dict(zip(ways, price.tolist(), strict=True))
+    told = look.likeliest({ways[k]: float(data[k]) for k in few})
+    judged = max(told, key=lambda way: told[way] - cost[way])
+    if told[judged] - cost[judged] > told[Wiring()] + _SURE:
         gained = look.learned(ways[best]) - look.learned(judged) if ways[best] != judged else 0.0
-        return ways[best] if gained > price[best] - price[ways.index(judged)] + _ALONE else judged
+        return ways[best] if gained > price[best] - cost[judged] + _ALONE else judged
     left = [way for way in told if way and told[way] > told[Wiring()] + _SPEAK][:_MOST]
     rivals = [*dict.fromkeys((*left, *alone))]
     return look.choice(dict(zip(rivals, _price(rivals, used, used), strict=True)), judged)  # sees what both have not
@@ -160,7 +160,7 @@ class _Look:
         the file's.
         """
         for k in range(stretches := len(self.problem.samples)):
-            least = max(max(found.values()) - _BEHIND, found.get(Wiring(), -np.inf) - _NONSENSE * (stretches - k))
+            least = max(max(found.values()) - _BEHIND, found[Wiring()] - _NONSENSE * (stretches - k))
             found = {way: nats for way, nats in found.items() if nats >= least or not way}
             if len(found) > 1:
                 ways = list(found)
