@@ -133,6 +133,14 @@ def test_a_verdict_judges_by_the_axes_that_were_driven() -> None:
     assert found.text == "Usable for prediction over whole runs (surge). mine predicts surge speed (fit 91 %)."
 
 
+@pytest.mark.parametrize(("fit", "reach"), [(79.6, 1), (79.4, 0)])
+def test_a_fit_is_counted_as_it_is_printed(fit: float, reach: int) -> None:
+    """At sea "surge speed best (fit 80 %)" stood beside "0 of 6 reach a fit of 80 %"."""
+    found = validate_verdict("mine", {"u": fit, "r": 60.0}, [])
+    assert f"surge speed best (fit {fit:.0f} %)" in found.text
+    assert f"{reach} of 2 reach a fit of 80 %" in found.text
+
+
 def test_predictions_of_pushes_are_told_at_the_horizon_asked_for() -> None:
     grid = align(run())
     [often] = [each for each in usability(box(X_uu=-10.0), [grid], horizon=1.0).axes if each.axis == "surge"]

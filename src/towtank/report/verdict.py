@@ -264,7 +264,7 @@ def _judged(name: str, fit: Mapping[str, float | None], errors: Sequence[str], u
         fits = {each.channel: each.fit for each in use.axes}  # what stands still is no measure of a model
     if not fits:
         return Verdict("poor", f"Not usable: {name} could not be judged, for no motion was measured.")
-    good = [channel for channel, value in fits.items() if value >= _GOOD]
+    good = [channel for channel, value in fits.items() if round(value) >= _GOOD]  # as it is printed
     poor = [channel for channel, value in fits.items() if value < _USABLE]
     best, worst = max(fits, key=lambda c: fits[c]), min(fits, key=lambda c: fits[c])
     text = f"{name} predicts {NAMES[best]}{' best' if worst != best else ''} ({_fit(fits[best])})"
