@@ -18,7 +18,9 @@ Pose = tuple[Sequence[float], NDArray[np.float64], bool]  # position [m], rotati
 
 
 @contextlib.contextmanager
-def qtm_server(bodies: Sequence[str], frames: Sequence[Sequence[Pose]], period: float = 0.01) -> Iterator[int]:
+def qtm_server(
+    bodies: Sequence[str], frames: Sequence[Sequence[Pose]], period: float = 0.01, answers_after: float = 0.0
+) -> Iterator[int]:
     """Yield the port of a QTM that has these bodies and streams these frames, once, to whoever asks."""
     listener = socket.create_server(("127.0.0.1", 0))
     listener.settimeout(0.1)
@@ -30,6 +32,7 @@ def qtm_server(bodies: Sequence[str], frames: Sequence[Sequence[Pose]], period: 
                 link, _ = listener.accept()
                 with link:
                     link.settimeout(5.0)
+                    time.sleep(answers_after)
                     _talk(link, bodies, frames, period, stop)
 
     thread = threading.Thread(target=serve, daemon=True)

@@ -98,13 +98,13 @@ def test_qualisys_by_its_own_library() -> None:
 
 def test_qualisys_that_goes_away_is_asked_again() -> None:
     poses = [[pose] for pose in as_seen()]
-    with qtm_server(["auv"], poses[:5], period=0.001) as port:
+    with qtm_server(["auv"], poses[:5], period=0.001, answers_after=0.3) as port:
         source = QtmSource(f"qtm:127.0.0.1:{port}")
         first, _ = taken(source, 5)
         end = time.monotonic() + 30.0
         again: list[Sample] = []
         while len(again) < 5 and time.monotonic() < end:  # the server ends each connection after its frames
-            again += [each for each in source.read(0.2) if isinstance(each, Sample)]
+            again += [each for each in source.read(0.05) if isinstance(each, Sample)]  # and answers later than that
         source.close()
     assert len(first) == len(again) == 5
 

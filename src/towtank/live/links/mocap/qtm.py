@@ -43,6 +43,7 @@ class QtmSource:
         self._names: tuple[str, ...] = ()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._link: Any = None
+        self._connecting: asyncio.Task[None] | None = None  # once it was there: for as long as an answer may take
         self._came: deque[tuple[float, Any]] = deque(maxlen=_MOST)
         self._arrived = asyncio.Event()
         self._tried = 0.0
@@ -66,11 +67,14 @@ class QtmSource:
         loop = self._loop
         if loop is None:
             return []
-        if not self._connected and time.monotonic() - self._tried >= _AGAIN:
-            with contextlib.suppress(InputError):
-                loop.run_until_complete(self._connect(timeout))
+        if not (self._connected or self._connecting) and time.monotonic() - self._tried >= _AGAIN:
+            self._connecting = loop.create_task(self._connect(_ANSWER))
         if not self._came:
             loop.run_until_complete(self._wait(timeout))
+        if self._connecting is not None and self._connecting.done():
+            task, self._connecting = self._connecting, None
+            with contextlib.suppress(InputError):
+                task.result()
         out: list[Sample | Raw] = []
         for _ in range(len(self._came)):
             self._take(*self._came.popleft(), out)
@@ -93,10 +97,13 @@ class QtmSource:
         if loop is None:
             return
         with contextlib.suppress(Exception):
+            if self._connecting is not None:
+                self._connecting.cancel()
+                loop.run_until_complete(asyncio.wait([self._connecting]))
             if self._connected:
                 self._link.disconnect()
             loop.run_until_complete(asyncio.sleep(0))
-        self._link = None
+        self._link = self._connecting = None
         loop.close()
 
     @property
