@@ -69,6 +69,33 @@ def test_passes_begin_stiff_too_where_nothing_shows_how_the_vehicle_leans_and_no
     assert stiff(False, True) is None
 
 
+def test_a_stiff_beginning_is_not_asked_again_in_water_that_differs_by_its_levels(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It begins with rough levels, so that the same passes would follow."""
+    truth, seen = hull(CASES["stiff"].above), driven(CASES["stiff"]._replace(seconds=5.0), 1)
+    problem = joint_problem(LearningRequest(told(truth), [seen], [samples_of(seen, truth)]))
+    begun: list[np.ndarray] = []
+    run = passes._passes
+
+    def watched(problem: Any, about: np.ndarray, *given: Any, **named: Any) -> Any:
+        begun.append(about)
+        return run(problem, about, *given, **{**named, "passes": 2})
+
+    asked: list[Any] = []
+
+    def other_surroundings(problem: Any, levels: Any) -> list[list[tuple[Any, Any]]]:
+        asked.append(problem)
+        return [[(problem, problem.rough)]] if len(asked) == 1 else []
+
+    monkeypatch.setattr(passes, "_passes", watched)
+    monkeypatch.setattr(passes, "_other_surroundings", other_surroundings)
+    monkeypatch.setattr(passes, "_WATER_GAIN", -np.inf)
+    passes.joint_fit(problem)
+    assert len(asked) == 2
+    assert sum(np.array_equal(about, problem.stiff) for about in begun) == 1
+
+
 def test_what_only_the_water_drives_is_not_taken_for_a_large_push_on_heavy_damping() -> None:
     """From a disturbance twenty times too large, passes ended at twice the push in surge, and X_uu 8 deviations off."""
     truth, run = undriven.driven("yaw ins", 6)

@@ -12,6 +12,7 @@ import pytest
 from towtank.core.arrays import Array
 from towtank.identification import LogLearning, learn_recordings
 from towtank.identification.data.samples import Samples
+from towtank.identification.kalman.passes import joint_fit
 from towtank.identification.kalman.rivals import as_looked_at
 from towtank.identification.offline.convergence import convergence
 from towtank.identification.offline.joint import LearningRequest, joint_problem
@@ -179,3 +180,16 @@ def test_single_samples_are_asked_of_the_same_inputs() -> None:
     assert looked.between_looks() is looked
     given_delay = replace(problem, prior=problem.prior.only([n for n in problem.prior.names if n != "delay"]))
     assert as_looked_at(given_delay, None) is None  # type: ignore[arg-type]
+
+
+def test_what_passes_come_to_decides_and_not_the_first_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where passes have not settled, one about another picture may be likelier by chance than one about the answer."""
+    truth, run = driven("10 Hz", 1)
+    problem = joint_problem(LearningRequest(told(truth), [run.window(0.0, 10.0)]))
+    held = joint_fit(problem)
+    found = as_looked_at(problem, held)
+    assert found is not None
+    assert found[1].likelihood > held.likelihood + 20.0
+    as_likely = replace(found[1], likelihood=held.likelihood + 19.0)
+    monkeypatch.setattr("towtank.identification.kalman.rivals.joint_fit", lambda *given, **named: as_likely)
+    assert as_looked_at(problem, held) is None

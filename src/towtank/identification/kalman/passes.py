@@ -229,11 +229,11 @@ def _with_waves(problem: JointProblem, progress: Progress) -> JointFit:
     calm = settled(problem, mean, usual, lambda share: progress(0.4 * share), tentative=True)
     calm = _likeliest_surroundings(problem, calm, lambda share: progress(0.4 + 0.1 * share))
     wavy = replace(calm.levels, disturbance=usual.disturbance, current_walk=usual.current_walk, waves=waves)
-    fit = settled(problem, calm.theta, wavy, lambda share: progress(0.5 + 0.2 * share), only_in_waves=True)
+    fit = settled(problem, calm.theta, wavy, lambda share: progress(0.5 + 0.2 * share), only_in_waves=True, stiff=False)
     if not (fit.likelihood > calm.likelihood + _WAVES_GAIN and fit.levels.waves.max() > _SMALLEST_WAVE):
         return calm
     wavy = replace(usual, waves=waves)
-    anew = settled(problem, mean, wavy, lambda share: progress(0.7 + 0.1 * share), tentative=True)
+    anew = settled(problem, mean, wavy, lambda share: progress(0.7 + 0.1 * share), tentative=True, stiff=False)
     likelier = anew if _likelier(anew, fit) else fit
     return _likeliest_surroundings(problem, likelier, lambda share: progress(0.8 + 0.2 * share))
 
@@ -255,7 +255,7 @@ def _likeliest_surroundings(problem: JointProblem, fit: JointFit, progress: Prog
     if likeliest is None:
         return fit
     other, levels = likeliest
-    there = settled(other, fit.theta, levels, progress)
+    there = settled(other, fit.theta, levels, progress, stiff=other is not problem)
     return _likeliest_surroundings(other, there, progress) if there.likelihood > enough else fit
 
 
@@ -294,19 +294,20 @@ def settled(
     tentative: bool = False,
     only_in_waves: bool = False,
     anew: bool = True,
+    stiff: bool = True,
 ) -> JointFit:
     """Return what passes from theta (n,) `about` come to; with `only_in_waves` they may end where there are none.
 
     With `tentative` levels they begin with rough ones where motion about theta does not follow the data. With `anew`,
     where the first one rejects much of a sensor, or inputs should act sooner than physics allows, they begin a second
-    time, with inputs that act a deviation sooner than is supposed; from a `stiff` vehicle, too; where a pose was
-    doubted, without doubts. The likelier speaks each time.
+    time, with inputs that act a deviation sooner than is supposed; from a stiff vehicle, too, unless `stiff` says that
+    this was asked before; where a pose was doubted, without doubts. The likelier speaks each time.
     """
     run = partial(_passes, problem, tentative=tentative, progress=progress, only_in_waves=only_in_waves)
     fit, lost, doubted = run(about, levels)
     if only_in_waves and fit.levels.waves.max() <= _SMALLEST_WAVE:
         return fit
-    others = [] if not anew or problem.stiff is None else [(problem.stiff, problem.rough)]
+    others = [(problem.stiff, problem.rough)] if anew and stiff and problem.stiff is not None else []
     late = np.isin(problem.free.codes[:, 0], (IN_DELAY, IN_LAG))
     most_asked = -_TOO_SOON * math.sqrt(np.sum(problem.prior.std[late] ** 2))
     too_soon = bool((fit.mean - fit.theta)[late].sum() < most_asked)  # a vehicle of much drag lags as thrusters do

@@ -85,7 +85,8 @@ def as_looked_at(problem: JointProblem, fit: JointFit) -> tuple[JointProblem, Jo
     if not gained > FAR_LIKELIER:
         return None
     found = joint_fit(other, since=((fit.theta, later)[begun], fit.levels))
-    return other, replace(found, passes=fit.passes + found.passes)
+    found = replace(found, passes=fit.passes + found.passes)
+    return (other, found) if found.likelihood > fit.likelihood + FAR_LIKELIER else None
 
 
 def likeliest_rival(problem: JointProblem, fit: JointFit) -> Rival | None:
