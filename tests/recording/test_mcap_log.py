@@ -109,6 +109,22 @@ def test_flushed_at_most_a_second_later(tmp_path: Path, monkeypatch: pytest.Monk
     log.close()
 
 
+def test_the_system_gets_samples_oftener_than_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the system has outlives a process that is killed; a disk may take longer for a sync than for bytes."""
+    now, synced = 100.0, list[float]()
+    monkeypatch.setattr("towtank.recording.mcap.log.time.monotonic", lambda: now)
+    monkeypatch.setattr("towtank.recording.mcap.log.os.fsync", lambda _: synced.append(now))
+    log = McapLog.open(tmp_path / "a.mcap", interval=0.1)
+    log.source("gyro", GYRO)
+    for k in range(20):
+        now += 0.125
+        log.write("gyro", 0.1 * k, 0.0)
+        assert len(read(tmp_path / "a.mcap")["r"]) == k + 1
+        assert log._syncing is None or log._syncing.join() is None
+    assert synced == [100.5, 101.0, 101.5, 102.0, 102.5]
+    log.close()
+
+
 WRITER = """
 import sys
 from towtank.recording.mcap.log import McapLog, Quantity

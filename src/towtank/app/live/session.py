@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
 __all__ = ["LiveOptions", "run_live"]
 
-_FLUSH = 0.5  # s at most between a sample and the disk
+_FLUSH = 0.1  # s at most for which a sample waits in this process
 _LINES = 1.0  # s between two lines of JSON
 _SHOWN = 0.25  # s between two pictures
 

@@ -19,7 +19,7 @@ from towtank.recording.standard import standard_of
 __all__ = ["Disk", "Form", "Message", "Recorder", "RecordingState"]
 
 _PATIENCE = 1 << 26  # bytes that wait for the disk
-_OFTEN = 0.2  # s between two looks at whether to flush
+_OFTEN = 0.05  # s between two looks at whether to flush
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ class Messages:
 class Summary:
     """What the end of the file repeats and counts.
 
-    A chunk is written every half second: their indexes, `chunks` of them, are kept as the bytes that end the file.
+    A chunk may come ten times in a second: their indexes, `chunks` of them, are kept as the bytes that end the file.
     """
 
     schemas: list[McapRecord] = field(default_factory=list)

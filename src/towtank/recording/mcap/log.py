@@ -47,6 +47,7 @@ _LATEST = 2**63 - 1  # ns
 _PATIENCE = 1 << 25  # bytes that wait for a disk that takes nothing
 _PIECE = 1 << 20  # bytes copied at once
 _MOST_EVENTS = 1000  # that wait for a topic
+_SYNCED = 0.5  # s at least between two times that what the system holds is seen to the disk
 
 
 @dataclass
@@ -107,7 +108,7 @@ class McapLog:
         self._raw: dict[str, int] = {}
         self._texts: dict[str, int] = {}
         self._pending = _Pending()
-        self._flushed = time.monotonic()
+        self._flushed = self._synced = time.monotonic()
         self._syncing: threading.Thread | None = None
         self._closed = False
 
@@ -302,7 +303,9 @@ class McapLog:
 
     def _flush_beside(self) -> None:
         """Write what waits, which outlives this process; a thread sees it to the disk, however busy that is."""
-        if self._written_out() and (self._syncing is None or not self._syncing.is_alive()):
+        idle = self._syncing is None or not self._syncing.is_alive()
+        if self._written_out() and idle and self._flushed - self._synced >= _SYNCED:
+            self._synced = self._flushed
             self._syncing = threading.Thread(target=self._sync, name="disk", daemon=True)
             self._syncing.start()
 
