@@ -182,7 +182,7 @@ def test_surroundings_that_only_seem_likelier_are_asked_once(monkeypatch: pytest
         asked.append("asked")
         return (SimpleNamespace(clock=[SimpleNamespace(log_likelihood=far["asked"])]),)
 
-    def all_of_them(*arguments: Any) -> JointFit:
+    def all_of_them(*arguments: Any, **named: Any) -> JointFit:
         asked.append("settled")
         return replace(fit, likelihood=far["settled"])
 
