@@ -300,8 +300,8 @@ def settled(
 
     With `tentative` levels they begin with rough ones where motion about theta does not follow the data. With `anew`,
     where the first one rejects much of a sensor, or inputs should act sooner than physics allows, they begin a second
-    time, with inputs that act a deviation sooner than is supposed; from a stiff vehicle, too, unless `stiff` says that
-    this was asked before; where a pose was doubted, without doubts. The likelier speaks each time.
+    time, with inputs that act a deviation sooner than is supposed; with `stiff`, from such a vehicle, too, which need
+    not be asked again where levels alone differ; where a pose was doubted, without doubts. The likelier speaks.
     """
     run = partial(_passes, problem, tentative=tentative, progress=progress, only_in_waves=only_in_waves)
     fit, lost, doubted = run(about, levels)
