@@ -190,8 +190,9 @@ def test_a_learner_that_fails_does_not_end_the_recording(vehicle: Vehicle, run: 
     assert len(read(tmp_path / "a.mcap")["x"]) == len(every)
 
 
+@pytest.mark.parametrize("begun", [True, False])
 def test_a_full_disk_costs_samples_of_the_recording_and_is_said(
-    vehicle: Vehicle, run: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    vehicle: Vehicle, run: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, begun: bool
 ) -> None:
     full = threading.Event()
     write = os.write
@@ -207,10 +208,11 @@ def test_a_full_disk_costs_samples_of_the_recording_and_is_said(
 
     def stream() -> Iterator[list[Sample]]:
         monkeypatch.setattr("towtank.recording.mcap.log.os.write", written)
-        yield every[:400]
-        time.sleep(0.3)
-        full.set()
-        yield every[400:800]
+        if begun:
+            yield every[:400]
+            time.sleep(0.3)
+        full.set()  # of a recording that is not begun not even the columns are in the file
+        yield every[400 * begun : 800]
         time.sleep(0.6)
         told.extend(made.status().warnings)
         full.clear()

@@ -173,26 +173,21 @@ class Recorder:
         topic = sample.topic.strip("/").replace(" ", "_")
         places = self._places.setdefault((sample.source, topic), {})
         new = [name for name in sample.names if name not in places]
-        if new and not self._announce(f"{sample.source}/{topic}", new, places):
-            self._lost += 1
-            return
+        if new:
+            self._announce(f"{sample.source}/{topic}", new, places)
         values = dict(zip(sample.names, sample.values, strict=True))
         for place in dict.fromkeys(places[name] for name in values):
             self._log.write(place, arrival.t, *(values.get(name, float("nan")) for name in self._columns[place]))
 
-    def _announce(self, name: str, channels: Sequence[str], places: dict[str, str]) -> bool:
-        """Make a source of the log for channels; return whether the disk took it."""
+    def _announce(self, name: str, channels: Sequence[str], places: dict[str, str]) -> None:
+        """Make a source of the log for channels."""
         number, place = 1, name
         while place in self._columns:
             number += 1
             place = f"{name} {number}"
-        try:
-            self._log.source(place, [Quantity(each, *standard_of(each)[:2]) for each in channels])
-        except OSError:
-            return False
+        self._log.source(place, [Quantity(each, *standard_of(each)[:2]) for each in channels])
         self._columns[place] = tuple(channels)
         places.update(dict.fromkeys(channels, place))
-        return True
 
 
 class Disk:

@@ -98,13 +98,15 @@ class Summary:
 class McapFile:
     """The writer: channels, then chunks of messages, then `finish`.
 
-    Every call hands whole records to `append`; where that raises, the call may be repeated.
+    Every call that writes hands whole records to `append`; where that raises, the call may be repeated. Channels and
+    texts wait for what is written next, so that none is lost where nothing can be written.
     """
 
     def __init__(self, append: Callable[[bytes], None], library: str) -> None:
         self._append = append
         self._length = 0
         self._summary = Summary()
+        self._channels, self._texts = b"", dict[str, dict[str, str]]()  # that are not in the file yet
         self._put(MAGIC + _bytes(Header(profile="ros2", library=library)))
 
     @classmethod
@@ -112,12 +114,13 @@ class McapFile:
         """Return the writer of a file that has `length` bytes of whole records, told in `summary`, and no end."""
         file = cls.__new__(cls)
         file._append, file._length, file._summary = append, length, summary
+        file._channels, file._texts = b"", {}
         return file
 
     def channel(
         self, topic: str, encoding: str, metadata: Mapping[str, str], schema: tuple[str, str, bytes] | None = None
     ) -> int:
-        """Write a channel, with its schema (name, encoding, text) if it has one; return its id."""
+        """Make a channel, with its schema (name, encoding, text) if it has one; return its id."""
         summary = self._summary
         records: list[McapRecord] = []
         number = 0
@@ -128,13 +131,14 @@ class McapFile:
         records.append(
             Channel(id=identity, topic=topic, message_encoding=encoding, metadata=dict(metadata), schema_id=number)
         )
-        self._put(_bytes(*records))
+        self._channels += _bytes(*records)
         summary.schemas += records[:-1]
         summary.channels.append(records[-1])
         return identity
 
     def chunk(self, records: bytes, messages: Mapping[int, Messages]) -> None:
         """Write message records as one compressed chunk, with the index of each channel behind it."""
+        self.write_descriptions()
         summary = self._summary
         start = min(int(each.log_time.min()) for each in messages.values())
         end = max(int(each.log_time.max()) for each in messages.values())
@@ -176,23 +180,38 @@ class McapFile:
         return self._summary
 
     def describe_again(self, before: Summary) -> None:
-        """Write those schemas and channels of another summary that this file has not, under their ids."""
+        """Make those schemas and channels of another summary that this file has not, under their ids."""
         own = self._summary
         schemas, channels = before.schemas[len(own.schemas) :], before.channels[len(own.channels) :]
-        if schemas or channels:
-            self._put(_bytes(*schemas, *channels))
-            own.schemas += schemas
-            own.channels += channels
+        self._channels += _bytes(*schemas, *channels)
+        own.schemas += schemas
+        own.channels += channels
 
     def metadata(self, name: str, content: Mapping[str, str]) -> None:
-        """Write texts by key; a later record of the same name supersedes an earlier one."""
-        record = _bytes(Metadata(name=name, metadata=dict(content)))
-        entry = MetadataIndex(offset=self._length, length=len(record), name=name)
-        self._put(record)
-        self._summary.metadata.append(entry)
+        """Say texts by key; a later record of the same name supersedes an earlier one."""
+        self._texts[name] = dict(content)
+
+    @property
+    def undescribed(self) -> bool:
+        """Whether channels or texts wait."""
+        return bool(self._channels or self._texts)
+
+    def write_descriptions(self) -> None:
+        """Write the channels and the texts that wait."""
+        if not self.undescribed:
+            return
+        data, entries = self._channels, list[McapRecord]()
+        for name, content in self._texts.items():
+            record = _bytes(Metadata(name=name, metadata=content))
+            entries.append(MetadataIndex(offset=self._length + len(data), length=len(record), name=name))
+            data += record
+        self._put(data)
+        self._channels, self._texts = b"", {}
+        self._summary.metadata += entries
 
     def finish(self) -> None:
         """Write the summary, by which tools find their way without reading the whole file."""
+        self.write_descriptions()
         summary = self._summary
         statistics = Statistics(
             attachment_count=0,

@@ -18,7 +18,6 @@ import struct
 import sys
 import threading
 import time
-from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
@@ -46,7 +45,6 @@ _LONGEST = 1 << 20  # bytes of messages after which a chunk is closed
 _LATEST = 2**63 - 1  # ns
 _PATIENCE = 1 << 25  # bytes that wait for a disk that takes nothing
 _PIECE = 1 << 20  # bytes copied at once
-_MOST_EVENTS = 1000  # that wait for a topic
 _SYNCED = 0.5  # s at least between two times that what the system holds is seen to the disk
 
 
@@ -77,9 +75,9 @@ class _Pending:
 class McapLog:
     """The writer; used by one thread at a time.
 
-    A disk that is full costs samples, never the session: once the sources are announced nothing here raises for it.
-    What cannot be written waits, up to 32 MB, and is counted in `lost` when that is exceeded; `trouble` says what is
-    wrong, "" where nothing is.
+    A disk that is full costs samples, never the session: nothing here raises for it once the file is open. What cannot
+    be written waits, up to 32 MB, and is counted in `lost` when that is exceeded; `trouble` says what is wrong, ""
+    where nothing is.
 
     Attributes:
         path: the file.
@@ -95,12 +93,12 @@ class McapLog:
         self.incidents: list[str] = []
         self._untaken = self._unsynced = ""  # what the disk said to the last write, and to the last sync
         self._moved = False
-        self._events: deque[Event] = deque(maxlen=_MOST_EVENTS)
         self._descriptor, self._about, self._interval = descriptor, about, interval
         self._written = 0 if before is None else before.length  # bytes of the file that are whole
         if before is None:
             self._file = McapFile(self._append, LIBRARY)
             self._file.metadata(ABOUT, about.metadata())
+            self._file.write_descriptions()
         else:
             self._file = McapFile.resumed(self._append, before.length, before.summary)
         self._sources: dict[str, tuple[int, struct.Struct, int]] = {}
@@ -217,17 +215,13 @@ class McapLog:
         """Say more of the recording, or anew: attributes that are known only while it is made; None takes one back."""
         said = {**(self._about.attributes or {}), **attributes}
         self._about = replace(self._about, attributes={key: text for key, text in said.items() if text is not None})
-        try:
-            self._file.metadata(ABOUT, self._about.metadata())
-        except OSError as error:
-            self._untaken = self._said(error)
+        self._file.metadata(ABOUT, self._about.metadata())
 
     def source(self, name: str, quantities: Sequence[Quantity]) -> None:
         """Announce a source: the columns that come together, each with name, unit and frame.
 
         Raises:
             InputError: the name is taken, there is no column, or one stands twice.
-            OSError: the disk does not take it.
         """
         names = [each.name for each in quantities]
         if name in self._sources:
@@ -237,11 +231,7 @@ class McapLog:
                 f'{self.path}: source "{name}": found columns {names}, expected one or more, all different'
             )
         form = SourceFormat(f"/{name.lstrip('/')}", tuple(quantities))
-        try:
-            identity = self._file.channel(form.topic, ENCODING, form.metadata, form.schema)
-        except OSError as error:
-            self._untaken = self._said(error)
-            raise
+        identity = self._file.channel(form.topic, ENCODING, form.metadata, form.schema)
         self._sources[name] = identity, struct.Struct(f"<4s{1 + len(names)}d"), len(names)
         self._columns[name] = tuple(names)
 
@@ -254,40 +244,19 @@ class McapLog:
 
     def write_raw(self, name: str, t: float, data: bytes) -> None:
         """Append bytes as they were received at time t [s]; a channel of their own is made on first use."""
-        try:
-            if name not in self._raw:
-                self._raw[name] = self._file.channel(f"/raw/{name.lstrip('/')}", RAW_ENCODING, {})
-        except OSError as error:
-            self._untaken = self._said(error)
-            self.lost += 1
-            return
+        if name not in self._raw:
+            self._raw[name] = self._file.channel(f"/raw/{name.lstrip('/')}", RAW_ENCODING, {})
         self._add(self._raw[name], t, data)
 
     def write_event(self, event: Event) -> None:
-        """Append an event, as JSON on a topic of its own; where a full disk does not take the topic, it waits."""
-        self._events.append(event)
-        self._write_events()
+        """Append an event, as JSON on a topic of its own."""
+        self.write_text(EVENT_TOPIC, EVENT_SCHEMA, event.t, event_json(event))
 
-    def _write_events(self) -> None:
-        while self._events:
-            event = self._events.popleft()
-            if not self.write_text(EVENT_TOPIC, EVENT_SCHEMA, event.t, event_json(event)):
-                self._events.appendleft(event)
-                return
-
-    def write_text(self, topic: str, schema: tuple[str, str, bytes], t: float, text: str) -> bool:
-        """Append JSON of time t [s] on a topic of its own, described by a schema (name, encoding, text).
-
-        Return whether there is such a topic: where the disk did not take a new one, nothing is appended.
-        """
-        try:
-            if topic not in self._texts:
-                self._texts[topic] = self._file.channel(topic, EVENT_ENCODING, {}, schema)
-        except OSError as error:
-            self._untaken = self._said(error)
-            return False
+    def write_text(self, topic: str, schema: tuple[str, str, bytes], t: float, text: str) -> None:
+        """Append JSON of time t [s] on a topic of its own, described by a schema (name, encoding, text)."""
+        if topic not in self._texts:
+            self._texts[topic] = self._file.channel(topic, EVENT_ENCODING, {}, schema)
         self._add(self._texts[topic], t, text.encode())
-        return True
 
     def flush(self) -> bool:
         """Write what waits and see it to the disk; return whether everything is there now."""
@@ -322,13 +291,15 @@ class McapLog:
     def _written_out(self) -> bool:
         """Hand what waits to the system; return whether it took everything."""
         self._flushed = time.monotonic()
-        self._write_events()
         pending = self._pending
         try:
             self._look_after_file()
             if pending.count:
                 self._file.chunk(bytes(pending.records), pending.messages)
                 self._pending = _Pending()
+                self._untaken = ""
+            elif self._file.undescribed:
+                self._file.write_descriptions()
                 self._untaken = ""
         except OSError as error:
             self._untaken = self._said(error)
@@ -363,7 +334,7 @@ class McapLog:
             self._file = McapFile.resumed(self._append, left.length, left.summary)
         else:
             self._file = McapFile(self._append, LIBRARY)
-            self._file.metadata(ABOUT, self._about.metadata())
+        self._file.metadata(ABOUT, self._about.metadata())
         self._file.describe_again(before)
         lost = sum(before.counts.values()) - sum(left.summary.counts.values())
         self.lost += lost
@@ -405,11 +376,11 @@ class McapLog:
         if self._syncing is not None:
             self._syncing.join()
         self.flush()
-        self.lost += self._pending.count + len(self._events)
+        self.lost += self._pending.count
         lost = [f"{self.lost} samples could not be written ({self.trouble or 'the disk was full'})"] * bool(self.lost)
+        if notes or lost:
+            self._file.metadata(ABOUT, replace(self._about, notes=(*self._about.notes, *notes, *lost)).metadata())
         try:
-            if notes or lost:
-                self._file.metadata(ABOUT, replace(self._about, notes=(*self._about.notes, *notes, *lost)).metadata())
             self._file.finish()
             os.fsync(self._descriptor)
             self.complete = True
