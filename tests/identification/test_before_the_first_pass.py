@@ -145,7 +145,7 @@ def test_rates_that_were_smoothed_count_as_noisy_as_their_attitude_says(case: st
     assert (learning.levels.noise[R] > 0.05) == said
 
 
-def test_a_position_that_jumps_is_doubted_only_where_that_helps() -> None:
+def test_a_position_that_jumps_is_no_noise() -> None:
     """By 14 cm for 2 s in 13: beside its speed a sixth is rejected, and what is left has a noise of 5 mm, not of 35."""
     run = flight("raw", 1, speeds=True).window(0.0, 40.0)
     jumps = (np.arange(len(run["x"])) % 267 >= 200) & (np.arange(len(run["x"])) % 267 < 240)

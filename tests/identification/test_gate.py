@@ -84,8 +84,20 @@ def test_depths_between_two_positions_do_not_matter(vehicle: Vehicle, pushed: Sa
     assert left_out.mean() < 0.02
 
 
+def test_an_attitude_that_leaves_its_gyros_in_some_samples_is_followed(vehicle: Vehicle) -> None:
+    """As where its error turns with the vehicle; refused, it stays so until it is taken at its word."""
+    calm = run_of(vehicle, Ins(gyro_bias=0.0, attitude_noise_mrad=1.0, heading_noise_mrad=1.0))
+    gone = with_pose(calm, slice(300, 700), slice(5, 6), calm.values[300:700, 5:6] + 8e-3 * np.minimum(ramp(400), 1.0))
+    state, beside = (run_through(filter_for(vehicle, B=each.B, off=0.0), each, 400) for each in (gone, calm))
+    assert state.statistics["rejected"][5] - beside.statistics["rejected"][5] <= 3.0
+
+
+def ramp(rows: int) -> Array:
+    return (np.arange(rows)[:, None] + 1.0) / 20.0
+
+
 def test_a_position_that_drifts_off_beside_its_own_speed_is_refused(vehicle: Vehicle) -> None:
-    """A force would show in the speed, too."""
+    """Faster than noise lets one sample go on from the last ones."""
     calm = run_of(vehicle, Mocap(noise_mm=1.0, jump_fraction=0.0))
     values = calm.values.copy()
     values[:, 6:9] = run_of(vehicle, Ins()).values[:, 6:9]

@@ -12,6 +12,7 @@ import pytest
 from towtank.identification import learn_recordings
 from towtank.identification.data.samples import N_MEASURED, NoiseLevels, samples_of
 from towtank.identification.kalman import passes
+from towtank.identification.kalman.noise_adaptation import adapt_noise
 from towtank.identification.kalman.passes import one_pass
 from towtank.identification.kalman.problem import JointProblem
 from towtank.identification.kalman.state import FilterSettings, JointState, new_joint_state
@@ -108,29 +109,33 @@ def test_a_dvl_s_noise_and_the_disturbance_are_told_apart(seed: int) -> None:
     assert np.all(levels.velocity_walk[:3] < 0.02)
 
 
+@pytest.mark.parametrize(("shown", "share"), [(0.2, 0.8), (1.0, 0.5)])
+def test_a_pose_s_noise_falls_by_its_share_of_what_the_disturbance_falls_by(shown: float, share: float) -> None:
+    """Innovations of four fifths of what is foreseen: without the disturbance the noise would make up for all of it."""
+    state = counting(STEP)
+    pose = state.statistics[:6]
+    pose["accepted"], pose["nis_sum"] = 1000.0, 1000.0 * 0.8
+    pose["noise_samples"], pose["noise_sum"] = 1000.0, 1000.0 * 0.5 * NOISE**2
+    state.disturbance_statistics["time"], state.disturbance_statistics["effective_samples"] = 100.0, 1e9
+    state.disturbance_statistics["square"] = 100.0 * shown
+    found = adapt_noise(state, LEVELS, FilterSettings(), LEVELS.noise)
+    assert (found.disturbance < 0.95).all() == (shown < 1.0)
+    np.testing.assert_allclose(found.noise[:6] ** 2, share * NOISE**2)
+
+
 @pytest.mark.parametrize(
     ("worth", "speaks", "made"),
     [
-        ({"about": (5.0, False, False)}, "about", ["about"]),
-        ({"about": (5.0, False, True), "about trusting": (9.0,)}, "about trusting", ["about", "about trusting"]),
-        ({"about": (5.0, False, True), "about trusting": (math.nan,)}, "about", ["about", "about trusting"]),
-        ({"about": (math.nan, True, False), "sooner": (4.0, False, False)}, "sooner", ["about", "sooner"]),
-        (
-            {"about": (5.0, True, False), "sooner": (7.0, False, True), "sooner trusting": (8.0,)},
-            "sooner trusting",
-            ["about", "sooner", "sooner trusting"],
-        ),
-        (
-            {"about": (7.0, True, True), "sooner": (5.0, False, True), "about trusting": (6.0,)},
-            "about",
-            ["about", "sooner", "about trusting"],
-        ),
-        ({"about": (3.0, False, False, 0.02)}, "about", ["about"]),  # no inputs sooner than at once: by little
-        ({"about": (3.0, False, False, 0.2), "sooner": (1.0,)}, "about", ["about", "sooner"]),
-        ({"about": (3.0, False, False, 0.2, 2.5), "sooner": (1.0,)}, "sooner", ["about", "sooner"]),  # likelier by that
+        ({"about": (5.0, False)}, "about", ["about"]),
+        ({"about": (math.nan, True), "sooner": (4.0, False)}, "sooner", ["about", "sooner"]),
+        ({"about": (5.0, True), "sooner": (7.0, False)}, "sooner", ["about", "sooner"]),
+        ({"about": (7.0, True), "sooner": (5.0, False)}, "about", ["about", "sooner"]),
+        ({"about": (3.0, False, 0.02)}, "about", ["about"]),  # no inputs sooner than at once: by little
+        ({"about": (3.0, False, 0.2), "sooner": (1.0,)}, "about", ["about", "sooner"]),
+        ({"about": (3.0, False, 0.2, 2.5), "sooner": (1.0,)}, "sooner", ["about", "sooner"]),  # likelier by that
     ],
 )
-def test_a_second_start_and_passes_without_doubts_speak_where_they_are_likelier(
+def test_a_second_start_speaks_where_it_is_likelier(
     monkeypatch: pytest.MonkeyPatch, worth: dict[str, tuple[Any, ...]], speaks: str, made: list[str]
 ) -> None:
     began = []
@@ -138,19 +143,30 @@ def test_a_second_start_and_passes_without_doubts_speak_where_they_are_likelier(
     prior = prior_of(box(), commands=False).only(("delay",))
     problem, supposed = JointProblem([samples_of(log, box())], box(), prior, FilterSettings(), LEVELS.noise), prior.mean
 
-    def stub(problem: Any, about: Any, levels: Any, *, doubts: bool = True, **rest: Any) -> tuple[Any, bool, bool]:
-        name = ("about" if about[0] == supposed[0] else "sooner") + ("" if doubts else " trusting")
-        began.append(name)
+    def stub(problem: Any, about: Any, levels: Any, **rest: Any) -> tuple[Any, bool]:
+        began.append(name := "about" if about[0] == supposed[0] else "sooner")
         told: tuple[Any, ...] = worth[name]
-        likelihood, lost, doubted, sooner, forbidden = told + (0.0, False, False, 0.0, 0.0)[len(told) :]
+        likelihood, lost, sooner, forbidden = told + (0.0, False, 0.0, 0.0)[len(told) :]
         mean, theta = np.array([-sooner * prior.std[0]]), np.zeros(1)
-        return (
-            SimpleNamespace(name=name, likelihood=likelihood, mean=mean, theta=theta, forbidden=forbidden),
-            lost,
-            doubted,
-        )
+        return SimpleNamespace(name=name, likelihood=likelihood, mean=mean, theta=theta, forbidden=forbidden), lost
 
     monkeypatch.setattr(passes, "_passes", stub)
     levels = NoiseLevels(LEVELS.noise, np.ones(6))
     found: Any = passes.settled(problem, supposed, levels)
     assert (found.name, began) == (speaks, made)
+
+
+def test_a_second_start_that_is_the_first_one_is_not_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where inputs are supposed to act at once already, they cannot act sooner."""
+    began = []
+    log = simulate(box(), wrench=waves(300, 0.01, (0, 10.0, 1.2)), sensors=Ins())
+    prior = prior_of(box(), commands=False).only(("delay",))
+    problem = JointProblem([samples_of(log, box())], box(), prior, FilterSettings(), LEVELS.noise)
+
+    def stub(problem: Any, about: Any, levels: Any, **rest: Any) -> tuple[Any, bool]:
+        began.append(about)
+        return SimpleNamespace(likelihood=1.0, mean=np.zeros(1), theta=np.zeros(1), forbidden=0.0), True
+
+    monkeypatch.setattr(passes, "_passes", stub)
+    passes.settled(problem, np.zeros(1), NoiseLevels(LEVELS.noise, np.ones(6)))
+    assert len(began) == 1

@@ -24,7 +24,6 @@ from towtank.recording.frames.rotations import conjugate, multiply, rotate
 __all__ = [
     "accelerations_of",
     "adapt_noise",
-    "contradicted",
     "converged",
     "diverged",
     "filter_settings",
@@ -38,8 +37,6 @@ _CONVERGED = 0.05  # of a level
 _USUAL_FOR = 2.0  # effective samples of the disturbance that the usual level counts for
 _MODEL_OFF = 0.3  # share of a sensor's samples beyond the gate, from which the model is off
 _FOLLOWS = 0.07  # that share, up to which motion follows
-_CONTRADICTED = 0.1  # that share of a pose beside its own speed, from which it is worse than it shows
-_LONG_RUN = 10.0  # s of data from which that says something
 _FORESEEN = 0.8  # times the square that is expected of innovations, below which levels are too high
 _COUNTED = 50.0  # samples from which innovations say something of a level
 _WALK_SURE = 4.0  # deviations by which innovations must be too large for a velocity walk
@@ -51,17 +48,15 @@ _FEWEST_ROWS = 30  # of a column, from which it shows an acceleration
 _PUSHED_FOR = 0.3  # s between two poses or speeds whose difference shows an acceleration
 
 
-def adapt_noise(
-    state: JointState, levels: NoiseLevels, settings: FilterSettings, own_noise: Array, *, doubts: bool = True
-) -> NoiseLevels:
+def adapt_noise(state: JointState, levels: NoiseLevels, settings: FilterSettings, own_noise: Array) -> NoiseLevels:
     """Return the levels that the pass's own innovations and disturbances speak for.
 
     Where a column is foreseen better than its levels allow for, its noise does not rise; of a speed, the disturbance
-    along its axis falls, whatever it was taken for: what an unknown of that axis is off by has passed for one.
+    along its axis falls, whatever it was taken for: what an unknown of that axis is off by has passed for one. Of a
+    pose, where the disturbance falls, its noise falls no farther than by its share: each would take all for its own.
 
     Args:
         own_noise: (18,) that samples show by themselves. Innovations beyond it are the model's, not the sensors'.
-        doubts: a pose that much is rejected of beside its own speed is taken for far noisier.
     """
     noise = levels.noise.copy()
     measured = state.statistics["accepted"] > 0.0
@@ -73,11 +68,8 @@ def adapt_noise(
         if count > _COUNTED:
             square = total / count
             noise[j] *= np.sqrt(np.clip(square / noise[j] ** 2, 0.25, 1.0 if foreseen[j] else 4.0))
-    doubted = contradicted(state) & doubts
     for j in range(N_MEASURED):
-        if j < 6 and measured[6 + j]:
-            noise[j] *= _SWING if doubted[j] else 1.0
-        else:
+        if not (j < 6 and measured[6 + j]):
             noise[j] = min(noise[j], _NOISE_AT_MOST * own_noise[j])
         noise[j] = max(noise[j], _NOISE_AT_LEAST * own_noise[j])
     disturbance, velocity_walk = levels.disturbance.copy(), _velocity_walk(state, levels)
@@ -97,6 +89,9 @@ def adapt_noise(
         if smoother[i]:
             disturbance[i] = max(disturbance[i], levels.disturbance[i])
     disturbance = np.maximum(disturbance, floors)
+    falls = disturbance < (1.0 - _CONVERGED) * levels.disturbance
+    share = np.where(falls, levels.noise[:6] * np.sqrt(np.minimum(nis[:6], 1.0)), 0.0)
+    noise[:6] = np.maximum(noise[:6], share)
     waves = _wave_level(state, levels)
     return replace(levels, noise=noise, disturbance=disturbance, velocity_walk=velocity_walk, waves=waves)
 
@@ -115,13 +110,6 @@ def rejected_share(state: JointState) -> Array:
     """Return the share (18,) of each column's samples that lay beyond the gate."""
     rejected, accepted = state.statistics["rejected"], state.statistics["accepted"]
     return np.asarray(rejected / np.maximum(rejected + accepted, 1.0))
-
-
-def contradicted(state: JointState) -> NDArray[np.bool_]:
-    """Return which columns of a pose (6,) contradict their own speeds: forces cannot part the two, clocks can."""
-    beside = state.statistics["accepted"][6:12] > 0.0
-    long = bool(state.clock[0].duration > _LONG_RUN)
-    return np.asarray(beside & long & (rejected_share(state)[:6] > _CONTRADICTED))
 
 
 def diverged(state: JointState) -> bool:

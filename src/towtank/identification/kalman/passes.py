@@ -33,7 +33,6 @@ from towtank.identification.data.samples import NoiseLevels, Samples
 from towtank.identification.kalman.filter import hold_inputs, joint_events, rows_of
 from towtank.identification.kalman.noise_adaptation import (
     adapt_noise,
-    contradicted,
     converged,
     diverged,
     follows,
@@ -301,10 +300,10 @@ def settled(
     With `tentative` levels they begin with rough ones where motion about theta does not follow the data. With `anew`,
     where the first one rejects much of a sensor, or inputs should act sooner than physics allows, they begin a second
     time, with inputs that act a deviation sooner than is supposed; with `stiff`, from such a vehicle, too, which need
-    not be asked again where levels alone differ; where a pose was doubted, without doubts. The likelier speaks.
+    not be asked again where levels alone differ. The likelier speaks.
     """
     run = partial(_passes, problem, tentative=tentative, progress=progress, only_in_waves=only_in_waves)
-    fit, lost, doubted = run(about, levels)
+    fit, lost = run(about, levels)
     if only_in_waves and fit.levels.waves.max() <= _SMALLEST_WAVE:
         return fit
     others = [(problem.stiff, problem.rough)] if anew and stiff and problem.stiff is not None else []
@@ -312,15 +311,12 @@ def settled(
     most_asked = -_TOO_SOON * math.sqrt(np.sum(problem.prior.std[late] ** 2))
     too_soon = bool((fit.mean - fit.theta)[late].sum() < most_asked)  # a vehicle of much drag lags as thrusters do
     too_soon = too_soon or fit.forbidden > FAR_LIKELIER
-    if anew and late.any() and (lost or too_soon):
-        others.append((np.where(late, np.maximum(about - problem.prior.std, _SOONEST * about), about), levels))
+    sooner = np.where(late, np.maximum(about - problem.prior.std, _SOONEST * about), about)
+    if anew and (lost or too_soon) and (sooner != about).any():
+        others.append((sooner, levels))
     for other_about, other_levels in others:
-        other, _, doubted_too = run(other_about, other_levels)
-        if _likelier(other, fit, as_allowed=too_soon):
-            fit, about, levels, doubted = other, other_about, other_levels, doubted_too
-    if doubted:
-        other, *_ = run(about, levels, doubts=False)
-        fit = other if _likelier(other, fit) else fit
+        other, _ = run(other_about, other_levels)
+        fit = other if _likelier(other, fit, as_allowed=too_soon) else fit
     return fit
 
 
@@ -338,16 +334,15 @@ def _passes(
     tentative: bool = False,
     progress: Progress = lambda share: None,
     only_in_waves: bool = False,
-    doubts: bool = True,
     passes: int = _PASSES,
-) -> tuple[JointFit, bool, bool]:
+) -> tuple[JointFit, bool]:
     """Run passes from theta (n,) `about` until nothing moves any more, else the likeliest of `passes`.
 
     Where none can be computed, nothing was learned. Where one is far less likely than the one before, its levels go
     half way back, then all the way, and only then does theta. No disturbance rises above the most that motion allows.
     Waves that become too small to be any go from the levels; with `only_in_waves` the passes end there. Returns, too,
-    whether the first rejected much of a sensor, and whether a pose was doubted, which `doubts` allow. A disturbance
-    does not begin rough without need: far too large, it is a large push on heavy damping, where nothing else pushes.
+    whether the first rejected much of a sensor. A disturbance does not begin rough without need: far too large, it is a
+    large push on heavy damping, where nothing else pushes.
     """
     most = most_disturbed(problem.samples, np.array(problem.vehicle.parameters))
     levels, rough = _bounded(problem, levels, most), np.minimum(problem.rough.disturbance, most)
@@ -356,7 +351,7 @@ def _passes(
     highest, improved, failed, last = -math.inf, 0, 0, np.zeros(len(problem.free))
     region = Region(problem.vehicle, problem.free)
     at_before, about = about, region.nearest(about, _movable(problem.prior.covariance, problem.learned))
-    lost = doubted = rests = False
+    lost = rests = False
     for k in range(passes):
         done = partial(lambda k, share: progress((k + share) / _PASSES), k)
         state, _, readings, currents = one_pass(problem, about, levels, done)
@@ -372,14 +367,13 @@ def _passes(
             about = 0.5 * (about + problem.prior.mean) if k < passes // 2 else problem.prior.mean
             continue
         if before is not None and not (finite and fit.likelihood > before.likelihood - _MUCH_WORSE):
-            failed, doubts = failed + 1, False
+            failed += 1
             if rests and failed > 1:  # what levels come to explains less, and nothing else moves
-                return replace(before, still=True), lost, doubted
+                return replace(before, still=True), lost
             levels = levels.midway_to(before.levels) if finite and failed == 1 else before.levels
             about = about if failed <= (2 if finite else 1) else 0.5 * (about + at_before)
             continue
-        doubted = doubted or (doubts and bool(contradicted(state).any()))
-        adapted = adapt_noise(state, levels, problem.settings, problem.own_noise, doubts=doubts)
+        adapted = adapt_noise(state, levels, problem.settings, problem.own_noise)
         adapted = replace(adapted, disturbance=np.minimum(adapted.disturbance, most))
         moved = np.abs(fit.theta - about) / (fit.std + 1e-9)
         rests, still = bool((moved <= _STILL).all()), False
@@ -390,13 +384,13 @@ def _passes(
         before, at_before, failed = fit, about, 0
         calms = k >= _CALM_AFTER and levels.waves.any() and adapted.waves.max() < _SMALLEST_WAVE
         if still or (calms and only_in_waves):
-            return replace(fit, still=still), lost, doubted
+            return replace(fit, still=still), lost
         if likeliest is None or fit.likelihood > highest - _CHANCE:
             likeliest = fit
         if fit.likelihood > highest + _CHANCE:
             highest, improved = fit.likelihood, k
         elif k - improved >= _PATIENCE:
-            return likeliest, lost, doubted
+            return likeliest, lost
         step = fit.theta - about
         longest = float(np.max(np.abs(step) / problem.prior.std, initial=0.0))
         turned = float(np.sum(step * last / (fit.std + 1e-9) ** 2)) < 0.0
@@ -408,8 +402,8 @@ def _passes(
             levels, highest = replace(levels, waves=np.zeros(3)), -math.inf
     if likeliest is None:
         prior = problem.prior
-        return replace(fit, mean=prior.mean, theta=prior.mean, covariance=prior.covariance), lost, doubted
-    return likeliest, lost, doubted
+        return replace(fit, mean=prior.mean, theta=prior.mean, covariance=prior.covariance), lost
+    return likeliest, lost
 
 
 def _bounded(problem: JointProblem, levels: NoiseLevels, most: Array) -> NoiseLevels:

@@ -32,7 +32,6 @@ from towtank.identification.model.measurements import (
     RATES,
     REACQUIRE,
     SPECIFIC_FORCE,
-    SPEEDS,
     VELOCITY,
     attitude_error,
     cosine_of_pitch,
@@ -421,15 +420,14 @@ def _passes_gate(state: JointState, z: Array, sensor: int) -> bool:
 
 @kernel
 def _goes_on(state: JointState, z: Array, sensor: int) -> bool:
-    """Return whether a pose beyond the gate moves as that of a vehicle which an unknown force pushes.
+    """Return whether a pose beyond the gate goes on from where it was, as that of a vehicle which moves otherwise.
 
-    A pose that fails jumps, and one that goes on from its last samples, which were accepted, has not failed. That says
-    something where it is measured often and its own speed is not: the speed would show a push, too. What shows the
-    same again is dead, or too coarse to tell.
+    A pose that fails jumps, and one that goes on from its last samples, which were accepted, has not failed: an unknown
+    force pushes, or the speed beside it errs. That says something where it is measured often, and not in a motion's
+    first moments: it may have begun elsewhere. What shows the same again is dead, or too coarse to tell.
     """
     own, gate, now = state.outages[sensor], state.settings[0].gate, state.clock[0].time
-    speed = max(state.last_accepted[SPEEDS[0]], state.last_accepted[SPEEDS[1]])
-    if now - (state.last_accepted[RATES] if sensor == ATTITUDE else speed) < _NEIGHBOURS or own.rejected != 1.0:
+    if now - state.clock[0].waits_from < _NEIGHBOURS or own.rejected != 1.0:
         return False
     moves = False
     for k in range(3):
