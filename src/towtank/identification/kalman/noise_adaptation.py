@@ -90,8 +90,7 @@ def adapt_noise(state: JointState, levels: NoiseLevels, settings: FilterSettings
             disturbance[i] = max(disturbance[i], levels.disturbance[i])
     disturbance = np.maximum(disturbance, floors)
     falls = disturbance < (1.0 - _CONVERGED) * levels.disturbance
-    share = np.where(falls, levels.noise[:6] * np.sqrt(np.minimum(nis[:6], 1.0)), 0.0)
-    noise[:6] = np.maximum(noise[:6], share)
+    noise[:6] = np.maximum(noise[:6], np.where(falls, levels.noise[:6] * np.sqrt(np.minimum(nis[:6], 1.0)), 0.0))
     waves = _wave_level(state, levels)
     return replace(levels, noise=noise, disturbance=disturbance, velocity_walk=velocity_walk, waves=waves)
 

@@ -58,6 +58,7 @@ _NEAR = 3.0  # deviations of its noise within which a sensor has come back
 _RETURNED = 8.0  # log likelihood ratio for a sensor that has come back, against one that is still off
 _OFFSET_WEIGHT = 0.1  # least weight of a sample in the mean offset of a sensor that is rejected
 _LAST = 0.3  # weight of the last sample in the mean of what the state does not follow
+_BEGUN = 0.5  # s of a motion, before which nobody knows in which of two places it has begun
 _NEXT = 0.06  # s from one sample of a pose to the next, for the two to show whether it has jumped
 _MOST_REJECTED = 3.0  # samples of a sensor whose longest outage is over
 _IMU, _DVL, _MARKER = range(3)  # rows of `state.place`, as sensors stand in `PLACED`
@@ -427,7 +428,7 @@ def _goes_on(state: JointState, z: Array, sensor: int) -> bool:
     first moments: it may have begun elsewhere. What shows the same again is dead, or too coarse to tell.
     """
     own, gate, now = state.outages[sensor], state.settings[0].gate, state.clock[0].time
-    if now - state.clock[0].waits_from < _NEIGHBOURS or own.rejected != 1.0:
+    if now - state.clock[0].waits_from < _BEGUN or own.rejected != 1.0:
         return False
     moves = False
     for k in range(3):
